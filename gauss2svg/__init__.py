@@ -1,0 +1,56 @@
+"""gauss2svg: photos as SVG, fitted by 2D Gaussians and measured by a real renderer."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from gauss2svg.version import __version__
+
+if TYPE_CHECKING:
+    from gauss2svg.errors import (
+        Gauss2SvgError,
+        InputError,
+        OutputError,
+        RendererError,
+        SceneError,
+    )
+    from gauss2svg.pipeline import Progress, Result, vectorize
+    from gauss2svg.scene import Scene
+    from gauss2svg.svg import SvgOptions, write_svg
+
+_HOMES = {
+    "Gauss2SvgError": "errors",
+    "InputError": "errors",
+    "OutputError": "errors",
+    "RendererError": "errors",
+    "SceneError": "errors",
+    "Progress": "pipeline",
+    "Result": "pipeline",
+    "vectorize": "pipeline",
+    "Scene": "scene",
+    "SvgOptions": "svg",
+    "write_svg": "svg",
+}
+
+__all__ = [
+    "Gauss2SvgError",
+    "InputError",
+    "OutputError",
+    "Progress",
+    "RendererError",
+    "Result",
+    "Scene",
+    "SceneError",
+    "SvgOptions",
+    "__version__",
+    "vectorize",
+    "write_svg",
+]
+
+
+def __getattr__(name: str) -> Any:
+    # Names load on first use, so that `import gauss2svg` costs milliseconds.
+    if name not in _HOMES:
+        raise AttributeError(f"module 'gauss2svg' has no attribute {name!r}")
+    return getattr(import_module(f"gauss2svg.{_HOMES[name]}"), name)

@@ -1,0 +1,184 @@
+"""The command line: `gauss2svg IMAGE -o OUT.svg`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import App, CycloptsError, Parameter
+
+from gauss2svg.errors import Gauss2SvgError, InputError
+from gauss2svg.version import __version__
+
+STATUS_BAD_INPUT = 2
+_STANDARD_STREAM = "-"
+
+app = App(
+    name="gauss2svg",
+    version=__version__,
+    help="Turn a photo into an SVG of Gaussians, and measure how true it is.",
+)
+
+
+@app.default
+def vectorize_command(
+    image: str,
+    *,
+    output: Annotated[str, Parameter(name=["--output", "-o"])],
+    gaussians: int | None = None,
+    quality: Literal["draft", "fast", "balanced", "high", "max"] = "balanced",
+    iterations: int | None = None,
+    init: Literal["error", "selective", "random"] = "error",
+    schedule: Literal["exponential", "linear", "all-at-once"] = "exponential",
+    loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse",
+    max_size: int | None = None,
+    palette: int | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+    renderer: Literal["resvg", "cairo"] = "resvg",
+    report: Path | None = None,
+    preview: Path | None = None,
+    save_scene: Path | None = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Turn a photo into an SVG of Gaussians, and measure how true it is.
+
+    Parameters
+    ----------
+    image
+        The photo: JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF; - reads standard input.
+    output
+        The SVG to write; - writes standard output.
+    gaussians
+        How many; as many as the quality says if not given.
+    quality
+        From the fastest to the most exact.
+    iterations
+        Steps of the optimiser; as many as the quality says if not given.
+    init
+        Where new Gaussians go: by squared error, on the largest components of it, at random.
+    schedule
+        How their number grows from round to round.
+    loss
+        What the fit makes small; those with ssim keep more texture and take longer.
+    max_size
+        Longest side in pixels of the picture that the fit runs on.
+    palette
+        Most colours in the file, 0 for all: fewer make it smaller.
+    seed
+        The same seed gives the same file.
+    threads
+        CPU threads; one for each core if not given.
+    renderer
+        Which renderer draws the SVG to measure it.
+    report
+        Write all numbers of the run there, as JSON.
+    preview
+        Write what the renderer drew there, as PNG.
+    save_scene
+        Write the fitted Gaussians there, as NPZ.
+    quiet
+        No progress and no summary.
+    """
+    from gauss2svg.atomic import check_writable, write_atomically
+    from gauss2svg.pipeline import vectorize
+    from gauss2svg.terminal import print_summary, show_progress
+
+    to_stdout = output == _STANDARD_STREAM
+    targets = [path for path in (report, preview, save_scene) if path is not None]
+    if not to_stdout:
+        targets.insert(0, Path(output))
+    _refuse_clashes(image, targets)
+    for target in targets:
+        check_writable(target)  # told now, not after the fit
+
+    source: Any = sys.stdin.buffer.read() if image == _STANDARD_STREAM else image
+    with show_progress(quiet) as progress:
+        result = vectorize(
+            source,
+            gaussians=gaussians,
+            quality=quality,
+            iterations=iterations,
+            init=init,
+            schedule=schedule,
+            loss=loss,
+            max_size=max_size,
+            palette=palette,
+            seed=seed,
+            threads=threads,
+            renderer=renderer,
+            progress=progress,
+        )
+    if preview is not None:
+        write_atomically(preview, _png(result.raster))
+    if save_scene is not None:
+        write_atomically(save_scene, _npz(result.scene))
+    if report is not None:
+        write_atomically(report, (_json(result.report) + "\n").encode())
+    if to_stdout:
+        sys.stdout.buffer.write(result.svg.encode())
+        sys.stdout.buffer.flush()
+    else:
+        result.save(output)
+    if not quiet:
+        print_summary(result.report, None if to_stdout else output)
+
+
+def _refuse_clashes(image: str, targets: list[Path]) -> None:
+    taken = {Path(image).resolve(): "the photo"} if image != _STANDARD_STREAM else {}
+    for target in targets:
+        place = target.resolve()
+        if place in taken:
+            raise InputError(
+                f"{target} is also {taken[place]}; give each its own name so that nothing is lost"
+            )
+        taken[place] = "another output"
+
+
+def _png(pixels: Any) -> bytes:
+    import io
+
+    import numpy as np
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+def _npz(scene: Any) -> bytes:
+    import io
+
+    stream = io.BytesIO()
+    scene.save(stream)
+    return stream.getvalue()
+
+
+def _json(report: dict[str, Any]) -> str:
+    # JSON has no infinity: equal pictures have no finite PSNR, which null says.
+    plain = {k: None if v == float("inf") else v for k, v in report.items()}
+    return json.dumps(plain, indent=2, allow_nan=False)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status: 0, or 2 with one line on standard error."""
+    warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
+    try:
+        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        return _refuse(f"{' '.join(str(error).split())}; see gauss2svg --help")
+    except Gauss2SvgError as error:
+        return _refuse(str(error))
+    return 0
+
+
+def _refuse(message: str) -> int:
+    print(f"gauss2svg: {' '.join(message.split())}", file=sys.stderr)
+    return STATUS_BAD_INPUT
+
+
+if __name__ == "__main__":
+    sys.exit(main())

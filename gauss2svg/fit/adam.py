@@ -1,0 +1,126 @@
+"""One Adam step in each Gaussian's own frame.
+
+The shape is stepped in whitened coordinates, x = mean + L z with L the Cholesky
+factor of the covariance:
+
+    mean <- mean + L t,    L <- cholesky of L exp(2 A) L^T,  A symmetric,
+
+so that a step means the same for a large, a small and a thin Gaussian. With the
+kernels' moments m of h (gauss2svg.render.kernels) the gradients are
+
+    dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
+    dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from gauss2svg.fit.state import State
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Step sizes of one unit of Adam, in the frame above.
+
+    shift and stretch are shares of the Gaussian's own sigma; opacity is in logits,
+    color in 0..1.
+    """
+
+    shift: float = 0.3
+    stretch: float = 0.15
+    shear: float = 0.15
+    opacity: float = 0.15
+    color: float = 0.045
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Shapes and opacities that renderers draw well.
+
+    least_sigma   px of the working image; the minor axis never gets thinner
+    most_sigma    px of the working image
+    most_aspect   major over minor axis: thinner needles streak across flat areas
+    """
+
+    least_sigma: float
+    most_sigma: float
+    most_aspect: float = 50.0
+
+
+FIRST_DECAY, SECOND_DECAY = 0.9, 0.99
+
+
+def gradients(moments: NDArray[np.float64], opacity: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 9) gradients of t1, t2, A11, A12, A22, logit opacity, r, g, b from moments (n, 9)."""
+    gradient = moments.copy()
+    gradient[:, 3] *= 2
+    gradient[:, 5] *= 1 - opacity
+    return gradient
+
+
+def step(
+    state: State, gradient: NDArray[np.float64], rates: Rates, limits: Limits, rate: float
+) -> None:
+    """Move every Gaussian of the state by one Adam step, in place."""
+    sizes = np.array(
+        [rates.shift] * 2 + [rates.stretch, rates.shear, rates.stretch, rates.opacity]
+        + [rates.color] * 3
+    )  # fmt: skip
+    bounds = np.array([limits.least_sigma, limits.most_sigma, limits.most_aspect])
+    _step(
+        state.mean, state.factor, state.raw_opacity, state.color,
+        state.first, state.second, state.age, gradient, rate * sizes, bounds,
+    )  # fmt: skip
+
+
+@njit(parallel=True, cache=True)
+def _step(mean, factor, raw_opacity, color, first, second, age, gradient, sizes, bounds):
+    least, most, aspect = bounds[0], bounds[1], bounds[2]
+    for i in prange(mean.shape[0]):
+        age[i] += 1
+        correct1 = 1 - FIRST_DECAY ** age[i]
+        correct2 = 1 - SECOND_DECAY ** age[i]
+        d = np.empty(9)
+        for k in range(9):
+            g = gradient[i, k]
+            first[i, k] = FIRST_DECAY * first[i, k] + (1 - FIRST_DECAY) * g
+            second[i, k] = SECOND_DECAY * second[i, k] + (1 - SECOND_DECAY) * g * g
+            d[k] = -sizes[k] * (first[i, k] / correct1)
+            d[k] /= np.sqrt(second[i, k] / correct2) + 1e-12
+        l11, l21, l22 = factor[i, 0], factor[i, 1], factor[i, 2]
+        mean[i, 0] += l11 * d[0]
+        mean[i, 1] += l21 * d[0] + l22 * d[1]
+        # exp(A) to second order; L exp(A) gives a valid covariance whatever the error
+        a, c, b = d[2], d[3], d[4]
+        e11 = 1 + a + 0.5 * (a * a + c * c)
+        e12 = c + 0.5 * c * (a + b)
+        e22 = 1 + b + 0.5 * (b * b + c * c)
+        f11, f12 = l11 * e11, l11 * e12
+        f21, f22 = l21 * e11 + l22 * e12, l21 * e12 + l22 * e22
+        xx = f11 * f11 + f12 * f12
+        xy = f11 * f21 + f12 * f22
+        yy = f21 * f21 + f22 * f22
+        # singular values of F, by the stable sum and difference formulas
+        far = np.hypot(f11 + f22, f21 - f12)
+        near = np.hypot(f11 - f22, f21 + f12)
+        major = 0.5 * (far + near)
+        minor = 0.5 * abs(far - near)
+        new_minor = min(max(minor, least), most)
+        new_major = min(max(major, least), most, aspect * new_minor)
+        if new_minor != minor or new_major != major:
+            half = 0.5 * np.arctan2(2 * xy, xx - yy)
+            co, si = np.cos(half), np.sin(half)
+            p, q = new_major * new_major, new_minor * new_minor
+            xx = co * co * p + si * si * q
+            xy = co * si * (p - q)
+            yy = si * si * p + co * co * q
+        l11 = np.sqrt(xx)
+        factor[i, 0] = l11
+        factor[i, 1] = xy / l11
+        factor[i, 2] = np.sqrt(max(xx * yy - xy * xy, 0.0)) / l11
+        raw_opacity[i] = min(max(raw_opacity[i] + d[5], -8.0), 12.0)
+        for k in range(3):
+            color[i, k] = min(max(color[i, k] + d[6 + k], 0.0), 1.0)

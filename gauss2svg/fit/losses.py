@@ -1,0 +1,71 @@
+"""What the fit makes small, besides the squared error that the kernels know by heart."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError
+
+LOSSES = ("mse", "l1", "mse+ssim", "l1+ssim")
+DEFAULT_LOSS = "mse"
+
+# Weight of 1 - SSIM against the pixel term, as in "3D Gaussian Splatting for
+# Real-Time Radiance Field Rendering" (Kerbl et al., 2023).
+SSIM_WEIGHT = 0.2
+_WINDOW, _SIGMA = 11, 1.5
+_C1, _C2 = 0.01**2, 0.03**2
+
+
+def check_loss(loss: str) -> None:
+    """Raise InputError unless the loss is one of LOSSES."""
+    if loss not in LOSSES:
+        raise InputError(f"loss is {loss!r}; needed is one of {', '.join(LOSSES)}")
+
+
+def image_gradient(
+    loss: str, rendered: NDArray[np.float32], target: NDArray[np.float32]
+) -> tuple[float, NDArray[np.float32]]:
+    """Loss value and its gradient (3, h, w) with respect to rendered (3, h, w), by torch.
+
+    mse: mean (r - t)^2; l1: mean |r - t|; with +ssim: 0.8 of it + 0.2 (1 - SSIM). The
+    gradient is times the number of values, so that its scale does not depend on the size.
+    """
+    import torch
+
+    check_loss(loss)
+    image = torch.from_numpy(rendered).requires_grad_()
+    wanted = torch.from_numpy(target)
+    pixel = torch.nn.functional.l1_loss if loss.startswith("l1") else torch.nn.functional.mse_loss
+    value = pixel(image, wanted)
+    if loss.endswith("+ssim"):
+        value = (1 - SSIM_WEIGHT) * value + SSIM_WEIGHT * (1 - structural_similarity(image, wanted))
+    value.backward()
+    assert image.grad is not None  # the loss depends on the image
+    return float(value.detach()), (image.grad * image.numel()).numpy()
+
+
+def structural_similarity(image, other):
+    """Mean SSIM of two torch images (3, h, w) in 0..1, differentiable.
+
+    11 x 11 Gaussian window of sigma 1.5 (Wang et al., 2004), windows inside the image
+    only; a smaller image takes the largest odd window that fits.
+    """
+    import torch
+
+    side = min(_WINDOW, *(s - 1 + s % 2 for s in image.shape[1:]))
+    x = torch.arange(side, dtype=image.dtype, device=image.device) - side // 2
+    weights = torch.exp(-0.5 * (x / _SIGMA) ** 2)
+    weights = (weights / weights.sum()).expand(3, 1, 1, side)
+
+    def blur(planes):
+        rows = torch.nn.functional.conv2d(planes[None], weights, groups=3)
+        return torch.nn.functional.conv2d(rows, weights.transpose(2, 3), groups=3)[0]
+
+    a, b = blur(image), blur(other)
+    variance_a = blur(image * image) - a * a
+    variance_b = blur(other * other) - b * b
+    covariance = blur(image * other) - a * b
+    top = (2 * a * b + _C1) * (2 * covariance + _C2)
+    bottom = (a * a + b * b + _C1) * (variance_a + variance_b + _C2)
+    return (top / bottom).mean()

@@ -1,0 +1,127 @@
+"""What the optimiser owns: raw Gaussians in working pixels, and Adam's memory of each."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+from gauss2svg.render.cpu import Splats
+from gauss2svg.scene import RHO_LIMIT, Scene
+
+PARAMETERS = 9  # shift along the two whitened axes, three of shape, opacity, r, g, b
+
+
+@dataclass
+class State:
+    """n raw Gaussians, bottom first; float64.
+
+    mean         (n, 2) px
+    factor       (n, 3) entries l11, l21, l22 of the covariance's Cholesky factor, px
+    raw_opacity  (n,) logit of the opacity
+    color        (n, 3) sRGB
+    round_index  (n,) int32
+    first, second (n, PARAMETERS) Adam's moments; age (n,) steps taken
+    """
+
+    mean: NDArray[np.float64]
+    factor: NDArray[np.float64]
+    raw_opacity: NDArray[np.float64]
+    color: NDArray[np.float64]
+    round_index: NDArray[np.int32]
+    first: NDArray[np.float64]
+    second: NDArray[np.float64]
+    age: NDArray[np.float64]
+
+    @classmethod
+    def empty(cls) -> State:
+        """A state of no Gaussians."""
+        wide = np.zeros((0, PARAMETERS))
+        return cls(
+            mean=np.zeros((0, 2)),
+            factor=np.zeros((0, 3)),
+            raw_opacity=np.zeros(0),
+            color=np.zeros((0, 3)),
+            round_index=np.zeros(0, np.int32),
+            first=wide,
+            second=wide.copy(),
+            age=np.zeros(0),
+        )
+
+    def __len__(self) -> int:
+        return len(self.mean)
+
+    def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
+        """The Gaussians that a mask or an ascending index picks, with their memory."""
+        return State(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+
+    def append(
+        self,
+        mean: NDArray[np.float64],
+        factor: NDArray[np.float64],
+        raw_opacity: NDArray[np.float64],
+        color: NDArray[np.float64],
+        round_index: int,
+    ) -> State:
+        """This state with new Gaussians on top, without memory."""
+        count = len(mean)
+        wide = np.zeros((count, PARAMETERS))
+        rounds = np.full(count, round_index, np.int32)
+        new = State(mean, factor, raw_opacity, color, rounds, wide, wide, np.zeros(count))
+        pairs = ((getattr(self, f.name), getattr(new, f.name)) for f in dataclasses.fields(self))
+        return State(*(np.concatenate(pair) for pair in pairs))
+
+    def scaled(self, scale_x: float, scale_y: float) -> State:
+        """The same Gaussians on a working image scaled by scale_x and scale_y."""
+        return dataclasses.replace(
+            self,
+            mean=self.mean * [scale_x, scale_y],
+            factor=self.factor * [scale_x, scale_y, scale_y],
+        )
+
+    def splats(self, background: NDArray[np.float64]) -> Splats:
+        """The activated Gaussians, as the kernels read them."""
+        sigma, rho, shape, paint = _activate(self.mean, self.factor, self.raw_opacity, self.color)
+        return Splats(self.mean, sigma, rho, shape, paint, background)
+
+    def scene(self, background: NDArray[np.float64], width: float, height: float) -> Scene:
+        """The activated Gaussians as a scene."""
+        splats = self.splats(background)
+        return Scene(
+            width,
+            height,
+            mean=self.mean,
+            sigma=splats.sigma,
+            rho=splats.rho,
+            color=np.clip(self.color, 0, 1),
+            opacity=splats.paint[:, 0],
+            background=background,
+            round_index=self.round_index,
+        )
+
+
+@njit(parallel=True, cache=True)
+def _activate(mean, factor, raw_opacity, color):
+    n = mean.shape[0]
+    sigma = np.empty((n, 2))
+    rho = np.empty(n)
+    shape = np.empty((n, 5))
+    paint = np.empty((n, 4))
+    for i in prange(n):
+        l11, l21, l22 = factor[i, 0], factor[i, 1], factor[i, 2]
+        sy = np.hypot(l21, l22)
+        sigma[i, 0] = l11
+        sigma[i, 1] = sy
+        rho[i] = min(max(l21 / sy, -RHO_LIMIT), RHO_LIMIT)
+        shape[i, 0] = mean[i, 0]
+        shape[i, 1] = mean[i, 1]
+        shape[i, 2] = 1 / l11
+        shape[i, 3] = -l21 / (l11 * l22)
+        shape[i, 4] = 1 / l22
+        paint[i, 0] = 1 / (1 + np.exp(-raw_opacity[i]))
+        for k in range(3):
+            paint[i, 1 + k] = color[i, k]
+    return sigma, rho, shape, paint

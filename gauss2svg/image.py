@@ -1,0 +1,189 @@
+"""Any picture in, one clean array out: sRGB, float32 in 0..1, (height, width, 3)."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
+
+from gauss2svg.errors import InputError
+
+ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
+
+# Decoders that are tried; anything else is refused unread.
+FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "GIF", "BMP", "AVIF", "PPM", "MPO")
+_MATTE = 1.0  # transparent pixels are shown over white, as a page would
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A decoded picture.
+
+    pixels  (height, width, 3) float32 sRGB in 0..1
+    notes   what was changed on the way in, for the report
+    """
+
+    pixels: NDArray[np.float32]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def width(self) -> int:
+        """Width in px."""
+        return self.pixels.shape[1]
+
+    @property
+    def height(self) -> int:
+        """Height in px."""
+        return self.pixels.shape[0]
+
+
+def load_image(source: ImageSource) -> Photo:
+    """Decode a path, bytes, binary file, PIL image, numpy array or torch tensor.
+
+    Arrays are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or
+    (h, w): uint8, uint16, bool, or floating point in 0..1. EXIF orientation is applied,
+    embedded colour profiles are converted to sRGB, transparency is shown over white.
+    Raises InputError for anything that cannot be read as a picture.
+    """
+    torch = sys.modules.get("torch")  # a tensor can only exist once torch is loaded
+    if torch is not None and isinstance(source, torch.Tensor):
+        array = source.detach().cpu().numpy()
+        return _from_array(np.moveaxis(array, 0, -1) if array.ndim == 3 else array, "tensor")
+    if isinstance(source, np.ndarray):
+        return _from_array(source, "array")
+    if isinstance(source, Image.Image):
+        return _from_pillow(source, "image")
+    if isinstance(source, (bytes, bytearray, memoryview)):
+        return _decode(io.BytesIO(source), f"{len(source)} bytes")
+    if isinstance(source, (str, os.PathLike)):
+        path = Path(source)
+        try:
+            with path.open("rb") as file:
+                return _decode(file, str(path))
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise InputError(f"cannot read {path}: {reason}; give the path of a photo") from error
+    if hasattr(source, "read"):
+        return _decode(source, "file object")
+    raise InputError(
+        f"got {type(source).__name__}; needed is a path, bytes, a binary file, a PIL image, "
+        "a numpy array or a torch tensor"
+    )
+
+
+def _decode(file: BinaryIO, name: str) -> Photo:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", Image.DecompressionBombWarning)
+            with Image.open(file, formats=FORMATS) as picture:
+                picture.load()
+                return _from_pillow(picture, name)
+    except UnidentifiedImageError as error:
+        known = ", ".join(FORMATS[:-2])
+        raise InputError(
+            f"{name} is no picture that can be read; needed is one of {known}"
+        ) from error
+    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
+        raise InputError(f"{name} is too large to decode: {error}; shrink it first") from error
+    except (OSError, SyntaxError, ValueError, EOFError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{name} is broken: {error}; save it anew and try again") from error
+
+
+def _from_pillow(picture: Image.Image, name: str) -> Photo:
+    notes = []
+    oriented = ImageOps.exif_transpose(picture)
+    if oriented.size != picture.size or oriented.tobytes() != picture.tobytes():
+        notes.append("turned as its EXIF orientation says")
+    if oriented.mode in ("I;16", "I;16L", "I;16B", "I", "F"):
+        return _from_array(_wide_grey(oriented), name, tuple(notes))
+    has_alpha = oriented.has_transparency_data
+    profile = picture.info.get("icc_profile")
+    if oriented.mode in ("P", "PA", "LA", "La", "RGBa"):
+        oriented = oriented.convert("RGBA" if has_alpha else "RGB")
+    if profile:
+        converted = _to_srgb(oriented, profile, has_alpha)
+        if converted is not None:
+            oriented = converted
+            notes.append("converted from its embedded colour profile to sRGB")
+        else:
+            notes.append("embedded colour profile unreadable, taken as sRGB")
+    array = np.asarray(oriented.convert("RGBA" if has_alpha else "RGB"))
+    return _from_array(array, name, tuple(notes))
+
+
+def _wide_grey(picture: Image.Image) -> NDArray[Any]:
+    array = np.asarray(picture)
+    if picture.mode == "F":
+        return array
+    return array.astype(np.uint16)
+
+
+def _to_srgb(picture: Image.Image, profile: bytes, has_alpha: bool) -> Image.Image | None:
+    mode = picture.mode if picture.mode in ("L", "RGB", "RGBA", "CMYK") else "RGB"
+    try:
+        return ImageCms.profileToProfile(
+            picture.convert(mode),
+            ImageCms.ImageCmsProfile(io.BytesIO(profile)),
+            ImageCms.createProfile("sRGB"),
+            outputMode="RGBA" if has_alpha else "RGB",
+        )
+    except (ImageCms.PyCMSError, OSError, ValueError):
+        return None  # noted by the caller
+
+
+def _from_array(array: NDArray[Any], name: str, notes: tuple[str, ...] = ()) -> Photo:
+    if array.ndim == 2:
+        array = array[:, :, None]
+    if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
+        raise InputError(
+            f"{name} has shape {array.shape}; needed is (h, w), (h, w, 1), (h, w, 3) or "
+            "(h, w, 4), for a torch tensor the channels first"
+        )
+    if 0 in array.shape:
+        raise InputError(f"{name} has shape {array.shape}; needed is at least one pixel")
+    if array.dtype == np.bool_:
+        pixels = array.astype(np.float32)
+    elif array.dtype in (np.uint8, np.uint16):
+        pixels = array.astype(np.float32) / np.iinfo(array.dtype).max
+    elif np.issubdtype(array.dtype, np.floating):
+        bad = ~((array >= 0) & (array <= 1))
+        if bad.any():
+            y, x, c = (int(v) for v in np.argwhere(bad)[0])
+            raise InputError(
+                f"{name} is {array[y, x, c]} at row {y}, column {x}, channel {c}; needed are "
+                "finite values in 0..1: divide by the largest value, or clip"
+            )
+        pixels = array.astype(np.float32)
+    else:
+        raise InputError(f"{name} has type {array.dtype}; needed is uint8, uint16, bool or float")
+    if pixels.shape[2] == 4:
+        alpha = pixels[:, :, 3:]
+        if (alpha < 1).any():
+            notes = (*notes, "transparency shown over white")
+        pixels = pixels[:, :, :3] * alpha + (1 - alpha) * np.float32(_MATTE)
+    elif pixels.shape[2] == 1:
+        pixels = np.repeat(pixels, 3, axis=2)
+    return Photo(np.ascontiguousarray(pixels), notes)
+
+
+def shrink(pixels: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
+    """Area average of (h, w, 3) float32 pixels on a smaller grid; the mean is kept."""
+    if (height, width) == pixels.shape[:2]:
+        return pixels
+    planes = [
+        Image.fromarray(np.ascontiguousarray(pixels[:, :, c])).resize(
+            (width, height), Image.Resampling.BOX
+        )
+        for c in range(3)
+    ]
+    return np.clip(np.stack([np.asarray(p) for p in planes], axis=2), 0, 1, dtype=np.float32)

@@ -1,0 +1,35 @@
+"""CairoSVG: draws through the cairo system library."""
+
+from gauss2svg.errors import RendererError
+
+_INSTALL = (
+    "renderer cairo needs the cairo system library (apt-get install libcairo2, "
+    "brew install cairo); install it, or use --renderer resvg"
+)
+
+
+def version() -> str:
+    """Name and version."""
+    return f"CairoSVG {_cairosvg().__version__}"
+
+
+def draw(svg: str, width: int, height: int) -> bytes:
+    """PNG of the SVG at width x height px."""
+    cairosvg = _cairosvg()
+    try:
+        png = cairosvg.svg2png(
+            bytestring=svg.encode(), output_width=width, output_height=height, unsafe=False
+        )
+    except Exception as error:  # CairoSVG raises whatever its parsing trips over
+        raise RendererError(f"CairoSVG cannot draw the SVG: {error!r}") from error
+    if png is None:
+        raise RendererError("CairoSVG drew nothing")
+    return png
+
+
+def _cairosvg():
+    try:
+        import cairosvg
+    except OSError as error:  # cairocffi found no shared library
+        raise RendererError(_INSTALL) from error
+    return cairosvg

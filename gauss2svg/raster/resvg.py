@@ -1,0 +1,20 @@
+"""resvg, embedded by resvg_py: nothing to install by hand."""
+
+import resvg_py
+
+from gauss2svg.errors import RendererError
+
+
+def version() -> str:
+    """Name and version."""
+    return f"resvg {resvg_py.__resvg_version__}"
+
+
+def draw(svg: str, width: int, height: int) -> bytes:
+    """PNG of the SVG at width x height px."""
+    try:
+        return resvg_py.svg_to_bytes(
+            svg_string=svg, width=width, height=height, skip_system_fonts=True
+        )
+    except ValueError as error:
+        raise RendererError(f"resvg cannot draw the SVG: {error}") from error

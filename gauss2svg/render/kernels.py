@@ -1,0 +1,213 @@
+"""Compositing of one tile: forward, backward and removal, on sixteen lanes at a time.
+
+Front to back, pixel by pixel, with T the transmittance in front of Gaussian k:
+
+    alpha_k = opacity_k f(r_k),  w_k = alpha_k T_k,  C = sum w_k c_k + T_end background,
+    T_{k+1} = T_k - w_k.
+
+Backward walks from back to front and needs no division by 1 - alpha: with g the
+gradient with respect to the pixel and B_k the colour composed behind k,
+
+    dL/dalpha_k = T_k (g.c_k - g.B_k),  B_{k-1} = B_k + alpha_k (c_k - B_k),
+
+where alpha_k and T_k are the ones that the forward pass left in the buffers.
+
+Shapes are seen through whitened coordinates z = W (x - mean), r^2 = |z|^2, so that
+no squared term can turn negative for thin Gaussians. z1 depends on the column
+alone, z2 is one multiply-add. Gradients are returned as moments of
+h = dL/dalpha alpha', alpha' = alpha + opacity rim / (1 - rim) inside the support:
+
+    sum h z1, sum h z2, sum h z1^2, sum h z1 z2, sum h z2^2,
+    sum dL/dalpha alpha, sum w g (3),        (dL/dr^2 = -h / 2)
+
+nine numbers a pair, from which every parametrisation's gradient follows.
+"""
+
+import numpy as np
+from numba import njit
+
+from gauss2svg.falloff import RADIUS, RIM
+from gauss2svg.render.simd import LANES, least, load, most, splat, store, total
+from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
+
+assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
+PLANE = TILE_WIDTH * TILE_HEIGHT
+MOMENTS = 9
+COLUMN = np.arange(LANES, dtype=np.float32)
+
+_NORM = 1 / (1 - RIM)
+_CUT = RADIUS * RADIUS
+# Above exp(-RADIUS^2 / 2) by more than the polynomial's error, so that alpha is
+# exactly 0 from the cut on.
+_KERNEL_RIM = RIM + 2e-6
+# exp(u) on -1.125..0, least squares on Chebyshev nodes with p(0) = 1; its fourth
+# power is exp(-q / 2) for 0 <= q <= 9 within 2e-6.
+_P1, _P2, _P3, _P4, _P5 = 0.99998307, 0.4996931, 0.1650935, 0.03830978, 0.0050456
+
+
+@njit(inline="always")
+def _exp_half(q):
+    """exp(-q / 2) lane by lane for 0 <= q <= 9."""
+    u = q * splat(-0.125)
+    p = splat(_P4) + u * splat(_P5)
+    p = splat(_P3) + u * p
+    p = splat(_P2) + u * p
+    p = splat(_P1) + u * p
+    p = splat(1.0) + u * p
+    p = p * p
+    return p * p
+
+
+@njit(cache=True)
+def compose_tile(
+    pairs, x0, y0, column, inside, shape, paint, gaussian, rows, alpha, trans, acc, left
+):
+    """Composite the pairs of one tile; returns how far alpha and trans were filled.
+
+    pairs   indices of the tile's pairs, front to back
+    x0, y0  the tile's first pixel; column: 0..15 as float32
+    inside  (16,) float32: 1 for columns of the image, 0 beyond its right edge, where
+            the transmittance starts at 0 and nothing counts
+    shape   (n, 5) float64: mean x, y and whitening w11, w21, w22
+    paint   (n, 4) float64: opacity, r, g, b
+    alpha, trans  flat buffers, 16 for each row of each pair, in visiting order
+    acc     (3, TILE_HEIGHT, 16) premultiplied colour; left (TILE_HEIGHT, 16) transmittance
+    """
+    for y in range(0, PLANE, TILE_WIDTH):
+        store(left, y, load(inside, 0))
+        for channel in range(3):
+            store(acc, channel * PLANE + y, splat(0.0))
+    at = 0
+    centre = load(column, 0)
+    cut = splat(_CUT)
+    zero = splat(0.0)
+    for k in range(pairs.shape[0]):
+        p = pairs[k]
+        i = gaussian[p]
+        peak = splat(paint[i, 0] * _NORM)
+        rim = splat(paint[i, 0] * _NORM * _KERNEL_RIM)
+        c0 = splat(paint[i, 1])
+        c1 = splat(paint[i, 2])
+        c2 = splat(paint[i, 3])
+        u = centre + splat(x0 + 0.5 - shape[i, 0])
+        v = y0 + 0.5 - shape[i, 1]
+        z1 = splat(shape[i, 2]) * u
+        z1 = z1 * z1
+        slope = splat(shape[i, 3]) * u
+        w22 = shape[i, 4]
+        for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+            z2 = slope + splat(w22 * (v + y))
+            q = least(z1 + z2 * z2, cut)
+            a = most(peak * _exp_half(q) - rim, zero)
+            j = y * TILE_WIDTH
+            t = load(left, j)
+            store(alpha, at, a)
+            store(trans, at, t)
+            at += TILE_WIDTH
+            w = a * t
+            store(left, j, t - w)
+            store(acc, j, load(acc, j) + w * c0)
+            store(acc, j + PLANE, load(acc, j + PLANE) + w * c1)
+            store(acc, j + 2 * PLANE, load(acc, j + 2 * PLANE) + w * c2)
+    return at
+
+
+@njit(cache=True)
+def backpropagate_tile(
+    pairs, x0, y0, column, shape, paint, gaussian, rows, alpha, trans, at, g, behind, moments
+):
+    """Moments of every pair of a composed tile; see the module's formula.
+
+    g       (3, TILE_HEIGHT, 16) dL/dpixel, 0 outside the image
+    behind  (TILE_HEIGHT, 16) g . background on entry, overwritten
+    moments (p, MOMENTS) float32, one row a pair, written
+    """
+    centre = load(column, 0)
+    zero = splat(0.0)
+    tiny = splat(1e30)
+    for k in range(pairs.shape[0] - 1, -1, -1):
+        p = pairs[k]
+        i = gaussian[p]
+        rim = splat(paint[i, 0] * _NORM * _KERNEL_RIM)
+        c0 = splat(paint[i, 1])
+        c1 = splat(paint[i, 2])
+        c2 = splat(paint[i, 3])
+        u = centre + splat(x0 + 0.5 - shape[i, 0])
+        v = y0 + 0.5 - shape[i, 1]
+        slope = splat(shape[i, 3]) * u
+        w22 = shape[i, 4]
+        at -= (rows[p, 1] - rows[p, 0]) * TILE_WIDTH
+        row = at
+        s0 = s1 = s2 = so = h0 = h2 = h22 = zero
+        for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+            z2 = slope + splat(w22 * (v + y))
+            a = load(alpha, row)
+            t = load(trans, row)
+            row += TILE_WIDTH
+            j = y * TILE_WIDTH
+            g0 = load(g, j)
+            g1 = load(g, j + PLANE)
+            g2 = load(g, j + 2 * PLANE)
+            b = load(behind, j)
+            d = g0 * c0 + g1 * c1 + g2 * c2 - b
+            store(behind, j, b + a * d)
+            w = a * t
+            s0 = s0 + w * g0
+            s1 = s1 + w * g1
+            s2 = s2 + w * g2
+            wd = w * d
+            so = so + wd
+            # rim where alpha > 0, 0 where it is 0, without a branch
+            h = wd + least(rim, a * tiny) * (t * d)
+            hz = h * z2
+            h0 = h0 + h
+            h2 = h2 + hz
+            h22 = h22 + hz * z2
+        z1 = splat(shape[i, 2]) * u
+        h1 = h0 * z1
+        moments[p, 0] = total(h1)
+        moments[p, 1] = total(h2)
+        moments[p, 2] = total(h1 * z1)
+        moments[p, 3] = total(h2 * z1)
+        moments[p, 4] = total(h22)
+        moments[p, 5] = total(so)
+        moments[p, 6] = total(s0)
+        moments[p, 7] = total(s1)
+        moments[p, 8] = total(s2)
+
+
+@njit(cache=True)
+def removal_tile(pairs, y0, paint, gaussian, rows, alpha, trans, at, error, behind, cost):
+    """Change of the summed squared error if a pair's Gaussian alone were taken away.
+
+    Without k its pixels change by d = w_k (B_k - c_k), so the sum changes by
+    d.(d + 2 error).
+
+    error   (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image
+    behind  (3, TILE_HEIGHT, 16) the background on entry, overwritten
+    cost    (p, 2) float32: that change, and the sum of w_k^2, written
+    """
+    zero = splat(0.0)
+    for k in range(pairs.shape[0] - 1, -1, -1):
+        p = pairs[k]
+        i = gaussian[p]
+        at -= (rows[p, 1] - rows[p, 0]) * TILE_WIDTH
+        row = at
+        change = zero
+        mass = zero
+        for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+            a = load(alpha, row)
+            t = load(trans, row)
+            row += TILE_WIDTH
+            w = a * t
+            mass = mass + w * w
+            for channel in range(3):
+                j = channel * PLANE + y * TILE_WIDTH
+                b = load(behind, j)
+                lift = b - splat(paint[i, 1 + channel])
+                store(behind, j, b - a * lift)
+                d = w * lift
+                e = load(error, j)
+                change = change + d * (d + e + e)
+        cost[p, 0] = total(change)
+        cost[p, 1] = total(mass)

@@ -1,0 +1,130 @@
+"""Which Gaussians reach which tiles, and on which pixel rows of them.
+
+The canvas is cut into tiles TILE_WIDTH pixels wide (one vector register of
+float32) and TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Only
+the rows that its ellipse reaches in the tile's column strip are visited, so
+work is counted in pair rows of TILE_WIDTH pixels.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+TILE_WIDTH = 16  # 16 float32 fill one 512-bit register, two of 256 bits
+TILE_HEIGHT = 16  # 32 and 64 measured no faster: see the table in cpu.py
+
+
+class Pairs(NamedTuple):
+    """Gaussian-tile pairs, stored Gaussian by Gaussian and listed tile by tile.
+
+    offset    (n + 1,) int64: the pairs of Gaussian i are offset[i]:offset[i + 1]
+    gaussian  (p,) int32: the Gaussian of a pair
+    rows      (p, 2) int32: first and one past the last image row of a pair
+    start     (tiles + 1,) int64: the list of tile t is order[start[t]:start[t + 1]]
+    order     (p,) int32: pairs tile by tile, front to back (last painted first)
+    most_rows the largest sum of pair rows over the tiles
+    """
+
+    offset: NDArray[np.int64]
+    gaussian: NDArray[np.int32]
+    rows: NDArray[np.int32]
+    start: NDArray[np.int64]
+    order: NDArray[np.int32]
+    most_rows: int
+
+
+@njit(cache=True, inline="always")
+def _strip_rows(mx, my, sx, sy, rho, radius, x0, x1, h):
+    """Image rows whose pixel centres an ellipse reaches between columns x0 and x1.
+
+    The ellipse is cut at Mahalanobis distance radius. At the offset u from the
+    mean its rim lies at v = sy (rho u / sx +- k sqrt(radius^2 - u^2 / sx^2)) with
+    k = sqrt(1 - rho^2). The upper rim is concave with its top v = sy radius at
+    u = rho sx radius; the lower rim is its mirror image.
+    """
+    reach = sx * radius
+    u0 = max(x0 + 0.5 - mx, -reach)
+    u1 = min(x1 - 0.5 - mx, reach)
+    if u0 > u1:
+        return 0, 0
+    k = sy * np.sqrt((1.0 - rho) * (1.0 + rho))
+    slope = rho * sy / sx
+    half0 = k * np.sqrt(max(radius * radius - (u0 / sx) ** 2, 0.0))
+    half1 = k * np.sqrt(max(radius * radius - (u1 / sx) ** 2, 0.0))
+    at = rho * reach
+    if u0 <= at <= u1:
+        high = sy * radius
+    else:
+        high = max(slope * u0 + half0, slope * u1 + half1)
+    if u0 <= -at <= u1:
+        low = -sy * radius
+    else:
+        low = min(slope * u0 - half0, slope * u1 - half1)
+    # Pixel row y has its centre at y + 0.5. Clamped before the conversion to int.
+    first = np.ceil(min(max(my + low - 0.5, 0.0), h))
+    last = np.floor(min(max(my + high - 0.5, -1.0), h - 1.0))
+    return int(first), int(last) + 1
+
+
+@njit(cache=True, inline="always")
+def _columns(mx, reach, w):
+    """First and one past the last tile column between mx - reach and mx + reach."""
+    if mx + reach < 0.0 or mx - reach > w:
+        return 0, 0
+    first = max(mx - reach, 0.0)
+    last = min(mx + reach, w - 1.0)
+    return int(first) // TILE_WIDTH, int(last) // TILE_WIDTH + 1
+
+
+@njit(parallel=True, cache=True)
+def find_pairs(mean, sigma, rho, radius, h, w):
+    """Pairs of n Gaussians (float64), cut at Mahalanobis distance radius, on h x w px."""
+    n = mean.shape[0]
+    columns = (w + TILE_WIDTH - 1) // TILE_WIDTH
+    tiles = columns * ((h + TILE_HEIGHT - 1) // TILE_HEIGHT)
+    offset = np.zeros(n + 1, np.int64)
+    for i in prange(n):
+        mx, my, sx, sy = mean[i, 0], mean[i, 1], sigma[i, 0], sigma[i, 1]
+        first, last = _columns(mx, sx * radius, w)
+        count = 0
+        for column in range(first, last):
+            x0 = column * TILE_WIDTH
+            y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius, x0, min(x0 + TILE_WIDTH, w), h)
+            if y1 > y0:
+                count += (y1 - 1) // TILE_HEIGHT - y0 // TILE_HEIGHT + 1
+        offset[i + 1] = count
+    for i in range(n):
+        offset[i + 1] += offset[i]
+    total = offset[n]
+    gaussian = np.empty(total, np.int32)
+    tile = np.empty(total, np.int32)
+    rows = np.empty((total, 2), np.int32)
+    for i in prange(n):
+        mx, my, sx, sy = mean[i, 0], mean[i, 1], sigma[i, 0], sigma[i, 1]
+        first, last = _columns(mx, sx * radius, w)
+        at = offset[i]
+        for column in range(first, last):
+            x0 = column * TILE_WIDTH
+            y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius, x0, min(x0 + TILE_WIDTH, w), h)
+            if y1 > y0:
+                for row in range(y0 // TILE_HEIGHT, (y1 - 1) // TILE_HEIGHT + 1):
+                    gaussian[at] = i
+                    tile[at] = row * columns + column
+                    rows[at, 0] = max(y0, row * TILE_HEIGHT)
+                    rows[at, 1] = min(y1, (row + 1) * TILE_HEIGHT)
+                    at += 1
+    start = np.zeros(tiles + 1, np.int64)
+    height = np.zeros(tiles, np.int64)
+    for p in range(total):
+        start[tile[p] + 1] += 1
+        height[tile[p]] += rows[p, 1] - rows[p, 0]
+    for t in range(tiles):
+        start[t + 1] += start[t]
+    order = np.empty(total, np.int32)
+    fill = start[1:].copy()
+    for p in range(total):  # ascending Gaussians fill each list from its back
+        fill[tile[p]] -= 1
+        order[fill[tile[p]]] = p
+    return offset, gaussian, rows, start, order, height.max() if tiles > 0 else 0

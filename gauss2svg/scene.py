@@ -1,0 +1,233 @@
+"""The scene: an ordered list of 2D Gaussians on a canvas, as plain arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gauss2svg.errors import InputError, SceneError
+from gauss2svg.falloff import FALLOFFS, GAUSSIAN
+
+BLENDS = ("over",)
+# rho is kept this far from +-1, so that 1 - rho^2 is a normal number in float64.
+RHO_LIMIT = 1 - 1e-12
+
+_PER_GAUSSIAN = ("mean", "sigma", "rho", "color", "opacity", "round_index")
+_FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Gaussians in painter's order (bottom first) on a canvas; immutable and validated.
+
+    The covariance of a Gaussian is [[sx^2, rho sx sy], [rho sx sy, sy^2]], which is
+    positive definite for every |rho| < 1 (the parametrisation of "Investigation into
+    2D Gaussian Splatting for Image Representation").
+
+    width, height  canvas in px, > 0
+    mean           (n, 2) x, y in px; pixel centres lie at +0.5
+    sigma          (n, 2) standard deviations along x and y in px, > 0
+    rho            (n,) correlation, |rho| <= RHO_LIMIT
+    color          (n, 3) sRGB in 0..1
+    opacity        (n,) in 0..1
+    background     (3,) sRGB in 0..1
+    round_index    (n,) round of the fit in which each was added, never decreasing
+    blend          "over": source-over in sRGB, what every SVG renderer does
+    falloff        "gaussian": see gauss2svg.falloff
+
+    Arrays are converted to float64 (round_index to int32) and made read-only.
+    Raises SceneError naming the field, what was got and what is needed.
+    """
+
+    width: float
+    height: float
+    mean: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    sigma: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    rho: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    color: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    opacity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    background: NDArray[np.float64] = field(default_factory=lambda: np.ones(3))
+    round_index: NDArray[np.int32] | None = None
+    blend: str = "over"
+    falloff: str = GAUSSIAN
+
+    def __post_init__(self) -> None:
+        count = np.shape(self.mean)[0] if np.ndim(self.mean) else 0
+        for name in ("width", "height"):
+            value = float(getattr(self, name))
+            if not (np.isfinite(value) and value > 0):
+                raise SceneError(f"scene {name} is {value}; needed is a finite size above 0 px")
+            object.__setattr__(self, name, value)
+        self._freeze("mean", (count, 2), -np.inf, np.inf)
+        self._freeze("sigma", (count, 2), np.nextafter(0, 1), np.inf)
+        self._freeze("rho", (count,), -RHO_LIMIT, RHO_LIMIT)
+        self._freeze("color", (count, 3), 0, 1)
+        self._freeze("opacity", (count,), 0, 1)
+        self._freeze("background", (3,), 0, 1)
+        if self.round_index is None:
+            object.__setattr__(self, "round_index", np.zeros(count, np.int32))
+        self._freeze("round_index", (count,), 0, np.inf, np.int32)
+        if count and np.any(np.diff(self.rounds) < 0):
+            raise SceneError(
+                "scene round_index decreases; needed is painter's order with later rounds on top"
+            )
+        if self.blend not in BLENDS:
+            raise SceneError(f"scene blend is {self.blend!r}; needed is one of {BLENDS}")
+        if self.falloff not in FALLOFFS:
+            raise SceneError(f"scene falloff is {self.falloff!r}; needed is one of {FALLOFFS}")
+
+    def _freeze(
+        self, name: str, shape: tuple[int, ...], low: float, high: float, dtype: Any = np.float64
+    ) -> None:
+        given: ArrayLike = getattr(self, name)
+        try:
+            array = np.array(given, dtype=dtype, order="C")
+        except (TypeError, ValueError) as error:
+            raise SceneError(f"scene {name} cannot be read as {np.dtype(dtype)}: {error}") from None
+        if array.shape != shape:
+            raise SceneError(f"scene {name} has shape {array.shape}; needed is {shape}")
+        bad = ~(np.isfinite(array) & (array >= low) & (array <= high))
+        if bad.any():
+            at = tuple(int(i) for i in np.argwhere(bad)[0])
+            raise SceneError(
+                f"scene {name}{list(at)} is {array[at]}; needed is finite and in {low:g}..{high:g}"
+            )
+        array.flags.writeable = False
+        object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        """Number of Gaussians."""
+        return len(self.mean)
+
+    @property
+    def rounds(self) -> NDArray[np.int32]:
+        """(n,) round in which each Gaussian was added."""
+        assert self.round_index is not None  # set on construction
+        return self.round_index
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(n, 2, 2) covariance [[sx^2, rho sx sy], [rho sx sy, sy^2]] in px^2."""
+        factor = self.factor
+        return factor @ np.swapaxes(factor, 1, 2)
+
+    @property
+    def factor(self) -> NDArray[np.float64]:
+        """(n, 2, 2) lower Cholesky factor of the covariance in px.
+
+        [[sx, 0], [rho sy, sqrt(1 - rho^2) sy]]: it maps the unit circle to the
+        one-sigma ellipse.
+        """
+        sx, sy = self.sigma.T
+        factor = np.zeros((len(self), 2, 2))
+        factor[:, 0, 0] = sx
+        factor[:, 1, 0] = self.rho * sy
+        factor[:, 1, 1] = np.sqrt((1 - self.rho) * (1 + self.rho)) * sy
+        return factor
+
+    @property
+    def whitening(self) -> NDArray[np.float64]:
+        """(n, 3) entries w11, w21, w22 of the inverse of the factor, in 1/px.
+
+        r^2 = (w11 u)^2 + (w21 u + w22 v)^2 for the offset (u, v) from the mean.
+        """
+        factor = self.factor
+        l11, l21, l22 = factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]
+        return np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=1)
+
+    @property
+    def conic(self) -> NDArray[np.float64]:
+        """(n, 2, 2) inverse covariance in 1/px^2."""
+        w11, w21, w22 = self.whitening.T
+        conic = np.empty((len(self), 2, 2))
+        conic[:, 0, 0] = w11 * w11 + w21 * w21
+        conic[:, 0, 1] = conic[:, 1, 0] = w21 * w22
+        conic[:, 1, 1] = w22 * w22
+        return conic
+
+    @property
+    def ellipse_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """One-sigma semi-axes (n, 2) in px, larger first, and the larger one's angle_rad (n,).
+
+        Singular values of the factor, from the sums and differences of its entries;
+        the angle runs from +x towards +y (downwards) in -pi/2..pi/2.
+        """
+        factor = self.factor
+        l11, l21, l22 = factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]
+        far = np.hypot(l11 + l22, l21)
+        near = np.hypot(l11 - l22, l21)
+        large = 0.5 * (far + near)
+        axes = np.stack([large, l11 * l22 / large], axis=1)
+        variance_x, variance_y = np.square(self.sigma).T
+        return axes, 0.5 * np.arctan2(2 * l11 * l21, variance_x - variance_y)
+
+    def replace(self, **changes: Any) -> Self:
+        """A new scene with some fields replaced; validated again."""
+        return dataclasses.replace(self, **changes)
+
+    def select(self, index: NDArray[Any] | slice) -> Self:
+        """The Gaussians that a mask, slice or ascending index array picks, order kept."""
+        return self.replace(**{name: getattr(self, name)[index] for name in _PER_GAUSSIAN})
+
+    def concatenate(self, top: Scene) -> Self:
+        """This scene with the Gaussians of another painted over it, as later rounds.
+
+        Canvas and background stay this scene's. Raises SceneError if blend or falloff differ.
+        """
+        if (self.blend, self.falloff) != (top.blend, top.falloff):
+            raise SceneError(
+                f"scenes blend as {self.blend}, {self.falloff} and {top.blend}, {top.falloff}; "
+                "needed is the same blend and falloff in both"
+            )
+        later = 0
+        if len(self) and len(top):
+            later = max(0, int(self.rounds[-1]) + 1 - int(top.rounds[0]))
+        joined = {n: np.concatenate([getattr(self, n), getattr(top, n)]) for n in _PER_GAUSSIAN}
+        joined["round_index"] = np.concatenate([self.rounds, top.rounds + later])
+        return self.replace(**joined)
+
+    def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
+        """The same picture on a canvas scaled by factor_x and factor_y (> 0; the same if None)."""
+        scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
+        if not (np.isfinite(scale).all() and (scale > 0).all()):
+            raise SceneError(f"scale factors are {scale.tolist()}; needed are finite, above 0")
+        return self.replace(
+            width=self.width * scale[0],
+            height=self.height * scale[1],
+            mean=self.mean * scale,
+            sigma=self.sigma * scale,
+        )
+
+    def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
+        """Write the scene as .npz, bit for bit."""
+        fields = {f.name: np.asarray(getattr(self, f.name)) for f in dataclasses.fields(self)}
+        if not hasattr(file, "write"):
+            with Path(os.fspath(file)).open("wb") as stream:  # numpy would add .npz to the name
+                np.savez_compressed(stream, format_version=_FORMAT_VERSION, **fields)
+        else:
+            np.savez_compressed(file, format_version=_FORMAT_VERSION, **fields)
+
+    @classmethod
+    def load(cls, file: str | os.PathLike[str] | BinaryIO) -> Self:
+        """Read a scene written by save; raises InputError if it is something else."""
+        try:
+            with np.load(file, allow_pickle=False) as stored:
+                version = int(stored["format_version"])
+                if version != _FORMAT_VERSION:
+                    raise InputError(
+                        f"scene file has format version {version}; needed is {_FORMAT_VERSION}"
+                    )
+                values = {f.name: stored[f.name] for f in dataclasses.fields(cls)}
+        except (OSError, KeyError, ValueError, AttributeError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"not a scene written by Scene.save: {error}") from error
+        for name in ("blend", "falloff"):
+            values[name] = str(values[name])
+        return cls(**values)

@@ -1,0 +1,182 @@
+"""From a scene to the numbers and short strings of an SVG; nothing here knows about XML.
+
+A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with
+M M^T = RADIUS^2 covariance draws the same ellipse, for a circle has no direction;
+the lower triangular one has c = 0 and is the shortest to write:
+
+    a = RADIUS sx,  b = RADIUS rho sy,  c = 0,  d = RADIUS sqrt(1 - rho^2) sy.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError, SceneError
+from gauss2svg.falloff import RADIUS, STOP_COUNTS, gradient_stops
+from gauss2svg.render.cpu import removal_cost, splats_of
+from gauss2svg.scene import Scene
+from gauss2svg.svg.palette import quantize
+
+_DIGITS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+# Colours are weighted by what shows of them, measured on a picture of this side.
+_WEIGHING_SIDE = 768
+
+
+@dataclass(frozen=True)
+class SvgOptions:
+    """How a scene is written.
+
+    palette           most distinct colours, one gradient each; 0 writes every colour
+    stops             gradient stops, one of STOP_COUNTS
+    decimals          of coordinates, 0..6; 1 costs 64 dB, 2 costs 84 dB
+    opacity_decimals  of fill-opacity, 1..6; 2 costs 60 dB, 3 costs 80 dB
+    title             text of the title element
+    """
+
+    palette: int = 1024
+    stops: int = 8
+    decimals: int = 1
+    opacity_decimals: int = 3
+    title: str = "Vectorised photo"
+
+    def __post_init__(self) -> None:
+        if self.palette < 0:
+            raise InputError(f"palette is {self.palette}; needed is 0 (all colours) or more")
+        if self.stops not in STOP_COUNTS:
+            known = ", ".join(map(str, STOP_COUNTS))
+            raise InputError(f"stops is {self.stops}; needed is one of {known}")
+        if not 0 <= self.decimals <= 6:
+            raise InputError(f"decimals is {self.decimals}; needed is 0..6")
+        if not 1 <= self.opacity_decimals <= 6:
+            raise InputError(f"opacity_decimals is {self.opacity_decimals}; needed is 1..6")
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """One radial gradient: its id, its colour as #rrggbb, stops as (offset, opacity)."""
+
+    id: str
+    color: str
+    stops: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Ellipse:
+    """One Gaussian: its gradient's id, its matrix, its opacity ("" where it is 1)."""
+
+    gradient: str
+    matrix: str
+    opacity: str
+
+
+@dataclass(frozen=True)
+class EncodedScene:
+    """Everything that the writer puts into elements, as text."""
+
+    width: str
+    height: str
+    background: str
+    gradients: tuple[Gradient, ...]
+    layers: tuple[tuple[int, tuple[Ellipse, ...]], ...]
+
+
+def number(value: float, decimals: int) -> str:
+    """Shortest text of a value rounded to some decimals: no zeros that say nothing.
+
+    Raises SceneError for NaN and infinity, which renderers draw wrongly or crash on.
+    """
+    if not math.isfinite(value):
+        raise SceneError(f"cannot write {value} into an SVG; needed are finite numbers")
+    text = f"{value:.{decimals}f}"
+    if "." in text:
+        text = text.rstrip("0").rstrip(".")
+    if text in ("-0", ""):
+        return "0"
+    if text.startswith("0."):
+        return text[1:]
+    if text.startswith("-0."):
+        return "-" + text[2:]
+    return text
+
+
+def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
+    """Numbers of the SVG of a scene; depends on nothing but the two arguments.
+
+    Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out.
+    """
+    palette, entry = _palette(scene, options)
+    ids = [short_id(k) for k in range(len(palette))]
+    offsets, values = gradient_stops(options.stops)
+    stops = tuple((number(o, 3), number(v, 3)) for o, v in zip(offsets, values, strict=True))
+    factor = scene.factor * RADIUS
+    layers: list[tuple[int, tuple[Ellipse, ...]]] = []
+    used: set[int] = set()
+    for layer in np.unique(scene.rounds).tolist():
+        ellipses = []
+        for i in np.flatnonzero(scene.rounds == layer).tolist():
+            ellipse = _ellipse(ids[entry[i]], factor[i], scene.mean[i], scene.opacity[i], options)
+            if ellipse is not None:
+                ellipses.append(ellipse)
+                used.add(int(entry[i]))
+        if ellipses:
+            layers.append((layer, tuple(ellipses)))
+    gradients = tuple(Gradient(ids[k], _hex(palette[k]), stops) for k in sorted(used))
+    return EncodedScene(
+        width=number(scene.width, 3),
+        height=number(scene.height, 3),
+        background=_hex(np.round(scene.background * 255).astype(np.uint8)),
+        gradients=gradients,
+        layers=tuple(layers),
+    )
+
+
+def _ellipse(
+    gradient: str,
+    factor: NDArray[np.float64],
+    mean: NDArray[np.float64],
+    opacity: float,
+    options: SvgOptions,
+) -> Ellipse | None:
+    a, b, d = factor[0, 0], factor[1, 0], factor[1, 1]
+    texts = [number(v, options.decimals) for v in (a, b, 0.0, d, mean[0], mean[1])]
+    shown = number(opacity, options.opacity_decimals)
+    if shown == "0" or texts[0] == "0" or texts[3] == "0":
+        return None
+    return Ellipse(gradient, f"matrix({' '.join(texts)})", "" if shown == "1" else shown)
+
+
+def _palette(scene: Scene, options: SvgOptions) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
+    count = options.palette if options.palette else max(1, len(scene))
+    return quantize(scene.color, visible_mass(scene), count)
+
+
+def visible_mass(scene: Scene) -> NDArray[np.float64]:
+    """(n,) sum over the canvas of (alpha transmittance)^2, in px: what shows of a Gaussian.
+
+    A change d of its colour changes the summed squared error by visible_mass d^2.
+    """
+    shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
+    width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
+    splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
+    blank = np.zeros((3, height, width), np.float32)
+    return np.maximum(removal_cost(splats, blank)[1][:, 1], 0.0)
+
+
+def short_id(index: int) -> str:
+    """The index-th shortest id of letters: a, b, ..., Z, aa, ab, ..."""
+    text = _DIGITS[index % len(_DIGITS)]
+    while index >= len(_DIGITS):
+        index = index // len(_DIGITS) - 1
+        text = _DIGITS[index % len(_DIGITS)] + text
+    return text
+
+
+def _hex(color: NDArray[np.uint8]) -> str:
+    text = "#" + "".join(f"{int(v):02x}" for v in color)
+    if text[1] == text[2] and text[3] == text[4] and text[5] == text[6]:
+        return "#" + text[1] + text[3] + text[5]
+    return text

@@ -1,0 +1,57 @@
+"""The SVG document; the only module that knows svgwrite.
+
+    <radialGradient id=".." gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1" fx=".001">
+      <stop offset=".." stop-color="#.." stop-opacity=".."/> ...
+    <circle r="1" transform="matrix(..)" fill="url(#..)" fill-opacity=".."/>
+
+The focal offset moves resvg to its accurate gradient (36 dB to 49 dB against the
+model) and changes nothing elsewhere. Gradients in objectBoundingBox units, masks,
+rgba() colours and plain href were measured and fail in one renderer or another.
+"""
+
+import svgwrite
+from svgwrite.extensions import Inkscape
+
+from gauss2svg.scene import Scene
+from gauss2svg.svg.encode import EncodedScene, SvgOptions, encode
+from gauss2svg.version import __version__
+
+
+def write_svg(scene: Scene, options: SvgOptions | None = None) -> str:
+    """The SVG text of a scene; depends on nothing but the scene and the options."""
+    options = options or SvgOptions()
+    return _document(encode(scene, options), options, len(scene))
+
+
+def _document(encoded: EncodedScene, options: SvgOptions, count: int) -> str:
+    # debug=True, svgwrite's default, triples the time and still lets NaN through;
+    # the numbers are checked by encode().
+    drawing = svgwrite.Drawing(
+        size=(encoded.width, encoded.height),
+        viewBox=f"0 0 {encoded.width} {encoded.height}",
+        debug=False,
+    )
+    drawing.set_desc(
+        title=options.title, desc=f"{count} Gaussians, fitted and written by gauss2svg {__version__}"
+    )
+    for gradient in encoded.gradients:
+        element = drawing.radialGradient(
+            center=("0", "0"), r="1", gradientUnits="userSpaceOnUse", id=gradient.id, debug=False
+        )
+        element["fx"] = ".001"
+        for offset, opacity in gradient.stops:
+            element.add_stop_color(offset=offset, color=gradient.color, opacity=opacity)
+        drawing.defs.add(element)
+    drawing.add(drawing.rect(size=("100%", "100%"), fill=encoded.background))
+    inkscape = Inkscape(drawing)
+    for index, ellipses in encoded.layers:
+        layer = inkscape.layer(label=f"Round {index + 1}: {len(ellipses)} Gaussians")
+        for ellipse in ellipses:
+            circle = drawing.circle(r="1", transform=ellipse.matrix, fill=f"url(#{ellipse.gradient})")
+            if ellipse.opacity:
+                circle["fill-opacity"] = ellipse.opacity
+            # Centred on the origin by default; cx and cy would only repeat it.
+            del circle.attribs["cx"], circle.attribs["cy"]
+            layer.add(circle)
+        drawing.add(layer)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + drawing.tostring() + "\n"

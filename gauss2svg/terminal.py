@@ -1,0 +1,86 @@
+"""What a person sees at the terminal: a progress bar, then a summary; on standard error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, SpinnerColumn, TextColumn
+from rich.progress import Progress as Bar
+from rich.table import Table
+
+from gauss2svg.pipeline import Progress, ProgressCallback
+
+_PHASES = {
+    "read": "reading the photo",
+    "compile": "preparing kernels (compiled on the first run, about 15 s)",
+    "fit": "fitting",
+    "write": "writing the SVG",
+    "measure": "drawing and measuring the SVG",
+}
+
+
+@contextmanager
+def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
+    """A callback for `vectorize` that keeps a progress bar; None if quiet."""
+    if quiet:
+        yield None
+        return
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.fields[state]}"),
+    )
+    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=None, state="")
+
+        def update(progress: Progress) -> None:
+            now = progress.fit
+            if now is None:
+                bar.update(task, description=_PHASES[progress.phase], total=None, state="")
+                return
+            bar.update(
+                task,
+                description=f"round {now.round}/{now.rounds}",
+                completed=now.iteration,
+                total=now.iterations,
+                state=(
+                    f"{now.gaussians} Gaussians, {now.psnr:.2f} dB, "
+                    f"{now.remaining_s:.0f} s left"
+                ),
+            )
+
+        yield update
+
+
+def print_summary(report: dict[str, Any], output: str | None) -> None:
+    """A few lines: what was written, how large it is, how true, how long it took."""
+    console = Console(stderr=True, highlight=False)
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim")
+    table.add_column()
+    rows = {
+        "SVG": f"{output or 'standard output'}, {report['width']}x{report['height']} px",
+        "Gaussians": f"{report['gaussians']} in {report['rounds']} rounds, "
+        f"{report['iterations']} iterations",
+        "bytes": f"{report['svg_bytes']:,} raw, {report['svgz_bytes']:,} gzipped",
+        "seconds": f"{report['fit_s']:.1f} to fit, {report['total_s']:.1f} in all"
+        + (f", {report['compile_s']:.0f} to compile once" if report["compile_s"] > 2 else ""),
+        "against photo": f"PSNR {report['psnr_svg']:.2f} dB, SSIM {_ssim(report['ssim_svg'])}, "
+        f"drawn by {report['renderer']}",
+        "against model": f"PSNR {report['psnr_roundtrip']:.2f} dB, "
+        f"bias {report['bias_roundtrip']:+.2f} of 255; "
+        f"the model itself has {report['psnr_model']:.2f} dB",
+    }
+    for name, text in rows.items():
+        table.add_row(name, text)
+    for note in report["notes"]:
+        table.add_row("note", note)
+    console.print(table)
+
+
+def _ssim(value: float | None) -> str:
+    return "not defined under 3 px" if value is None else f"{value:.3f}"
