@@ -31,7 +31,7 @@ def vectorize_command(
     gaussians: int | None = None,
     quality: Literal["draft", "fast", "balanced", "high", "max"] = "balanced",
     iterations: int | None = None,
-    init: Literal["error", "selective", "random"] = "error",
+    init: Literal["selective", "error", "random"] = "selective",
     schedule: Literal["exponential", "linear", "all-at-once"] = "exponential",
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse",
     max_size: int | None = None,

@@ -27,7 +27,7 @@ class Quality:
 QUALITIES: dict[str, Quality] = {
     "draft": Quality(500, 100, 384, SvgOptions(palette=256)),
     "fast": Quality(2000, 150, 768, SvgOptions(palette=512)),
-    "balanced": Quality(5000, 300, 1024, SvgOptions(palette=1024)),
+    "balanced": Quality(5000, 300, 1024, SvgOptions(palette=1280)),
     "high": Quality(10000, 500, 1536, SvgOptions(palette=2048, stops=10, decimals=2)),
     "max": Quality(20000, 1000, 2048, SvgOptions(palette=0, stops=12, decimals=2)),
 }

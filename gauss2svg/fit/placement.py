@@ -11,8 +11,8 @@ from scipy.ndimage import gaussian_filter
 
 from gauss2svg.errors import InputError
 
-PLACEMENTS = ("error", "selective", "random")
-DEFAULT_PLACEMENT = "error"
+PLACEMENTS = ("selective", "error", "random")
+DEFAULT_PLACEMENT = "selective"
 
 FIRST_OPACITY_LOGIT = 1.0
 # First sigma as a share of the mean spacing sqrt(area / (pi n)): 0.3 to 0.42 end
@@ -118,7 +118,7 @@ def _by_component(
     spacing: float,
     rng: np.random.Generator,
 ) -> New:
-    """The largest connected components of the quantised difference, the rest at random.
+    """The largest connected components of the quantised difference, the rest by error.
 
     As in LIVE: the difference summed over channels, small ones rejected, the others cut
     into bins; each component of one bin proposes its centre of mass and its area A. A
@@ -142,7 +142,7 @@ def _by_component(
 
     y, x = np.indices(difference.shape, dtype=np.float32) + np.float32(0.5)
     sigma = np.maximum(0.5 * np.sqrt(area[order] / np.pi), _LEAST_SIGMA)
-    rest = _at_random(target, count - len(order), spacing, rng)
+    rest = _by_error(target, rendered, count - len(order), spacing, rng)
     round_factor = np.stack([sigma, np.zeros_like(sigma), sigma], axis=1)
     color = np.stack([means(channel) for channel in target.planar], axis=1)
     return New(
