@@ -121,9 +121,7 @@ def vectorize(
         loss=loss,
         seed=seed,
     )
-    svg_options = preset.svg
-    if palette is not None:
-        svg_options = dataclasses.replace(svg_options, palette=palette)
+    preset.svg_options(0, palette)  # a bad palette is told before the fit, not after
     side = preset.max_size if max_size is None else max_size
     if side < 1:
         raise InputError(f"max_size is {side}; needed is 1 px or more")
@@ -143,6 +141,7 @@ def vectorize(
         tell(Progress("write"))
         scene = fitted.scene.scaled(photo.width / width, photo.height / height)
         scene = scene.replace(width=photo.width, height=photo.height)
+        svg_options = preset.svg_options(len(scene), palette)
         svg = write_svg(scene, svg_options)
         tell(Progress("measure"))
         measured = round_trip(svg, scene, photo.pixels, renderer)

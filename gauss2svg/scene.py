@@ -7,6 +7,7 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Self
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -224,7 +225,7 @@ class Scene:
                         f"scene file has format version {version}; needed is {_FORMAT_VERSION}"
                     )
                 values = {f.name: stored[f.name] for f in dataclasses.fields(cls)}
-        except (OSError, KeyError, ValueError, AttributeError) as error:
+        except (OSError, EOFError, BadZipFile, KeyError, ValueError, AttributeError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"not a scene written by Scene.save: {error}") from error

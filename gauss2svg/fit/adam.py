@@ -47,7 +47,7 @@ class Limits:
 
     least_sigma: float
     most_sigma: float
-    most_aspect: float = 50.0
+    most_aspect: float = 30.0
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.99

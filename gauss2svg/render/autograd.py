@@ -26,16 +26,19 @@ class _FastRender(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[Any, ...]:
         mean, sigma, rho, color, opacity, background = ctx.saved_tensors
-        opacity = opacity.clamp(min=_LEAST_OPACITY)
-        splats = _splats(mean, sigma, rho, color, opacity, background)
+        seen = opacity.clamp(min=_LEAST_OPACITY).double()
+        splats = _splats(mean, sigma, rho, color, seen, background)
         gradient = np.ascontiguousarray(
             np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), np.float32
         )
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
+        by_opacity = moments[:, 5] / seen
+        # All but the opacity's own gradient are proportional to it.
+        moments *= (opacity.double() / seen)[:, None]
         wanted = (
             *_by_shape(moments[:, :5], sigma.double(), rho.double()),
             moments[:, 6:9],
-            moments[:, 5] / opacity.double(),
+            by_opacity,
             torch.from_numpy(_by_background(splats, gradient)),
         )
         typed = (g.to(t.dtype) for g, t in zip(wanted, ctx.saved_tensors, strict=True))

@@ -35,14 +35,16 @@ PLANE = TILE_WIDTH * TILE_HEIGHT
 MOMENTS = 9
 COLUMN = np.arange(LANES, dtype=np.float32)
 
-_NORM = 1 / (1 - RIM)
-_CUT = RADIUS * RADIUS
-# Above exp(-RADIUS^2 / 2) by more than the polynomial's error, so that alpha is
-# exactly 0 from the cut on.
-_KERNEL_RIM = RIM + 2e-6
 # exp(u) on -1.125..0, least squares on Chebyshev nodes with p(0) = 1; its fourth
 # power is exp(-q / 2) for 0 <= q <= 9 within 2e-6.
 _P1, _P2, _P3, _P4, _P5 = 0.99998307, 0.4996931, 0.1650935, 0.03830978, 0.0050456
+_CUT = RADIUS * RADIUS
+_U = -_CUT / 8
+# What the polynomial gives at the cut, and a little more than float32 rounding, so
+# that alpha is exactly 0 from the cut on.
+_KERNEL_RIM = (1 + _U * (_P1 + _U * (_P2 + _U * (_P3 + _U * (_P4 + _U * _P5))))) ** 4 + 2e-8
+assert abs(_KERNEL_RIM - RIM) < 2e-6, "the polynomial was fitted for RADIUS = 3"
+_NORM = 1 / (1 - _KERNEL_RIM)
 
 
 @njit(inline="always")

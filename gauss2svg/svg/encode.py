@@ -37,7 +37,7 @@ class SvgOptions:
     title             text of the title element
     """
 
-    palette: int = 1024
+    palette: int = 1250
     stops: int = 8
     decimals: int = 1
     opacity_decimals: int = 3

@@ -1,0 +1,58 @@
+"""Scenes and pictures that the tests share; everything is made here or ships with scikit-image."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+from numpy.typing import NDArray
+from skimage import data
+
+import gauss2svg
+from gauss2svg.scene import Scene
+
+
+def _drop_stale_kernels() -> None:
+    """Delete compiled kernels that are older than any source file.
+
+    numba compares a kernel with its own file only, so a change in a file that it calls
+    into would leave the old machine code in use.
+    """
+    package = Path(gauss2svg.__file__).parent
+    newest = max(source.stat().st_mtime for source in package.rglob("*.py"))
+    for compiled in package.rglob("*.nb[ic]"):
+        if compiled.stat().st_mtime < newest:
+            compiled.unlink()
+
+
+_drop_stale_kernels()
+
+# The same examples in every run: a failure is found again by running again.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
+
+
+def random_scene(
+    count: int, width: int = 40, height: int = 30, seed: int = 0, sigma: tuple = (0.5, 8.0)
+) -> Scene:
+    """A scene of `count` Gaussians with every parameter drawn over a wide range."""
+    rng = np.random.default_rng(seed)
+    return Scene(
+        width,
+        height,
+        mean=rng.uniform(-5, 5, (count, 2)) + rng.random((count, 2)) * [width, height],
+        sigma=np.exp(rng.uniform(*np.log(sigma), (count, 2))),
+        rho=rng.uniform(-0.95, 0.95, count),
+        color=rng.random((count, 3)),
+        opacity=rng.random(count),
+        background=rng.random(3),
+        round_index=np.sort(rng.integers(0, 3, count)),
+    )
+
+
+@pytest.fixture(scope="session")
+def photo() -> NDArray[np.float32]:
+    """A quarter of the scikit-image astronaut: 128 x 128 px with a face in it."""
+    return np.ascontiguousarray(data.astronaut()[:256:2, 128:384:2], np.float32) / 255

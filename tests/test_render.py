@@ -1,0 +1,244 @@
+"""Laws of the two renderers, and that they are one."""
+
+import numba
+import numpy as np
+import pytest
+import torch
+from conftest import random_scene
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gauss2svg.errors import InputError
+from gauss2svg.falloff import RADIUS, profile
+from gauss2svg.render import render
+from gauss2svg.render.autograd import fast_composite
+from gauss2svg.render.cpu import removal_cost, splats_of, squared_error
+from gauss2svg.render.reference import composite, render_reference
+from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs
+from gauss2svg.scene import Scene
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def tensors_of(scene: Scene, dtype: torch.dtype = torch.float64) -> list[torch.Tensor]:
+    names = ("mean", "sigma", "rho", "color", "opacity", "background")
+    return [torch.tensor(getattr(scene, n), dtype=dtype).requires_grad_() for n in names]
+
+
+def composite_by_numpy(scene: Scene) -> np.ndarray:
+    """The formula once more, front to back in float64, from the conic: an oracle of its own."""
+    y, x = np.mgrid[: int(scene.height), : int(scene.width)] + 0.5
+    image = np.zeros((*x.shape, 3))
+    transmittance = np.ones(x.shape)
+    for k in range(len(scene) - 1, -1, -1):
+        u = np.stack([x - scene.mean[k, 0], y - scene.mean[k, 1]], axis=-1)
+        r = np.sqrt(np.einsum("yxi,ij,yxj->yx", u, scene.conic[k], u))
+        alpha = scene.opacity[k] * profile(r)
+        image += (alpha * transmittance)[..., None] * scene.color[k]
+        transmittance *= 1 - alpha
+    return image + transmittance[..., None] * scene.background
+
+
+@settings(max_examples=40)
+@given(seeds, st.integers(0, 30), st.integers(1, 50), st.integers(1, 40))
+def test_reference_and_fast_renderer_draw_the_oracle(seed, count, width, height):
+    scene = random_scene(count, width, height, seed)
+    oracle = composite_by_numpy(scene)
+    np.testing.assert_allclose(render_reference(scene).numpy(), oracle, atol=1e-9)
+    np.testing.assert_allclose(render(scene), oracle, atol=3e-5)
+
+
+@settings(max_examples=25)
+@given(seeds, st.integers(1, 12))
+def test_gradients_of_both_renderers_agree_for_any_loss(seed, count):
+    scene = random_scene(count, 37, 21, seed)
+    weights = torch.tensor(np.random.default_rng(seed).normal(size=(21, 37, 3)))
+
+    def loss(image):
+        return (weights * image.double()).sum() + (image.double() ** 3).sum()
+
+    slow, fast = tensors_of(scene), tensors_of(scene)
+    loss(composite(*slow, 21, 37)).backward()
+    loss(fast_composite(*fast, 21, 37)).backward()
+    for a, b in zip(slow, fast, strict=True):
+        scale = a.grad.abs().max() + 1e-3
+        torch.testing.assert_close(b.grad / scale, a.grad / scale, atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize("opacity", [0.0, 1e-7, 0.5, 1.0])
+def test_gradients_are_exact_at_every_opacity(opacity):
+    # the division by 1 - alpha that is not made would show at opacity 1
+    scene = random_scene(6, 20, 20, 11).replace(opacity=np.full(6, opacity))
+    slow, fast = tensors_of(scene), tensors_of(scene)
+    (composite(*slow, 20, 20) ** 2).sum().backward()
+    (fast_composite(*fast, 20, 20).double() ** 2).sum().backward()
+    for a, b in zip(slow, fast, strict=True):
+        scale = a.grad.abs().max() + 1e-3
+        torch.testing.assert_close(b.grad / scale, a.grad / scale, atol=1e-3, rtol=0)
+
+
+def test_reference_gradients_match_finite_differences():
+    # sigma large enough that no pixel centre crosses the cut within the difference
+    scene = random_scene(4, 9, 7, 2, sigma=(4.0, 9.0))
+    inputs = tensors_of(scene)
+    assert torch.autograd.gradcheck(lambda *t: composite(*t, 7, 9), inputs, atol=1e-5, eps=1e-7)
+
+
+def test_fast_gradients_match_float64_finite_differences():
+    scene = random_scene(5, 24, 18, 4, sigma=(2.0, 7.0))
+    target = torch.tensor(np.random.default_rng(1).random((18, 24, 3)))
+    fast = tensors_of(scene)
+    ((fast_composite(*fast, 18, 24).double() - target) ** 2).sum().backward()
+    for which, tensor in enumerate(fast):
+        difference = np.zeros(tensor.shape)
+        for place in np.ndindex(*tensor.shape):
+            values = []
+            for step in (1e-5, -1e-5):
+                moved = [t.detach().clone() for t in fast]
+                moved[which][place] += step
+                values.append(((composite(*moved, 18, 24) - target) ** 2).sum().item())
+            difference[place] = (values[0] - values[1]) / 2e-5
+        scale = np.abs(difference).max()
+        np.testing.assert_allclose(tensor.grad.numpy() / scale, difference / scale, atol=1e-3)
+
+
+def test_fused_squared_error_equals_the_torch_loss():
+    scene = random_scene(15, 45, 33, 8)
+    target = np.random.default_rng(2).random((3, 33, 45)).astype(np.float32)
+    image, loss, moments, rows = squared_error(splats_of(scene), target)
+    inputs = tensors_of(scene)
+    rendered = composite(*inputs, 33, 45)
+    expected = ((rendered - torch.tensor(np.moveaxis(target, 0, -1))) ** 2).sum()
+    (0.5 * expected).backward()
+    np.testing.assert_allclose(np.moveaxis(image, 0, -1), rendered.detach(), atol=3e-5)
+    assert loss == pytest.approx(expected.item(), rel=1e-4)
+    color_gradient = inputs[3].grad.numpy()
+    np.testing.assert_allclose(moments[:, 6:9], color_gradient, atol=1e-3 * abs(color_gradient).max())
+    assert rows > 0
+
+
+def test_removal_cost_is_what_removal_costs():
+    scene = random_scene(12, 40, 30, 9)
+    target = np.random.default_rng(3).random((30, 40, 3))
+    planar = np.ascontiguousarray(np.moveaxis(target, -1, 0), np.float32)
+    _, cost = removal_cost(splats_of(scene), planar)
+    whole = np.square(composite_by_numpy(scene) - target).sum()
+    for k in range(12):
+        without = scene.select(np.arange(12) != k)
+        expected = np.square(composite_by_numpy(without) - target).sum() - whole
+        assert cost[k, 0] == pytest.approx(expected, abs=1e-3 * whole)
+
+
+def test_removal_mass_is_the_curvature_of_the_error_in_the_colour():
+    scene = random_scene(5, 40, 30, 10)
+    blank = np.zeros((3, 30, 40), np.float32)
+    mass = removal_cost(splats_of(scene), blank)[1][:, 1]
+    for k in range(5):
+        color = np.zeros((5, 3))
+        color[k] = 1
+        alone = composite_by_numpy(scene.replace(color=color, background=np.zeros(3)))
+        assert mass[k] == pytest.approx(np.square(alone[:, :, 0]).sum(), rel=1e-3, abs=1e-6)
+
+
+@settings(max_examples=30)
+@given(seeds, st.integers(1, 20), st.integers(1, 70), st.integers(1, 70))
+def test_pairs_are_exactly_the_rows_that_a_gaussian_reaches(seed, count, width, height):
+    scene = random_scene(count, width, height, seed)
+    offset, gaussian, rows, start, order, _ = find_pairs(
+        scene.mean, scene.sigma, scene.rho, RADIUS, height, width
+    )
+    columns = -(-width // TILE_WIDTH)
+    listed = set()
+    for tile in range(len(start) - 1):
+        for p in order[start[tile] : start[tile + 1]]:
+            for y in range(*rows[p]):
+                assert y // TILE_HEIGHT == tile // columns
+                listed.add((int(gaussian[p]), int(y), tile % columns))
+    y, x = np.mgrid[:height, :width] + 0.5
+    reached = set()
+    for k in range(count):
+        u = np.stack([x - scene.mean[k, 0], y - scene.mean[k, 1]], axis=-1)
+        q = np.einsum("yxi,ij,yxj->yx", u, scene.conic[k], u)
+        for row, column in np.argwhere(q < RADIUS**2 - 1e-9):
+            reached.add((k, int(row), int(column) // TILE_WIDTH))
+    assert reached <= listed
+    # a row is also listed where only the strip's rim touches it, never more
+    assert len(listed) <= len(reached) + 4 * len(gaussian) + 4
+    assert (np.diff(offset) >= 0).all()
+
+
+def test_tile_lists_run_from_front_to_back():
+    scene = random_scene(40, 64, 48, 12)
+    _, gaussian, _, start, order, _ = find_pairs(
+        scene.mean, scene.sigma, scene.rho, RADIUS, 48, 64
+    )
+    for tile in range(len(start) - 1):
+        assert (np.diff(gaussian[order[start[tile] : start[tile + 1]]]) < 0).all()
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_opacity_zero_changes_no_pixel(seed):
+    scene = random_scene(8, 33, 17, seed)
+    ghost = random_scene(3, 33, 17, seed + 1)
+    joined = scene.concatenate(ghost.replace(opacity=np.zeros(3)))
+    assert (render(joined) == render(scene)).all()
+
+
+@given(seeds)
+@settings(max_examples=20)
+def test_values_stay_between_the_darkest_and_the_brightest_colour(seed):
+    scene = random_scene(30, 33, 17, seed)
+    colors = np.concatenate([scene.color, scene.background[None]])
+    image = render(scene)
+    assert (image >= colors.min(axis=0) - 1e-5).all()
+    assert (image <= colors.max(axis=0) + 1e-5).all()
+
+
+def test_translation_by_whole_tiles_translates_every_bit():
+    scene = random_scene(20, 64, 64, 13).replace(mean=random_scene(20).mean % 16 + 16)
+    moved = scene.replace(mean=scene.mean + [TILE_WIDTH, TILE_HEIGHT])
+    one, other = render(scene), render(moved)
+    assert (one[:-TILE_HEIGHT, :-TILE_WIDTH] == other[TILE_HEIGHT:, TILE_WIDTH:]).all()
+
+
+def test_empty_scene_is_its_background():
+    scene = Scene(5, 4, background=np.array([0.25, 0.5, 0.75]))
+    assert (render(scene) == np.float32([0.25, 0.5, 0.75])).all()
+    assert (render_reference(scene).numpy() == [0.25, 0.5, 0.75]).all()
+
+
+def test_later_gaussians_cover_earlier_ones():
+    wide = np.full((2, 2), 1e6)
+    scene = Scene(
+        3, 3, np.full((2, 2), 1.5), wide, np.zeros(2), np.array([[1, 0, 0], [0, 0, 1]]), np.ones(2)
+    )
+    np.testing.assert_allclose(render(scene), np.broadcast_to([0, 0, 1], (3, 3, 3)), atol=1e-6)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_thread_count_changes_no_bit(threads):
+    if threads > numba.config.NUMBA_NUM_THREADS:
+        pytest.fail("the machine has one core; set NUMBA_NUM_THREADS=2 to run this test")
+    scene = random_scene(300, 150, 90, 14)
+    target = np.random.default_rng(4).random((3, 90, 150)).astype(np.float32)
+    numba.set_num_threads(1)
+    image, loss, moments, _ = squared_error(splats_of(scene), target)
+    numba.set_num_threads(threads)
+    again = squared_error(splats_of(scene), target)
+    assert (again[0] == image).all()
+    assert again[1] == loss
+    assert (again[2] == moments).all()
+
+
+def test_reference_renders_in_float32_too():
+    scene = random_scene(10, 20, 16, 15)
+    single = render_reference(scene, dtype=torch.float32)
+    assert single.dtype == torch.float32
+    np.testing.assert_allclose(single.numpy(), render_reference(scene).numpy(), atol=1e-5)
+
+
+@pytest.mark.parametrize("draw", [render, render_reference])
+def test_size_under_one_pixel_is_refused(draw):
+    with pytest.raises(InputError, match="0x4"):
+        draw(Scene(4, 4), 0, 4)

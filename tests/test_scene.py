@@ -1,0 +1,116 @@
+import io
+
+import numpy as np
+import pytest
+from conftest import random_scene
+
+from gauss2svg.errors import InputError, SceneError
+from gauss2svg.render import render
+from gauss2svg.scene import RHO_LIMIT, Scene
+
+ARRAYS = ("mean", "sigma", "rho", "color", "opacity", "background", "round_index")
+
+
+def test_arrays_cannot_be_written():
+    scene = random_scene(3)
+    for name in ARRAYS:
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(scene, name)[...] = 0
+
+
+def test_scene_does_not_share_the_arrays_it_was_given():
+    mean = np.ones((1, 2))
+    scene = Scene(4, 4, mean, np.ones((1, 2)), np.zeros(1), np.ones((1, 3)), np.ones(1))
+    mean[:] = 7
+    assert (scene.mean == 1).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"sigma": np.zeros((2, 2))}, r"sigma\[0, 0\] is 0.0"),
+        ({"rho": np.array([0.0, 1.0])}, r"rho\[1\] is 1.0"),
+        ({"opacity": np.array([0.0, np.nan])}, r"opacity\[1\] is nan"),
+        ({"color": np.full((2, 3), 1.5)}, r"color\[0, 0\] is 1.5"),
+        ({"mean": np.zeros((2, 3))}, r"mean has shape \(2, 3\)"),
+        ({"mean": np.full((2, 2), np.inf)}, r"mean\[0, 0\] is inf"),
+        ({"rho": np.zeros(3)}, r"rho has shape \(3,\)"),
+        ({"background": np.array([0, 0, 2])}, r"background\[2\]"),
+        ({"round_index": np.array([1, 0])}, "round_index decreases"),
+        ({"width": 0}, "width is 0"),
+        ({"height": np.nan}, "height is nan"),
+        ({"blend": "multiply"}, "blend is 'multiply'"),
+        ({"falloff": "box"}, "falloff is 'box'"),
+        ({"color": "red"}, "color cannot be read"),
+    ],
+)
+def test_bad_field_is_refused_with_its_name_and_place(change, message):
+    with pytest.raises(SceneError, match=message):
+        random_scene(2).replace(**change)
+
+
+def test_covariance_conic_and_axes_agree():
+    scene = random_scene(50, seed=3)
+    covariance = scene.covariance
+    sx, sy = scene.sigma.T
+    np.testing.assert_allclose(covariance[:, 0, 1], scene.rho * sx * sy, rtol=1e-12)
+    np.testing.assert_allclose(covariance[:, 1, 1], sy**2, rtol=1e-12)
+    np.testing.assert_allclose(
+        covariance @ scene.conic, np.broadcast_to(np.eye(2), (50, 2, 2)), atol=1e-9
+    )
+    axes, angle = scene.ellipse_axes
+    values, vectors = np.linalg.eigh(covariance)
+    np.testing.assert_allclose(axes[:, ::-1] ** 2, values, rtol=1e-9)
+    along = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    np.testing.assert_allclose(np.abs(np.sum(along * vectors[:, :, 1], axis=1)), 1, atol=1e-9)
+
+
+def test_axes_stay_positive_for_the_thinnest_shapes():
+    scene = Scene(
+        4, 4, np.zeros((2, 2)), np.array([[1e-6, 1e6], [1, 1]]), np.array([0.5, RHO_LIMIT]),
+        np.zeros((2, 3)), np.ones(2),
+    )  # fmt: skip
+    assert (scene.ellipse_axes[0] > 0).all()
+    assert np.isfinite(scene.conic).all()
+
+
+def test_saved_scene_comes_back_to_the_last_bit(tmp_path):
+    scene = random_scene(20, seed=5)
+    stream = io.BytesIO()
+    scene.save(stream)
+    stream.seek(0)
+    scene.save(tmp_path / "scene with no suffix")
+    for back in (Scene.load(stream), Scene.load(tmp_path / "scene with no suffix")):
+        for name in ARRAYS:
+            assert getattr(back, name).tobytes() == getattr(scene, name).tobytes()
+        assert (back.width, back.height) == (scene.width, scene.height)
+        assert (back.blend, back.falloff) == (scene.blend, scene.falloff)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])
+def test_file_that_is_no_scene_is_refused(content):
+    with pytest.raises(InputError, match="not a scene"):
+        Scene.load(io.BytesIO(content))
+
+
+def test_npz_without_the_fields_is_refused():
+    stream = io.BytesIO()
+    np.savez(stream, mean=np.zeros((0, 2)))
+    stream.seek(0)
+    with pytest.raises(InputError, match="not a scene"):
+        Scene.load(stream)
+
+
+def test_halves_put_together_are_the_whole():
+    scene = random_scene(20, seed=6)
+    joined = scene.select(slice(0, 8)).concatenate(scene.select(np.arange(20) >= 8))
+    for name in ("mean", "sigma", "rho", "color", "opacity"):
+        assert (getattr(joined, name) == getattr(scene, name)).all()
+    assert (np.diff(joined.rounds) >= 0).all()
+
+
+def test_scene_has_no_resolution():
+    scene = random_scene(10, seed=7)
+    larger = scene.scaled(3)
+    assert (larger.width, larger.height) == (3 * scene.width, 3 * scene.height)
+    np.testing.assert_allclose(render(scene, 80, 60), render(larger, 80, 60), atol=1e-6)
