@@ -12,14 +12,14 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
+from PIL import ExifTags, Image, ImageCms, ImageOps, UnidentifiedImageError
 
 from gauss2svg.errors import InputError
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
 
 # Decoders that are tried; anything else is refused unread.
-FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "GIF", "BMP", "AVIF", "PPM", "MPO")
+FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "GIF", "BMP", "AVIF", "PPM")
 _MATTE = 1.0  # transparent pixels are shown over white, as a page would
 
 
@@ -79,15 +79,21 @@ def load_image(source: ImageSource) -> Photo:
     )
 
 
+def _decodable() -> tuple[str, ...]:
+    """FORMATS less those that this build of Pillow lacks, as some lack AVIF."""
+    Image.init()
+    return tuple(name for name in FORMATS if name in Image.OPEN)
+
+
 def _decode(file: BinaryIO, name: str) -> Photo:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(file, formats=FORMATS) as picture:
+            with Image.open(file, formats=_decodable()) as picture:
                 picture.load()
                 return _from_pillow(picture, name)
     except UnidentifiedImageError as error:
-        known = ", ".join(FORMATS[:-2])
+        known = ", ".join(_decodable())
         raise InputError(
             f"{name} is no picture that can be read; needed is one of {known}"
         ) from error
@@ -101,8 +107,9 @@ def _decode(file: BinaryIO, name: str) -> Photo:
 
 def _from_pillow(picture: Image.Image, name: str) -> Photo:
     notes = []
-    oriented = ImageOps.exif_transpose(picture)
-    if oriented.size != picture.size or oriented.tobytes() != picture.tobytes():
+    oriented = picture
+    if picture.getexif().get(ExifTags.Base.Orientation, 1) != 1:
+        oriented = ImageOps.exif_transpose(picture)
         notes.append("turned as its EXIF orientation says")
     if oriented.mode in ("I;16", "I;16L", "I;16B", "I", "F"):
         return _from_array(_wide_grey(oriented), name, tuple(notes))

@@ -129,26 +129,37 @@ def _by_component(
     difference = np.abs(rendered - target.planar).sum(axis=0)
     largest = float(difference.max())
     if largest <= 0:
-        return _at_random(target, count, spacing, rng)
+        return _by_error(target, rendered, count, spacing, rng)
     bins = np.ceil(difference / largest * _BINS).astype(np.int32)
     bins[difference < _REJECTED_SHARE * largest] = 0
     components = label(bins, background=0, connectivity=2).ravel()
     area = np.bincount(components)
     area[0] = 0  # what was rejected
     order = np.argsort(-area, kind="stable")[: min(count, len(area) - 1)]
+    area = area[order]
+    rank = np.full(components.max() + 1, -1)
+    rank[order] = np.arange(len(order))
+    rank = rank[components]
+    pixel = np.flatnonzero(rank >= 0)
+    rank = rank[pixel]
+    y, x = np.divmod(pixel, target.width)
 
-    def means(values: NDArray[np.floating]) -> NDArray[np.float64]:
-        return np.bincount(components, values.ravel())[order] / area[order]
+    def means(values: NDArray[np.number]) -> NDArray[np.float64]:
+        return np.bincount(rank, values, len(order)) / area
 
-    y, x = np.indices(difference.shape, dtype=np.float32) + np.float32(0.5)
-    sigma = np.maximum(0.5 * np.sqrt(area[order] / np.pi), _LEAST_SIGMA)
+    sigma = np.maximum(0.5 * np.sqrt(area / np.pi), _LEAST_SIGMA)
+    found = New(
+        mean=np.stack([means(x), means(y)], axis=1) + 0.5,
+        factor=np.stack([sigma, np.zeros_like(sigma), sigma], axis=1),
+        color=np.stack([means(channel[y, x]) for channel in target.planar], axis=1),
+    )
+    if len(order) == count:
+        return found
     rest = _by_error(target, rendered, count - len(order), spacing, rng)
-    round_factor = np.stack([sigma, np.zeros_like(sigma), sigma], axis=1)
-    color = np.stack([means(channel) for channel in target.planar], axis=1)
     return New(
-        np.concatenate([np.stack([means(x), means(y)], axis=1), rest.mean]),
-        np.concatenate([round_factor, rest.factor]),
-        np.concatenate([color, rest.color]),
+        np.concatenate([found.mean, rest.mean]),
+        np.concatenate([found.factor, rest.factor]),
+        np.concatenate([found.color, rest.color]),
     )
 
 

@@ -1,0 +1,270 @@
+"""Laws of the fit: it reaches what it should, repeats itself, and never loses its footing."""
+
+import numba
+import numpy as np
+import pytest
+import torch
+from conftest import random_scene
+
+from gauss2svg import metrics
+from gauss2svg.errors import InputError
+from gauss2svg.fit import FitOptions, adam, fit
+from gauss2svg.fit.adam import Limits, Rates, gradients
+from gauss2svg.fit.loop import LEAST_OPACITY, LEAST_SIGMA
+from gauss2svg.fit.losses import LOSSES, image_gradient, structural_similarity
+from gauss2svg.fit.placement import PLACEMENTS, Target, place
+from gauss2svg.fit.schedule import SCHEDULES, plan_rounds, rate
+from gauss2svg.fit.state import State
+from gauss2svg.render import render
+from gauss2svg.render.cpu import squared_error
+from gauss2svg.render.reference import composite
+
+
+def quality_of(pixels, **options) -> float:
+    return metrics.psnr(render(fit(pixels, FitOptions(**options)).scene), pixels)
+
+
+def test_more_gaussians_are_truer(photo):
+    few, some, many = (quality_of(photo, gaussians=n, iterations=100) for n in (20, 100, 500))
+    assert few + 2 < some
+    assert some + 2 < many
+    assert many > 26
+
+
+def test_more_iterations_are_truer(photo):
+    quick, slow = (quality_of(photo, gaussians=200, iterations=n) for n in (20, 120))
+    assert quick + 1 < slow
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_every_loss_fits_the_photo(photo, loss):
+    assert quality_of(photo, gaussians=200, iterations=60, loss=loss) > 21
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS)
+@pytest.mark.parametrize("schedule", SCHEDULES)
+def test_every_placement_and_schedule_fits_the_photo(photo, placement, schedule):
+    options = {"gaussians": 200, "iterations": 60, "placement": placement, "schedule": schedule}
+    assert quality_of(photo, **options) > 20
+
+
+def test_ssim_in_the_loss_raises_ssim(photo):
+    plain, with_ssim = (
+        render(fit(photo, FitOptions(300, 100, loss=loss)).scene) for loss in ("mse", "mse+ssim")
+    )
+    assert metrics.ssim(with_ssim, photo) > metrics.ssim(plain, photo) + 0.01
+
+
+def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo):
+    scenes = []
+    for threads in sorted({1, numba.config.NUMBA_NUM_THREADS}):
+        numba.set_num_threads(threads)
+        scenes += [fit(photo, FitOptions(150, 40, seed=3)).scene for _ in range(2)]
+    for scene in scenes[1:]:
+        for name in ("mean", "sigma", "rho", "color", "opacity"):
+            assert getattr(scene, name).tobytes() == getattr(scenes[0], name).tobytes()
+
+
+def test_another_seed_gives_another_scene(photo):
+    one, other = (fit(photo, FitOptions(50, 10, "error", seed=s)).scene for s in (0, 1))
+    assert not np.array_equal(one.mean[: len(other)], other.mean[: len(one)])
+
+
+def test_renderers_can_draw_every_fitted_gaussian(photo):
+    scene = fit(photo, FitOptions(800, 60)).scene
+    assert (scene.ellipse_axes[0] >= LEAST_SIGMA * 0.999).all()
+    assert (scene.opacity >= LEAST_OPACITY).all()
+    assert (np.diff(scene.rounds) >= 0).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (2, 2), (3, 3), (17, 16)])
+def test_pictures_of_any_shape_are_fitted(shape):
+    pixels = np.random.default_rng(0).random((*shape, 3)).astype(np.float32)
+    result = fit(pixels, FitOptions(10, 30))
+    assert np.isfinite(render(result.scene)).all()
+    assert (result.scene.width, result.scene.height) == (shape[1], shape[0])
+
+
+@pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
+def test_flat_picture_stays_flat(level):
+    pixels = np.full((20, 30, 3), level, np.float32)
+    assert metrics.psnr(render(fit(pixels, FitOptions(20, 30)).scene), pixels) > 45
+
+
+def test_no_gaussians_give_the_mean_colour():
+    pixels = np.random.default_rng(0).random((20, 30, 3)).astype(np.float32)
+    result = fit(pixels, FitOptions(0, 30))
+    assert len(result.scene) == 0
+    assert result.iterations == 0
+    np.testing.assert_allclose(result.scene.background, pixels.mean(axis=(0, 1)), atol=0.5 / 255)
+
+
+def test_progress_tells_every_iteration_and_ends_with_none_left(photo):
+    seen = []
+    result = fit(photo, FitOptions(64, 30), seen.append)
+    assert [p.iteration for p in seen] == list(range(1, 31))
+    assert seen[-1].remaining_s == 0
+    assert seen[-1].round == seen[-1].rounds == result.rounds
+    assert seen[-1].psnr > seen[0].psnr
+    assert all(a.gaussians <= b.gaussians for a, b in zip(seen, seen[1:], strict=False))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"gaussians": -1}, "gaussians is -1"),
+        ({"iterations": 0}, "iterations is 0"),
+        ({"seed": -1}, "seed is -1"),
+        ({"placement": "grid"}, "init is 'grid'"),
+        ({"schedule": "never"}, "schedule is 'never'"),
+        ({"loss": "huber"}, "loss is 'huber'"),
+    ],
+)
+def test_bad_option_is_refused_with_its_name(change, message):
+    with pytest.raises(InputError, match=message):
+        FitOptions(**change)
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES)
+@pytest.mark.parametrize("count", [1, 2, 7, 5000])
+@pytest.mark.parametrize("iterations", [1, 5, 300])
+def test_rounds_grow_to_the_count_and_end_on_the_full_picture(schedule, count, iterations):
+    rounds = plan_rounds(schedule, count, iterations, 640, 480)
+    assert rounds[0].first_iteration == 0
+    assert rounds[-1].gaussians == count
+    assert rounds[-1].reduction == 1 or iterations == 1
+    assert all(r.first_iteration < iterations for r in rounds)
+    for a, b in zip(rounds, rounds[1:], strict=False):
+        assert a.first_iteration <= b.first_iteration
+        assert a.gaussians <= b.gaussians
+        assert a.reduction >= b.reduction
+
+
+def test_steps_shrink_from_full_to_a_fiftieth():
+    rates = [rate(i, 300) for i in range(300)]
+    assert rates[0] == 1
+    assert rates[-1] == pytest.approx(0.02)
+    assert (np.diff(rates) <= 0).all()
+
+
+def state_of(scene) -> State:
+    f = scene.factor
+    return State.empty().append(
+        scene.mean.copy(), f[:, [0, 1, 1], [0, 0, 1]], np.log(scene.opacity / (1 - scene.opacity)),
+        scene.color.copy(), 0,
+    )  # fmt: skip
+
+
+def test_state_activates_to_the_scene_it_came_from():
+    scene = random_scene(20, seed=1)
+    back = state_of(scene).scene(scene.background, scene.width, scene.height)
+    for name in ("mean", "sigma", "rho", "color", "opacity"):
+        np.testing.assert_allclose(getattr(back, name), getattr(scene, name), rtol=1e-9, atol=1e-9)
+
+
+def test_gradients_in_the_gaussians_frame_are_those_of_autograd():
+    scene = random_scene(6, 40, 30, seed=2, sigma=(2.0, 7.0))
+    target = np.random.default_rng(0).random((3, 30, 40)).astype(np.float32)
+    splats = state_of(scene).splats(scene.background)
+    fast = gradients(squared_error(splats, target)[2], splats.paint[:, 0])
+
+    step = torch.zeros((6, 9), dtype=torch.float64, requires_grad=True)
+    factor = torch.tensor(scene.factor)
+    mean = torch.tensor(scene.mean) + torch.einsum("nij,nj->ni", factor, step[:, :2])
+    a11, a12, a22 = step[:, 2], step[:, 3], step[:, 4]
+    grow = torch.stack([torch.stack([a11, a12], -1), torch.stack([a12, a22], -1)], -2)
+    moved = factor @ torch.matrix_exp(grow)
+    covariance = moved @ moved.transpose(1, 2)
+    sigma = torch.sqrt(torch.diagonal(covariance, dim1=1, dim2=2))
+    rho = covariance[:, 0, 1] / (sigma[:, 0] * sigma[:, 1])
+    opacity = torch.sigmoid(torch.logit(torch.tensor(scene.opacity)) + step[:, 5])
+    color = torch.tensor(scene.color) + step[:, 6:]
+    image = composite(mean, sigma, rho, color, opacity, torch.tensor(scene.background), 30, 40)
+    (0.5 * (image - torch.tensor(np.moveaxis(target, 0, -1))) ** 2).sum().backward()
+    assert step.grad is not None
+    for column in range(9):
+        slow = step.grad[:, column].numpy()
+        scale = np.abs(slow).max()
+        np.testing.assert_allclose(fast[:, column] / scale, slow / scale, atol=2e-3)
+
+
+def test_first_adam_step_moves_by_the_rates_against_the_gradient():
+    scene = random_scene(5, seed=3, sigma=(2.0, 3.0))
+    state = state_of(scene)
+    gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, 9))
+    adam.step(state, gradient, Rates(), Limits(0.1, 100.0), 0.1)
+    shift = -0.1 * Rates().shift * gradient[:, :2]
+    expected = scene.mean + np.einsum("nij,nj->ni", scene.factor, shift)
+    np.testing.assert_allclose(state.mean, expected, atol=1e-6)
+    moved = scene.color - 0.1 * Rates().color * gradient[:, 6:]
+    np.testing.assert_allclose(state.color, np.clip(moved, 0, 1), atol=1e-6)
+
+
+@pytest.mark.parametrize("size", [1e-3, 1e3])
+def test_step_keeps_every_shape_within_its_limits(size):
+    state = state_of(random_scene(200, seed=4, sigma=(size, 2 * size)))
+    gradient = np.random.default_rng(1).normal(size=(200, 9)) * 1e6
+    for _ in range(20):
+        adam.step(state, gradient, Rates(), Limits(0.35, 50.0, 10.0), 5.0)
+    axes = state.scene(np.ones(3), 40, 30).ellipse_axes[0]
+    assert (axes[:, 1] >= 0.35 * (1 - 1e-6)).all()
+    assert (axes[:, 0] <= 50 * (1 + 1e-6)).all()
+    assert (axes[:, 0] <= 10 * axes[:, 1] * (1 + 1e-6)).all()
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS)
+def test_new_gaussians_lie_on_the_canvas_with_valid_shapes(photo, placement):
+    target = Target(np.ascontiguousarray(np.moveaxis(photo, -1, 0)))
+    blank = np.zeros_like(target.planar)
+    new = place(placement, target, blank, 77, 100, np.random.default_rng(0))
+    assert new.mean.shape == (77, 2)
+    assert ((new.mean >= 0) & (new.mean <= [target.width, target.height])).all()
+    assert (new.factor[:, [0, 2]] > 0).all()
+    assert ((new.color >= 0) & (new.color <= 1)).all()
+
+
+@pytest.mark.parametrize("placement", ["error", "selective"])
+def test_new_gaussians_go_where_the_error_is(placement):
+    planar = np.zeros((3, 40, 60), np.float32)
+    planar[:, 10:20, 30:45] = 1
+    target = Target(planar)
+    new = place(placement, target, np.zeros_like(planar), 1, 1, np.random.default_rng(0))
+    x, y = new.mean[0]
+    assert 26 < x < 49
+    assert 6 < y < 24
+
+
+def test_selective_finds_the_centre_the_area_and_the_colour():
+    planar = np.zeros((3, 40, 60), np.float32)
+    planar[1, 10:20, 30:45] = 0.75
+    blank = np.zeros_like(planar)
+    new = place("selective", Target(planar), blank, 1, 1, np.random.default_rng(0))
+    np.testing.assert_allclose(new.mean[0], [37.5, 15])
+    np.testing.assert_allclose(new.factor[0], [0.5 * np.sqrt(150 / np.pi), 0, 0.5 * np.sqrt(150 / np.pi)])
+    np.testing.assert_allclose(new.color[0], [0, 0.75, 0])
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_loss_gradient_is_that_of_finite_differences(loss):
+    rng = np.random.default_rng(0)
+    rendered, target = (rng.random((3, 12, 13)).astype(np.float32) for _ in range(2))
+    _, gradient = image_gradient(loss, rendered, target)
+    direction = rng.normal(size=rendered.shape).astype(np.float32)
+    values = [image_gradient(loss, rendered + s * direction, target)[0] for s in (1e-3, -1e-3)]
+    slope = (values[0] - values[1]) / 2e-3 * rendered.size
+    # |r - t| has kinks, which a difference steps over
+    assert np.sum(gradient * direction) == pytest.approx(slope, rel=0.06)
+
+
+def test_torch_ssim_is_that_of_scikit_image_inside(photo):
+    from skimage.metrics import structural_similarity as oracle
+
+    other = np.clip(photo + np.random.default_rng(0).normal(0, 0.1, photo.shape), 0, 1)
+    other = other.astype(np.float32)
+    full = oracle(
+        photo, other, data_range=1.0, channel_axis=-1, gaussian_weights=True, sigma=1.5,
+        use_sample_covariance=False, full=True,
+    )[1]  # fmt: skip
+    planes = (torch.from_numpy(np.moveaxis(p, -1, 0).copy()) for p in (photo, other))
+    value = structural_similarity(*planes).item()
+    assert value == pytest.approx(full[5:-5, 5:-5].mean(), abs=2e-3)

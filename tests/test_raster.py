@@ -1,0 +1,66 @@
+import numpy as np
+import pytest
+from conftest import random_scene
+
+from gauss2svg import metrics
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.raster import RENDERERS, cairo, rasterize, renderer_version
+from gauss2svg.render import render
+from gauss2svg.scene import Scene
+from gauss2svg.svg import SvgOptions, write_svg
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_renderer_draws_the_model(renderer):
+    scene = random_scene(60, 200, 150, seed=1, sigma=(2.0, 40.0))
+    svg = write_svg(scene, SvgOptions(palette=0, stops=12, decimals=2))
+    drawn = rasterize(svg, 200, 150, renderer)
+    assert drawn.shape == (150, 200, 3)
+    assert metrics.psnr(drawn, render(scene)) > 46
+    assert abs(metrics.bias(drawn, render(scene))) < 0.3
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_svg_is_drawn_at_any_size(renderer):
+    scene = random_scene(20, 60, 40, seed=2, sigma=(3.0, 20.0))
+    drawn = rasterize(write_svg(scene, SvgOptions(palette=0)), 120, 80, renderer)
+    assert metrics.psnr(drawn, render(scene, 120, 80)) > 44
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_background_comes_back_to_the_level(renderer):
+    color = np.array([10, 200, 77]) / 255
+    drawn = rasterize(write_svg(Scene(7, 5, background=color)), 7, 5, renderer)
+    np.testing.assert_allclose(drawn, np.broadcast_to(color, (5, 7, 3)), atol=1e-6)
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+def test_broken_file_is_an_error_not_a_blank_picture(renderer):
+    with pytest.raises(RendererError, match="cannot draw"):
+        rasterize("<svg", 5, 5, renderer)
+
+
+def test_unknown_renderer_is_refused_with_the_known_ones():
+    with pytest.raises(InputError, match="resvg, cairo"):
+        rasterize("<svg/>", 5, 5, "photoshop")
+
+
+def test_versions_name_their_renderer():
+    assert renderer_version("resvg").startswith("resvg ")
+    assert renderer_version("cairo").startswith("CairoSVG ")
+
+
+def test_missing_cairo_library_is_one_line_that_says_what_to_install(monkeypatch):
+    import builtins
+
+    real = builtins.__import__
+
+    def without_cairo(name, *rest):
+        if name == "cairosvg":
+            raise OSError("no library called cairo was found")
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without_cairo)
+    with pytest.raises(RendererError, match="apt-get install libcairo2") as caught:
+        cairo.version()
+    assert "\n" not in str(caught.value)

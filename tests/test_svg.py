@@ -1,0 +1,175 @@
+"""Laws of the written file; read back by the standard library's own XML parser."""
+
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from conftest import random_scene
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gauss2svg.errors import InputError, SceneError
+from gauss2svg.falloff import RADIUS
+from gauss2svg.scene import Scene
+from gauss2svg.svg import SvgOptions, write_svg
+from gauss2svg.svg.encode import number, short_id, visible_mass
+from gauss2svg.svg.palette import quantize
+
+SVG = "{http://www.w3.org/2000/svg}"
+INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
+
+
+def parse(svg: str) -> ElementTree.Element:
+    return ElementTree.fromstring(svg.encode())
+
+
+@given(st.integers(0, 1000), st.integers(1, 3))
+def test_file_gives_the_scene_back_within_the_rounding(seed, decimals):
+    scene = random_scene(20, seed=seed)
+    options = SvgOptions(palette=0, decimals=decimals, opacity_decimals=3)
+    root = parse(write_svg(scene, options))
+    colors = {g.get("id"): g[0].get("stop-color") for g in root.iter(SVG + "radialGradient")}
+    circles = list(root.iter(SVG + "circle"))
+    factor = scene.factor * RADIUS
+    written = factor[:, [0, 1], [0, 1]] > 0.5 * 10.0**-decimals
+    drawn = np.flatnonzero(written.all(axis=1) & (scene.opacity >= 0.0005))
+    assert len(circles) == len(drawn)
+    step = 0.5 * 10.0**-decimals + 1e-9
+    for circle, i in zip(circles, drawn, strict=True):
+        matrix = circle.get("transform", "")
+        a, b, c, d, e, f = (float(v) for v in matrix[len("matrix(") : -1].split())
+        np.testing.assert_allclose([a, b, d], factor[i][[0, 1, 1], [0, 0, 1]], atol=step)
+        assert c == 0
+        np.testing.assert_allclose([e, f], scene.mean[i], atol=step)
+        assert float(circle.get("fill-opacity", 1)) == pytest.approx(scene.opacity[i], abs=6e-4)
+        text = colors[circle.get("fill", "")[5:-1]]
+        digits = text[1:] if len(text) == 7 else "".join(2 * v for v in text[1:])
+        levels = [int(digits[k : k + 2], 16) for k in (0, 2, 4)]
+        np.testing.assert_allclose(levels, scene.color[i] * 255, atol=0.5 + 1e-9)
+
+
+def test_size_background_title_and_layers_are_there():
+    scene = random_scene(30, width=70, height=50)
+    root = parse(write_svg(scene, SvgOptions(title="A <b>&")))
+    assert (root.get("width"), root.get("height")) == ("70", "50")
+    assert root.get("viewBox") == "0 0 70 50"
+    assert root.findtext(SVG + "title") == "A <b>&"
+    assert "gauss2svg" in (root.findtext(SVG + "desc") or "")
+    layers = root.findall(SVG + "g")
+    assert [g.get(INKSCAPE + "groupmode") for g in layers] == ["layer"] * 3
+    assert [len(g) for g in layers] == np.bincount(scene.rounds).tolist()
+    backdrop = root.find(SVG + "rect")
+    assert backdrop is not None
+    assert re.fullmatch("#[0-9a-f]{3}([0-9a-f]{3})?", backdrop.get("fill", ""))
+
+
+def test_only_the_stated_subset_is_written():
+    root = parse(write_svg(random_scene(40)))
+    names = {element.tag.removeprefix(SVG) for element in root.iter()}
+    assert names == {
+        "svg", "title", "desc", "defs", "radialGradient", "stop", "rect", "g", "circle"
+    }  # fmt: skip
+    for gradient in root.iter(SVG + "radialGradient"):
+        assert gradient.get("gradientUnits") == "userSpaceOnUse"
+        assert gradient.get("fx") == ".001"  # resvg is 13 dB worse without it
+    assert "href" not in write_svg(random_scene(4)).replace("xmlns:xlink", "")
+
+
+def test_every_gradient_is_used_and_every_reference_defined():
+    root = parse(write_svg(random_scene(200), SvgOptions(palette=20)))
+    defined = [g.get("id") for g in root.iter(SVG + "radialGradient")]
+    used = {(c.get("fill") or "")[5:-1] for c in root.iter(SVG + "circle")}
+    assert len(defined) == len(set(defined)) <= 20
+    assert set(defined) == used
+
+
+def test_text_depends_on_nothing_but_scene_and_options():
+    scene = random_scene(100, seed=3)
+    assert write_svg(scene) == write_svg(scene.replace())
+
+
+def test_gaussians_that_would_be_written_as_nothing_are_left_out():
+    scene = random_scene(3).replace(
+        opacity=np.array([0.0004, 1, 1]), sigma=np.array([[5, 5], [0.001, 5], [5, 5]])
+    )
+    assert write_svg(scene).count("<circle") == 1
+
+
+def test_empty_scene_is_a_rectangle():
+    root = parse(write_svg(Scene(8, 6, background=np.array([1, 0, 0]))))
+    backdrop = root.find(SVG + "rect")
+    assert backdrop is not None
+    assert backdrop.get("fill") == "#f00"
+    assert not list(root.iter(SVG + "circle"))
+
+
+@pytest.mark.parametrize(
+    ("value", "decimals", "text"),
+    [
+        (0.0, 1, "0"), (-0.04, 1, "0"), (0.05, 2, ".05"), (-0.5, 1, "-.5"), (1.0, 3, "1"),
+        (10.0, 1, "10"), (100, 0, "100"), (1234.56, 1, "1234.6"), (0.9996, 3, "1"),
+    ],
+)  # fmt: skip
+def test_numbers_are_written_as_short_as_they_go(value, decimals, text):
+    assert number(value, decimals) == text
+
+
+@given(st.floats(-1e6, 1e6), st.integers(0, 6))
+def test_written_number_is_the_rounded_one(value, decimals):
+    assert float(number(value, decimals)) == pytest.approx(value, abs=0.5000001 * 10.0**-decimals)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
+def test_what_renderers_cannot_draw_is_never_written(value):
+    with pytest.raises(SceneError, match="finite"):
+        number(value, 1)
+
+
+def test_ids_are_distinct_letters():
+    ids = [short_id(k) for k in range(6000)]
+    assert len(set(ids)) == 6000
+    assert all(re.fullmatch("[A-Za-z]{1,3}", text) for text in ids)
+    assert ids[:2] == ["a", "b"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"palette": -1}, "palette is -1"),
+        ({"stops": 3}, "stops is 3"),
+        ({"decimals": 9}, "decimals is 9"),
+        ({"opacity_decimals": 0}, "opacity_decimals is 0"),
+    ],
+)
+def test_bad_option_is_refused(change, message):
+    with pytest.raises(InputError, match=message):
+        SvgOptions(**change)
+
+
+def test_few_colours_are_kept_exactly():
+    color = np.repeat([[0.2, 0.4, 0.6], [1.0, 0.0, 0.0]], 10, axis=0)
+    palette, entry = quantize(color, np.ones(20), 2)
+    assert (palette[entry] == np.round(color * 255)).all()
+
+
+def test_palette_serves_what_shows_and_never_grows_past_its_size():
+    rng = np.random.default_rng(4)
+    color = rng.random((3000, 3))
+    weight = np.where(np.arange(3000) < 300, 1000.0, 0.1)
+    palette, entry = quantize(color, weight, 64)
+    assert len(palette) <= 64
+    error = np.sum((palette[entry] / 255 - color) ** 2, axis=1)
+    even, even_entry = quantize(color, np.ones(3000), 64)
+    even_error = np.sum((even[even_entry] / 255 - color) ** 2, axis=1)
+    assert error[:300].sum() < 0.8 * even_error[:300].sum()
+
+
+def test_visible_mass_is_zero_under_an_opaque_cover():
+    cover = np.array([[20.0, 15.0]])
+    scene = random_scene(5).replace(opacity=np.full(5, 0.5), mean=np.tile(cover, (5, 1)))
+    top = Scene(
+        40, 30, cover, np.full((1, 2), 1e6), np.zeros(1), np.zeros((1, 3)), np.ones(1)
+    )
+    mass = visible_mass(scene.concatenate(top))
+    assert (mass[:5] < 1e-6 * mass[5]).all()
