@@ -25,9 +25,9 @@ app = App(
 
 @app.default
 def vectorize_command(
-    image: str,
+    image: Annotated[str, Parameter(allow_leading_hyphen=True)],
     *,
-    output: Annotated[str, Parameter(name=["--output", "-o"])],
+    output: Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)],
     gaussians: int | None = None,
     quality: Literal["draft", "fast", "balanced", "high", "max"] = "balanced",
     iterations: int | None = None,
@@ -82,11 +82,17 @@ def vectorize_command(
         Write the fitted Gaussians there, as NPZ.
     quiet
         No progress and no summary.
+
     """
     from gauss2svg.atomic import check_writable, write_atomically
     from gauss2svg.pipeline import vectorize
     from gauss2svg.terminal import print_summary, show_progress
 
+    for value in (image, output):
+        if value.startswith("-") and value != _STANDARD_STREAM:
+            raise InputError(
+                f"{value} reads like an option; for a file of that name give ./{value}"
+            )
     to_stdout = output == _STANDARD_STREAM
     targets = [path for path in (report, preview, save_scene) if path is not None]
     if not to_stdout:

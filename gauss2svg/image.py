@@ -20,7 +20,6 @@ ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or
 
 # Decoders that are tried; anything else is refused unread.
 FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "GIF", "BMP", "AVIF", "PPM")
-_MATTE = 1.0  # transparent pixels are shown over white, as a page would
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +176,16 @@ def _from_array(array: NDArray[Any], name: str, notes: tuple[str, ...] = ()) -> 
         alpha = pixels[:, :, 3:]
         if (alpha < 1).any():
             notes = (*notes, "transparency shown over white")
-        pixels = pixels[:, :, :3] * alpha + (1 - alpha) * np.float32(_MATTE)
+        pixels = over_white(pixels[:, :, :3], alpha)
     elif pixels.shape[2] == 1:
         pixels = np.repeat(pixels, 3, axis=2)
     return Photo(np.ascontiguousarray(pixels), notes)
+
+
+def over_white(color: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Transparent pixels (h, w, 3) as a page shows them; alpha (h, w, 1) in 0..1."""
+    one = np.float32(1)
+    return color * alpha + (one - alpha)
 
 
 def shrink(pixels: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:

@@ -1,6 +1,7 @@
 """How far two pictures are apart; both (h, w, 3) float in 0..1."""
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +43,8 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     _same_shape(image, other)
     side = min(image.shape[:2])
     if side < 3:
-        raise InputError(
-            f"picture is {image.shape[1]}x{image.shape[0]} px; SSIM needs 3 px a side"
-        )
-    window: dict[str, object] = {"gaussian_weights": True, "sigma": 1.5}
+        raise InputError(f"picture is {image.shape[1]}x{image.shape[0]} px; SSIM needs 3 px a side")
+    window: dict[str, Any] = {"gaussian_weights": True, "sigma": 1.5}
     if side < 11:
         window = {"win_size": side if side % 2 else side - 1}
     # One float32 channel at a time: a fourth of the memory that all at once takes.

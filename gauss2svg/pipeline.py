@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
 
-import numba
 import numpy as np
+from numba import get_num_threads, set_num_threads
+from numba.core import config
 from numpy.typing import NDArray
 
 from gauss2svg.atomic import write_atomically
@@ -180,16 +181,16 @@ def vectorize(
 @contextmanager
 def _threads(count: int | None) -> Iterator[int]:
     """Use so many numba threads inside; one for each core if None."""
-    most = numba.config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
+    most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     wanted = most if count is None else count
     if not 1 <= wanted <= most:
         raise InputError(f"threads is {wanted}; needed is 1..{most} on this machine")
-    before = numba.get_num_threads()
-    numba.set_num_threads(wanted)
+    before = get_num_threads()
+    set_num_threads(wanted)
     try:
         yield wanted
     finally:
-        numba.set_num_threads(before)
+        set_num_threads(before)
 
 
 def _versions() -> dict[str, str]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from gauss2svg.errors import InputError
 from gauss2svg.svg.encode import SvgOptions
 
-
 # A palette that fits the count: under this many colours even a small drawing bands.
 _FEWEST_COLORS = 64
 

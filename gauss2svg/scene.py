@@ -177,7 +177,7 @@ class Scene:
         return self.replace(**{name: getattr(self, name)[index] for name in _PER_GAUSSIAN})
 
     def concatenate(self, top: Scene) -> Self:
-        """This scene with the Gaussians of another painted over it, as later rounds.
+        """The scene with the Gaussians of another painted over it, as later rounds.
 
         Canvas and background stay this scene's. Raises SceneError if blend or falloff differ.
         """
@@ -207,12 +207,12 @@ class Scene:
 
     def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
         """Write the scene as .npz, bit for bit."""
-        fields = {f.name: np.asarray(getattr(self, f.name)) for f in dataclasses.fields(self)}
-        if not hasattr(file, "write"):
-            with Path(os.fspath(file)).open("wb") as stream:  # numpy would add .npz to the name
-                np.savez_compressed(stream, format_version=_FORMAT_VERSION, **fields)
-        else:
-            np.savez_compressed(file, format_version=_FORMAT_VERSION, **fields)
+        if isinstance(file, (str, os.PathLike)):
+            with Path(file).open("wb") as stream:  # numpy would add .npz to the name
+                self.save(stream)
+            return
+        fields: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        np.savez_compressed(file, format_version=_FORMAT_VERSION, **fields)
 
     @classmethod
     def load(cls, file: str | os.PathLike[str] | BinaryIO) -> Self:

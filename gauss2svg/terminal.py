@@ -15,7 +15,7 @@ from gauss2svg.pipeline import Progress, ProgressCallback
 
 _PHASES = {
     "read": "reading the photo",
-    "compile": "preparing kernels (compiled on the first run, about 15 s)",
+    "compile": "preparing kernels (compiled on the first run, about 10 s)",
     "fit": "fitting",
     "write": "writing the SVG",
     "measure": "drawing and measuring the SVG",
@@ -24,8 +24,9 @@ _PHASES = {
 
 @contextmanager
 def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
-    """A callback for `vectorize` that keeps a progress bar; None if quiet."""
-    if quiet:
+    """A callback for `vectorize` that keeps a progress bar; None if quiet or no terminal."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
         yield None
         return
     columns = (
@@ -34,7 +35,7 @@ def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
         BarColumn(bar_width=24),
         TextColumn("{task.fields[state]}"),
     )
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
+    with Bar(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting", total=None, state="")
 
         def update(progress: Progress) -> None:
@@ -48,8 +49,7 @@ def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
                 completed=now.iteration,
                 total=now.iterations,
                 state=(
-                    f"{now.gaussians} Gaussians, {now.psnr:.2f} dB, "
-                    f"{now.remaining_s:.0f} s left"
+                    f"{now.gaussians} Gaussians, {now.psnr:.2f} dB, {now.remaining_s:.0f} s left"
                 ),
             )
 

@@ -29,6 +29,11 @@ def _drop_stale_kernels() -> None:
 
 _drop_stale_kernels()
 
+
+def pytest_addoption(parser):
+    parser.addoption("--rewrite-golden", action="store_true", help="make the golden pictures anew")
+
+
 # The same examples in every run: a failure is found again by running again.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.load_profile("repeatable")

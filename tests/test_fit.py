@@ -1,5 +1,7 @@
 """Laws of the fit: it reaches what it should, repeats itself, and never loses its footing."""
 
+import itertools
+
 import numba
 import numpy as np
 import pytest
@@ -106,7 +108,7 @@ def test_progress_tells_every_iteration_and_ends_with_none_left(photo):
     assert seen[-1].remaining_s == 0
     assert seen[-1].round == seen[-1].rounds == result.rounds
     assert seen[-1].psnr > seen[0].psnr
-    assert all(a.gaussians <= b.gaussians for a, b in zip(seen, seen[1:], strict=False))
+    assert all(a.gaussians <= b.gaussians for a, b in itertools.pairwise(seen))
 
 
 @pytest.mark.parametrize(
@@ -134,7 +136,7 @@ def test_rounds_grow_to_the_count_and_end_on_the_full_picture(schedule, count, i
     assert rounds[-1].gaussians == count
     assert rounds[-1].reduction == 1 or iterations == 1
     assert all(r.first_iteration < iterations for r in rounds)
-    for a, b in zip(rounds, rounds[1:], strict=False):
+    for a, b in itertools.pairwise(rounds):
         assert a.first_iteration <= b.first_iteration
         assert a.gaussians <= b.gaussians
         assert a.reduction >= b.reduction
@@ -240,7 +242,8 @@ def test_selective_finds_the_centre_the_area_and_the_colour():
     blank = np.zeros_like(planar)
     new = place("selective", Target(planar), blank, 1, 1, np.random.default_rng(0))
     np.testing.assert_allclose(new.mean[0], [37.5, 15])
-    np.testing.assert_allclose(new.factor[0], [0.5 * np.sqrt(150 / np.pi), 0, 0.5 * np.sqrt(150 / np.pi)])
+    sigma = 0.5 * np.sqrt(150 / np.pi)
+    np.testing.assert_allclose(new.factor[0], [sigma, 0, sigma])
     np.testing.assert_allclose(new.color[0], [0, 0.75, 0])
 
 

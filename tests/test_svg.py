@@ -168,8 +168,6 @@ def test_palette_serves_what_shows_and_never_grows_past_its_size():
 def test_visible_mass_is_zero_under_an_opaque_cover():
     cover = np.array([[20.0, 15.0]])
     scene = random_scene(5).replace(opacity=np.full(5, 0.5), mean=np.tile(cover, (5, 1)))
-    top = Scene(
-        40, 30, cover, np.full((1, 2), 1e6), np.zeros(1), np.zeros((1, 3)), np.ones(1)
-    )
+    top = Scene(40, 30, cover, np.full((1, 2), 1e6), np.zeros(1), np.zeros((1, 3)), np.ones(1))
     mass = visible_mass(scene.concatenate(top))
     assert (mass[:5] < 1e-6 * mass[5]).all()

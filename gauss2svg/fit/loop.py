@@ -142,9 +142,7 @@ def fit(
     run = _Run(pixels, background, options)
     rounds: list[Round] = []
     if options.gaussians:
-        rounds = plan_rounds(
-            options.schedule, options.gaussians, options.iterations, width, height
-        )
+        rounds = plan_rounds(options.schedule, options.gaussians, options.iterations, width, height)
         for iteration in range(options.iterations):
             due = [r for r, plan in enumerate(rounds) if plan.first_iteration == iteration]
             for r in due:
@@ -223,9 +221,7 @@ class _Run:
     def _add(self, rendered: NDArray[np.float32], count: int, total: int) -> None:
         new = place(self.options.placement, self.target, rendered, count, total, self.rng)
         opacity = np.full(count, FIRST_OPACITY_LOGIT)
-        self.state = self.state.append(
-            new.mean, new.factor, opacity, new.color, self.round_index
-        )
+        self.state = self.state.append(new.mean, new.factor, opacity, new.color, self.round_index)
 
     def step(self, iteration: int) -> None:
         """Relocate if it is time, then one step of the optimiser."""

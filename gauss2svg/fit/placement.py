@@ -132,7 +132,7 @@ def _by_component(
         return _by_error(target, rendered, count, spacing, rng)
     bins = np.ceil(difference / largest * _BINS).astype(np.int32)
     bins[difference < _REJECTED_SHARE * largest] = 0
-    components = label(bins, background=0, connectivity=2).ravel()
+    components = np.asarray(label(bins, background=0, connectivity=2)).ravel()
     area = np.bincount(components)
     area[0] = 0  # what was rejected
     order = np.argsort(-area, kind="stable")[: min(count, len(area) - 1)]

@@ -66,7 +66,7 @@ class State:
         color: NDArray[np.float64],
         round_index: int,
     ) -> State:
-        """This state with new Gaussians on top, without memory."""
+        """The state with new Gaussians on top, which have no memory yet."""
         count = len(mean)
         wide = np.zeros((count, PARAMETERS))
         rounds = np.full(count, round_index, np.int32)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg.errors import InputError, RendererError
+from gauss2svg.image import over_white
 from gauss2svg.raster import cairo, resvg
 
 
@@ -44,11 +45,10 @@ def rasterize(
     """
     png = _renderer(renderer).draw(svg, width, height)
     with Image.open(io.BytesIO(png)) as picture:
-        drawn = np.asarray(picture.convert("RGBA"), np.float32) / 255
+        drawn = np.asarray(picture.convert("RGBA"), np.float32) / np.float32(255)
     if drawn.shape[:2] != (height, width):
         raise RendererError(
             f"{renderer} drew {drawn.shape[1]}x{drawn.shape[0]} px; needed is {width}x{height}: "
             "give the SVG a viewBox"
         )
-    alpha = drawn[:, :, 3:]
-    return drawn[:, :, :3] * alpha + (1 - alpha)
+    return over_white(drawn[:, :, :3], drawn[:, :, 3:])

@@ -10,7 +10,9 @@ from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.scene import Scene
 
 
-def render(scene: Scene, width: int | None = None, height: int | None = None) -> NDArray[np.float32]:
+def render(
+    scene: Scene, width: int | None = None, height: int | None = None
+) -> NDArray[np.float32]:
     """Image (height, width, 3) float32 in 0..1 of a scene at any size, by default its canvas'.
 
     The scene has no resolution: it is scaled to the output and sampled at pixel centres.

@@ -73,11 +73,9 @@ def _by_shape(
 
 def _by_background(splats: Splats, gradient: NDArray[np.float32]) -> NDArray[np.float64]:
     """The background shows through the transmittance: white under black Gaussians."""
-    black = splats._replace(
-        paint=splats.paint * [1.0, 0.0, 0.0, 0.0], background=np.ones(3)
-    )
+    black = splats._replace(paint=splats.paint * [1.0, 0.0, 0.0, 0.0], background=np.ones(3))
     transmittance = render_planar(black, *gradient.shape[1:])
-    return np.sum(gradient * transmittance, axis=(1, 2), dtype=np.float64)
+    return np.einsum("chw,chw->c", gradient, transmittance, dtype=np.float64)
 
 
 def fast_composite(

@@ -100,12 +100,12 @@ def _walk_tiles(mode, workers, shape, paint, background, image, pairs, pair_out,
                             g[channel, y, x] = image[channel, y0 + y, x0 + x]
                         else:
                             out[channel, y0 + y, x0 + x] = value
-                        if mode == _SQUARED_ERROR or mode == _REMOVAL:
+                        if mode in (_SQUARED_ERROR, _REMOVAL):
                             e = value - image[channel, y0 + y, x0 + x]
                             g[channel, y, x] = e
                             squares += e * e
             loss[tile] = squares
-            if mode == _SQUARED_ERROR or mode == _GIVEN_GRADIENT:
+            if mode in (_SQUARED_ERROR, _GIVEN_GRADIENT):
                 for y in range(TILE_HEIGHT):
                     for x in range(TILE_WIDTH):
                         behind[0, y, x] = (

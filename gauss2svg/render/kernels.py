@@ -23,6 +23,9 @@ h = dL/dalpha alpha', alpha' = alpha + opacity rim / (1 - rim) inside the suppor
 nine numbers a pair, from which every parametrisation's gradient follows.
 """
 
+# pyright: reportCallIssue=false
+# The intrinsics of simd.py take a typing context that only numba sees.
+
 import numpy as np
 from numba import njit
 

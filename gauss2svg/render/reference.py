@@ -64,6 +64,8 @@ def render_reference(
         raise InputError(f"output size is {width}x{height}; needed is at least 1x1 px")
     shown = scene.scaled(width / scene.width, height / scene.height)
     arrays = (shown.mean, shown.sigma, shown.rho, shown.color, shown.opacity, shown.background)
-    tensors = [torch.tensor(array, dtype=dtype, device=device) for array in arrays]
+    mean, sigma, rho, color, opacity, background = (
+        torch.tensor(array, dtype=dtype, device=device) for array in arrays
+    )
     with torch.no_grad():
-        return composite(*tensors, height, width)
+        return composite(mean, sigma, rho, color, opacity, background, height, width)

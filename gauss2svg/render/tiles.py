@@ -54,14 +54,8 @@ def _strip_rows(mx, my, sx, sy, rho, radius, x0, x1, h):
     half0 = k * np.sqrt(max(radius * radius - (u0 / sx) ** 2, 0.0))
     half1 = k * np.sqrt(max(radius * radius - (u1 / sx) ** 2, 0.0))
     at = rho * reach
-    if u0 <= at <= u1:
-        high = sy * radius
-    else:
-        high = max(slope * u0 + half0, slope * u1 + half1)
-    if u0 <= -at <= u1:
-        low = -sy * radius
-    else:
-        low = min(slope * u0 - half0, slope * u1 - half1)
+    high = sy * radius if u0 <= at <= u1 else max(slope * u0 + half0, slope * u1 + half1)
+    low = -sy * radius if u0 <= -at <= u1 else min(slope * u0 - half0, slope * u1 - half1)
     # Pixel row y has its centre at y + 0.5. Clamped before the conversion to int.
     first = np.ceil(min(max(my + low - 0.5, 0.0), h))
     last = np.floor(min(max(my + high - 0.5, -1.0), h - 1.0))

@@ -32,7 +32,8 @@ def _document(encoded: EncodedScene, options: SvgOptions, count: int) -> str:
         debug=False,
     )
     drawing.set_desc(
-        title=options.title, desc=f"{count} Gaussians, fitted and written by gauss2svg {__version__}"
+        title=options.title,
+        desc=f"{count} Gaussians, fitted and written by gauss2svg {__version__}",
     )
     for gradient in encoded.gradients:
         element = drawing.radialGradient(
@@ -47,7 +48,9 @@ def _document(encoded: EncodedScene, options: SvgOptions, count: int) -> str:
     for index, ellipses in encoded.layers:
         layer = inkscape.layer(label=f"Round {index + 1}: {len(ellipses)} Gaussians")
         for ellipse in ellipses:
-            circle = drawing.circle(r="1", transform=ellipse.matrix, fill=f"url(#{ellipse.gradient})")
+            circle = drawing.circle(
+                r="1", transform=ellipse.matrix, fill=f"url(#{ellipse.gradient})"
+            )
             if ellipse.opacity:
                 circle["fill-opacity"] = ellipse.opacity
             # Centred on the origin by default; cx and cy would only repeat it.

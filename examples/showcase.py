@@ -1,0 +1,39 @@
+"""Draw the README's picture: a photo, and its SVG at three counts.
+
+    python examples/showcase.py examples/coffee.jpg examples/showcase.png
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from PIL import Image
+
+from gauss2svg import vectorize
+from gauss2svg.image import load_image
+
+COUNTS = (200, 1000, 5000)
+GAP_PX = 6
+
+
+def main() -> None:
+    """Write the photo and the drawn SVGs side by side, two by two."""
+    source, target = sys.argv[1:]
+    photo = load_image(source).pixels
+    panels = []
+    for count in COUNTS:
+        result = vectorize(photo, gaussians=count)
+        print(result)
+        panels.append(result.raster)
+    panels.append(photo)
+    height, width, _ = photo.shape
+    sheet = np.ones((2 * height + GAP_PX, 2 * width + GAP_PX, 3), np.float32)
+    for k, panel in enumerate(panels):
+        y, x = (k // 2) * (height + GAP_PX), (k % 2) * (width + GAP_PX)
+        sheet[y : y + height, x : x + width] = panel
+    Image.fromarray(np.round(sheet * 255).astype(np.uint8)).save(target, optimize=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""Rules of the source tree: data flows one way, files stay small, svgwrite has one door."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SOURCES = sorted((ROOT / "gauss2svg").rglob("*.py"))
+
+
+def test_imports_follow_the_layers():
+    # the contract is in pyproject.toml; it also forbids every cycle between the layers
+    run = subprocess.run(
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+@pytest.mark.parametrize("path", [*SOURCES, *sorted((ROOT / "tests").glob("*.py"))], ids=str)
+def test_no_file_is_longer_than_400_lines(path):
+    assert len(path.read_text().splitlines()) <= 400
+
+
+@pytest.mark.parametrize(
+    ("package", "home"), [("svgwrite", "svg/write.py"), ("resvg_py", "raster/resvg.py")]
+)
+def test_only_one_module_knows_the_package(package, home):
+    importers = [
+        path.relative_to(ROOT / "gauss2svg").as_posix()
+        for path in SOURCES
+        if re.search(rf"^\s*(import|from) {package}\b", path.read_text(), re.MULTILINE)
+    ]
+    assert importers == [home]

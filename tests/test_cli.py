@@ -1,0 +1,127 @@
+"""The command as a person uses it, most of it in its own process."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gauss2svg.cli import main
+from gauss2svg.scene import Scene
+
+QUICK = ["--gaussians", "40", "--iterations", "20"]
+
+
+@pytest.fixture
+def picture(photo, tmp_path):
+    path = tmp_path / "a photo's «name».png"
+    Image.fromarray(np.round(photo[:48, :64] * 255).astype(np.uint8)).save(path)
+    return path
+
+
+def run(*arguments, **options):
+    command = [sys.executable, "-m", "gauss2svg", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, check=False, **options)
+
+
+def test_photo_becomes_svg_with_all_that_was_asked_for(picture, tmp_path):
+    out, report, preview, scene = (tmp_path / n for n in ("o.svg", "r.json", "p.png", "s.npz"))
+    done = run(
+        picture, "-o", out, *QUICK, "--report", report, "--preview", preview, "--save-scene", scene
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == b""
+    for word in ("Gaussians", "gzipped", "PSNR", "SSIM", "resvg"):
+        assert word in done.stderr.decode()
+    numbers = json.loads(report.read_text())
+    assert numbers["svg_bytes"] == out.stat().st_size
+    with Image.open(preview) as drawn:
+        assert drawn.size == (64, 48)
+    assert len(Scene.load(scene)) == numbers["gaussians"]
+
+
+def test_quiet_is_quiet(picture, tmp_path):
+    done = run(picture, "-o", tmp_path / "o.svg", *QUICK, "--quiet")
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+def test_standard_input_and_output_are_streams(picture, tmp_path):
+    done = run("-", "-o", "-", *QUICK, input=picture.read_bytes())
+    assert done.returncode == 0
+    assert done.stdout.startswith(b"<?xml")
+    assert main([str(picture), "-o", str(tmp_path / "o.svg"), *QUICK, "--quiet"]) == 0
+    assert (tmp_path / "o.svg").read_bytes() == done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["no.png", "-o", "OUT"], "cannot read no.png: No such file or directory"),
+        (["PHOTO", "-o", "FOLDER"], "it is a folder"),
+        (["PHOTO", "-o", "FOLDER/no/x.svg"], "No such file or directory"),
+        (["PHOTO", "-o", "PHOTO"], "is also the photo"),
+        (["PHOTO", "-o", "OUT", "--report", "OUT"], "is also another output"),
+        (["PHOTO", "-o", "OUT", "--quality", "best"], "best"),
+        (["PHOTO", "-o", "OUT", "--gaussians", "many"], "many"),
+        (["PHOTO", "-o", "OUT", "--gaussians", "-3"], "gaussians is -3"),
+        (["PHOTO", "-o", "OUT", "--treads", "2"], "--treads"),
+        (["PHOTO", "-o", "--quiet"], "give ./--quiet"),
+        (["PHOTO"], "--output"),
+        ([], "image"),
+    ],
+)
+def test_mistake_is_one_line_status_two_and_no_file(arguments, message, picture, tmp_path, capsys):
+    before = sorted(tmp_path.iterdir())
+    names = {"PHOTO": str(picture), "OUT": str(tmp_path / "o.svg")}
+    given = [names.get(a, a.replace("FOLDER", str(tmp_path))) for a in arguments]
+    assert main(given) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message.lower() in err.lower()
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_what_is_no_picture_leaves_no_file(tmp_path, capsys):
+    broken = tmp_path / "broken.jpg"
+    broken.write_bytes(b"\xff\xd8\xff\xe0 nothing")
+    assert main([str(broken), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [broken]
+
+
+def test_existing_target_keeps_its_permissions(picture, tmp_path):
+    out = tmp_path / "o.svg"
+    out.write_text("old")
+    out.chmod(0o640)
+    assert main([str(picture), "-o", str(out), *QUICK, "--quiet"]) == 0
+    assert out.read_text().startswith("<?xml")
+    assert out.stat().st_mode & 0o777 == 0o640
+
+
+def test_failing_rename_leaves_the_old_file(picture, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "o.svg"
+    out.write_text("old")
+
+    def refuse(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", refuse)
+    assert main([str(picture), "-o", str(out), *QUICK, "--quiet"]) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert out.read_text() == "old"
+    assert sorted(tmp_path.iterdir()) == sorted([out, picture])
+
+
+def test_help_names_every_option(capsys):
+    assert main(["--help"]) == 0
+    text = capsys.readouterr().out
+    for option in (
+        "gaussians", "quality", "iterations", "init", "schedule", "loss", "max-size", "seed",
+        "threads", "renderer", "report", "preview", "save-scene", "quiet", "output",
+    ):  # fmt: skip
+        assert f"--{option}" in text
