@@ -1,6 +1,6 @@
 """Draw the README's picture: a photo, and its SVG at three counts.
 
-    python examples/showcase.py examples/coffee.jpg examples/showcase.png
+python examples/showcase.py examples/coffee.jpg examples/showcase.jpg
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def main() -> None:
     for k, panel in enumerate(panels):
         y, x = (k // 2) * (height + GAP_PX), (k % 2) * (width + GAP_PX)
         sheet[y : y + height, x : x + width] = panel
-    Image.fromarray(np.round(sheet * 255).astype(np.uint8)).save(target, optimize=True)
+    Image.fromarray(np.round(sheet * 255).astype(np.uint8)).save(target, quality=88)
 
 
 if __name__ == "__main__":

@@ -172,6 +172,12 @@ def _from_array(array: NDArray[Any], name: str, notes: tuple[str, ...] = ()) -> 
         pixels = array.astype(np.float32)
     else:
         raise InputError(f"{name} has type {array.dtype}; needed is uint8, uint16, bool or float")
+    return Photo(*_three_channels(np.asarray(pixels, np.float32), notes))
+
+
+def _three_channels(
+    pixels: NDArray[np.float32], notes: tuple[str, ...]
+) -> tuple[NDArray[np.float32], tuple[str, ...]]:
     if pixels.shape[2] == 4:
         alpha = pixels[:, :, 3:]
         if (alpha < 1).any():
@@ -179,13 +185,12 @@ def _from_array(array: NDArray[Any], name: str, notes: tuple[str, ...] = ()) -> 
         pixels = over_white(pixels[:, :, :3], alpha)
     elif pixels.shape[2] == 1:
         pixels = np.repeat(pixels, 3, axis=2)
-    return Photo(np.ascontiguousarray(pixels), notes)
+    return np.ascontiguousarray(pixels), notes
 
 
 def over_white(color: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArray[np.float32]:
     """Transparent pixels (h, w, 3) as a page shows them; alpha (h, w, 1) in 0..1."""
-    one = np.float32(1)
-    return color * alpha + (one - alpha)
+    return np.asarray(color * alpha + (1 - alpha), np.float32)
 
 
 def shrink(pixels: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
