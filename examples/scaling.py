@@ -1,0 +1,48 @@
+"""How time grows with pixel-Gaussian pairs, and what a second thread brings.
+
+    python examples/scaling.py IMAGE
+
+Fits the photo with 1000 to 50 000 Gaussians for a few iterations, by turns on one and
+on two threads, and prints for each count the pairs a step, nanoseconds a pair, and the
+ratio of the wall seconds: medians of three runs, after one to warm up.
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+
+from numba import set_num_threads
+
+from gauss2svg.fit import FitOptions, fit
+from gauss2svg.image import load_image
+
+COUNTS = (1000, 2000, 5000, 10_000, 20_000, 50_000)
+ITERATIONS = 100
+RUNS = 3
+
+
+def main() -> None:
+    """Print the table."""
+    pixels = load_image(sys.argv[1]).pixels
+    fit(pixels, FitOptions(100, 10))
+    print("gaussians  Mpairs/step  ns/pair, 1 thread  ns/pair, 2 threads  ratio")
+    for count in COUNTS:
+        seconds: dict[int, list[float]] = {1: [], 2: []}
+        pairs = 0
+        for _ in range(RUNS):
+            for threads, runs in seconds.items():
+                set_num_threads(threads)
+                result = fit(pixels, FitOptions(count, ITERATIONS))
+                runs.append(result.wall_s)
+                pairs = result.pixel_pairs
+        one, two = (statistics.median(runs) for runs in seconds.values())
+        print(
+            f"{count:9d}  {pairs / ITERATIONS / 1e6:11.2f}  {one / pairs * 1e9:17.2f}"
+            f"  {two / pairs * 1e9:18.2f}  {one / two:5.2f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
