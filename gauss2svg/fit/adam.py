@@ -50,7 +50,7 @@ class Limits:
     most_aspect: float = 30.0
 
 
-FIRST_DECAY, SECOND_DECAY = 0.9, 0.99
+FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
 
 
 def gradients(moments: NDArray[np.float64], opacity: NDArray[np.float64]) -> NDArray[np.float64]:
