@@ -18,8 +18,9 @@ def check_writable(path: str | os.PathLike[str]) -> None:
             raise OutputError(f"cannot write {target}: it is a folder; give a file name")
         if target.exists() and not os.access(target, os.W_OK):
             raise OutputError(f"cannot write {target}: it is read-only; choose another name")
-        with tempfile.TemporaryFile(dir=target.parent):
-            pass
+        if not target.exists() or target.is_file():
+            with tempfile.TemporaryFile(dir=os.path.dirname(os.path.realpath(target))):
+                pass
     except OutputError:
         raise
     except (OSError, ValueError) as error:
@@ -35,8 +36,11 @@ def write_atomically(path: str | os.PathLike[str], data: bytes) -> None:
     check_writable(target)
     beside = None
     try:
+        if target.exists() and not target.is_file():  # a pipe or a device: nothing to keep whole
+            target.write_bytes(data)
+            return
         # Through a link, so that the link stays and its file is replaced.
-        target = target.resolve()
+        target = Path(os.path.realpath(target))
         descriptor, beside = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:40]}.")
         with os.fdopen(descriptor, "wb") as stream:
             stream.write(data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import warnings
 from pathlib import Path
@@ -14,12 +15,14 @@ from gauss2svg.errors import Gauss2SvgError, InputError
 from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
+STATUS_INTERRUPTED = 130  # 128 + SIGINT, as shells count
 _STANDARD_STREAM = "-"
 
 app = App(
     name="gauss2svg",
     version=__version__,
     help="Turn a photo into an SVG of Gaussians, and measure how true it is.",
+    suppress_keyboard_interrupt=False,  # main says what became of the files
 )
 
 
@@ -59,7 +62,7 @@ def vectorize_command(
     iterations
         Steps of the optimiser; as many as the quality says if not given.
     init
-        Where new Gaussians go: by squared error, on the largest components of it, at random.
+        Where new Gaussians go: on the largest components of the error, by squared error, at random.
     schedule
         How their number grows from round to round.
     loss
@@ -69,7 +72,7 @@ def vectorize_command(
     palette
         Most colours in the file, 0 for all: fewer make it smaller.
     seed
-        The same seed gives the same file.
+        The same seed gives the same file; selective placement hardly draws at random.
     threads
         CPU threads; one for each core if not given.
     renderer
@@ -101,7 +104,10 @@ def vectorize_command(
     for target in targets:
         check_writable(target)  # told now, not after the fit
 
-    source: Any = sys.stdin.buffer.read() if image == _STANDARD_STREAM else image
+    source: Any = image
+    if image == _STANDARD_STREAM:
+        source = _stream(sys.stdin, "input").read()
+    stdout = _stream(sys.stdout, "output") if to_stdout else None
     with show_progress(quiet) as progress:
         result = vectorize(
             source,
@@ -118,25 +124,33 @@ def vectorize_command(
             renderer=renderer,
             progress=progress,
         )
+    if stdout is not None:
+        stdout.write(result.svg.encode())
+        stdout.flush()
+    else:
+        result.save(output)
     if preview is not None:
         write_atomically(preview, _png(result.raster))
     if save_scene is not None:
         write_atomically(save_scene, _npz(result.scene))
     if report is not None:
-        write_atomically(report, (_json(result.report) + "\n").encode())
-    if to_stdout:
-        sys.stdout.buffer.write(result.svg.encode())
-        sys.stdout.buffer.flush()
-    else:
-        result.save(output)
+        write_atomically(
+            report, (json.dumps(result.report, indent=2, allow_nan=False) + "\n").encode()
+        )
     if not quiet:
         print_summary(result.report, None if to_stdout else output)
 
 
+def _stream(stream: Any, name: str) -> Any:
+    if stream is None:  # what Python makes of a closed descriptor
+        raise InputError(f"standard {name} is closed; give a file name instead of -")
+    return stream.buffer
+
+
 def _refuse_clashes(image: str, targets: list[Path]) -> None:
-    taken = {Path(image).resolve(): "the photo"} if image != _STANDARD_STREAM else {}
+    taken = {os.path.realpath(image): "the photo"} if image != _STANDARD_STREAM else {}
     for target in targets:
-        place = target.resolve()
+        place = os.path.realpath(target)
         if place in taken:
             raise InputError(
                 f"{target} is also {taken[place]}; give each its own name so that nothing is lost"
@@ -163,12 +177,6 @@ def _npz(scene: Any) -> bytes:
     return stream.getvalue()
 
 
-def _json(report: dict[str, Any]) -> str:
-    # JSON has no infinity: equal pictures have no finite PSNR, which null says.
-    plain = {k: None if v == float("inf") else v for k, v in report.items()}
-    return json.dumps(plain, indent=2, allow_nan=False)
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status: 0, or 2 with one line on standard error."""
     warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
@@ -178,6 +186,18 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(f"{' '.join(str(error).split())}; see gauss2svg --help")
     except Gauss2SvgError as error:
         return _refuse(str(error))
+    except MemoryError as error:
+        return _refuse(f"out of memory ({error}); try fewer --gaussians or a smaller --max-size")
+    except OSError as error:  # a stream that broke: files are Gauss2SvgErrors already
+        return _refuse(f"{error.strerror or error}; nothing more was written")
+    except (KeyboardInterrupt, SystemError) as error:
+        # A Ctrl-C inside a kernel arrives wrapped in numba's SystemError.
+        if isinstance(error, SystemError) and not isinstance(
+            error.__cause__ or error.__context__, KeyboardInterrupt
+        ):
+            raise
+        print("gauss2svg: interrupted; nothing was written", file=sys.stderr)
+        return STATUS_INTERRUPTED
     return 0
 
 

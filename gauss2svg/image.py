@@ -20,6 +20,7 @@ ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or
 
 # Decoders that are tried; anything else is refused unread.
 FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "GIF", "BMP", "AVIF", "PPM")
+_PROFILE_MODES = {"GRAY": "L", "RGB": "RGB", "CMYK": "CMYK"}  # Pillow's name of a colour space
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +55,13 @@ def load_image(source: ImageSource) -> Photo:
     """
     torch = sys.modules.get("torch")  # a tensor can only exist once torch is loaded
     if torch is not None and isinstance(source, torch.Tensor):
-        array = source.detach().cpu().numpy()
+        dense = source.detach().cpu().to_dense()
+        array = (dense.float() if dense.dtype == torch.bfloat16 else dense).numpy()
         return _from_array(np.moveaxis(array, 0, -1) if array.ndim == 3 else array, "tensor")
     if isinstance(source, np.ndarray):
         return _from_array(source, "array")
     if isinstance(source, Image.Image):
-        return _from_pillow(source, "image")
+        return _from_lazy_pillow(source, "image")
     if isinstance(source, (bytes, bytearray, memoryview)):
         return _decode(io.BytesIO(source), f"{len(source)} bytes")
     if isinstance(source, (str, os.PathLike)):
@@ -67,8 +69,10 @@ def load_image(source: ImageSource) -> Photo:
         try:
             with path.open("rb") as file:
                 return _decode(file, str(path))
-        except OSError as error:
-            reason = error.strerror or str(error)
+        except InputError:
+            raise
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
             raise InputError(f"cannot read {path}: {reason}; give the path of a photo") from error
     if hasattr(source, "read"):
         return _decode(source, "file object")
@@ -89,8 +93,7 @@ def _decode(file: BinaryIO, name: str) -> Photo:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(file, formats=_decodable()) as picture:
-                picture.load()
-                return _from_pillow(picture, name)
+                return _from_lazy_pillow(picture, name)
     except UnidentifiedImageError as error:
         known = ", ".join(_decodable())
         raise InputError(
@@ -98,10 +101,22 @@ def _decode(file: BinaryIO, name: str) -> Photo:
         ) from error
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise InputError(f"{name} is too large to decode: {error}; shrink it first") from error
+    except InputError:
+        raise
     except (OSError, SyntaxError, ValueError, EOFError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{name} is broken: {error}; save it anew and try again") from error
+        raise _broken(name, error) from error
+
+
+def _broken(name: str, error: Exception) -> InputError:
+    return InputError(f"{name} is broken: {error}; save it anew and try again")
+
+
+def _from_lazy_pillow(picture: Image.Image, name: str) -> Photo:
+    try:
+        picture.load()
+    except (OSError, SyntaxError, ValueError, EOFError, RuntimeError) as error:
+        raise _broken(name, error) from error
+    return _from_pillow(picture, name)
 
 
 def _from_pillow(picture: Image.Image, name: str) -> Photo:
@@ -111,7 +126,7 @@ def _from_pillow(picture: Image.Image, name: str) -> Photo:
         oriented = ImageOps.exif_transpose(picture)
         notes.append("turned as its EXIF orientation says")
     if oriented.mode in ("I;16", "I;16L", "I;16B", "I", "F"):
-        return _from_array(_wide_grey(oriented), name, tuple(notes))
+        return _from_array(_wide_grey(oriented, name), name, tuple(notes))
     has_alpha = oriented.has_transparency_data
     profile = picture.info.get("icc_profile")
     if oriented.mode in ("P", "PA", "LA", "La", "RGBa"):
@@ -127,19 +142,26 @@ def _from_pillow(picture: Image.Image, name: str) -> Photo:
     return _from_array(array, name, tuple(notes))
 
 
-def _wide_grey(picture: Image.Image) -> NDArray[Any]:
+def _wide_grey(picture: Image.Image, name: str) -> NDArray[Any]:
     array = np.asarray(picture)
     if picture.mode == "F":
         return array
+    if array.min() < 0 or array.max() > np.iinfo(np.uint16).max:
+        raise InputError(
+            f"{name} has grey levels {array.min()}..{array.max()}; needed are 0..65535: "
+            "rescale it and try again"
+        )
     return array.astype(np.uint16)
 
 
 def _to_srgb(picture: Image.Image, profile: bytes, has_alpha: bool) -> Image.Image | None:
-    mode = picture.mode if picture.mode in ("L", "RGB", "RGBA", "CMYK") else "RGB"
     try:
+        opened = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+        space: str = opened.profile.xcolor_space  # pyright: ignore[reportAttributeAccessIssue]
+        mode = _PROFILE_MODES.get(space.strip(), "RGB")
         return ImageCms.profileToProfile(
-            picture.convert(mode),
-            ImageCms.ImageCmsProfile(io.BytesIO(profile)),
+            picture.convert("RGBA" if mode == "RGB" and has_alpha else mode),
+            opened,
             ImageCms.createProfile("sRGB"),
             outputMode="RGBA" if has_alpha else "RGB",
         )
@@ -157,6 +179,7 @@ def _from_array(array: NDArray[Any], name: str, notes: tuple[str, ...] = ()) -> 
         )
     if 0 in array.shape:
         raise InputError(f"{name} has shape {array.shape}; needed is at least one pixel")
+    array = array.astype(array.dtype.newbyteorder("="), copy=False)
     if array.dtype == np.bool_:
         pixels = array.astype(np.float32)
     elif array.dtype in (np.uint8, np.uint16):

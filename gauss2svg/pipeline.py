@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import math
 import os
 import platform
 import time
@@ -19,7 +20,7 @@ from numba.core import config
 from numpy.typing import NDArray
 
 from gauss2svg.atomic import write_atomically
-from gauss2svg.errors import InputError
+from gauss2svg.checks import whole_number
 from gauss2svg.fit import FitOptions, FitProgress, fit
 from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
@@ -75,7 +76,7 @@ class Result:
         r = self.report
         return (
             f"<gauss2svg.Result {r['width']}x{r['height']}, {r['gaussians']} Gaussians, "
-            f"{r['psnr_svg']:.2f} dB, {r['svg_bytes']} bytes>"
+            f"{decibels(r['psnr_svg'])}, {r['svg_bytes']} bytes>"
         )
 
 
@@ -102,15 +103,18 @@ def vectorize(
     quality     a preset of gauss2svg.quality: draft, fast, balanced, high, max
     iterations  optimiser steps, >= 1; max_size: longest side in px that the fit runs on,
                 >= 1; palette: most colours in the file, 0 for all; None: the quality's
-    init        placement error, selective or random
+    init        placement selective, error or random
     schedule    exponential, linear or all-at-once
     loss        mse, l1, mse+ssim or l1+ssim
     seed        >= 0; the same seed gives the same SVG, whatever the number of threads
+                (selective placement hardly draws at random: seeds differ little there)
     threads     CPU threads, None: one a core; renderer: resvg or cairo, for the measuring
     progress    called with a Progress at every step; nothing is ever printed
 
     The SVG has the photo's width and height also where the fit ran on a smaller picture.
-    Raises InputError for bad input, RendererError for a renderer that is missing.
+    Raises InputError for bad input, RendererError for a renderer that is missing. Calls
+    from several threads wait for each other; in a forked child of a process that has
+    fitted already numba's OpenMP refuses to work: start children by spawn.
     """
     begun = time.perf_counter()
     preset = quality_named(quality)
@@ -124,8 +128,7 @@ def vectorize(
     )
     preset.svg_options(0, palette)  # a bad palette is told before the fit, not after
     side = preset.max_size if max_size is None else max_size
-    if side < 1:
-        raise InputError(f"max_size is {side}; needed is 1 px or more")
+    whole_number("max_size", side, 1, 2**31 - 1)
     renderer_version(renderer)  # a missing renderer is told before the fit, not after
     tell = progress or (lambda _: None)
 
@@ -167,7 +170,7 @@ def vectorize(
         "fit_cpu_s": fitted.cpu_s,
         "pixel_pairs": fitted.pixel_pairs,
         **{
-            field.name: getattr(measured, field.name)
+            field.name: _finite(getattr(measured, field.name))
             for field in dataclasses.fields(measured)
             if field.name != "raster"
         },
@@ -178,13 +181,21 @@ def vectorize(
     return Result(svg, scene, report, measured.raster)
 
 
+def decibels(value: float | None) -> str:
+    """A PSNR of the report as text."""
+    return "equal" if value is None else f"{value:.2f} dB"
+
+
+def _finite(value: Any) -> Any:
+    """None for an infinite PSNR, of equal pictures: JSON has no infinity."""
+    return None if isinstance(value, float) and math.isinf(value) else value
+
+
 @contextmanager
 def _threads(count: int | None) -> Iterator[int]:
     """Use so many numba threads inside; one for each core if None."""
     most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
-    wanted = most if count is None else count
-    if not 1 <= wanted <= most:
-        raise InputError(f"threads is {wanted}; needed is 1..{most} on this machine")
+    wanted = most if count is None else whole_number("threads", count, 1, most)
     before = get_num_threads()
     set_num_threads(wanted)
     try:

@@ -7,12 +7,11 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Self
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import InputError, SceneError
+from gauss2svg.errors import Gauss2SvgError, InputError, SceneError
 from gauss2svg.falloff import FALLOFFS, GAUSSIAN
 
 BLENDS = ("over",)
@@ -89,6 +88,8 @@ class Scene:
         given: ArrayLike = getattr(self, name)
         try:
             array = np.array(given, dtype=dtype, order="C")
+            if dtype is not np.float64 and (array != np.asarray(given)).any():
+                raise ValueError("needed are whole numbers")
         except (TypeError, ValueError) as error:
             raise SceneError(f"scene {name} cannot be read as {np.dtype(dtype)}: {error}") from None
         if array.shape != shape:
@@ -225,9 +226,9 @@ class Scene:
                         f"scene file has format version {version}; needed is {_FORMAT_VERSION}"
                     )
                 values = {f.name: stored[f.name] for f in dataclasses.fields(cls)}
-        except (OSError, EOFError, BadZipFile, KeyError, ValueError, AttributeError) as error:
-            if isinstance(error, InputError):
-                raise
+        except Gauss2SvgError:
+            raise
+        except Exception as error:  # numpy, zipfile and zlib each raise their own
             raise InputError(f"not a scene written by Scene.save: {error}") from error
         for name in ("blend", "falloff"):
             values[name] = str(values[name])

@@ -10,8 +10,9 @@ from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TextColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
+from rich.text import Text
 
-from gauss2svg.pipeline import Progress, ProgressCallback
+from gauss2svg.pipeline import Progress, ProgressCallback, decibels
 
 _PHASES = {
     "read": "reading the photo",
@@ -69,16 +70,16 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         "bytes": f"{report['svg_bytes']:,} raw, {report['svgz_bytes']:,} gzipped",
         "seconds": f"{report['fit_s']:.1f} to fit, {report['total_s']:.1f} in all"
         + (f", {report['compile_s']:.0f} to compile once" if report["compile_s"] > 2 else ""),
-        "against photo": f"PSNR {report['psnr_svg']:.2f} dB, SSIM {_ssim(report['ssim_svg'])}, "
+        "against photo": f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])}, "
         f"drawn by {report['renderer']}",
-        "against model": f"PSNR {report['psnr_roundtrip']:.2f} dB, "
+        "against model": f"PSNR {decibels(report['psnr_roundtrip'])}, "
         f"bias {report['bias_roundtrip']:+.2f} of 255; "
-        f"the model itself has {report['psnr_model']:.2f} dB",
+        f"the model itself has {decibels(report['psnr_model'])}",
     }
     for name, text in rows.items():
-        table.add_row(name, text)
+        table.add_row(name, Text(text))  # as it is: a file name may look like markup
     for note in report["notes"]:
-        table.add_row("note", note)
+        table.add_row("note", Text(note))
     console.print(table)
 
 

@@ -24,7 +24,9 @@ def picture(photo, tmp_path):
 
 def run(*arguments, **options):
     command = [sys.executable, "-m", "gauss2svg", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, check=False, **options)
+    if "stdout" not in options:
+        options["capture_output"] = True
+    return subprocess.run(command, check=False, **options)
 
 
 def test_photo_becomes_svg_with_all_that_was_asked_for(picture, tmp_path):
@@ -68,6 +70,7 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
         (["PHOTO", "-o", "OUT", "--gaussians", "many"], "many"),
         (["PHOTO", "-o", "OUT", "--gaussians", "-3"], "gaussians is -3"),
         (["PHOTO", "-o", "OUT", "--treads", "2"], "--treads"),
+        (["PHOTO", "-o", "OUT", "--gaussians", "99999999999"], "gaussians is 99999999999"),
         (["PHOTO", "-o", "--quiet"], "give ./--quiet"),
         (["PHOTO"], "--output"),
         ([], "image"),
@@ -101,6 +104,55 @@ def test_existing_target_keeps_its_permissions(picture, tmp_path):
     assert main([str(picture), "-o", str(out), *QUICK, "--quiet"]) == 0
     assert out.read_text().startswith("<?xml")
     assert out.stat().st_mode & 0o777 == 0o640
+
+
+def test_link_stays_a_link(picture, tmp_path):
+    real, link = tmp_path / "real.svg", tmp_path / "link.svg"
+    real.write_text("old")
+    link.symlink_to(real)
+    assert main([str(picture), "-o", str(link), *QUICK, "--quiet"]) == 0
+    assert link.is_symlink()
+    assert real.read_text().startswith("<?xml")
+
+
+def test_pipe_is_written_to_not_replaced(picture, tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with subprocess.Popen(["cat", pipe], stdout=subprocess.PIPE) as reader:
+        assert main([str(picture), "-o", str(pipe), *QUICK, "--quiet"]) == 0
+        out, _ = reader.communicate(timeout=60)
+    assert out.startswith(b"<?xml")
+    assert pipe.is_fifo()
+
+
+@pytest.mark.parametrize("name", ["a[/b].svg", "out[red].svg", "ä ö.svg", 'it\'s "it".svg'])
+def test_any_file_name_is_written_and_shown_as_it_is(name, picture, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    out = tmp_path / name
+    out.parent.mkdir(exist_ok=True)
+    assert main([str(picture), "-o", name, *QUICK]) == 0
+    assert out.exists()
+    assert name in capsys.readouterr().err
+
+
+def test_broken_streams_are_one_line_and_status_two(picture):
+    with open("/dev/full", "wb") as full:
+        done = run(picture, "-o", "-", *QUICK, "--quiet", stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 2
+    assert done.stderr.count(b"\n") == 1
+    closed = run("-", "-o", "x.svg", preexec_fn=lambda: os.close(0))
+    assert closed.returncode == 2
+    assert b"standard input is closed" in closed.stderr
+
+
+def test_interrupt_is_one_line_and_leaves_nothing(picture, tmp_path, monkeypatch, capsys):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gauss2svg.pipeline.fit", interrupt)
+    assert main([str(picture), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 130
+    assert capsys.readouterr().err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [picture]
 
 
 def test_failing_rename_leaves_the_old_file(picture, tmp_path, monkeypatch, capsys):

@@ -10,7 +10,7 @@ from conftest import random_scene
 
 from gauss2svg import metrics
 from gauss2svg.errors import InputError
-from gauss2svg.fit import FitOptions, adam, fit
+from gauss2svg.fit import FitOptions, adam, fit, loop
 from gauss2svg.fit.adam import Limits, Rates, gradients
 from gauss2svg.fit.loop import LEAST_OPACITY, LEAST_SIGMA
 from gauss2svg.fit.losses import LOSSES, image_gradient, structural_similarity
@@ -18,8 +18,9 @@ from gauss2svg.fit.placement import PLACEMENTS, Target, place
 from gauss2svg.fit.schedule import SCHEDULES, plan_rounds, rate
 from gauss2svg.fit.state import State
 from gauss2svg.render import render
-from gauss2svg.render.cpu import squared_error
+from gauss2svg.render.cpu import removal_cost, squared_error
 from gauss2svg.render.reference import composite
+from gauss2svg.scene import Scene
 
 
 def quality_of(pixels, **options) -> float:
@@ -101,6 +102,68 @@ def test_no_gaussians_give_the_mean_colour():
     np.testing.assert_allclose(result.scene.background, pixels.mean(axis=(0, 1)), atol=0.5 / 255)
 
 
+def test_relocation_moves_the_least_missed_and_pays(photo, monkeypatch):
+    moved = []
+    real = loop.State.select
+
+    def spy(state, index):
+        if np.issubdtype(index.dtype, np.integer):
+            cost = removal_cost(state.splats(background), target)[1][:, 0]
+            gone = np.setdiff1d(np.arange(len(state)), index)
+            moved.append(cost[gone].max() <= cost[index].min())
+        return real(state, index)
+
+    target = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
+    background = np.round(photo.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
+    with monkeypatch.context() as patch:
+        patch.setattr(loop.State, "select", spy)
+        relocated = quality_of(photo, gaussians=400, iterations=120)
+    # the first moves are made on a reduced picture, which the spy does not see
+    assert sum(moved) >= len(moved) - 2 > 2
+    monkeypatch.setattr(loop, "_RELOCATION_SHARE", 0.0)
+    assert relocated > quality_of(photo, gaussians=400, iterations=120) + 0.2
+
+
+def test_steps_that_shrink_end_truer(photo, monkeypatch):
+    shrinking = quality_of(photo, gaussians=100, iterations=300)
+    monkeypatch.setattr(loop, "rate", lambda *_: 1.0)
+    assert shrinking > quality_of(photo, gaussians=100, iterations=300) + 0.03
+
+
+def test_background_is_a_colour_that_can_be_written(photo):
+    levels = fit(photo, FitOptions(5, 5)).scene.background * 255
+    np.testing.assert_allclose(levels, np.round(levels), atol=1e-9)
+
+
+def test_what_renderers_would_not_draw_is_dropped(photo):
+    run = loop._Run(photo, np.zeros(3), FitOptions(4))
+    run.state = state_of(
+        Scene(
+            128, 128, np.array([[60, 60], [60, 60], [-500, 60]]), np.full((3, 2), 5.0),
+            np.zeros(3), np.ones((3, 3)), np.array([0.5, LEAST_OPACITY / 2, 0.5]),
+        )
+    )  # fmt: skip
+    run.drop_undrawable()
+    assert len(run.state) == 1
+
+
+def test_early_rounds_run_on_a_reduced_picture():
+    rounds = plan_rounds("exponential", 5000, 300, 768, 512)
+    assert [r.reduction for r in rounds] == [8, 4, 4, 2, 2, 1]
+
+
+def test_new_gaussians_lie_along_the_edge():
+    planar = np.zeros((3, 40, 60), np.float32)
+    planar[:, :, 30:] = 1  # a vertical edge
+    target = Target(planar)
+    blank = np.full_like(planar, 0.5)
+    blank[:, :, 28:32] = 0.0
+    new = place("error", target, blank, 20, 20, np.random.default_rng(0))
+    near = np.abs(new.mean[:, 0] - 30) < 3
+    assert near.any()
+    assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
+
+
 def test_progress_tells_every_iteration_and_ends_with_none_left(photo):
     seen = []
     result = fit(photo, FitOptions(64, 30), seen.append)
@@ -115,6 +178,8 @@ def test_progress_tells_every_iteration_and_ends_with_none_left(photo):
     ("change", "message"),
     [
         ({"gaussians": -1}, "gaussians is -1"),
+        ({"gaussians": 2.5}, "gaussians is 2.5; needed is a whole number"),
+        ({"iterations": "9"}, "iterations is '9'"),
         ({"iterations": 0}, "iterations is 0"),
         ({"seed": -1}, "seed is -1"),
         ({"placement": "grid"}, "init is 'grid'"),
@@ -134,7 +199,7 @@ def test_rounds_grow_to_the_count_and_end_on_the_full_picture(schedule, count, i
     rounds = plan_rounds(schedule, count, iterations, 640, 480)
     assert rounds[0].first_iteration == 0
     assert rounds[-1].gaussians == count
-    assert rounds[-1].reduction == 1 or iterations == 1
+    assert rounds[-1].reduction == 1
     assert all(r.first_iteration < iterations for r in rounds)
     for a, b in itertools.pairwise(rounds):
         assert a.first_iteration <= b.first_iteration
@@ -255,6 +320,10 @@ def test_loss_gradient_is_that_of_finite_differences(loss):
     direction = rng.normal(size=rendered.shape).astype(np.float32)
     values = [image_gradient(loss, rendered + s * direction, target)[0] for s in (1e-3, -1e-3)]
     slope = (values[0] - values[1]) / 2e-3 * rendered.size
+    name = "l1" if loss.startswith("l1") else "mse"
+    pixel = {"l1": np.abs(rendered - target), "mse": (rendered - target) ** 2}[name].mean()
+    value = image_gradient(loss, rendered, target)[0]
+    assert value == pytest.approx(pixel, rel=1e-5) if loss == name else value > 0.8 * pixel
     # |r - t| has kinks, which a difference steps over
     assert np.sum(gradient * direction) == pytest.approx(slope, rel=0.06)
 

@@ -92,10 +92,40 @@ def test_cmyk_is_converted():
 
 
 def test_embedded_profile_is_converted_to_srgb():
-    lab = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    photo = load_image(encoded(Image.fromarray(BYTES), "PNG", icc_profile=lab))
-    np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=2 / 255)
+    profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
+    # Exchange the red and the blue primary in the table of tags: what a file in this
+    # space calls red is shown blue.
+    red, blue = profile.index(b"rXYZ"), profile.index(b"bXYZ")
+    profile[red : red + 4], profile[blue : blue + 4] = b"bXYZ", b"rXYZ"
+    photo = load_image(encoded(Image.fromarray(BYTES), "PNG", icc_profile=bytes(profile)))
+    np.testing.assert_allclose(photo.pixels, BYTES[:, :, ::-1] / 255, atol=3 / 255)
     assert any("sRGB" in note for note in photo.notes)
+
+
+def test_grey_picture_with_a_colour_profile_is_converted():
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    photo = load_image(encoded(Image.fromarray(BYTES[:, :, 0]), "PNG", icc_profile=profile))
+    assert any("sRGB" in note for note in photo.notes)
+    np.testing.assert_allclose(photo.pixels[:, :, 1], BYTES[:, :, 0] / 255, atol=2 / 255)
+
+
+def test_grey_levels_that_would_wrap_are_refused():
+    levels = Image.fromarray(np.array([[70000, 5]], np.int32))
+    with pytest.raises(InputError, match="70000"):
+        load_image(levels)
+
+
+def test_unusual_arrays_and_tensors_are_read():
+    big_endian = (BYTES.astype(np.uint16) * 257).astype(">u2")
+    np.testing.assert_allclose(load_image(big_endian).pixels, BYTES / 255, atol=1e-7)
+    tensor = torch.from_numpy(np.moveaxis(BYTES, -1, 0) / np.float32(255))
+    assert np.abs(load_image(tensor.bfloat16()).pixels - BYTES / 255).max() < 1 / 128
+    np.testing.assert_allclose(load_image(tensor.to_sparse()).pixels, BYTES / 255, atol=1e-7)
+
+
+def test_picture_opened_lazily_and_broken_is_refused():
+    with pytest.raises(InputError, match="broken"):
+        load_image(Image.open(io.BytesIO(encoded(Image.fromarray(BYTES), "PNG")[:60])))
 
 
 def test_unreadable_profile_is_noted_not_hidden():
@@ -115,6 +145,7 @@ def test_unreadable_profile_is_noted_not_hidden():
         (np.zeros((4, 4), np.int64), "type int64"),
         (np.full((4, 4), 1.5), "is 1.5 at row 0, column 0, channel 0"),
         (torch.full((3, 2, 2), float("nan")), "is nan at row 0"),
+        ("a\0b.png", "cannot read"),
         (42, "got int"),
     ],
 )

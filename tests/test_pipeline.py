@@ -1,3 +1,4 @@
+import gzip
 import io
 import json
 import math
@@ -6,6 +7,7 @@ import sys
 
 import numpy as np
 import pytest
+from numba import get_num_threads
 from PIL import Image
 
 from gauss2svg import metrics, vectorize
@@ -49,6 +51,45 @@ def test_report_measures_the_file_not_the_model(photo, result):
 def test_same_seed_gives_the_same_bytes_on_any_number_of_threads(photo, result):
     assert vectorize(photo, seed=0, threads=1, **QUICK).svg == result.svg
     assert vectorize(photo, seed=1, init="error", **QUICK).svg != result.svg
+
+
+def test_every_option_reaches_the_fit(photo, result):
+    for change in ({"loss": "l1"}, {"schedule": "linear"}, {"init": "random"}):
+        assert vectorize(photo, **QUICK, **change).svg != result.svg
+    assert vectorize(photo, threads=1, **QUICK).report["threads"] == 1
+
+
+def test_threads_are_used_inside_and_given_back(photo):
+    inside = []
+    before = get_num_threads()
+    vectorize(photo, threads=1, progress=lambda p: inside.append(get_num_threads()), **QUICK)
+    assert inside[1:] == [1] * (len(inside) - 1)
+    assert get_num_threads() == before
+
+
+def test_sizes_and_ssim_are_those_of_the_written_file(photo, result):
+    packed = gzip.compress(result.svg.encode(), 9, mtime=0)
+    assert result.report["svgz_bytes"] == len(packed) < result.report["svg_bytes"]
+    assert result.report["ssim_svg"] == metrics.ssim(result.raster, photo)
+
+
+def test_exact_fit_has_a_report_that_json_knows():
+    report = vectorize(np.zeros((8, 8, 3)), gaussians=0).report
+    assert report["psnr_svg"] is None
+    json.dumps(report, allow_nan=False)
+
+
+def test_warming_up_compiles_all_that_a_run_needs():
+    code = (
+        "import numpy as np; from gauss2svg import vectorize; "
+        "from gauss2svg.warmup import compile_kernels; compile_kernels(); "
+        "from gauss2svg.render.cpu import _walk_tiles; "
+        "from gauss2svg.render.tiles import find_pairs; "
+        "vectorize(np.random.default_rng(0).random((20, 20, 3)), gaussians=9, iterations=9); "
+        "print(len(find_pairs.signatures), len(_walk_tiles.signatures))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["1", "1"]
 
 
 def test_saved_file_is_the_text(result, tmp_path):

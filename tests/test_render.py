@@ -1,5 +1,7 @@
 """Laws of the two renderers, and that they are one."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numba
 import numpy as np
 import pytest
@@ -199,6 +201,22 @@ def test_translation_by_whole_tiles_translates_every_bit():
     moved = scene.replace(mean=scene.mean + [TILE_WIDTH, TILE_HEIGHT])
     one, other = render(scene), render(moved)
     assert (one[:-TILE_HEIGHT, :-TILE_WIDTH] == other[TILE_HEIGHT:, TILE_WIDTH:]).all()
+
+
+def test_second_derivatives_are_refused_not_wrong():
+    inputs = tensors_of(random_scene(3, 20, 16, 1))
+    loss = (fast_composite(*inputs, 16, 20) ** 2).sum()
+    first = torch.autograd.grad(loss, inputs[1], create_graph=True)[0]
+    with pytest.raises(RuntimeError, match="once_differentiable"):
+        first.sum().backward()
+
+
+def test_python_threads_may_render_at_once():
+    scenes = [random_scene(200, 90, 70, seed) for seed in range(4)]
+    expected = [render(scene) for scene in scenes]
+    with ThreadPoolExecutor(4) as pool:
+        for image, one in zip(pool.map(render, scenes * 3), expected * 3, strict=True):
+            assert (image == one).all()
 
 
 def test_empty_scene_is_its_background():

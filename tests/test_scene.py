@@ -39,6 +39,7 @@ def test_scene_does_not_share_the_arrays_it_was_given():
         ({"round_index": np.array([1, 0])}, "round_index decreases"),
         ({"width": 0}, "width is 0"),
         ({"height": np.nan}, "height is nan"),
+        ({"round_index": np.array([0.0, 1.7])}, "whole numbers"),
         ({"blend": "multiply"}, "blend is 'multiply'"),
         ({"falloff": "box"}, "falloff is 'box'"),
         ({"color": "red"}, "color cannot be read"),

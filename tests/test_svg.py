@@ -13,6 +13,7 @@ from gauss2svg.errors import InputError, SceneError
 from gauss2svg.falloff import RADIUS
 from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgOptions, write_svg
+from gauss2svg.svg import encode as encode_module
 from gauss2svg.svg.encode import number, short_id, visible_mass
 from gauss2svg.svg.palette import quantize
 
@@ -126,6 +127,25 @@ def test_what_renderers_cannot_draw_is_never_written(value):
         number(value, 1)
 
 
+@pytest.mark.parametrize(
+    "change", [{"mean": np.full((3, 2), 1e9)}, {"sigma": np.full((3, 2), 1e9)}, {"width": 1e-5}]
+)
+def test_what_lies_beyond_renderers_is_refused(change):
+    with pytest.raises(SceneError):
+        write_svg(random_scene(3).replace(**change))
+
+
+def test_palette_is_weighted_by_what_shows(monkeypatch):
+    scene = random_scene(300, seed=8)
+    weights = []
+    real = encode_module.quantize
+    monkeypatch.setattr(
+        encode_module, "quantize", lambda c, w, k: (weights.append(w), real(c, w, k))[1]
+    )
+    write_svg(scene, SvgOptions(palette=20))
+    np.testing.assert_array_equal(weights[0], visible_mass(scene))
+
+
 def test_ids_are_distinct_letters():
     ids = [short_id(k) for k in range(6000)]
     assert len(set(ids)) == 6000
@@ -139,6 +159,8 @@ def test_ids_are_distinct_letters():
         ({"palette": -1}, "palette is -1"),
         ({"stops": 3}, "stops is 3"),
         ({"decimals": 9}, "decimals is 9"),
+        ({"decimals": 1.5}, "decimals is 1.5"),
+        ({"title": "a\x0bb"}, "control characters"),
         ({"opacity_decimals": 0}, "opacity_decimals is 0"),
     ],
 )

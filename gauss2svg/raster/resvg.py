@@ -16,5 +16,8 @@ def draw(svg: str, width: int, height: int) -> bytes:
         return resvg_py.svg_to_bytes(
             svg_string=svg, width=width, height=height, skip_system_fonts=True
         )
-    except ValueError as error:
-        raise RendererError(f"resvg cannot draw the SVG: {error}") from error
+    except BaseException as error:
+        # A panic inside resvg arrives as pyo3's PanicException, which is no Exception.
+        if isinstance(error, ValueError) or type(error).__name__ == "PanicException":
+            raise RendererError(f"resvg cannot draw the SVG: {error}") from error
+        raise

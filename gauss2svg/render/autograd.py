@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch.autograd.function import once_differentiable
 
 from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar
 
@@ -24,7 +25,10 @@ class _FastRender(torch.autograd.Function):
         return torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, 0, -1)))
 
     @staticmethod
-    def backward(ctx: Any, *grad_outputs: torch.Tensor) -> tuple[Any, ...]:
+    @once_differentiable
+    def backward(  # pyright: ignore[reportIncompatibleMethodOverride] (the decorator's type)
+        ctx: Any, *grad_outputs: torch.Tensor
+    ) -> tuple[Any, ...]:
         mean, sigma, rho, color, opacity, background = ctx.saved_tensors
         seen = opacity.clamp(min=_LEAST_OPACITY).double()
         splats = _splats(mean, sigma, rho, color, seen, background)
@@ -91,7 +95,7 @@ def fast_composite(
     """The same as gauss2svg.render.reference.composite, by the numba kernels.
 
     CPU tensors of any floating dtype; the image is float32 (height, width, 3). Gradients
-    flow to every tensor.
+    flow to every tensor, once: a second derivative raises torch's error.
     """
     arguments = (mean, sigma, rho, color, opacity, background, height, width)
     image = _FastRender.apply(*arguments)

@@ -13,6 +13,7 @@ and its own pairs, and pairs are summed Gaussian by Gaussian: the number of
 threads changes no bit of any result.
 """
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,10 @@ from gauss2svg.render.kernels import (
 )
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, Pairs, find_pairs
 from gauss2svg.scene import Scene
+
+# numba's fallback threading layer aborts the process if two Python threads are in a
+# parallel kernel at once; whoever calls one holds this lock.
+kernel_lock = threading.RLock()
 
 _RENDER, _SQUARED_ERROR, _GIVEN_GRADIENT, _REMOVAL = range(4)
 
@@ -52,13 +57,14 @@ class Splats(NamedTuple):
 
 def splats_of(scene: Scene) -> Splats:
     """The kernels' view of a scene."""
+    # Copies: numba compiles everything once more for read-only arrays.
     return Splats(
-        scene.mean,
-        scene.sigma,
-        scene.rho,
+        scene.mean.copy(),
+        scene.sigma.copy(),
+        scene.rho.copy(),
         np.concatenate([scene.mean, scene.whitening], axis=1),
         np.concatenate([scene.opacity[:, None], scene.color], axis=1),
-        scene.background,
+        scene.background.copy(),
     )
 
 
@@ -145,6 +151,13 @@ def _visit(
         raise InputError(
             f"image is {image.dtype} {image.shape}; needed is float32 (3, height, width)"
         )
+    with kernel_lock:
+        return _visit_locked(mode, splats, np.require(image, requirements=["C", "W"]), pair_width)
+
+
+def _visit_locked(
+    mode: int, splats: Splats, image: NDArray[np.float32], pair_width: int
+) -> tuple[NDArray[np.float32], float, NDArray[np.float64], int]:
     _, height, width = image.shape
     pairs = Pairs(*find_pairs(splats.mean, splats.sigma, splats.rho, RADIUS, height, width))
     out = np.empty((3, height, width), np.float32)

@@ -129,7 +129,7 @@ def backpropagate_tile(
     """
     centre = load(column, 0)
     zero = splat(0.0)
-    tiny = splat(1e30)
+    huge = splat(1e30)
     for k in range(pairs.shape[0] - 1, -1, -1):
         p = pairs[k]
         i = gaussian[p]
@@ -163,7 +163,7 @@ def backpropagate_tile(
             wd = w * d
             so = so + wd
             # rim where alpha > 0, 0 where it is 0, without a branch
-            h = wd + least(rim, a * tiny) * (t * d)
+            h = wd + least(rim, a * huge) * (t * d)
             hz = h * z2
             h0 = h0 + h
             h2 = h2 + hz

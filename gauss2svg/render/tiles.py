@@ -13,7 +13,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 TILE_WIDTH = 16  # 16 float32 fill one 512-bit register, two of 256 bits
-TILE_HEIGHT = 16  # 32 and 64 measured no faster: see the table in cpu.py
+TILE_HEIGHT = 16
 
 
 class Pairs(NamedTuple):

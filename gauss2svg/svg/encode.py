@@ -9,12 +9,12 @@ the lower triangular one has c = 0 and is the shortest to write:
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, SceneError
 from gauss2svg.falloff import RADIUS, STOP_COUNTS, gradient_stops
 from gauss2svg.render.cpu import removal_cost, splats_of
@@ -22,6 +22,9 @@ from gauss2svg.scene import Scene
 from gauss2svg.svg.palette import quantize
 
 _DIGITS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
+_SMALLEST_CANVAS = 0.01
+# Renderers compute in float32, and resvg panics from about 1e9 on.
+LARGEST_NUMBER = 1e7
 # Colours are weighted by what shows of them, measured on a picture of this side.
 _WEIGHING_SIDE = 768
 
@@ -44,15 +47,14 @@ class SvgOptions:
     title: str = "Vectorised photo"
 
     def __post_init__(self) -> None:
-        if self.palette < 0:
-            raise InputError(f"palette is {self.palette}; needed is 0 (all colours) or more")
+        whole_number("palette", self.palette, 0, 2**24)
         if self.stops not in STOP_COUNTS:
             known = ", ".join(map(str, STOP_COUNTS))
             raise InputError(f"stops is {self.stops}; needed is one of {known}")
-        if not 0 <= self.decimals <= 6:
-            raise InputError(f"decimals is {self.decimals}; needed is 0..6")
-        if not 1 <= self.opacity_decimals <= 6:
-            raise InputError(f"opacity_decimals is {self.opacity_decimals}; needed is 1..6")
+        whole_number("decimals", self.decimals, 0, 6)
+        whole_number("opacity_decimals", self.opacity_decimals, 1, 6)
+        if any(not character.isprintable() for character in self.title):
+            raise InputError(f"title is {self.title!r}; needed is text without control characters")
 
 
 @dataclass(frozen=True)
@@ -87,10 +89,14 @@ class EncodedScene:
 def number(value: float, decimals: int) -> str:
     """Shortest text of a value rounded to some decimals: no zeros that say nothing.
 
-    Raises SceneError for NaN and infinity, which renderers draw wrongly or crash on.
+    Raises SceneError for NaN and infinity, which renderers draw wrongly or crash on, and
+    beyond LARGEST_NUMBER.
     """
-    if not math.isfinite(value):
-        raise SceneError(f"cannot write {value} into an SVG; needed are finite numbers")
+    if not abs(value) <= LARGEST_NUMBER:
+        raise SceneError(
+            f"cannot write {value} into an SVG; needed are finite numbers up to "
+            f"{LARGEST_NUMBER:g}: scale the scene, or drop what lies so far off"
+        )
     text = f"{value:.{decimals}f}"
     if "." in text:
         text = text.rstrip("0").rstrip(".")
@@ -108,6 +114,11 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
 
     Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out.
     """
+    if min(scene.width, scene.height) < _SMALLEST_CANVAS:
+        raise SceneError(
+            f"canvas is {scene.width:g}x{scene.height:g} px; an SVG needs at least "
+            f"{_SMALLEST_CANVAS} px a side: scale the scene up"
+        )
     palette, entry = _palette(scene, options)
     ids = [short_id(k) for k in range(len(palette))]
     offsets, values = gradient_stops(options.stops)

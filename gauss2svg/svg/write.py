@@ -20,10 +20,11 @@ from gauss2svg.version import __version__
 def write_svg(scene: Scene, options: SvgOptions | None = None) -> str:
     """The SVG text of a scene; depends on nothing but the scene and the options."""
     options = options or SvgOptions()
-    return _document(encode(scene, options), options, len(scene))
+    return _document(encode(scene, options), options)
 
 
-def _document(encoded: EncodedScene, options: SvgOptions, count: int) -> str:
+def _document(encoded: EncodedScene, options: SvgOptions) -> str:
+    count = sum(len(ellipses) for _, ellipses in encoded.layers)
     # debug=True, svgwrite's default, triples the time and still lets NaN through;
     # the numbers are checked by encode().
     drawing = svgwrite.Drawing(
