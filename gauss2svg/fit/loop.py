@@ -22,7 +22,8 @@ On all eight development photos, placement by error / selective: 32.45 / 32.60 a
 
     second-moment decay 0.95 / 0.995 instead of 0.99  30.47 / 25.56, 30.43 / 25.58
     relocation from 20 % instead of 32 %              30.44 / 25.58
-    both (0.95)                                       30.49 / 25.58   <- as it is
+    both (0.95)                                       30.49 / 25.58
+    and decay from 75 / 85 % instead of 60 %          30.50 / 25.60, 30.50 / 25.60 <- 75 %
     and first opacity logit 0 / 2 instead of 1        30.50 / 25.59, 30.50 / 25.60
     and relocation every 6 iterations                 30.48 / 25.57
 """

@@ -14,7 +14,7 @@ ROUNDS = 6  # 4 to 20 rounds end within 0.1 dB of each other
 # All Gaussians are there after this share of the iterations.
 GROWTH_SHARE = 0.3
 # Steps are full until here, then fall to a fiftieth by a cosine.
-DECAY_START = 0.6
+DECAY_START = 0.75
 _LAST_RATE = 0.02
 # A round runs on a picture reduced until fewer pixels than this are left for each of
 # its Gaussians: with 36, a fifth fewer pixel pairs and +0.02 dB on three Kodak photos.
