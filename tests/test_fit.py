@@ -340,3 +340,12 @@ def test_torch_ssim_is_that_of_scikit_image_inside(photo):
     planes = (torch.from_numpy(np.moveaxis(p, -1, 0).copy()) for p in (photo, other))
     value = structural_similarity(*planes).item()
     assert value == pytest.approx(full[5:-5, 5:-5].mean(), abs=2e-3)
+
+
+def test_weight_is_large_where_the_picture_is_flat():
+    planar = np.zeros((3, 60, 60), np.float32)
+    planar[:, :, 30:] = 1
+    weight = Target(planar, flat_weight=8.0).weight
+    assert weight[:, 0].min() == pytest.approx(9, rel=1e-3)
+    assert weight[:, 28:32].max() == pytest.approx(1, rel=1e-3)
+    assert (Target(planar).weight == 1).all()

@@ -14,7 +14,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.falloff import RADIUS, profile
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
-from gauss2svg.render.cpu import removal_cost, splats_of, squared_error
+from gauss2svg.render.cpu import moments_of_gradient, removal_cost, splats_of, squared_error
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs
 from gauss2svg.scene import Scene
@@ -259,3 +259,16 @@ def test_reference_renders_in_float32_too():
 def test_size_under_one_pixel_is_refused(draw):
     with pytest.raises(InputError, match="0x4"):
         draw(Scene(4, 4), 0, 4)
+
+
+def test_weight_scales_the_gradient_and_leaves_the_sum():
+    scene = random_scene(10, 45, 33, 8)
+    rng = np.random.default_rng(2)
+    target = rng.random((3, 33, 45)).astype(np.float32)
+    weight = rng.uniform(1, 5, (33, 45)).astype(np.float32)
+    splats = splats_of(scene)
+    image, plain, _, _ = squared_error(splats, target)
+    _, weighted, moments, _ = squared_error(splats, target, weight)
+    assert weighted == plain
+    expected = moments_of_gradient(splats, weight * (image - target))
+    np.testing.assert_allclose(moments, expected, atol=1e-4 * np.abs(expected).max())

@@ -20,6 +20,9 @@ FIRST_OPACITY_LOGIT = 1.0
 _SIGMA_SHARE = 0.3
 _LEAST_SIGMA = 0.8
 _ELONGATION = 0.5  # along an edge sigma is e^0.5 longer, across it as much shorter
+# Flat: gradients under 0.02 a px (5 levels of 255) within some 4 px.
+_FLAT_ENERGY = 0.02**2
+_FLAT_REACH = 4.0
 # selective: differences under this share of the largest are left out, the rest is
 # cut into this many bins of equal width (LIVE uses a similar quantisation).
 _REJECTED_SHARE = 0.2
@@ -40,14 +43,18 @@ class Target:
 
     From the structure tensor J, the smoothed products of the gradient: along is the
     direction of least change in rad, coherence in 0..1 how much there is only one.
+    weight (h, w) in 1..1 + flat_weight is large where the picture is flat: there a
+    streak of two levels shows, which the squared error alone hardly sees.
     """
 
-    def __init__(self, planar: NDArray[np.float32]) -> None:
+    def __init__(self, planar: NDArray[np.float32], flat_weight: float = 0.0) -> None:
         self.planar = planar
         self.height, self.width = planar.shape[1:]
         luma = gaussian_filter(planar.mean(axis=0), 1.0)
         gy = np.gradient(luma, axis=0) if self.height > 1 else np.zeros_like(luma)
         gx = np.gradient(luma, axis=1) if self.width > 1 else np.zeros_like(luma)
+        energy = gaussian_filter(gx * gx + gy * gy, _FLAT_REACH)
+        self.weight = (1 + flat_weight * np.exp(-energy / _FLAT_ENERGY)).astype(np.float32)
         jxx, jyy, jxy = (gaussian_filter(p, 2.0) for p in (gx * gx, gy * gy, gx * gy))
         self.along = 0.5 * np.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
         self.coherence = np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)

@@ -69,8 +69,11 @@ def splats_of(scene: Scene) -> Splats:
 
 
 @njit(parallel=True, cache=True)
-def _walk_tiles(mode, workers, shape, paint, background, image, pairs, pair_out, out, loss):
-    """Visit every tile in one of the four modes; see the functions below."""
+def _walk_tiles(mode, workers, shape, paint, background, image, weight, pairs, pair_out, out, loss):
+    """Visit every tile in one of the four modes; see the functions below.
+
+    weight (h, w) scales the gradient of the squared error, and is read for nothing else.
+    """
     _, gaussian, rows, start, order, most_rows = pairs
     height, width = out.shape[1:]
     columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
@@ -108,8 +111,10 @@ def _walk_tiles(mode, workers, shape, paint, background, image, pairs, pair_out,
                             out[channel, y0 + y, x0 + x] = value
                         if mode in (_SQUARED_ERROR, _REMOVAL):
                             e = value - image[channel, y0 + y, x0 + x]
-                            g[channel, y, x] = e
                             squares += e * e
+                            if mode == _SQUARED_ERROR:
+                                e *= weight[y0 + y, x0 + x]
+                            g[channel, y, x] = e
             loss[tile] = squares
             if mode in (_SQUARED_ERROR, _GIVEN_GRADIENT):
                 for y in range(TILE_HEIGHT):
@@ -145,18 +150,31 @@ def _sum_pairs(offset, pair_values):
 
 
 def _visit(
-    mode: int, splats: Splats, image: NDArray[np.float32], pair_width: int
+    mode: int,
+    splats: Splats,
+    image: NDArray[np.float32],
+    pair_width: int,
+    weight: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[np.float32], float, NDArray[np.float64], int]:
     if image.ndim != 3 or image.shape[0] != 3 or image.dtype != np.float32:
         raise InputError(
             f"image is {image.dtype} {image.shape}; needed is float32 (3, height, width)"
         )
+    _, height, width = image.shape
+    # One numba type for all callers: read-only arrays would be compiled for once more.
+    image = np.require(image, requirements=["C", "W"])
+    if weight is None:
+        weight = np.ones((1, 1) if mode != _SQUARED_ERROR else (height, width), np.float32)
     with kernel_lock:
-        return _visit_locked(mode, splats, np.require(image, requirements=["C", "W"]), pair_width)
+        return _visit_locked(mode, splats, image, weight, pair_width)
 
 
 def _visit_locked(
-    mode: int, splats: Splats, image: NDArray[np.float32], pair_width: int
+    mode: int,
+    splats: Splats,
+    image: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    pair_width: int,
 ) -> tuple[NDArray[np.float32], float, NDArray[np.float64], int]:
     _, height, width = image.shape
     pairs = Pairs(*find_pairs(splats.mean, splats.sigma, splats.rho, RADIUS, height, width))
@@ -165,7 +183,7 @@ def _visit_locked(
     loss = np.zeros(len(pairs.start) - 1)
     _walk_tiles(
         mode, get_num_threads(), splats.shape, splats.paint, splats.background,
-        np.ascontiguousarray(image), pairs, pair_out, out, loss,
+        image, weight, pairs, pair_out, out, loss,
     )  # fmt: skip
     row_count = int((pairs.rows[:, 1] - pairs.rows[:, 0]).sum())
     return out, float(loss.sum()), _sum_pairs(pairs.offset, pair_out), row_count
@@ -178,14 +196,15 @@ def render_planar(splats: Splats, height: int, width: int) -> NDArray[np.float32
 
 
 def squared_error(
-    splats: Splats, target: NDArray[np.float32]
+    splats: Splats, target: NDArray[np.float32], weight: NDArray[np.float32] | None = None
 ) -> tuple[NDArray[np.float32], float, NDArray[np.float64], int]:
-    """Image, sum of squared errors, its half gradient as moments (n, 9), and pair rows.
+    """Image, sum of squared errors, gradient as moments (n, 9), and pair rows.
 
-    target is (3, h, w) float32. The moments (gauss2svg.render.kernels) belong to
-    L = 1/2 sum (rendered - target)^2; forward and backward share one visit of a tile.
+    target is (3, h, w), weight (h, w) > 0 or None for 1; float32, C-contiguous. The sum is
+    not weighted. The moments (gauss2svg.render.kernels) belong to
+    L = 1/2 sum weight (rendered - target)^2; forward and backward share one visit of a tile.
     """
-    return _visit(_SQUARED_ERROR, splats, target, MOMENTS)
+    return _visit(_SQUARED_ERROR, splats, target, MOMENTS, weight)
 
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[np.float32]) -> NDArray[np.float64]:
