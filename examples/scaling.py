@@ -18,7 +18,7 @@ from gauss2svg.fit import FitOptions, fit
 from gauss2svg.image import load_image
 
 COUNTS = (1000, 2000, 5000, 10_000, 20_000, 50_000)
-ITERATIONS = 100
+ITERATIONS = 300
 RUNS = 3
 
 

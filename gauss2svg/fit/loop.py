@@ -220,6 +220,7 @@ class _Run:
         self.round_index = 0
         self.psnr = 0.0
         self.pixel_pairs = 0
+        self.reduction = 1
         self.target = self._reduced(1)
         self.rates = adam.Rates()
 
@@ -232,7 +233,8 @@ class _Run:
     def begin(self, index: int, plan: Round) -> None:
         """Change to the round's picture and add its Gaussians."""
         before = self.target
-        self.target = self._reduced(plan.reduction)
+        if plan.reduction != self.reduction:
+            self.target, self.reduction = self._reduced(plan.reduction), plan.reduction
         scale = self.target.width / before.width, self.target.height / before.height
         if scale != (1.0, 1.0):
             self.state = self.state.scaled(*scale)

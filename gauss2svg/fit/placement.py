@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,10 +40,8 @@ class New:
 
 
 class Target:
-    """A picture (3, h, w) to fit, with the direction of its edges.
+    """A picture (3, h, w) to fit, with its flat areas and the direction of its edges.
 
-    From the structure tensor J, the smoothed products of the gradient: along is the
-    direction of least change in rad, coherence in 0..1 how much there is only one.
     weight (h, w) in 1..1 + flat_weight is large where the picture is flat: there a
     streak of two levels shows, which the squared error alone hardly sees.
     """
@@ -53,11 +52,21 @@ class Target:
         luma = gaussian_filter(planar.mean(axis=0), 1.0)
         gy = np.gradient(luma, axis=0) if self.height > 1 else np.zeros_like(luma)
         gx = np.gradient(luma, axis=1) if self.width > 1 else np.zeros_like(luma)
+        self._slopes = gx, gy
         energy = gaussian_filter(gx * gx + gy * gy, _FLAT_REACH)
         self.weight = (1 + flat_weight * np.exp(-energy / _FLAT_ENERGY)).astype(np.float32)
+
+    @cached_property
+    def edges(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Direction of least change in rad, and coherence in 0..1: how much there is only one.
+
+        From the structure tensor J, the smoothed products of the gradient. Only computed
+        where it is asked for: selective placement seldom does.
+        """
+        gx, gy = self._slopes
         jxx, jyy, jxy = (gaussian_filter(p, 2.0) for p in (gx * gx, gy * gy, gx * gy))
-        self.along = 0.5 * np.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
-        self.coherence = np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
+        along = 0.5 * np.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
+        return along, np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
 
     def spacing(self, count: int) -> float:
         """Radius in px of the disc that is each Gaussian's share of the picture."""
@@ -102,9 +111,10 @@ def _by_error(
         pixel = rng.integers(chance.size, size=count)
     y, x = np.divmod(pixel, target.width)
     sigma = max(spacing * _SIGMA_SHARE, _LEAST_SIGMA)
-    stretch = np.exp(_ELONGATION * target.coherence[y, x])
+    along, coherence = target.edges
+    stretch = np.exp(_ELONGATION * coherence[y, x])
     color = target.planar[:, y, x].T.astype(np.float64)
-    factor = _oriented(sigma * stretch, sigma / stretch, target.along[y, x])
+    factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
     return New(np.stack([x + 0.5, y + 0.5], axis=1), factor, color)
 
 
