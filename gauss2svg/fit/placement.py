@@ -66,7 +66,8 @@ class Target:
         gx, gy = self._slopes
         jxx, jyy, jxy = (gaussian_filter(p, 2.0) for p in (gx * gx, gy * gy, gx * gy))
         along = 0.5 * np.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
-        return along, np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
+        coherence = np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
+        return along.astype(np.float32), coherence.astype(np.float32)
 
     def spacing(self, count: int) -> float:
         """Radius in px of the disc that is each Gaussian's share of the picture."""
