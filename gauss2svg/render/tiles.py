@@ -109,6 +109,7 @@ def find_pairs(mean, sigma, rho, radius, h, w):
                     rows[at, 0] = max(y0, row * TILE_HEIGHT)
                     rows[at, 1] = min(y1, (row + 1) * TILE_HEIGHT)
                     at += 1
+    # In eight shares, each counted and filled in parallel, this was no faster.
     start = np.zeros(tiles + 1, np.int64)
     height = np.zeros(tiles, np.int64)
     for p in range(total):
