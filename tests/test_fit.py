@@ -349,3 +349,18 @@ def test_weight_is_large_where_the_picture_is_flat():
     assert weight[:, 0].min() == pytest.approx(9, rel=1e-3)
     assert weight[:, 28:32].max() == pytest.approx(1, rel=1e-3)
     assert (Target(planar).weight == 1).all()
+
+
+def test_flat_areas_come_out_truer_with_their_weight(monkeypatch):
+    pixels = np.full((96, 96, 3), 0.8, np.float32)
+    rng = np.random.default_rng(0)
+    pixels[:, 40:] = rng.random((96, 56, 1)).astype(np.float32)
+    flat = (slice(None), slice(0, 24))
+
+    def flat_error() -> float:
+        image = render(fit(pixels, FitOptions(150, 100)).scene)
+        return metrics.mean_squared_error(image[flat], pixels[flat])
+
+    weighted = flat_error()
+    monkeypatch.setattr(loop, "FLAT_WEIGHT", 0.0)
+    assert weighted < 0.8 * flat_error()
