@@ -196,7 +196,7 @@ def main(arguments: list[str] | None = None) -> int:
             error.__cause__ or error.__context__, KeyboardInterrupt
         ):
             raise
-        print("gauss2svg: interrupted; nothing was written", file=sys.stderr)
+        print("gauss2svg: interrupted; every file is whole or untouched", file=sys.stderr)
         return STATUS_INTERRUPTED
     return 0
 

@@ -14,7 +14,7 @@ _done = False
 def compile_kernels() -> float:
     """Seconds spent until every kernel is ready; numba keeps them on disk for later runs.
 
-    About 15 s the first time ever, a tenth of a second from the disk cache, 0 after that.
+    About 10 s the first time ever, a tenth of a second from the disk cache, 0 after that.
     """
     global _done
     if _done:

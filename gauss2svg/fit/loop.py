@@ -62,7 +62,7 @@ from gauss2svg.render.cpu import (
 )
 from gauss2svg.scene import Scene
 
-# Thinner than this loses mass in every SVG renderer (0.3 px: 4 %, 0.2 px: 15 %).
+# Under 0.3 px every SVG renderer loses mass: at 0.2 px 85 % of it is drawn, at 0.1 px 35 %.
 LEAST_SIGMA = 0.35
 # Fainter than this vanishes or is drawn 10 to 60 % wrong on 8-bit canvases.
 LEAST_OPACITY = 0.02
@@ -70,7 +70,7 @@ LEAST_OPACITY = 0.02
 # The squared error of flat areas counts up to 1 + this times in the mse loss. At 500
 # Gaussians streaks over skies, walls and paper fade; see the ablation above for its price.
 FLAT_WEIGHT = 8.0
-# Some 3 GB of optimiser state; SVG renderers give up long before.
+# 228 bytes of optimiser state each: over 2 GB.
 MOST_GAUSSIANS = 10_000_000
 
 _RELOCATION_EVERY = 10

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-# Lloyd's iterations; on eight photos at 5000 Gaussians and 1024 colours the weighted
-# error falls by 1 % more from 12 to 50.
+# Lloyd's iterations. On two photos at 5000 Gaussians and 1024 colours the weighted error
+# halves in 4, falls by 1.5 % more in 12 and by under 0.01 % after that.
 _ITERATIONS = 12
 
 
