@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 import warnings
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,6 +15,7 @@ from cyclopts import App, CycloptsError, Parameter
 from gauss2svg.errors import Gauss2SvgError, InputError
 from gauss2svg.version import __version__
 
+_BEGUN = time.perf_counter()
 STATUS_BAD_INPUT = 2
 STATUS_INTERRUPTED = 130  # 128 + SIGINT, as shells count
 _STANDARD_STREAM = "-"
@@ -31,7 +33,10 @@ def vectorize_command(
     image: Annotated[str, Parameter(allow_leading_hyphen=True)],
     *,
     output: Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)],
-    gaussians: int | None = None,
+    gaussians: int | Literal["auto"] = "auto",
+    target_psnr: float | None = None,
+    max_bytes: str | None = None,
+    time_limit: float | None = None,
     quality: Literal["draft", "fast", "balanced", "high", "max"] = "balanced",
     iterations: int | None = None,
     init: Literal["selective", "error", "random"] = "selective",
@@ -39,6 +44,8 @@ def vectorize_command(
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse",
     max_size: int | None = None,
     palette: int | None = None,
+    stops: Literal[6, 8, 10, 12] | None = None,
+    decimals: int | None = None,
     seed: int = 0,
     threads: int | None = None,
     renderer: Literal["resvg", "cairo"] = "resvg",
@@ -56,21 +63,31 @@ def vectorize_command(
     output
         The SVG to write; - writes standard output.
     gaussians
-        How many; as many as the quality says if not given.
+        How many; auto: as many as the scene is worth at this quality.
+    target_psnr
+        Decibels that the drawn SVG shall have, with as few Gaussians as reach it.
+    max_bytes
+        Most bytes of the file: 150000, 150k, 1.5M.
+    time_limit
+        Seconds for everything; the fit takes the time that there is.
     quality
-        From the fastest to the most exact.
+        What a kilobyte must buy, from the fastest to the most exact.
     iterations
         Steps of the optimiser; as many as the quality says if not given.
     init
         Where new Gaussians go: on the largest components of the error, by squared error, at random.
     schedule
-        How their number grows from round to round.
+        How a given number is reached from round to round.
     loss
         What the fit makes small; those with ssim keep more texture and take longer.
     max_size
         Longest side in pixels of the picture that the fit runs on.
     palette
         Most colours in the file, 0 for all: fewer make it smaller.
+    stops
+        Stops of a gradient; as many as the quality says if not given.
+    decimals
+        Of coordinates; as many as the quality says if not given.
     seed
         The same seed gives the same file; selective placement hardly draws at random.
     threads
@@ -112,6 +129,9 @@ def vectorize_command(
         result = vectorize(
             source,
             gaussians=gaussians,
+            target_psnr=target_psnr,
+            max_bytes=max_bytes,
+            time_limit=_time_left(time_limit),
             quality=quality,
             iterations=iterations,
             init=init,
@@ -119,6 +139,8 @@ def vectorize_command(
             loss=loss,
             max_size=max_size,
             palette=palette,
+            stops=stops,
+            decimals=decimals,
             seed=seed,
             threads=threads,
             renderer=renderer,
@@ -137,8 +159,18 @@ def vectorize_command(
         write_atomically(
             report, (json.dumps(result.report, indent=2, allow_nan=False) + "\n").encode()
         )
-    if not quiet:
+    if quiet:
+        for line in result.report["unreached"]:  # bad news is told all the same
+            print(f"gauss2svg: {line}", file=sys.stderr)
+    else:
         print_summary(result.report, None if to_stdout else output)
+
+
+def _time_left(limit: float | None) -> float | None:
+    """Of a limit that counts from the start of the command; never 0, which is refused."""
+    if limit is None or limit <= 0:
+        return limit
+    return max(limit - (time.perf_counter() - _BEGUN), 1e-3)
 
 
 def _stream(stream: Any, name: str) -> Any:

@@ -21,18 +21,19 @@ from numpy.typing import NDArray
 
 from gauss2svg.atomic import write_atomically
 from gauss2svg.checks import whole_number
-from gauss2svg.fit import FitOptions, FitProgress, fit
+from gauss2svg.fit import FitProgress
 from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
 from gauss2svg.image import ImageSource, load_image, shrink
-from gauss2svg.quality import DEFAULT_QUALITY, quality_named
-from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
-from gauss2svg.roundtrip import round_trip
-from gauss2svg.scene import Scene
-from gauss2svg.svg import write_svg
+from gauss2svg.pursuit import Pursuit
+from gauss2svg.quality import DEFAULT_QUALITY
+from gauss2svg.raster import DEFAULT_RENDERER
+from gauss2svg.request import Request
+from gauss2svg.scene import BLENDS, Scene
+from gauss2svg.targets import Targets, size_in_bytes
 from gauss2svg.version import __version__
-from gauss2svg.warmup import compile_kernels
+from gauss2svg.warmup import COMPILED_S, compile_kernels
 
 ProgressCallback = Callable[["Progress"], None]
 
@@ -41,7 +42,8 @@ ProgressCallback = Callable[["Progress"], None]
 class Progress:
     """What `vectorize` is doing: phase, and the state of the fit while that is the phase.
 
-    phase  "read", "compile", "fit", "write" or "measure", in this order
+    phase  "read", "compile", "fit", "write", "measure"; with targets "correct" may follow,
+           and the last three again
     """
 
     phase: str
@@ -83,14 +85,20 @@ class Result:
 def vectorize(
     image: ImageSource,
     *,
-    gaussians: int | None = None,
+    gaussians: int | str | None = None,
+    target_psnr: float | None = None,
+    max_bytes: int | str | None = None,
+    time_limit: float | None = None,
     quality: str = DEFAULT_QUALITY,
     iterations: int | None = None,
     init: str = DEFAULT_PLACEMENT,
     schedule: str = DEFAULT_SCHEDULE,
     loss: str = DEFAULT_LOSS,
+    blend: str = BLENDS[0],
     max_size: int | None = None,
     palette: int | None = None,
+    stops: int | None = None,
+    decimals: int | None = None,
     seed: int = 0,
     threads: int | None = None,
     renderer: str = DEFAULT_RENDERER,
@@ -99,72 +107,90 @@ def vectorize(
     """Fit Gaussians to a photo, write them as an SVG, draw it and measure it.
 
     image       path, bytes, binary file, PIL image, numpy array or torch tensor
-    gaussians   how many, >= 0; None: as many as the quality says
+    gaussians   how many, >= 0; "auto" or None: as many as the scene is worth
+    target_psnr dB of the drawn SVG; as few Gaussians as reach it
+    max_bytes   of the file: 150000, "150k", "1.5M"
+    time_limit  seconds for all of it, > 0; the fit takes the time that there is
     quality     a preset of gauss2svg.quality: draft, fast, balanced, high, max
     iterations  optimiser steps, >= 1; max_size: longest side in px that the fit runs on,
-                >= 1; palette: most colours in the file, 0 for all; None: the quality's
+                >= 1; palette: most colours in the file, 0 for all; stops: of a gradient,
+                6, 8, 10 or 12; decimals: of coordinates, 0..6; None: the quality's
     init        placement selective, error or random
-    schedule    exponential, linear or all-at-once
-    loss        mse, l1, mse+ssim or l1+ssim
-    seed        >= 0; the same seed gives the same SVG, whatever the number of threads
+    schedule    of a given count: exponential, linear or all-at-once
+    loss        mse, l1, mse+ssim or l1+ssim; blend: over
+    seed        >= 0; the same seed gives the same SVG, whatever the number of threads,
+                except under a time limit
                 (selective placement hardly draws at random: seeds differ little there)
     threads     CPU threads, None: one a core; renderer: resvg or cairo, for the measuring
     progress    called with a Progress at every step; nothing is ever printed
 
+    With targets a given count is the most there may be. The first bound that binds ends
+    the run and is the report's stop_reason; what was not reached is in its `unreached`.
     The SVG has the photo's width and height also where the fit ran on a smaller picture.
     Raises InputError for bad input, RendererError for a renderer that is missing. Calls
     from several threads wait for each other; in a forked child of a process that has
     fitted already numba's OpenMP refuses to work: start children by spawn.
     """
     begun = time.perf_counter()
-    preset = quality_named(quality)
-    options = FitOptions(
-        gaussians=preset.gaussians if gaussians is None else gaussians,
-        iterations=preset.iterations if iterations is None else iterations,
-        placement=init,
-        schedule=schedule,
-        loss=loss,
-        seed=seed,
+    targets = Targets(
+        target_psnr, None if max_bytes is None else size_in_bytes(max_bytes), time_limit
     )
-    preset.svg_options(0, palette)  # a bad palette is told before the fit, not after
-    side = preset.max_size if max_size is None else max_size
-    whole_number("max_size", side, 1, 2**31 - 1)
-    renderer_version(renderer)  # a missing renderer is told before the fit, not after
+    request = Request(
+        gaussians, quality, iterations, init, schedule, loss, blend, max_size, palette,
+        stops, decimals, seed, renderer, targets,
+    )  # fmt: skip
     tell = progress or (lambda _: None)
 
     tell(Progress("read"))
     photo = load_image(image)
-    shrunk = min(1.0, side / max(photo.width, photo.height))
+    shrunk = min(1.0, request.side / max(photo.width, photo.height))
     width, height = (max(1, round(s * shrunk)) for s in (photo.width, photo.height))
     with _threads(threads) as thread_count:
         tell(Progress("compile"))
         compile_s = compile_kernels()
-        fitted = fit(
-            shrink(photo.pixels, height, width), options, lambda f: tell(Progress("fit", f))
-        )
-        tell(Progress("write"))
-        scene = fitted.scene.scaled(photo.width / width, photo.height / height)
-        scene = scene.replace(width=photo.width, height=photo.height)
-        svg_options = preset.svg_options(len(scene), palette)
-        svg = write_svg(scene, svg_options)
-        tell(Progress("measure"))
-        measured = round_trip(svg, scene, photo.pixels, renderer)
+        deadline = None
+        if time_limit is not None:
+            # A compilation, once in a machine's life, does not count.
+            deadline = begun + time_limit + (compile_s if compile_s > COMPILED_S else 0.0)
+        outcome = Pursuit(
+            photo.pixels,
+            shrink(photo.pixels, height, width),
+            request,
+            deadline,
+            lambda phase, fitting: tell(Progress(phase, fitting)),
+        ).run()
+    fitted, measured = outcome.fitted, outcome.measured
+    total_s = time.perf_counter() - begun
+    unreached = targets.unreached(measured.psnr_svg, measured.svg_bytes, fitted.stop_reason)
+    notes = list(photo.notes)
+    measured_height, measured_width = measured.raster.shape[:2]
+    if (measured_width, measured_height) != (photo.width, photo.height):
+        notes.append(f"measured at {measured_width}x{measured_height} px for want of time")
     report: dict[str, Any] = {
         "width": photo.width,
         "height": photo.height,
         "fit_width": width,
         "fit_height": height,
-        "gaussians": len(scene),
+        "gaussians": len(outcome.scene),
         "iterations": fitted.iterations,
         "rounds": fitted.rounds,
+        "corrections": outcome.corrections,
         "quality": quality,
+        "target_psnr": targets.psnr,
+        "max_bytes": targets.max_bytes,
+        "time_limit": targets.time_limit_s,
         "init": init,
         "schedule": schedule,
         "loss": loss,
-        "palette": svg_options.palette,
+        "blend": blend,
+        "palette": outcome.svg_options.palette,
+        "colors": outcome.svg.count("<radialGradient"),
+        "stops": outcome.svg_options.stops,
+        "decimals": outcome.svg_options.decimals,
         "seed": seed,
         "threads": thread_count,
         "stop_reason": fitted.stop_reason,
+        "unreached": unreached,
         "compile_s": compile_s,
         "fit_s": fitted.wall_s,
         "fit_cpu_s": fitted.cpu_s,
@@ -174,11 +200,11 @@ def vectorize(
             for field in dataclasses.fields(measured)
             if field.name != "raster"
         },
-        "notes": list(photo.notes),
+        "notes": notes,
         "versions": _versions(),
-        "total_s": time.perf_counter() - begun,
+        "total_s": total_s,
     }
-    return Result(svg, scene, report, measured.raster)
+    return Result(outcome.svg, outcome.scene, report, measured.raster)
 
 
 def decibels(value: float | None) -> str:

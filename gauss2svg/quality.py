@@ -1,4 +1,4 @@
-"""The quality presets: one word for how long to fit and how exactly to write."""
+"""The quality presets: what a file promises, and how long may be spent on it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 from gauss2svg.errors import InputError
-from gauss2svg.svg.encode import SvgOptions
 
 # A palette that fits the count: under this many colours even a small drawing bands.
 _FEWEST_COLORS = 64
@@ -14,35 +13,40 @@ _FEWEST_COLORS = 64
 
 @dataclass(frozen=True)
 class Quality:
-    """What a preset stands for.
+    """What a preset promises.
 
-    gaussians   how many, unless asked for otherwise
+    gain        dB that a kilobyte of the file must buy, or growth stops
+    enough      dB of PSNR at which growth stops
+    cap         most Gaussians
+    color_loss  dB that a palette may cost where the scene decides its size; 0: all colours
+    colors      palette entries for each Gaussian where their number is given; 0: all colours
     iterations  optimiser steps
     max_size    longest side in px of the picture that the fit runs on
-    colors      palette entries for each Gaussian; 0 keeps every colour
-    stops, decimals  of gradients and of coordinates
+    stops, decimals, opacity_decimals  of gradients, of coordinates, of fill-opacity
     """
 
-    gaussians: int
+    gain: float
+    enough: float
+    cap: int
+    color_loss: float
+    colors: float
     iterations: int
     max_size: int
-    colors: float
-    stops: int = 8
-    decimals: int = 1
+    stops: int
+    decimals: int
+    opacity_decimals: int
 
-    def svg_options(self, gaussians: int, palette: int | None = None) -> SvgOptions:
-        """How a scene of so many Gaussians is written; a given palette overrides."""
-        if palette is None and self.colors:
-            palette = max(_FEWEST_COLORS, math.ceil(gaussians * self.colors))
-        return SvgOptions(palette=palette or 0, stops=self.stops, decimals=self.decimals)
+    def palette_for(self, gaussians: int) -> int:
+        """Colours of a file with a given number of Gaussians; 0 for all."""
+        return max(_FEWEST_COLORS, math.ceil(gaussians * self.colors)) if self.colors else 0
 
 
 QUALITIES: dict[str, Quality] = {
-    "draft": Quality(500, 100, 384, colors=0.25),
-    "fast": Quality(2000, 150, 768, colors=0.25),
-    "balanced": Quality(5000, 300, 1024, colors=0.25),
-    "high": Quality(10000, 500, 1536, colors=0.25, stops=10, decimals=2),
-    "max": Quality(20000, 1000, 2048, colors=0, stops=12, decimals=2),
+    "draft": Quality(0.06, 28, 1000, 0.5, 0.25, 200, 384, 6, 1, 2),
+    "fast": Quality(0.02, 32, 3000, 0.4, 0.25, 200, 768, 6, 1, 2),
+    "balanced": Quality(0.006, 36, 8000, 0.3, 0.25, 300, 1024, 8, 1, 3),
+    "high": Quality(0.002, 40, 20000, 0.15, 0.25, 500, 1536, 10, 2, 3),
+    "max": Quality(0.0006, 44, 30000, 0.0, 0.0, 800, 2048, 12, 2, 3),
 }
 DEFAULT_QUALITY = "balanced"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,19 +52,26 @@ def round_trip(
     raster = rasterize(svg, width, height, renderer)
     # The exact composite lies in 0..1; float32 may pass the ends by a rounding.
     model = np.clip(render(scene, width, height), 0, 1)
-    measurable = min(width, height) >= _LEAST_SIDE_FOR_SSIM
     encoded = svg.encode()
     return RoundTrip(
         raster=raster,
         renderer=renderer_version(renderer),
         psnr_model=metrics.psnr(model, photo),
-        psnr_svg=metrics.psnr(raster, photo),
-        ssim_svg=metrics.ssim(raster, photo) if measurable else None,
-        largest_error_svg=metrics.largest_error(raster, photo),
-        bias_svg=metrics.bias(raster, photo),
+        **measure_pixels(raster, photo),
         psnr_roundtrip=metrics.psnr(raster, model),
         largest_error_roundtrip=metrics.largest_error(raster, model),
         bias_roundtrip=metrics.bias(raster, model),
         svg_bytes=len(encoded),
         svgz_bytes=len(gzip.compress(encoded, compresslevel=9, mtime=0)),
     )
+
+
+def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:
+    """Those of RoundTrip's numbers that take nothing but a raster and the photo."""
+    measurable = min(photo.shape[:2]) >= _LEAST_SIDE_FOR_SSIM
+    return {
+        "psnr_svg": metrics.psnr(raster, photo),
+        "ssim_svg": metrics.ssim(raster, photo) if measurable else None,
+        "largest_error_svg": metrics.largest_error(raster, photo),
+        "bias_svg": metrics.bias(raster, photo),
+    }

@@ -23,6 +23,18 @@ _PHASES = {
 }
 
 
+_ENDED_BY = {
+    "iterations": "the iterations asked for",
+    "gaussians": "the count asked for",
+    "gain": "the gain: more would buy too little",
+    "enough": "the quality: this is enough",
+    "cap": "the most that the quality allows",
+    "target_psnr": "the target PSNR",
+    "max_bytes": "the limit of bytes",
+    "time_limit": "the time limit",
+}
+
+
 @contextmanager
 def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
     """A callback for `vectorize` that keeps a progress bar; None if quiet or no terminal."""
@@ -46,9 +58,9 @@ def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
                 return
             bar.update(
                 task,
-                description=f"round {now.round}/{now.rounds}",
-                completed=now.iteration,
-                total=now.iterations,
+                description="correcting" if progress.phase == "correct" else f"round {now.round}",
+                completed=now.done,
+                total=1.0,
                 state=(
                     f"{now.gaussians} Gaussians, {now.psnr:.2f} dB, {now.remaining_s:.0f} s left"
                 ),
@@ -66,7 +78,7 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
     rows = {
         "SVG": f"{output or 'standard output'}, {report['width']}x{report['height']} px",
         "Gaussians": f"{report['gaussians']} in {report['rounds']} rounds, "
-        f"{report['iterations']} iterations",
+        f"{report['iterations']} iterations; ended by {_ENDED_BY[report['stop_reason']]}",
         "bytes": f"{report['svg_bytes']:,} raw, {report['svgz_bytes']:,} gzipped",
         "seconds": f"{report['fit_s']:.1f} to fit, {report['total_s']:.1f} in all"
         + (f", {report['compile_s']:.0f} to compile once" if report["compile_s"] > 2 else ""),
@@ -78,6 +90,8 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
     }
     for name, text in rows.items():
         table.add_row(name, Text(text))  # as it is: a file name may look like markup
+    for line in report["unreached"]:
+        table.add_row("not reached", Text(line))
     for note in report["notes"]:
         table.add_row("note", Text(note))
     console.print(table)

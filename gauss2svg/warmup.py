@@ -9,6 +9,8 @@ from gauss2svg.fit.state import State
 from gauss2svg.render.cpu import removal_cost, squared_error
 
 _done = False
+# Kernels from the disk cache take a fraction of a second; longer means that they were compiled.
+COMPILED_S = 2.0
 
 
 def compile_kernels() -> float:

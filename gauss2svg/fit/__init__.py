@@ -1,5 +1,6 @@
-"""Fitting Gaussians to a picture."""
+"""From pixels to a scene."""
 
-from gauss2svg.fit.loop import FitOptions, FitProgress, FitResult, fit
+from gauss2svg.fit.loop import fit
+from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
 
 __all__ = ["FitOptions", "FitProgress", "FitResult", "fit"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from gauss2svg.errors import InputError
 
@@ -23,58 +22,38 @@ _LARGEST_REDUCTION = 8
 _SMALLEST_SIDE = 32
 
 
-@dataclass(frozen=True)
-class Round:
-    """From `first_iteration` on there are `gaussians` of them, on a 1 / `reduction` picture."""
-
-    first_iteration: int
-    gaussians: int
-    reduction: int
-
-
-def plan_rounds(
-    schedule: str, gaussians: int, iterations: int, width: int, height: int
-) -> list[Round]:
-    """Rounds of a fit of `gaussians` (>= 1) in `iterations` (>= 1) on width x height px.
+def totals(schedule: str, gaussians: int, iterations: int | None) -> list[int]:
+    """Ascending totals of the rounds of a fit of `gaussians` (>= 0).
 
     exponential: totals double from round to round; linear: equal parts; all-at-once: one.
-    A last entry, without new Gaussians, returns to the full picture where growth ended
-    on a reduced one. Raises InputError for an unknown schedule.
+    Fewer iterations than ROUNDS make fewer rounds. Raises InputError for an unknown schedule.
     """
     if schedule not in SCHEDULES:
         raise InputError(f"schedule is {schedule!r}; needed is one of {', '.join(SCHEDULES)}")
-    count = min(ROUNDS, iterations)
+    count = ROUNDS if iterations is None else min(ROUNDS, iterations)
     if schedule == "exponential":
-        totals = [math.ceil(gaussians * 0.5 ** (count - 1 - r)) for r in range(count)]
+        counts = [math.ceil(gaussians * 0.5 ** (count - 1 - r)) for r in range(count)]
     elif schedule == "linear":
-        totals = [math.ceil(gaussians * (r + 1) / count) for r in range(count)]
+        counts = [math.ceil(gaussians * (r + 1) / count) for r in range(count)]
     else:
-        totals = [gaussians]
-    growth = int(iterations * GROWTH_SHARE)
-    rounds: list[Round] = []
-    for r, total in enumerate(totals):
-        if not rounds or total > rounds[-1].gaussians:
-            first = growth * r // len(totals)
-            rounds.append(Round(first, total, _reduction(total, width, height)))
-    if rounds[-1].reduction > 1:
-        rounds.append(Round(max(growth, rounds[-1].first_iteration), gaussians, 1))
-    return rounds
+        counts = [gaussians]
+    return sorted(set(counts) - {0})
 
 
-def _reduction(gaussians: int, width: int, height: int) -> int:
-    reduction = 1
+def reduction(gaussians: int, width: int, height: int) -> int:
+    """A round of so many Gaussians runs on a picture of 1 / this the width and height."""
+    factor = 1
     while (
-        reduction < _LARGEST_REDUCTION
-        and width * height / (4 * reduction**2 * gaussians) >= _PIXELS_PER_GAUSSIAN
-        and min(width, height) / (2 * reduction) >= _SMALLEST_SIDE
+        factor < _LARGEST_REDUCTION
+        and width * height / (4 * factor**2 * gaussians) >= _PIXELS_PER_GAUSSIAN
+        and min(width, height) / (2 * factor) >= _SMALLEST_SIDE
     ):
-        reduction *= 2
-    return reduction
+        factor *= 2
+    return factor
 
 
-def rate(iteration: int, iterations: int) -> float:
-    """Share of the full step size, in 0.02..1."""
-    done = iteration / iterations
+def rate(done: float) -> float:
+    """Share of the full step size, in 0.02..1, when `done` in 0..1 of the fit is over."""
     if done < DECAY_START:
         return 1.0
     fall = 0.5 * (1 + math.cos(math.pi * (done - DECAY_START) / (1 - DECAY_START)))

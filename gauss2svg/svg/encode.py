@@ -34,6 +34,8 @@ class SvgOptions:
     """How a scene is written.
 
     palette           most distinct colours, one gradient each; 0 writes every colour
+    color_error       squared error, mean over pixels and channels, that using fewer colours
+                      may add; 0: as many as the palette has
     stops             gradient stops, one of STOP_COUNTS
     decimals          of coordinates, 0..6; 1 costs 64 dB, 2 costs 84 dB
     opacity_decimals  of fill-opacity, 1..6; 2 costs 60 dB, 3 costs 80 dB
@@ -41,6 +43,7 @@ class SvgOptions:
     """
 
     palette: int = 1250
+    color_error: float = 0.0
     stops: int = 8
     decimals: int = 1
     opacity_decimals: int = 3
@@ -51,6 +54,8 @@ class SvgOptions:
         if self.stops not in STOP_COUNTS:
             known = ", ".join(map(str, STOP_COUNTS))
             raise InputError(f"stops is {self.stops}; needed is one of {known}")
+        if not 0 <= self.color_error < np.inf:
+            raise InputError(f"color_error is {self.color_error}; needed is a number from 0 on")
         whole_number("decimals", self.decimals, 0, 6)
         whole_number("opacity_decimals", self.opacity_decimals, 1, 6)
         if any(not character.isprintable() for character in self.title):
@@ -162,19 +167,21 @@ def _ellipse(
 
 def _palette(scene: Scene, options: SvgOptions) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
     count = options.palette if options.palette else max(1, len(scene))
-    return quantize(scene.color, visible_mass(scene), count)
+    mass, pixels = visible_mass(scene)
+    return quantize(scene.color, mass, count, options.color_error * 3 * pixels)
 
 
-def visible_mass(scene: Scene) -> NDArray[np.float64]:
+def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:
     """(n,) sum over the canvas of (alpha transmittance)^2, in px: what shows of a Gaussian.
 
-    A change d of its colour changes the summed squared error by visible_mass d^2.
+    Also the pixels of the canvas that it was measured on, reduced where that is large.
+    A change d of a colour changes the summed squared error by visible_mass d^2.
     """
     shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
     splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
     blank = np.zeros((3, height, width), np.float32)
-    return np.maximum(removal_cost(splats, blank)[1][:, 1], 0.0)
+    return np.maximum(removal_cost(splats, blank)[1][:, 1], 0.0), width * height
 
 
 def short_id(index: int) -> str:

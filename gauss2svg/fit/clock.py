@@ -1,0 +1,76 @@
+"""How much of a fit is over: by iterations or by the wall clock, whichever is further."""
+
+from __future__ import annotations
+
+import time
+
+from gauss2svg.fit.schedule import GROWTH_SHARE
+
+# A round of growth takes no more steps than this, however much time there is: what is
+# left is better spent where all Gaussians are there.
+_MOST_STEPS_A_ROUND = 30
+
+
+class Clock:
+    """Two stages: growth, in at most `rounds` rounds, is 0..GROWTH_SHARE; refinement the rest.
+
+    iterations  of both stages, or None for as many as the time allows
+    deadline    as time.perf_counter() counts, in s, or None; may be moved
+    """
+
+    def __init__(self, iterations: int | None, rounds: int, deadline: float | None) -> None:
+        self.iterations = iterations
+        self.deadline = deadline
+        self.iteration = 0
+        self._rounds = max(rounds, 1)
+        self._begun = self._stage_begun = time.perf_counter()
+        self._stage_first = 0
+        self._stage_steps: int | None = None
+        self._from = 0.0
+        self.out_of_time = False
+
+    @property
+    def elapsed_s(self) -> float:
+        """Wall-clock seconds since the beginning."""
+        return time.perf_counter() - self._begun
+
+    def round_is_over(self, index: int) -> bool:
+        """Whether round `index` (0, 1, ...) of growth has had its steps or its time."""
+        share = (index + 1) / self._rounds
+        steps = _MOST_STEPS_A_ROUND * (index + 1)
+        if self.iterations is not None:
+            steps = min(steps, int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds)
+        return self.iteration >= steps or self._time_share() >= GROWTH_SHARE * share
+
+    @property
+    def growth_is_late(self) -> bool:
+        """Whether growth has had all its time."""
+        return self._time_share() >= GROWTH_SHARE
+
+    def growing(self, index: int) -> float:
+        """Share done, in 0..GROWTH_SHARE, at the end of round `index`."""
+        return GROWTH_SHARE * min((index + 1) / self._rounds, 1.0)
+
+    def refine(self, steps: int | None, done: float) -> None:
+        """From here on `steps` iterations, or the time left, take `done` to 1."""
+        self._stage_first, self._stage_steps = self.iteration, steps
+        self._stage_begun, self._from = time.perf_counter(), done
+
+    def refining(self) -> float:
+        """Share done, in `done`..1; 1 ends the fit."""
+        by_steps = 0.0
+        if self._stage_steps is not None:
+            by_steps = (self.iteration - self._stage_first) / max(self._stage_steps, 1)
+        by_time = 0.0
+        if self.deadline is not None:
+            now = time.perf_counter()
+            left = self.deadline - self._stage_begun
+            by_time = (now - self._stage_begun) / left if left > 0 else 1.0
+        self.out_of_time = by_time > by_steps
+        return self._from + (1 - self._from) * min(max(by_steps, by_time), 1.0)
+
+    def _time_share(self) -> float:
+        if self.deadline is None:
+            return 0.0
+        whole = self.deadline - self._begun
+        return self.elapsed_s / whole if whole > 0 else 1.0

@@ -1,0 +1,225 @@
+"""Rules that say how many Gaussians a fit has: a count asked for, or what the scene asks for.
+
+A fit asks its rule at the end of every round how many the next one shall have, and a
+few times later, while all are refined, whether the count should change.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+from gauss2svg.fit.schedule import totals
+from gauss2svg.scene import Scene
+
+# What ended a fit. iterations: the steps asked for are done; gaussians: none were asked
+# for; gain: another round would buy less than the quality's gain; enough: the quality's
+# PSNR is reached; cap: the most Gaussians allowed; the others: the targets of that name.
+STOP_REASONS = (
+    "iterations", "gaussians", "gain", "enough", "cap", "target_psnr", "max_bytes", "time_limit",
+)  # fmt: skip
+
+FIRST_ROUND = 8
+# A round has too few steps to settle: it gains this share of what the same Gaussians
+# buy in the end (0.72 on seven pictures, from 1000 to 8000 Gaussians).
+_UNSETTLED_GAIN = 0.72
+# dB that settling still brings, for each dB above 16.5: at the end of a round of growth,
+# and at some points of the refinement. Means over the same pictures.
+_SETTLES_FROM = 16.5
+_SETTLES_AFTER_ROUND = 0.28
+_SETTLES_AFTER = {0.45: 0.055, 0.55: 0.034, 0.65: 0.029}
+ADJUST_AT = tuple(_SETTLES_AFTER)
+_MOST_CHANGE = 0.3  # of the count, at one of these points
+_CLOSE_ENOUGH = 0.02  # a wanted count nearer to the present one than this changes nothing
+_WORTH_A_ROUND = 1.1  # times the present count: a smaller round is not begun
+_A_WHOLE_ROUND = 0.6  # doublings
+_LEAP = 4  # times the present count, at least
+_SLOPES = 0.5, 8.0  # dB a doubling, the flattest and steepest that are believed
+
+
+@dataclass
+class Snapshot:
+    """A fit as its rule sees it: Gaussians, share done in 0..1, how to measure and see it.
+
+    scene() gives the Gaussians on the working canvas.
+    """
+
+    count: int
+    done: float
+    measure: Callable[[], float]
+    scene: Callable[[], Scene]
+
+    @cached_property
+    def psnr(self) -> float:
+        """PSNR of the model on the working picture in dB, measured when first asked for."""
+        return self.measure()
+
+
+class Rule(Protocol):
+    """How many Gaussians; stop_reason says what ended the growth, once it has ended."""
+
+    rounds: int
+    stop_reason: str
+
+    def grow(self, now: Snapshot) -> int:
+        """Total of the next round; the present count ends the growth."""
+        ...
+
+    def adjust(self, now: Snapshot) -> int:
+        """Total from now on, while all are refined; asked at each of ADJUST_AT."""
+        ...
+
+    def least_gain(self) -> float:
+        """What a Gaussian must be worth, in dB, not to be removed before the last steps."""
+        ...
+
+
+class FixedCount:
+    """A count asked for, reached by a schedule of gauss2svg.fit.schedule."""
+
+    def __init__(self, schedule: str, gaussians: int, iterations: int | None) -> None:
+        self._totals = totals(schedule, gaussians, iterations)
+        self.rounds = len(self._totals)
+        self.stop_reason = "iterations" if gaussians else "gaussians"
+
+    def grow(self, now: Snapshot) -> int:
+        """The smallest total of the schedule above the present count."""
+        return next((total for total in self._totals if total > now.count), now.count)
+
+    def adjust(self, now: Snapshot) -> int:
+        """As many as there are."""
+        return now.count
+
+    def least_gain(self) -> float:
+        """Minus infinity: all are kept."""
+        return -math.inf
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What growth is for.
+
+    gain        dB that a kilobyte must buy; 0 for no such bound
+    kilobytes   of the file, a Gaussian
+    psnr        dB of the model that are enough; infinity for no such bound
+    cap         most Gaussians
+    psnr_named, cap_named  the bounds' names among STOP_REASONS
+    """
+
+    gain: float
+    kilobytes: float
+    psnr: float
+    cap: int
+    psnr_named: str = "enough"
+    cap_named: str = "cap"
+
+
+def as_demanded(demand: Demand, now: Snapshot) -> Demand:
+    """The demand, unchanged."""
+    return demand
+
+
+class SceneDecides:
+    """Rounds that double, until the demand is met or another round would not pay.
+
+    If a doubling buys s dB, a kilobyte buys s / (n ln 2 kilobytes) dB at n Gaussians:
+    growth aims at the n where that falls to the gain. It goes on nevertheless while the
+    error, falling in proportion as it did in the last round, would be gone before the
+    cap: a checkerboard's first squares buy next to nothing, its last ones everything. For
+    the same reason growth that does not pay while Gaussians are few leaps once to a fourth
+    of the cap, and comes back if that did not pay either.
+
+    revise(demand, now) may put another demand in place at every question.
+    """
+
+    def __init__(
+        self, demand: Demand, revise: Callable[[Demand, Snapshot], Demand] = as_demanded
+    ) -> None:
+        self.demand = demand
+        # One for the leap.
+        self.rounds = max(1, math.ceil(math.log2(max(demand.cap, 1) / FIRST_ROUND)) + 2)
+        self.stop_reason = "cap"
+        self.slope = 3.0  # dB a doubling
+        self._revise = revise
+        self._last: Snapshot | None = None
+        self._before_leap: Snapshot | None = None
+        self._paying = math.inf
+
+    def grow(self, now: Snapshot) -> int:
+        """Twice as many, or as many as are still needed."""
+        self.demand = self._revise(self.demand, now)
+        last, self._last = self._last, now
+        settled = now.psnr
+        if last is not None:
+            settled += _SETTLES_AFTER_ROUND * max(now.psnr - _SETTLES_FROM, 0.0)
+            self._learn(now, last)
+        wanted = self._wanted(now.count, settled)
+        if self.stop_reason == "gain" and wanted < _WORTH_A_ROUND * now.count:
+            if self._before_leap is not None:
+                if last is not None and last is self._before_leap:
+                    self._paying = last.count
+                    return last.count
+                return now.count
+            leap = self.demand.cap // 4
+            if leap > _LEAP * now.count:
+                self._before_leap = now
+                return leap
+        if wanted < _WORTH_A_ROUND * now.count or not wanted:
+            return now.count
+        return min(math.ceil(wanted), max(2 * now.count, FIRST_ROUND))
+
+    def _learn(self, now: Snapshot, last: Snapshot) -> None:
+        """What the last round says of rounds to come."""
+        bought = max(now.psnr - last.psnr, 0.0)
+        doublings = math.log2(now.count / last.count) if last.count else 1.0
+        rise = bought / _UNSETTLED_GAIN / doublings
+        if last is self._before_leap:  # far from settled
+            bought /= _UNSETTLED_GAIN
+        self._paying = max(self._worth(rise), self._all_gone(now, last, bought))
+        if doublings > _A_WHOLE_ROUND:  # a smaller one settles more than it adds
+            self.slope = min(max(rise, _SLOPES[0]), _SLOPES[1])
+
+    def adjust(self, now: Snapshot) -> int:
+        """More or fewer where the PSNR it will settle at, or the file, is off the demand."""
+        self.demand = self._revise(self.demand, now)
+        rate = min(_SETTLES_AFTER.items(), key=lambda item: abs(item[0] - now.done))[1]
+        settled = now.psnr + rate * max(now.psnr - _SETTLES_FROM, 0.0)
+        wanted = self._wanted(now.count, settled)
+        if abs(wanted - now.count) <= _CLOSE_ENOUGH * now.count:
+            return now.count
+        bounds = (1 - _MOST_CHANGE) * now.count, (1 + _MOST_CHANGE) * now.count
+        return min(math.ceil(min(max(wanted, bounds[0]), bounds[1])), self.demand.cap)
+
+    def least_gain(self) -> float:
+        """What its bytes are worth."""
+        return self.demand.gain * self.demand.kilobytes
+
+    def _wanted(self, count: int, settled: float) -> float:
+        """The least of the counts that the bounds allow; says which bound that is."""
+        if settled >= self.demand.psnr and not count:
+            self.stop_reason = self.demand.psnr_named
+            return 0
+        missing = self.demand.psnr - settled
+        needed = count * 2 ** min(missing / self.slope, 60.0) if count else math.inf
+        bounds = (
+            (needed, self.demand.psnr_named),
+            (float(self.demand.cap), self.demand.cap_named),
+            (self._paying, "gain"),
+        )
+        wanted, self.stop_reason = min(bounds)
+        return wanted
+
+    def _worth(self, rise: float) -> float:
+        """Count at which a kilobyte buys no more than the gain, at `rise` dB a doubling."""
+        price = self.demand.gain * self.demand.kilobytes * math.log(2)
+        return rise / price if price else math.inf
+
+    def _all_gone(self, now: Snapshot, last: Snapshot, bought: float) -> float:
+        """Count at which no error would be left, 0 if that is over the cap."""
+        share = 1 - 10 ** (-bought / 10)
+        added = now.count - last.count
+        gone = last.count + added / share if share > 0 else math.inf
+        return gone if gone <= self.demand.cap else 0.0

@@ -1,0 +1,267 @@
+"""A fit under way: rounds of growth, refinement, and changes of the count afterwards."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.fit import adam
+from gauss2svg.fit.clock import Clock
+from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
+from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
+from gauss2svg.fit.placement import FIRST_OPACITY_LOGIT, Target, place
+from gauss2svg.fit.rules import ADJUST_AT, Rule, Snapshot
+from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, rate, reduction
+from gauss2svg.fit.state import State
+from gauss2svg.image import shrink
+from gauss2svg.render.cpu import (
+    moments_of_gradient,
+    removal_cost,
+    render_planar,
+    squared_error,
+)
+from gauss2svg.scene import Scene
+
+# Under 0.3 px every SVG renderer loses mass: at 0.2 px 85 % of it is drawn, at 0.1 px 35 %.
+LEAST_SIGMA = 0.35
+# Fainter than this vanishes or is drawn 10 to 60 % wrong on 8-bit canvases.
+LEAST_OPACITY = 0.02
+
+# The squared error of flat areas counts up to 1 + this times in the mse loss. At 500
+# Gaussians streaks over skies, walls and paper fade; see the ablation in loop.py for its price.
+FLAT_WEIGHT = 8.0
+
+_RELOCATION_EVERY = 10
+_RELOCATION_SHARE = 0.08
+_RELOCATION_FROM, _RELOCATION_TO = 0.2, 0.75
+# Where a fit is taken up again after its count has changed: some relocation, then decay.
+_RESUME_AT = 0.6
+_STEPS_AVERAGED = 5  # of the PSNR that a rule is told while all are refined
+
+
+class Run:
+    """The Gaussians of one fit, in pixels of the present, perhaps reduced, picture.
+
+    pixels    (h, w, 3) float32 in 0..1
+    rule      how many Gaussians; deadline in s of time.perf_counter, or None
+    progress  called once an iteration, from this thread
+    """
+
+    def __init__(
+        self,
+        pixels: NDArray[np.float32],
+        options: FitOptions,
+        rule: Rule,
+        deadline: float | None = None,
+        progress: Callable[[FitProgress], None] | None = None,
+    ) -> None:
+        self.pixels = pixels
+        self.options = options
+        self.rule = rule
+        self.clock = Clock(options.iterations, rule.rounds, deadline)
+        self.state = State.empty()
+        # On 8 bits already, as it will be written: the fit makes up for the rounding.
+        self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
+        self.pixel_pairs = 0
+        self._progress = progress or (lambda _: None)
+        self._rng = np.random.default_rng(options.seed)
+        self._round_index = 0
+        self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
+        self._reduction = 1
+        self._target = self._reduced(1)
+        self._rates = adam.Rates()
+        self._cpu = time.process_time()
+
+    @property
+    def rounds(self) -> int:
+        """Rounds that added Gaussians."""
+        return self._round_index + 1 if len(self.state) else 0
+
+    def fit(self) -> None:
+        """Grow and refine until the rule and the clock are content."""
+        if self._grow():
+            total = self.options.iterations
+            steps = None if total is None else total - int(total * GROWTH_SHARE)
+            self._refine(steps, GROWTH_SHARE)
+
+    def resize(self, count: int, iterations: int) -> None:
+        """Change the number of Gaussians of a finished fit, and refine them again."""
+        self._change_count(count)
+        self._refine(iterations, _RESUME_AT, adjusting=False)
+
+    def scene(self) -> Scene:
+        """The Gaussians so far, on the whole working canvas."""
+        scene = self.state.scene(self.background, self._target.width, self._target.height)
+        height, width = self.pixels.shape[:2]
+        if (width, height) == (self._target.width, self._target.height):
+            return scene
+        return scene.scaled(width / self._target.width, height / self._target.height)
+
+    def result(self) -> FitResult:
+        """The scene and the numbers so far."""
+        reason = "time_limit" if self.clock.out_of_time else self.rule.stop_reason
+        return FitResult(
+            scene=self.scene(),
+            iterations=self.clock.iteration,
+            rounds=self.rounds,
+            wall_s=self.clock.elapsed_s,
+            cpu_s=time.process_time() - self._cpu,
+            pixel_pairs=self.pixel_pairs,
+            stop_reason=reason,
+        )
+
+    def _grow(self) -> bool:
+        """Rounds of new Gaussians, then the full picture; False if there is nothing to fit."""
+        index = 0
+        while True:
+            count = len(self.state)
+            total = self.rule.grow(self._snapshot(self.clock.growing(index - 1), self._psnr_now))
+            if total <= count:
+                self._show_at(1)
+                self._change_count(total)
+                break
+            self._begin(index, total)
+            while not self.clock.round_is_over(index):
+                self._step(self.clock.growing(index))
+            index += 1
+        return len(self.state) > 0
+
+    def _refine(self, steps: int | None, done: float, adjusting: bool = True) -> None:
+        """All Gaussians move; some are relocated, before the steps get smaller."""
+        self.clock.refine(steps, done)
+        self._errors.clear()
+        pending = list(ADJUST_AT) if adjusting else []
+        pruned = not adjusting
+        while (done := self.clock.refining()) < 1:
+            if pending and done >= pending[0]:
+                pending = [at for at in pending if at > done]
+                self._change_count(self.rule.adjust(self._snapshot(done, self._recent_psnr)))
+            if done >= DECAY_START and not pruned:
+                pruned = True
+                self._prune()
+            self._step(done)
+        self._drop_undrawable()
+
+    def _begin(self, index: int, total: int) -> None:
+        """Change to the round's picture and add its Gaussians."""
+        self._show_at(reduction(total, self.pixels.shape[1], self.pixels.shape[0]))
+        self._round_index = index
+        self._add(self._rendered(), total - len(self.state), total)
+
+    def _show_at(self, factor: int) -> None:
+        """Go on on a picture of 1 / factor the width and height."""
+        if factor == self._reduction:
+            return
+        before, self._target = self._target, self._reduced(factor)
+        self._reduction = factor
+        self.state = self.state.scaled(
+            self._target.width / before.width, self._target.height / before.height
+        )
+
+    def _reduced(self, factor: int) -> Target:
+        height, width = self.pixels.shape[:2]
+        size = max(1, height // factor), max(1, width // factor)
+        planar = np.ascontiguousarray(np.moveaxis(shrink(self.pixels, *size), -1, 0))
+        return Target(planar, FLAT_WEIGHT)
+
+    def _rendered(self) -> NDArray[np.float32]:
+        splats = self.state.splats(self.background)
+        return render_planar(splats, self._target.height, self._target.width)
+
+    def _snapshot(self, done: float, psnr: Callable[[], float]) -> Snapshot:
+        return Snapshot(len(self.state), done, psnr, self.scene)
+
+    def _psnr_now(self) -> float:
+        """PSNR on the whole working picture, also where a round ran on a reduced one."""
+        factor = self._reduction
+        self._show_at(1)
+        error = float(np.mean(np.square(self._rendered() - self._target.planar), dtype=np.float64))
+        self._show_at(factor)
+        return _decibels(error)
+
+    def _recent_psnr(self) -> float:
+        """Of the last steps, which cost nothing more; they ran on the full picture."""
+        return _decibels(float(np.mean(self._errors))) if self._errors else self._psnr_now()
+
+    def _change_count(self, count: int) -> None:
+        """Remove the Gaussians that are missed least, or add some where the error is."""
+        surplus = len(self.state) - count
+        if surplus > 0:
+            _, cost = removal_cost(self.state.splats(self.background), self._target.planar)
+            kept = np.argsort(cost[:, 0], kind="stable")[surplus:]
+            self.state = self.state.select(np.sort(kept))
+        elif surplus < 0:
+            self._add(self._rendered(), -surplus, count)
+
+    def _add(self, rendered: NDArray[np.float32], count: int, total: int) -> None:
+        new = place(self.options.placement, self._target, rendered, count, total, self._rng)
+        opacity = np.full(count, FIRST_OPACITY_LOGIT)
+        self.state = self.state.append(new.mean, new.factor, opacity, new.color, self._round_index)
+
+    def _step(self, done: float) -> None:
+        """Relocate if it is time, then one step of the optimiser."""
+        timely = _RELOCATION_FROM < done < _RELOCATION_TO
+        if timely and self.clock.iteration % _RELOCATION_EVERY == 0:
+            self._relocate()
+        splats = self.state.splats(self.background)
+        target = self._target
+        image, loss, moments, rows = squared_error(splats, target.planar, target.weight)
+        if self.options.loss != DEFAULT_LOSS:
+            _, gradient = image_gradient(self.options.loss, image, target.planar)
+            moments = moments_of_gradient(splats, gradient)
+        gradient = adam.gradients(moments, splats.paint[:, 0])
+        limits = adam.Limits(
+            least_sigma=LEAST_SIGMA, most_sigma=float(max(target.width, target.height))
+        )
+        adam.step(self.state, gradient, self._rates, limits, rate(done))
+        self.pixel_pairs += rows * 16
+        self._errors.append(loss / target.planar.size)
+        self.clock.iteration += 1
+        elapsed = self.clock.elapsed_s
+        self._progress(
+            FitProgress(
+                round=self._round_index + 1,
+                iteration=self.clock.iteration,
+                done=done,
+                gaussians=len(self.state),
+                psnr=_decibels(self._errors[-1]),
+                elapsed_s=elapsed,
+                remaining_s=elapsed / max(done, 0.01) * (1 - done),
+            )
+        )
+
+    def _relocate(self) -> None:
+        """Move the Gaussians that would be missed least to where the error is."""
+        rendered, cost = removal_cost(self.state.splats(self.background), self._target.planar)
+        total = len(self.state)
+        count = int(_RELOCATION_SHARE * total)
+        if count:
+            kept = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
+            self.state = self.state.select(kept)
+            self._add(rendered, count, total)
+
+    def _prune(self) -> None:
+        """Drop what is worth less than the rule asks for: all at once, measured in one pass."""
+        least = self.rule.least_gain()
+        if least == -math.inf or not len(self.state):
+            return
+        rendered, cost = removal_cost(self.state.splats(self.background), self._target.planar)
+        error = float(np.sum(np.square(rendered - self._target.planar), dtype=np.float64))
+        # Taking one away turns the error e into e + cost: 10 log10(1 + cost / e) dB.
+        worth = error * (10 ** (least / 10) - 1)
+        self.state = self.state.select(cost[:, 0] > worth)
+
+    def _drop_undrawable(self) -> None:
+        """Drop what renderers would not draw: too faint, or nothing of it on the canvas."""
+        splats = self.state.splats(self.background)
+        _, cost = removal_cost(splats, self._target.planar)
+        self.state = self.state.select((splats.paint[:, 0] >= LEAST_OPACITY) & (cost[:, 1] > 0))
+
+
+def _decibels(error: float) -> float:
+    return -10 * math.log10(error) if error > 0 else math.inf

@@ -1,0 +1,103 @@
+"""A run as it was asked for, checked before anything slow begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from gauss2svg.checks import whole_number
+from gauss2svg.errors import InputError
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.quality import Quality, quality_named
+from gauss2svg.raster import renderer_version
+from gauss2svg.scene import BLENDS
+from gauss2svg.svg import SvgOptions
+from gauss2svg.targets import Targets
+
+AUTO = "auto"
+
+
+@dataclass(frozen=True)
+class Request:
+    """What `vectorize` was called with; see there. Raises InputError for what is not valid."""
+
+    gaussians: int | str | None
+    quality: str
+    iterations: int | None
+    init: str
+    schedule: str
+    loss: str
+    blend: str
+    max_size: int | None
+    palette: int | None
+    stops: int | None
+    decimals: int | None
+    seed: int
+    renderer: str
+    targets: Targets
+
+    def __post_init__(self) -> None:
+        if isinstance(self.gaussians, str) and self.gaussians != AUTO:
+            raise InputError(
+                f"gaussians is {self.gaussians!r}; needed is a whole number from 0 on, or {AUTO}"
+            )
+        if self.blend not in BLENDS:
+            raise InputError(f"blend is {self.blend!r}; needed is one of {', '.join(BLENDS)}")
+        whole_number("max_size", self.side, 1, 2**31 - 1)
+        renderer_version(self.renderer)
+        _ = self.fit_options, self.svg_options(0, None)
+
+    @cached_property
+    def preset(self) -> Quality:
+        """The quality's numbers."""
+        return quality_named(self.quality)
+
+    @property
+    def count(self) -> int | None:
+        """Gaussians asked for, None where the scene decides."""
+        return self.gaussians if isinstance(self.gaussians, int) else None
+
+    @property
+    def scene_decides(self) -> bool:
+        """Whether the count follows from the scene or from a target."""
+        targets = self.targets
+        return self.count is None or targets.psnr is not None or targets.max_bytes is not None
+
+    @property
+    def side(self) -> int:
+        """Longest side in px of the picture that the fit runs on."""
+        return self.preset.max_size if self.max_size is None else self.max_size
+
+    @cached_property
+    def fit_options(self) -> FitOptions:
+        """How to fit: a time limit takes the place of the quality's iterations."""
+        iterations = self.iterations
+        if iterations is None and self.targets.time_limit_s is None:
+            iterations = self.preset.iterations
+        return FitOptions(
+            gaussians=0 if self.gaussians is None or isinstance(self.gaussians, str)
+            else self.gaussians,
+            iterations=iterations,
+            placement=self.init,
+            schedule=self.schedule,
+            loss=self.loss,
+            seed=self.seed,
+        )  # fmt: skip
+
+    def svg_options(self, gaussians: int, error: float | None) -> SvgOptions:
+        """How to write a scene of so many Gaussians and, if known, mean squared error."""
+        preset = self.preset
+        colors, color_error = self.palette, 0.0
+        if colors is None and self.scene_decides:
+            colors = 0
+            if error is not None:
+                color_error = error * (10 ** (preset.color_loss / 10) - 1)
+        elif colors is None:
+            colors = preset.palette_for(gaussians)
+        return SvgOptions(
+            palette=colors,
+            color_error=color_error,
+            stops=preset.stops if self.stops is None else self.stops,
+            decimals=preset.decimals if self.decimals is None else self.decimals,
+            opacity_decimals=preset.opacity_decimals,
+        )
