@@ -34,7 +34,7 @@ from gauss2svg.targets import TOLERANCE
 # palette included. Replaced by the file's own where bytes are limited.
 KILOBYTES_A_GAUSSIAN = 0.12
 # A target of PSNR lifts the quality's cap to this.
-CAP_FOR_PSNR = 20000
+CAP_FOR_PSNR = 50000
 _AIM = 0.12  # dB over the target that a correction aims at
 _TOO_LITTLE = 0.02  # dB under the target from which some are added
 _TOO_GOOD = 0.35  # dB over the target from which Gaussians are taken away again
@@ -42,7 +42,8 @@ _FILL = 0.975  # share of the bytes allowed that a fit aims at
 _FULL = 0.93  # share from which a file counts as full
 _LEAST_MEASURED = 200  # Gaussians from which a file tells the bytes of one
 _CORRECTIONS = 5
-_CORRECTION_SHARE = 0.25  # of the iterations of a fit
+_CORRECTION_SHARE = 0.25  # of the iterations of a fit, but not under
+_LEAST_STEPS = 40
 _WRITING_LOSS = 0.06  # of the model's error that the file is expected to add at first
 # Every Gaussian in so many is written and drawn to see how long all will take.
 _SAMPLE = 8
@@ -51,8 +52,8 @@ _RESERVE_SHARE = 0.3  # of the time left, for what follows the fit, until it is 
 _REHEARSE_AT = 0.45  # share of the fit done
 _STRIPS = 4  # the picture is measured on one of so many strips to see how long all will take
 _SAME = 0.004  # a count that differs by a smaller share is the same
-_TELLING = 0.04  # doublings between two attempts that tell a slope
-_SLOPES = 1.0, 8.0  # dB a doubling
+_TELLING = 0.25  # doublings between two attempts that tell a slope
+_SLOPES = 1.5, 6.0  # dB a doubling, the flattest and steepest that are believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +240,7 @@ class Pursuit:
     def _correct(self) -> None:
         """Change the count and refine until the last attempt needs no correction."""
         iterations = self._request.fit_options.iterations or self._request.preset.iterations
-        steps = max(1, round(_CORRECTION_SHARE * iterations))
+        steps = max(_LEAST_STEPS, round(_CORRECTION_SHARE * iterations))
         for _ in range(_CORRECTIONS):
             wanted = self._correction()
             if wanted is None or self._run.clock.out_of_time:

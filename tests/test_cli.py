@@ -50,6 +50,16 @@ def test_quiet_is_quiet(picture, tmp_path):
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
 
 
+def test_what_is_not_reached_is_one_line_and_status_zero(picture, tmp_path):
+    targets = ["--target-psnr", "60", "--max-bytes", "9k"]
+    done = run(picture, "-o", tmp_path / "o.svg", *targets, "--iterations", "30", "--quiet")
+    assert done.returncode == 0
+    assert done.stderr.decode().count("\n") == 1
+    assert "target of 60 dB not reached" in done.stderr.decode()
+    assert "max bytes ended the run" in done.stderr.decode()
+    assert 7000 < (tmp_path / "o.svg").stat().st_size <= 9000
+
+
 def test_standard_input_and_output_are_streams(picture, tmp_path):
     done = run("-", "-o", "-", *QUICK, input=picture.read_bytes())
     assert done.returncode == 0
@@ -70,6 +80,10 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
         (["PHOTO", "-o", "OUT", "--gaussians", "many"], "many"),
         (["PHOTO", "-o", "OUT", "--gaussians", "-3"], "gaussians is -3"),
         (["PHOTO", "-o", "OUT", "--treads", "2"], "--treads"),
+        (["PHOTO", "-o", "OUT", "--target-psnr", "0"], "target_psnr is 0"),
+        (["PHOTO", "-o", "OUT", "--max-bytes", "12x"], "max_bytes is '12x'"),
+        (["PHOTO", "-o", "OUT", "--time-limit", "-1"], "time_limit is -1"),
+        (["PHOTO", "-o", "OUT", "--time-limit", "nan"], "time_limit is nan"),
         (["PHOTO", "-o", "OUT", "--gaussians", "99999999999"], "gaussians is 99999999999"),
         (["PHOTO", "-o", "--quiet"], "give ./--quiet"),
         (["PHOTO"], "--output"),
@@ -149,7 +163,7 @@ def test_interrupt_is_one_line_and_leaves_nothing(picture, tmp_path, monkeypatch
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gauss2svg.pipeline.fit", interrupt)
+    monkeypatch.setattr("gauss2svg.fit.run.Run.fit", interrupt)
     assert main([str(picture), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 130
     assert capsys.readouterr().err.count("\n") == 1
     assert list(tmp_path.iterdir()) == [picture]
@@ -173,7 +187,8 @@ def test_help_names_every_option(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
     for option in (
-        "gaussians", "quality", "iterations", "init", "schedule", "loss", "max-size", "seed",
+        "gaussians", "target-psnr", "max-bytes", "time-limit", "stops", "decimals",
+        "quality", "iterations", "init", "schedule", "loss", "max-size", "seed",
         "threads", "renderer", "report", "preview", "save-scene", "quiet", "output",
     ):  # fmt: skip
         assert f"--{option}" in text

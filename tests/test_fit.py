@@ -10,12 +10,14 @@ from conftest import random_scene
 
 from gauss2svg import metrics
 from gauss2svg.errors import InputError
-from gauss2svg.fit import FitOptions, adam, fit, loop
+from gauss2svg.fit import FitOptions, adam, fit
+from gauss2svg.fit import run as run_module
 from gauss2svg.fit.adam import Limits, Rates, gradients
-from gauss2svg.fit.loop import LEAST_OPACITY, LEAST_SIGMA
 from gauss2svg.fit.losses import LOSSES, image_gradient, structural_similarity
 from gauss2svg.fit.placement import PLACEMENTS, Target, place
-from gauss2svg.fit.schedule import SCHEDULES, plan_rounds, rate
+from gauss2svg.fit.rules import FixedCount
+from gauss2svg.fit.run import LEAST_OPACITY, LEAST_SIGMA, Run
+from gauss2svg.fit.schedule import SCHEDULES, rate, reduction, totals
 from gauss2svg.fit.state import State
 from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost, squared_error
@@ -104,7 +106,7 @@ def test_no_gaussians_give_the_mean_colour():
 
 def test_relocation_moves_the_least_missed_and_pays(photo, monkeypatch):
     moved = []
-    real = loop.State.select
+    real = run_module.State.select
 
     def spy(state, index):
         if np.issubdtype(index.dtype, np.integer):
@@ -116,17 +118,17 @@ def test_relocation_moves_the_least_missed_and_pays(photo, monkeypatch):
     target = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
     background = np.round(photo.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
     with monkeypatch.context() as patch:
-        patch.setattr(loop.State, "select", spy)
+        patch.setattr(run_module.State, "select", spy)
         relocated = quality_of(photo, gaussians=400, iterations=120)
     # the first moves are made on a reduced picture, which the spy does not see
     assert sum(moved) >= len(moved) - 2 > 2
-    monkeypatch.setattr(loop, "_RELOCATION_SHARE", 0.0)
+    monkeypatch.setattr(run_module, "_RELOCATION_SHARE", 0.0)
     assert relocated > quality_of(photo, gaussians=400, iterations=120) + 0.2
 
 
 def test_steps_that_shrink_end_truer(photo, monkeypatch):
     shrinking = quality_of(photo, gaussians=100, iterations=300)
-    monkeypatch.setattr(loop, "rate", lambda *_: 1.0)
+    monkeypatch.setattr(run_module, "rate", lambda *_: 1.0)
     assert shrinking > quality_of(photo, gaussians=100, iterations=300) + 0.03
 
 
@@ -136,20 +138,20 @@ def test_background_is_a_colour_that_can_be_written(photo):
 
 
 def test_what_renderers_would_not_draw_is_dropped(photo):
-    run = loop._Run(photo, np.zeros(3), FitOptions(4))
+    run = Run(photo, FitOptions(4), FixedCount("exponential", 4, 300))
     run.state = state_of(
         Scene(
             128, 128, np.array([[60, 60], [60, 60], [-500, 60]]), np.full((3, 2), 5.0),
             np.zeros(3), np.ones((3, 3)), np.array([0.5, LEAST_OPACITY / 2, 0.5]),
         )
     )  # fmt: skip
-    run.drop_undrawable()
+    run._drop_undrawable()
     assert len(run.state) == 1
 
 
 def test_early_rounds_run_on_a_reduced_picture():
-    rounds = plan_rounds("exponential", 5000, 300, 768, 512)
-    assert [r.reduction for r in rounds] == [8, 4, 4, 2, 2, 1]
+    counts = totals("exponential", 5000, 300)
+    assert [reduction(n, 768, 512) for n in counts] == [8, 4, 4, 2, 2, 1]
 
 
 def test_new_gaussians_lie_along_the_edge():
@@ -168,8 +170,10 @@ def test_progress_tells_every_iteration_and_ends_with_none_left(photo):
     seen = []
     result = fit(photo, FitOptions(64, 30), seen.append)
     assert [p.iteration for p in seen] == list(range(1, 31))
-    assert seen[-1].remaining_s == 0
-    assert seen[-1].round == seen[-1].rounds == result.rounds
+    assert all(a.done <= b.done for a, b in itertools.pairwise(seen))
+    assert seen[-1].done > 0.9
+    assert seen[-1].remaining_s < seen[-1].elapsed_s
+    assert seen[-1].round == result.rounds
     assert seen[-1].psnr > seen[0].psnr
     assert all(a.gaussians <= b.gaussians for a, b in itertools.pairwise(seen))
 
@@ -195,20 +199,15 @@ def test_bad_option_is_refused_with_its_name(change, message):
 @pytest.mark.parametrize("schedule", SCHEDULES)
 @pytest.mark.parametrize("count", [1, 2, 7, 5000])
 @pytest.mark.parametrize("iterations", [1, 5, 300])
-def test_rounds_grow_to_the_count_and_end_on_the_full_picture(schedule, count, iterations):
-    rounds = plan_rounds(schedule, count, iterations, 640, 480)
-    assert rounds[0].first_iteration == 0
-    assert rounds[-1].gaussians == count
-    assert rounds[-1].reduction == 1
-    assert all(r.first_iteration < iterations for r in rounds)
-    for a, b in itertools.pairwise(rounds):
-        assert a.first_iteration <= b.first_iteration
-        assert a.gaussians <= b.gaussians
-        assert a.reduction >= b.reduction
+def test_rounds_grow_to_the_count(schedule, count, iterations):
+    rounds = totals(schedule, count, iterations)
+    assert rounds[-1] == count
+    assert all(a < b for a, b in itertools.pairwise(rounds))
+    assert len(rounds) <= iterations
 
 
 def test_steps_shrink_from_full_to_a_fiftieth():
-    rates = [rate(i, 300) for i in range(300)]
+    rates = [rate(i / 300) for i in range(300)]
     assert rates[0] == 1
     assert rates[-1] == pytest.approx(0.02)
     assert (np.diff(rates) <= 0).all()
@@ -362,5 +361,5 @@ def test_flat_areas_come_out_truer_with_their_weight(monkeypatch):
         return metrics.mean_squared_error(image[flat], pixels[flat])
 
     weighted = flat_error()
-    monkeypatch.setattr(loop, "FLAT_WEIGHT", 0.0)
+    monkeypatch.setattr(run_module, "FLAT_WEIGHT", 0.0)
     assert weighted < 0.8 * flat_error()

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError, SceneError
 from gauss2svg.falloff import RADIUS
+from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgOptions, write_svg
 from gauss2svg.svg import encode as encode_module
@@ -140,10 +141,10 @@ def test_palette_is_weighted_by_what_shows(monkeypatch):
     weights = []
     real = encode_module.quantize
     monkeypatch.setattr(
-        encode_module, "quantize", lambda c, w, k: (weights.append(w), real(c, w, k))[1]
+        encode_module, "quantize", lambda c, w, k, e: (weights.append(w), real(c, w, k, e))[1]
     )
     write_svg(scene, SvgOptions(palette=20))
-    np.testing.assert_array_equal(weights[0], visible_mass(scene))
+    np.testing.assert_array_equal(weights[0], visible_mass(scene)[0])
 
 
 def test_ids_are_distinct_letters():
@@ -158,6 +159,7 @@ def test_ids_are_distinct_letters():
     [
         ({"palette": -1}, "palette is -1"),
         ({"stops": 3}, "stops is 3"),
+        ({"color_error": -1.0}, "color_error is -1"),
         ({"decimals": 9}, "decimals is 9"),
         ({"decimals": 1.5}, "decimals is 1.5"),
         ({"title": "a\x0bb"}, "control characters"),
@@ -191,5 +193,31 @@ def test_visible_mass_is_zero_under_an_opaque_cover():
     cover = np.array([[20.0, 15.0]])
     scene = random_scene(5).replace(opacity=np.full(5, 0.5), mean=np.tile(cover, (5, 1)))
     top = Scene(40, 30, cover, np.full((1, 2), 1e6), np.zeros(1), np.zeros((1, 3)), np.ones(1))
-    mass = visible_mass(scene.concatenate(top))
+    mass, pixels = visible_mass(scene.concatenate(top))
     assert (mass[:5] < 1e-6 * mass[5]).all()
+    assert pixels == 40 * 30
+    assert mass[5] == pytest.approx(pixels, rel=1e-3)
+
+
+def test_allowed_error_is_kept_with_few_colours():
+    rng = np.random.default_rng(5)
+    color, weight = rng.random((2000, 3)), rng.random(2000) + 0.1
+    counts = []
+    for allowed in (20.0, 2.0, 0.5):
+        palette, entry = quantize(color, weight, 2000, allowed)
+        error = np.sum(weight * np.sum((palette[entry] / 255 - color) ** 2, axis=1))
+        assert 0.6 * allowed < error <= allowed
+        counts.append(len(palette))
+    assert counts == sorted(counts)
+    assert len(quantize(color, weight, 50, 0.5)[0]) <= 50
+
+
+def test_allowed_error_writes_fewer_gradients():
+    scene = random_scene(300, seed=8)
+    texts = [write_svg(scene, SvgOptions(color_error=e)) for e in (3e-3, 3e-4, 0.0)]
+    gradients = [t.count("<radialGradient") for t in texts]
+    assert gradients[0] < gradients[1] < gradients[2]
+    drawn = [rasterize(t, 40, 30) for t in texts]
+    for error, few in zip((3e-3, 3e-4), drawn, strict=False):
+        added = np.mean((few - drawn[2]) ** 2)
+        assert added < 1.5 * error + 1e-6

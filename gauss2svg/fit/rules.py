@@ -36,6 +36,7 @@ _MOST_CHANGE = 0.3  # of the count, at one of these points
 _CLOSE_ENOUGH = 0.02  # a wanted count nearer to the present one than this changes nothing
 _WORTH_A_ROUND = 1.1  # times the present count: a smaller round is not begun
 _A_WHOLE_ROUND = 0.6  # doublings
+_ACCELERATING = 1.7  # times what the round before bought a doubling; photos stay under 1.5
 _LEAP = 4  # times the present count, at least
 _SLOPES = 0.5, 8.0  # dB a doubling, the flattest and steepest that are believed
 
@@ -126,11 +127,11 @@ class SceneDecides:
     """Rounds that double, until the demand is met or another round would not pay.
 
     If a doubling buys s dB, a kilobyte buys s / (n ln 2 kilobytes) dB at n Gaussians:
-    growth aims at the n where that falls to the gain. It goes on nevertheless while the
-    error, falling in proportion as it did in the last round, would be gone before the
-    cap: a checkerboard's first squares buy next to nothing, its last ones everything. For
-    the same reason growth that does not pay while Gaussians are few leaps once to a fourth
-    of the cap, and comes back if that did not pay either.
+    growth aims at the n where that falls to the gain. It goes on nevertheless while rounds
+    buy more and more, and the error, falling in proportion as in the last one, would be gone
+    before the cap: a checkerboard's first squares buy next to nothing, its last ones
+    everything. For the same reason growth that does not pay while Gaussians are few leaps
+    once to a fourth of the cap, and comes back if that did not pay either.
 
     revise(demand, now) may put another demand in place at every question.
     """
@@ -147,6 +148,7 @@ class SceneDecides:
         self._last: Snapshot | None = None
         self._before_leap: Snapshot | None = None
         self._paying = math.inf
+        self._rise = math.inf
 
     def grow(self, now: Snapshot) -> int:
         """Twice as many, or as many as are still needed."""
@@ -158,13 +160,11 @@ class SceneDecides:
             self._learn(now, last)
         wanted = self._wanted(now.count, settled)
         if self.stop_reason == "gain" and wanted < _WORTH_A_ROUND * now.count:
-            if self._before_leap is not None:
-                if last is not None and last is self._before_leap:
-                    self._paying = last.count
-                    return last.count
-                return now.count
+            if last is not None and last is self._before_leap:
+                self._paying = last.count
+                return last.count
             leap = self.demand.cap // 4
-            if leap > _LEAP * now.count:
+            if self._before_leap is None and leap > _LEAP * now.count:
                 self._before_leap = now
                 return leap
         if wanted < _WORTH_A_ROUND * now.count or not wanted:
@@ -173,12 +173,19 @@ class SceneDecides:
 
     def _learn(self, now: Snapshot, last: Snapshot) -> None:
         """What the last round says of rounds to come."""
-        bought = max(now.psnr - last.psnr, 0.0)
+        bought = max(now.psnr - last.psnr, 0.0) / _UNSETTLED_GAIN
+        added = now.count - last.count
         doublings = math.log2(now.count / last.count) if last.count else 1.0
-        rise = bought / _UNSETTLED_GAIN / doublings
-        if last is self._before_leap:  # far from settled
-            bought /= _UNSETTLED_GAIN
-        self._paying = max(self._worth(rise), self._all_gone(now, last, bought))
+        rise, before, self._rise = bought / doublings, self._rise, bought / doublings
+        self._paying = self._worth(rise)
+        if last is self._before_leap:
+            pays = bought >= self.least_gain() * added
+        else:
+            pays = rise > _ACCELERATING * before
+        share = 1 - 10 ** (-bought / 10)
+        gone = last.count + added / share if share > 0 else math.inf
+        if pays and gone <= self.demand.cap:
+            self._paying = max(self._paying, gone)
         if doublings > _A_WHOLE_ROUND:  # a smaller one settles more than it adds
             self.slope = min(max(rise, _SLOPES[0]), _SLOPES[1])
 
@@ -216,10 +223,3 @@ class SceneDecides:
         """Count at which a kilobyte buys no more than the gain, at `rise` dB a doubling."""
         price = self.demand.gain * self.demand.kilobytes * math.log(2)
         return rise / price if price else math.inf
-
-    def _all_gone(self, now: Snapshot, last: Snapshot, bought: float) -> float:
-        """Count at which no error would be left, 0 if that is over the cap."""
-        share = 1 - 10 ** (-bought / 10)
-        added = now.count - last.count
-        gone = last.count + added / share if share > 0 else math.inf
-        return gone if gone <= self.demand.cap else 0.0

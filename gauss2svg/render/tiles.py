@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+import gauss2svg.render.threads  # noqa: F401  (acts when it is imported)
+
 TILE_WIDTH = 16  # 16 float32 fill one 512-bit register, two of 256 bits
 TILE_HEIGHT = 16
 

@@ -1,0 +1,200 @@
+"""Laws of the rules that decide how many Gaussians a scene is worth."""
+
+import itertools
+import math
+import time
+
+import numpy as np
+import pytest
+
+from gauss2svg import metrics
+from gauss2svg.fit import FitOptions
+from gauss2svg.fit.clock import Clock
+from gauss2svg.fit.rules import STOP_REASONS, Demand, FixedCount, SceneDecides, Snapshot
+from gauss2svg.fit.run import Run
+from gauss2svg.render import render
+from gauss2svg.render.cpu import removal_cost
+
+# A doubling buys `slope` dB: an ideal scene, settled at once.
+KILOBYTES = 0.1
+
+
+def grown(psnr_at, demand, revise=None):
+    """Counts and reason when growth is asked against PSNR as a function of the count."""
+    rule = SceneDecides(demand, revise) if revise else SceneDecides(demand)
+    counts = [0]
+    while True:
+        count = counts[-1]
+        total = rule.grow(Snapshot(count, 0.1, lambda c=count: psnr_at(c), lambda: None))
+        if total <= count:
+            return counts[1:] + ([total] if total < count else []), rule.stop_reason
+        counts.append(total)
+
+
+def power_law(slope, start=10.0):
+    return lambda count: start + slope * math.log2(count) if count else start - slope
+
+
+def test_growth_stops_where_a_kilobyte_buys_the_gain():
+    for gain in (0.2, 0.05, 0.0125):
+        counts, reason = grown(power_law(0.5), Demand(gain, KILOBYTES, math.inf, 10**6))
+        # s / (n ln 2 kilobytes) = gain, with the s that the rule takes for settled
+        worth = 0.5 / 0.72 / (math.log(2) * KILOBYTES * gain)
+        assert reason == "gain"
+        assert worth / 1.15 < counts[-1] <= worth + 1
+
+
+def test_half_the_gain_buys_twice_the_gaussians():
+    ends = [
+        grown(power_law(1.0), Demand(g, KILOBYTES, math.inf, 10**6))[0][-1] for g in (0.02, 0.01)
+    ]
+    assert 1.8 < ends[1] / ends[0] < 2.2
+
+
+def test_growth_stops_where_enough_is_reached():
+    counts, reason = grown(power_law(3.0, 0.0), Demand(0.0, KILOBYTES, 15.0, 10**6))
+    assert reason == "enough"
+    assert counts[-1] == pytest.approx(2 ** (15 / 3), rel=0.15)
+
+
+def test_growth_stops_at_the_cap_and_names_it():
+    counts, reason = grown(
+        power_law(3.0), Demand(0.0, KILOBYTES, math.inf, 100, cap_named="max_bytes")
+    )
+    assert (counts[-1], reason) == (100, "max_bytes")
+
+
+def test_rounds_never_more_than_double():
+    counts, _ = grown(power_law(3.0), Demand(0.0, KILOBYTES, math.inf, 5000))
+    assert counts[0] == 8
+    assert all(a < b <= 2 * a for a, b in itertools.pairwise(counts))
+
+
+def test_scene_that_is_exact_gets_none():
+    assert grown(lambda _: math.inf, Demand(0.0, KILOBYTES, 40.0, 100)) == ([], "enough")
+
+
+def test_what_buys_nothing_is_tried_with_a_leap_and_taken_back():
+    counts, reason = grown(lambda _: 12.0, Demand(0.01, KILOBYTES, 40.0, 8000))
+    assert counts == [8, 2000, 8]
+    assert reason == "gain"
+
+
+def test_growth_goes_on_where_the_error_would_be_gone_before_the_cap():
+    # 2000 equal squares, of which each Gaussian mends one: 0.01 dB at first, all at last
+    def squares(count):
+        return 6 - 10 * math.log10(max(1 - count / 2000, 1e-4))
+
+    counts, _ = grown(squares, Demand(0.05, KILOBYTES, 40.0, 8000))
+    assert 1800 < counts[-1] < 3000
+
+
+def test_demand_is_revised_at_every_question():
+    seen = []
+
+    def tighter(demand, now):
+        seen.append(now.count)
+        return Demand(demand.gain, demand.kilobytes, demand.psnr, 50, cap_named="max_bytes")
+
+    counts, reason = grown(power_law(3.0), Demand(0.0, KILOBYTES, math.inf, 10**6), tighter)
+    assert seen == [0, *counts]
+    assert (counts[-1], reason) == (50, "max_bytes")
+
+
+def test_refinement_corrects_the_count_by_the_slope():
+    rule = SceneDecides(Demand(0.0, KILOBYTES, 30.0, 10**6))
+    rule.slope = 3.0
+
+    def adjusted(psnr):
+        return rule.adjust(Snapshot(1000, 0.55, lambda: psnr, lambda: None))
+
+    assert adjusted(20.0) == 1300
+    assert adjusted(40.0) == 700
+    assert 1000 < adjusted(29.4) < 1300
+    steady = 30.0 - 0.034 * (30.0 - 16.5) / 1.034
+    assert adjusted(steady) == 1000
+
+
+def test_fixed_count_follows_its_schedule_and_keeps_all():
+    rule = FixedCount("linear", 60, 300)
+    counts = [0]
+    while (total := rule.grow(Snapshot(counts[-1], 0.1, lambda: 0.0, lambda: None))) > counts[-1]:
+        counts.append(total)
+    assert counts == [0, 10, 20, 30, 40, 50, 60]
+    assert rule.least_gain() == -math.inf
+
+
+def run_of(pixels, demand, iterations=60) -> Run:
+    run = Run(pixels, FitOptions(0, iterations), SceneDecides(demand))
+    run.fit()
+    assert run.result().stop_reason in STOP_REASONS
+    return run
+
+
+def ramp() -> np.ndarray:
+    pixels = np.zeros((64, 96, 3), np.float32)
+    pixels[...] = np.linspace(0.2, 0.8, 96)[:, None] * [1.0, 0.8, 0.4]
+    return pixels
+
+
+def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
+    balanced = Demand(0.006, 0.12, 36.0, 8000)
+    flat = np.full((64, 96, 3), 0.4, np.float32)
+    noise = np.random.default_rng(0).random((64, 96, 3)).astype(np.float32)
+    counts = [len(run_of(p, balanced).state) for p in (flat, ramp(), photo)]
+    assert counts[0] == 0
+    assert 1 <= counts[1] <= 20
+    assert counts[2] > 300
+    assert len(run_of(noise, Demand(0.5, 0.12, 36.0, 2000)).state) < 10
+
+
+def test_enough_is_about_what_the_fit_ends_at(photo):
+    run = run_of(photo, Demand(0.0, 0.12, 28.0, 5000), 150)
+    assert metrics.psnr(render(run.scene()), photo) == pytest.approx(28.0, abs=0.7)
+
+
+def test_gaussians_that_nothing_would_miss_are_removed_before_the_last_steps(photo):
+    dear, cheap = (Demand(g, 0.12, 60.0, 600) for g in (0.5, 0.0))
+    kept = run_of(photo, dear)
+    target = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
+    image, cost = removal_cost(kept.state.splats(kept.background), target)
+    error = np.sum((image - target) ** 2, dtype=np.float64)
+    worth = 10 * np.log10(1 + np.maximum(cost[:, 0], 0) / error)
+    assert np.median(worth) > dear.gain * dear.kilobytes
+    assert len(kept.state) < len(run_of(photo, cheap).state)
+
+
+def test_resized_fit_has_the_count_and_stays_a_good_fit(photo):
+    run = run_of(photo, Demand(0.0, 0.12, 60.0, 400), 100)
+    before = metrics.psnr(render(run.scene()), photo)
+    run.resize(200, 40)
+    fewer = metrics.psnr(render(run.scene()), photo)
+    run.resize(400, 40)
+    again = metrics.psnr(render(run.scene()), photo)
+    assert fewer < before - 0.5
+    assert again > max(before - 0.5, fewer + 1)
+
+
+def test_clock_goes_by_whichever_is_further():
+    clock = Clock(100, 5, deadline=None)
+    assert not clock.round_is_over(0)
+    clock.iteration = 6
+    assert clock.round_is_over(0)
+    assert not clock.round_is_over(1)
+    clock.iteration = 30
+    clock.refine(70, 0.3)
+    assert clock.refining() == pytest.approx(0.3)
+    clock.iteration = 65
+    assert clock.refining() == pytest.approx(0.65)
+    assert not clock.out_of_time
+    clock.deadline = time.perf_counter() - 1
+    assert clock.refining() == 1
+    assert clock.out_of_time
+
+
+def test_fit_without_time_ends_at_once_with_what_it_has(photo):
+    rule = SceneDecides(Demand(0.0, 0.12, 60.0, 400))
+    run = Run(photo, FitOptions(0, None), rule, deadline=time.perf_counter() - 1)
+    run.fit()
+    assert run.result().stop_reason == "time_limit"
+    assert run.result().iterations == 0

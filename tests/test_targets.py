@@ -1,0 +1,144 @@
+"""Laws of the targets: what is asked for of the drawn SVG is met, or told."""
+
+import numpy as np
+import pytest
+
+from gauss2svg import vectorize
+from gauss2svg.errors import InputError
+from gauss2svg.raster import rasterize
+from gauss2svg.targets import Targets, size_in_bytes
+
+QUICK = {"iterations": 80}
+
+
+@pytest.mark.parametrize(
+    ("given", "size"),
+    [
+        (1, 1), (150000, 150000), ("150000", 150000), ("150k", 150000), ("1.5M", 1500000),
+        ("1.5 MB", 1500000), (".5kB", 500), ("2G", 2 * 10**9), (" 7b ", 7),
+    ],
+)  # fmt: skip
+def test_sizes_are_decimal(given, size):
+    assert size_in_bytes(given) == size
+
+
+@pytest.mark.parametrize("given", [0, -1, "0", "", "k", "1e3", "-5k", "5 kg", "1.2.3", 1.5, True])
+def test_what_is_no_size_is_refused(given):
+    with pytest.raises(InputError, match="max_bytes is"):
+        size_in_bytes(given)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"psnr": 0}, {"psnr": -3.0}, {"psnr": 101}, {"psnr": float("nan")},
+        {"time_limit_s": 0}, {"time_limit_s": float("inf")}, {"time_limit_s": float("nan")},
+    ],
+)  # fmt: skip
+def test_bad_target_is_refused(change):
+    with pytest.raises(InputError, match="needed are"):
+        Targets(**change)
+
+
+@pytest.mark.parametrize("target", [20.0, 24.0, 28.0])
+def test_target_psnr_is_met_by_the_drawn_file(photo, target):
+    report = vectorize(photo, target_psnr=target, **QUICK).report
+    assert target - 0.05 <= report["psnr_svg"] <= target + 0.4
+    assert report["stop_reason"] == "target_psnr"
+    assert report["unreached"] == []
+
+
+def test_higher_target_takes_more_gaussians_and_no_more_than_needed(photo):
+    counts = [vectorize(photo, target_psnr=t, **QUICK).report["gaussians"] for t in (22, 26)]
+    assert counts[0] * 1.5 < counts[1]
+    fewer = vectorize(photo, gaussians=int(counts[1] / 1.25), **QUICK).report
+    assert fewer["psnr_svg"] < 26
+
+
+def test_target_holds_at_the_size_of_a_photo_that_was_fitted_smaller(photo):
+    rng = np.random.default_rng(0)
+    grainy = np.clip(photo + rng.normal(0, 0.03, photo.shape), 0, 1).astype(np.float32)
+    report = vectorize(grainy, target_psnr=24, max_size=64, **QUICK).report
+    assert report["fit_width"] == 64
+    assert 24 - 0.05 <= report["psnr_svg"] <= 24 + 0.5
+
+
+@pytest.mark.parametrize("limit", [6_000, 25_000, 60_000])
+def test_max_bytes_is_never_passed_and_well_used(photo, limit):
+    result = vectorize(photo, max_bytes=limit, quality="high", **QUICK)
+    assert 0.9 * limit <= len(result.svg.encode()) <= limit
+    assert result.report["stop_reason"] == "max_bytes"
+    assert result.report["unreached"] == []
+
+
+def test_max_bytes_is_kept_where_every_colour_is_written(photo):
+    result = vectorize(photo, max_bytes=30_000, palette=0, quality="high", **QUICK)
+    assert 0.9 * 30_000 <= len(result.svg.encode()) <= 30_000
+
+
+def test_the_first_bound_that_binds_is_named(photo):
+    by_size = vectorize(photo, target_psnr=35, max_bytes="12k", **QUICK).report
+    assert by_size["stop_reason"] == "max_bytes"
+    assert by_size["svg_bytes"] <= 12_000
+    assert len(by_size["unreached"]) == 1
+    assert "35 dB not reached" in by_size["unreached"][0]
+    by_psnr = vectorize(photo, target_psnr=22, max_bytes="900k", **QUICK).report
+    assert by_psnr["stop_reason"] == "target_psnr"
+
+
+def test_given_count_is_the_most_there_may_be(photo):
+    report = vectorize(photo, gaussians=50, target_psnr=35, **QUICK).report
+    assert report["gaussians"] <= 50
+    assert report["stop_reason"] == "gaussians"
+    assert "35 dB not reached" in report["unreached"][0]
+
+
+def test_file_that_cannot_be_so_small_is_written_bare_and_told(photo):
+    result = vectorize(photo, max_bytes=100, **QUICK)
+    assert result.report["gaussians"] == 0
+    assert "limit of 100 bytes not reached" in result.report["unreached"][0]
+    assert "<rect" in result.svg
+
+
+def test_no_time_at_all_still_gives_a_file_measured_small(photo):
+    result = vectorize(photo, time_limit=1e-6, max_size=64)
+    report = result.report
+    assert report["stop_reason"] == "time_limit"
+    assert report["notes"] == ["measured at 64x64 px for want of time"]
+    assert result.raster.shape == (64, 64, 3)
+    assert (rasterize(result.svg, 64, 64) == result.raster).all()
+    assert 'viewBox="0 0 128 128"' in result.svg
+
+
+def test_time_that_is_not_needed_is_not_taken():
+    report = vectorize(np.full((40, 50, 3), 0.25), time_limit=3600).report
+    assert report["gaussians"] == 0
+    assert report["stop_reason"] == "enough"
+
+
+def test_time_limit_goes_on_refining_a_given_count(photo):
+    few, many = (
+        vectorize(photo, gaussians=60, time_limit=s).report["iterations"] for s in (0.4, 2.0)
+    )
+    assert many > few
+
+
+def test_auto_is_the_default_and_repeats_itself(photo):
+    plain, auto = (
+        vectorize(photo, quality="draft", **change) for change in ({}, {"gaussians": "auto"})
+    )
+    assert plain.svg == auto.svg
+    assert plain.report["stop_reason"] in ("gain", "enough", "cap")
+    assert vectorize(photo, quality="draft", threads=1).svg == plain.svg
+
+
+def test_better_qualities_are_truer_and_larger(photo):
+    reports = [vectorize(photo, quality=q).report for q in ("draft", "fast", "balanced", "high")]
+    for key in ("psnr_svg", "svg_bytes"):
+        values = [r[key] for r in reports]
+        assert values == sorted(values)
+
+
+def test_only_auto_is_a_word_for_a_count(photo):
+    with pytest.raises(InputError, match="gaussians is 'many'"):
+        vectorize(photo, gaussians="many")
