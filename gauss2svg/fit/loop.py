@@ -73,6 +73,10 @@ FLAT_WEIGHT = 8.0
 # 228 bytes of optimiser state each: over 2 GB.
 MOST_GAUSSIANS = 10_000_000
 
+# What the kernels compute in. float64 ends within some 0.01 dB of float32.
+PRECISIONS = ("float32", "float64")
+DEFAULT_PRECISION = "float32"
+
 _RELOCATION_EVERY = 10
 _RELOCATION_SHARE = 0.08
 _RELOCATION_FROM, _RELOCATION_TO = 0.2, 0.75
@@ -86,6 +90,7 @@ class FitOptions:
     iterations  optimiser steps, >= 1
     placement   one of PLACEMENTS; schedule one of SCHEDULES; loss one of LOSSES
     seed        of the one random generator
+    precision   one of PRECISIONS, of all that the kernels compute
     """
 
     gaussians: int = 5000
@@ -94,6 +99,7 @@ class FitOptions:
     schedule: str = DEFAULT_SCHEDULE
     loss: str = DEFAULT_LOSS
     seed: int = 0
+    precision: str = DEFAULT_PRECISION
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
@@ -108,6 +114,10 @@ class FitOptions:
                 f"schedule is {self.schedule!r}; needed is one of {', '.join(SCHEDULES)}"
             )
         check_loss(self.loss)
+        if self.precision not in PRECISIONS:
+            raise InputError(
+                f"precision is {self.precision!r}; needed is one of {', '.join(PRECISIONS)}"
+            )
 
 
 @dataclass(frozen=True)
@@ -227,7 +237,8 @@ class _Run:
     def _reduced(self, reduction: int) -> Target:
         height, width = self.pixels.shape[:2]
         size = max(1, height // reduction), max(1, width // reduction)
-        planar = np.ascontiguousarray(np.moveaxis(shrink(self.pixels, *size), -1, 0))
+        planar = np.moveaxis(shrink(self.pixels, *size), -1, 0)
+        planar = np.ascontiguousarray(planar, self.options.precision)
         return Target(planar, FLAT_WEIGHT)
 
     def begin(self, index: int, plan: Round) -> None:
@@ -243,11 +254,12 @@ class _Run:
             self.round_index = index
             self._add(self._rendered(), count, plan.gaussians)
 
-    def _rendered(self) -> NDArray[np.float32]:
+    def _rendered(self) -> NDArray[np.floating]:
+        target = self.target
         splats = self.state.splats(self.background)
-        return render_planar(splats, self.target.height, self.target.width)
+        return render_planar(splats, target.height, target.width, target.planar.dtype.type)
 
-    def _add(self, rendered: NDArray[np.float32], count: int, total: int) -> None:
+    def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
         new = place(self.options.placement, self.target, rendered, count, total, self.rng)
         opacity = np.full(count, FIRST_OPACITY_LOGIT)
         self.state = self.state.append(new.mean, new.factor, opacity, new.color, self.round_index)
