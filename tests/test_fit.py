@@ -71,7 +71,9 @@ def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, precision
 
 
 @pytest.mark.parametrize("loss", ["mse", "mse+ssim"])
-def test_precision_changes_the_bits_and_hardly_the_quality(photo, loss):
+def test_precision_changes_the_bits_and_not_the_quality(photo, loss, monkeypatch):
+    # Without relocation: one Gaussian moved instead of another is worth 0.2 dB either way.
+    monkeypatch.setattr(loop, "_RELOCATION_SHARE", 0.0)
     single, double = (
         fit(photo, FitOptions(200, 60, loss=loss, precision=p)).scene for p in PRECISIONS
     )

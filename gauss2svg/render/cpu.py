@@ -202,7 +202,10 @@ def _visit_locked(
 def render_planar(
     splats: Splats, height: int, width: int, dtype: type[Real] = np.float32
 ) -> NDArray[Real]:
-    """(3, height, width) image of the Gaussians, one sample at each pixel centre."""
+    """(3, height, width) image of the Gaussians, one sample at each pixel centre.
+
+    dtype is np.float32 or np.float64; InputError for another.
+    """
     blank = np.broadcast_to(np.zeros((), dtype), (3, height, width))
     return _visit(_RENDER, splats, blank, 1)[0]
 
@@ -212,10 +215,10 @@ def squared_error(
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
     """Image, sum of squared errors, gradient as moments (n, 9), and pair rows.
 
-    target is (3, h, w), weight (h, w) > 0 or None for 1; float32 or
-    float64, as all that is computed. The sum is
-    not weighted. The moments (gauss2svg.render.kernels) belong to
-    L = 1/2 sum weight (rendered - target)^2; forward and backward share one visit of a tile.
+    target is (3, h, w), weight (h, w) > 0 or None for 1; target's dtype, float32 or float64,
+    is what is computed in. The sum is not weighted. The moments (gauss2svg.render.kernels)
+    belong to L = 1/2 sum weight (rendered - target)^2; forward and backward share one visit
+    of a tile.
     """
     return _visit(_SQUARED_ERROR, splats, target, MOMENTS, weight)
 
