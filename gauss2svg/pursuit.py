@@ -42,6 +42,7 @@ _FILL = 0.975  # share of the bytes allowed that a fit aims at
 _FULL = 0.93  # share from which a file counts as full
 _LEAST_MEASURED = 200  # Gaussians from which a file tells the bytes of one
 _CORRECTIONS = 5
+_CALIBRATIONS = 2  # of a search that ran on a smaller picture
 _CORRECTION_SHARE = 0.25  # of the iterations of a fit, but not under
 _LEAST_STEPS = 40
 _WRITING_LOSS = 0.06  # of the model's error that the file is expected to add at first
@@ -127,7 +128,9 @@ class Pursuit:
             self._run.fit()
             self._attempts.append(self._attempt())
             best, measured = self._search()
-            if self._calibrate(measured):
+            for _ in range(_CALIBRATIONS):
+                if not self._calibrate(best, measured):
+                    break
                 best, measured = self._search()
         fitted = dataclasses.replace(self._run.result(), stop_reason=self._stop_reason(best))
         return Outcome(
@@ -325,16 +328,16 @@ class Pursuit:
                 return measured
         return round_trip(best.svg, best.scene, self._photo, renderer)
 
-    def _calibrate(self, measured: RoundTrip) -> bool:
+    def _calibrate(self, best: _Attempt, measured: RoundTrip) -> bool:
         """Whether the photo's own size tells another PSNR than the search went by."""
         target = self._targets.psnr
         smaller = self._photo.shape != self._working.shape
         if target is None or not smaller or measured.raster.shape != self._photo.shape:
             return False
-        if self._detail or target - TOLERANCE <= measured.psnr_svg <= target + _TOO_GOOD:
+        if target - TOLERANCE <= measured.psnr_svg <= target + _TOO_GOOD:
             return False
-        self._detail = 10 ** (-measured.psnr_svg / 10) - self._best().error
-        return True
+        before, self._detail = self._detail, 10 ** (-measured.psnr_svg / 10) - best.error
+        return self._detail != before
 
     def _stop_reason(self, best: _Attempt) -> str:
         limit, target = self._targets.max_bytes, self._targets.psnr

@@ -33,6 +33,7 @@ class Request:
     stops: int | None
     decimals: int | None
     seed: int
+    precision: str
     renderer: str
     targets: Targets
 
@@ -82,6 +83,7 @@ class Request:
             schedule=self.schedule,
             loss=self.loss,
             seed=self.seed,
+            precision=self.precision,
         )  # fmt: skip
 
     def svg_options(self, gaussians: int, error: float | None) -> SvgOptions:

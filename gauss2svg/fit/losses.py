@@ -27,8 +27,8 @@ def check_loss(loss: str) -> None:
 
 
 def image_gradient(
-    loss: str, rendered: NDArray[np.float32], target: NDArray[np.float32]
-) -> tuple[float, NDArray[np.float32]]:
+    loss: str, rendered: NDArray[np.floating], target: NDArray[np.floating]
+) -> tuple[float, NDArray[np.floating]]:
     """Loss value and its gradient (3, h, w) with respect to rendered (3, h, w), by torch.
 
     mse: mean (r - t)^2; l1: mean |r - t|; with +ssim: 0.8 of it + 0.2 (1 - SSIM). The

@@ -42,11 +42,12 @@ class New:
 class Target:
     """A picture (3, h, w) to fit, with its flat areas and the direction of its edges.
 
-    weight (h, w) in 1..1 + flat_weight is large where the picture is flat: there a
-    streak of two levels shows, which the squared error alone hardly sees.
+    planar is float32 or float64, which is then what the kernels compute in. weight (h, w)
+    in 1..1 + flat_weight is large where the picture is flat: there a streak of two levels
+    shows, which the squared error alone hardly sees.
     """
 
-    def __init__(self, planar: NDArray[np.float32], flat_weight: float = 0.0) -> None:
+    def __init__(self, planar: NDArray[np.floating], flat_weight: float = 0.0) -> None:
         self.planar = planar
         self.height, self.width = planar.shape[1:]
         luma = gaussian_filter(planar.mean(axis=0), 1.0)
@@ -54,7 +55,7 @@ class Target:
         gx = np.gradient(luma, axis=1) if self.width > 1 else np.zeros_like(luma)
         self._slopes = gx, gy
         energy = gaussian_filter(gx * gx + gy * gy, _FLAT_REACH)
-        self.weight = (1 + flat_weight * np.exp(-energy / _FLAT_ENERGY)).astype(np.float32)
+        self.weight = (1 + flat_weight * np.exp(-energy / _FLAT_ENERGY)).astype(planar.dtype)
 
     @cached_property
     def edges(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -77,7 +78,7 @@ class Target:
 def place(
     placement: str,
     target: Target,
-    rendered: NDArray[np.float32],
+    rendered: NDArray[np.floating],
     count: int,
     total: int,
     rng: np.random.Generator,
@@ -97,7 +98,7 @@ def place(
 
 def _by_error(
     target: Target,
-    rendered: NDArray[np.float32],
+    rendered: NDArray[np.floating],
     count: int,
     spacing: float,
     rng: np.random.Generator,
@@ -131,7 +132,7 @@ def _oriented(
 
 def _by_component(
     target: Target,
-    rendered: NDArray[np.float32],
+    rendered: NDArray[np.floating],
     count: int,
     spacing: float,
     rng: np.random.Generator,

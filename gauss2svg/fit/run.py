@@ -166,12 +166,14 @@ class Run:
     def _reduced(self, factor: int) -> Target:
         height, width = self.pixels.shape[:2]
         size = max(1, height // factor), max(1, width // factor)
-        planar = np.ascontiguousarray(np.moveaxis(shrink(self.pixels, *size), -1, 0))
+        planar = np.moveaxis(shrink(self.pixels, *size), -1, 0)
+        planar = np.ascontiguousarray(planar, self.options.precision)
         return Target(planar, FLAT_WEIGHT)
 
-    def _rendered(self) -> NDArray[np.float32]:
+    def _rendered(self) -> NDArray[np.floating]:
+        target = self._target
         splats = self.state.splats(self.background)
-        return render_planar(splats, self._target.height, self._target.width)
+        return render_planar(splats, target.height, target.width, target.planar.dtype.type)
 
     def _snapshot(self, done: float, psnr: Callable[[], float]) -> Snapshot:
         return Snapshot(len(self.state), done, psnr, self.scene)
@@ -198,7 +200,7 @@ class Run:
         elif surplus < 0:
             self._add(self._rendered(), -surplus, count)
 
-    def _add(self, rendered: NDArray[np.float32], count: int, total: int) -> None:
+    def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
         new = place(self.options.placement, self._target, rendered, count, total, self._rng)
         opacity = np.full(count, FIRST_OPACITY_LOGIT)
         self.state = self.state.append(new.mean, new.factor, opacity, new.color, self._round_index)

@@ -6,23 +6,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.render.cpu import render_planar, splats_of
+from gauss2svg.render.cpu import Real, render_planar, splats_of
 from gauss2svg.scene import Scene
 
 
 def render(
-    scene: Scene, width: int | None = None, height: int | None = None
-) -> NDArray[np.float32]:
-    """Image (height, width, 3) float32 in 0..1 of a scene at any size, by default its canvas'.
+    scene: Scene,
+    width: int | None = None,
+    height: int | None = None,
+    dtype: type[Real] = np.float32,
+) -> NDArray[Real]:
+    """Image (height, width, 3) in 0..1 of a scene at any size, by default that of its canvas.
 
+    dtype is np.float32, within 3e-5 of the formula, or np.float64, within 2e-14 in twice the time.
     The scene has no resolution: it is scaled to the output and sampled at pixel centres.
     By the fast CPU renderer; gauss2svg.render.reference.render_reference is its slow twin.
-    Raises InputError for a size under one pixel.
+    Raises InputError for a size under one pixel or another dtype.
     """
     width = round(scene.width) if width is None else width
     height = round(scene.height) if height is None else height
     if width < 1 or height < 1:
         raise InputError(f"output size is {width}x{height}; needed is at least 1x1 px")
     shown = scene.scaled(width / scene.width, height / scene.height)
-    planar = render_planar(splats_of(shown), height, width)
+    planar = render_planar(splats_of(shown), height, width, dtype)
     return np.ascontiguousarray(np.moveaxis(planar, 0, -1))

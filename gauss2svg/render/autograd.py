@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,9 @@ from torch.autograd.function import once_differentiable
 
 from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar
 
-# An opacity of 0 hides the falloff that its gradient needs; at this one the gradient
-# is exact to seven digits and the picture changes by less than float32 resolves.
-_LEAST_OPACITY = 1e-7
+# An opacity of 0 hides the falloff that its gradient needs; at these the gradient is exact
+# to seven and fifteen digits and the picture changes by less than the dtype resolves.
+_LEAST_OPACITY = {np.float32: 1e-7, np.float64: 1e-15}
 
 
 class _FastRender(torch.autograd.Function):
@@ -21,7 +22,7 @@ class _FastRender(torch.autograd.Function):
     def forward(ctx: Any, *arguments: Any) -> torch.Tensor:
         *tensors, height, width = arguments
         ctx.save_for_backward(*tensors)
-        image = render_planar(_splats(*tensors), height, width)
+        image = render_planar(_splats(*tensors), height, width, _precision(tensors))
         return torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, 0, -1)))
 
     @staticmethod
@@ -30,11 +31,10 @@ class _FastRender(torch.autograd.Function):
         ctx: Any, *grad_outputs: torch.Tensor
     ) -> tuple[Any, ...]:
         mean, sigma, rho, color, opacity, background = ctx.saved_tensors
-        seen = opacity.clamp(min=_LEAST_OPACITY).double()
+        real = _precision(ctx.saved_tensors)
+        seen = opacity.clamp(min=_LEAST_OPACITY[real]).double()
         splats = _splats(mean, sigma, rho, color, seen, background)
-        gradient = np.ascontiguousarray(
-            np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), np.float32
-        )
+        gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
         by_opacity = moments[:, 5] / seen
         # All but the opacity's own gradient are proportional to it.
@@ -47,6 +47,10 @@ class _FastRender(torch.autograd.Function):
         )
         typed = (g.to(t.dtype) for g, t in zip(wanted, ctx.saved_tensors, strict=True))
         return (*typed, None, None)
+
+
+def _precision(tensors: Sequence[torch.Tensor]) -> type[np.floating]:
+    return np.float64 if all(t.dtype == torch.float64 for t in tensors) else np.float32
 
 
 def _splats(*tensors: torch.Tensor) -> Splats:
@@ -75,10 +79,11 @@ def _by_shape(
     return by_mean, by_sigma, (m12 - rho / k * m22) / k
 
 
-def _by_background(splats: Splats, gradient: NDArray[np.float32]) -> NDArray[np.float64]:
+def _by_background(splats: Splats, gradient: NDArray[np.floating]) -> NDArray[np.float64]:
     """The background shows through the transmittance: white under black Gaussians."""
     black = splats._replace(paint=splats.paint * [1.0, 0.0, 0.0, 0.0], background=np.ones(3))
-    transmittance = render_planar(black, *gradient.shape[1:])
+    _, height, width = gradient.shape
+    transmittance = render_planar(black, height, width, gradient.dtype.type)
     return np.einsum("chw,chw->c", gradient, transmittance, dtype=np.float64)
 
 
@@ -94,8 +99,9 @@ def fast_composite(
 ) -> torch.Tensor:
     """The same as gauss2svg.render.reference.composite, by the numba kernels.
 
-    CPU tensors of any floating dtype; the image is float32 (height, width, 3). Gradients
-    flow to every tensor, once: a second derivative raises torch's error.
+    CPU tensors of any floating dtype; the image (height, width, 3) is float64 if all of
+    them are, else float32. Gradients flow to every tensor, once: a second derivative raises
+    torch's error.
     """
     arguments = (mean, sigma, rho, color, opacity, background, height, width)
     image = _FastRender.apply(*arguments)

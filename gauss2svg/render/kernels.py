@@ -1,5 +1,8 @@
 """Compositing of one tile: forward, backward and removal, on sixteen lanes at a time.
 
+The buffers are all float32 or all float64, and so is the arithmetic between lanes; shape
+and paint are float64 in both.
+
 Front to back, pixel by pixel, with T the transmittance in front of Gaussian k:
 
     alpha_k = opacity_k f(r_k),  w_k = alpha_k T_k,  C = sum w_k c_k + T_end background,
@@ -26,39 +29,59 @@ nine numbers a pair, from which every parametrisation's gradient follows.
 # pyright: reportCallIssue=false
 # The intrinsics of simd.py take a typing context that only numba sees.
 
-import numpy as np
 from numba import njit
 
 from gauss2svg.falloff import RADIUS, RIM
-from gauss2svg.render.simd import LANES, least, load, most, splat, store, total
+from gauss2svg.render.simd import (
+    LANES,
+    constant,
+    least,
+    load,
+    most,
+    polynomial,
+    splat,
+    store,
+    total,
+)
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
 
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
 PLANE = TILE_WIDTH * TILE_HEIGHT
 MOMENTS = 9
-COLUMN = np.arange(LANES, dtype=np.float32)
 
 # exp(u) on -1.125..0, least squares on Chebyshev nodes with p(0) = 1; its fourth
-# power is exp(-q / 2) for 0 <= q <= 9 within 2e-6.
-_P1, _P2, _P3, _P4, _P5 = 0.99998307, 0.4996931, 0.1650935, 0.03830978, 0.0050456
+# power is exp(-q / 2) for 0 <= q <= 9 within 2e-6 in float32 and a relative 3e-15
+# in float64, rounding included.
+_SINGLE = (0.99998307, 0.4996931, 0.1650935, 0.03830978, 0.0050456)
+_DOUBLE = (
+    0.9999999999999957, 0.49999999999975975, 0.16666666666191254, 0.041666666618940265,
+    0.008333333050006783, 0.0013888878096905864, 0.00019840993722197286, 2.4796730136219152e-05,
+    2.7498246355397565e-06, 2.706659751805855e-07, 2.236377895720017e-08, 1.1844917963299862e-09,
+)  # fmt: skip
 _CUT = RADIUS * RADIUS
-_U = -_CUT / 8
-# What the polynomial gives at the cut, and a little more than float32 rounding, so
-# that alpha is exactly 0 from the cut on.
-_KERNEL_RIM = (1 + _U * (_P1 + _U * (_P2 + _U * (_P3 + _U * (_P4 + _U * _P5))))) ** 4 + 2e-8
-assert abs(_KERNEL_RIM - RIM) < 2e-6, "the polynomial was fitted for RADIUS = 3"
-_NORM = 1 / (1 - _KERNEL_RIM)
+
+
+def _rim_of(coefficients: tuple[float, ...]) -> float:
+    value = 0.0
+    for coefficient in reversed((1.0, *coefficients)):
+        value = coefficient - _CUT / 8 * value
+    return value**4
+
+
+# What the polynomial gives at the cut, and a little more than the rounding, so that
+# alpha is exactly 0 from the cut on.
+_RIMS = _rim_of(_SINGLE) + 2e-8, _rim_of(_DOUBLE) + 4e-17
+assert abs(_RIMS[0] - RIM) < 2e-6, "the polynomials were fitted for RADIUS = 3"
+assert abs(_RIMS[1] - RIM) < 1e-16, "the polynomials were fitted for RADIUS = 3"
+_rim = constant(*_RIMS)
+_norm = constant(*(1 / (1 - rim) for rim in _RIMS))
+_exp = polynomial(_SINGLE, _DOUBLE)
 
 
 @njit(inline="always")
 def _exp_half(q):
     """exp(-q / 2) lane by lane for 0 <= q <= 9."""
-    u = q * splat(-0.125)
-    p = splat(_P4) + u * splat(_P5)
-    p = splat(_P3) + u * p
-    p = splat(_P2) + u * p
-    p = splat(_P1) + u * p
-    p = splat(1.0) + u * p
+    p = _exp(q * splat(-0.125, q))
     p = p * p
     return p * p
 
@@ -70,38 +93,38 @@ def compose_tile(
     """Composite the pairs of one tile; returns how far alpha and trans were filled.
 
     pairs   indices of the tile's pairs, front to back
-    x0, y0  the tile's first pixel; column: 0..15 as float32
-    inside  (16,) float32: 1 for columns of the image, 0 beyond its right edge, where
+    x0, y0  the tile's first pixel; column: (16,) 0..15
+    inside  (16,): 1 for columns of the image, 0 beyond its right edge, where
             the transmittance starts at 0 and nothing counts
     shape   (n, 5) float64: mean x, y and whitening w11, w21, w22
     paint   (n, 4) float64: opacity, r, g, b
     alpha, trans  flat buffers, 16 for each row of each pair, in visiting order
     acc     (3, TILE_HEIGHT, 16) premultiplied colour; left (TILE_HEIGHT, 16) transmittance
     """
+    centre = load(column, 0)
+    cut = splat(_CUT, centre)
+    zero = splat(0.0, centre)
     for y in range(0, PLANE, TILE_WIDTH):
         store(left, y, load(inside, 0))
         for channel in range(3):
-            store(acc, channel * PLANE + y, splat(0.0))
+            store(acc, channel * PLANE + y, zero)
     at = 0
-    centre = load(column, 0)
-    cut = splat(_CUT)
-    zero = splat(0.0)
     for k in range(pairs.shape[0]):
         p = pairs[k]
         i = gaussian[p]
-        peak = splat(paint[i, 0] * _NORM)
-        rim = splat(paint[i, 0] * _NORM * _KERNEL_RIM)
-        c0 = splat(paint[i, 1])
-        c1 = splat(paint[i, 2])
-        c2 = splat(paint[i, 3])
-        u = centre + splat(x0 + 0.5 - shape[i, 0])
+        peak = splat(paint[i, 0] * _norm(centre), centre)
+        rim = splat(paint[i, 0] * _norm(centre) * _rim(centre), centre)
+        c0 = splat(paint[i, 1], centre)
+        c1 = splat(paint[i, 2], centre)
+        c2 = splat(paint[i, 3], centre)
+        u = centre + splat(x0 + 0.5 - shape[i, 0], centre)
         v = y0 + 0.5 - shape[i, 1]
-        z1 = splat(shape[i, 2]) * u
+        z1 = splat(shape[i, 2], centre) * u
         z1 = z1 * z1
-        slope = splat(shape[i, 3]) * u
+        slope = splat(shape[i, 3], centre) * u
         w22 = shape[i, 4]
         for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-            z2 = slope + splat(w22 * (v + y))
+            z2 = slope + splat(w22 * (v + y), centre)
             q = least(z1 + z2 * z2, cut)
             a = most(peak * _exp_half(q) - rim, zero)
             j = y * TILE_WIDTH
@@ -125,27 +148,27 @@ def backpropagate_tile(
 
     g       (3, TILE_HEIGHT, 16) dL/dpixel, 0 outside the image
     behind  (TILE_HEIGHT, 16) g . background on entry, overwritten
-    moments (p, MOMENTS) float32, one row a pair, written
+    moments (p, MOMENTS), one row a pair, written
     """
     centre = load(column, 0)
-    zero = splat(0.0)
-    huge = splat(1e30)
+    zero = splat(0.0, centre)
+    huge = splat(1e30, centre)
     for k in range(pairs.shape[0] - 1, -1, -1):
         p = pairs[k]
         i = gaussian[p]
-        rim = splat(paint[i, 0] * _NORM * _KERNEL_RIM)
-        c0 = splat(paint[i, 1])
-        c1 = splat(paint[i, 2])
-        c2 = splat(paint[i, 3])
-        u = centre + splat(x0 + 0.5 - shape[i, 0])
+        rim = splat(paint[i, 0] * _norm(centre) * _rim(centre), centre)
+        c0 = splat(paint[i, 1], centre)
+        c1 = splat(paint[i, 2], centre)
+        c2 = splat(paint[i, 3], centre)
+        u = centre + splat(x0 + 0.5 - shape[i, 0], centre)
         v = y0 + 0.5 - shape[i, 1]
-        slope = splat(shape[i, 3]) * u
+        slope = splat(shape[i, 3], centre) * u
         w22 = shape[i, 4]
         at -= (rows[p, 1] - rows[p, 0]) * TILE_WIDTH
         row = at
         s0 = s1 = s2 = so = h0 = h2 = h22 = zero
         for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-            z2 = slope + splat(w22 * (v + y))
+            z2 = slope + splat(w22 * (v + y), centre)
             a = load(alpha, row)
             t = load(trans, row)
             row += TILE_WIDTH
@@ -168,7 +191,7 @@ def backpropagate_tile(
             h0 = h0 + h
             h2 = h2 + hz
             h22 = h22 + hz * z2
-        z1 = splat(shape[i, 2]) * u
+        z1 = splat(shape[i, 2], centre) * u
         h1 = h0 * z1
         moments[p, 0] = total(h1)
         moments[p, 1] = total(h2)
@@ -190,9 +213,9 @@ def removal_tile(pairs, y0, paint, gaussian, rows, alpha, trans, at, error, behi
 
     error   (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image
     behind  (3, TILE_HEIGHT, 16) the background on entry, overwritten
-    cost    (p, 2) float32: that change, and the sum of w_k^2, written
+    cost    (p, 2): that change, and the sum of w_k^2, written
     """
-    zero = splat(0.0)
+    zero = splat(0.0, error)
     for k in range(pairs.shape[0] - 1, -1, -1):
         p = pairs[k]
         i = gaussian[p]
@@ -209,7 +232,7 @@ def removal_tile(pairs, y0, paint, gaussian, rows, alpha, trans, at, error, behi
             for channel in range(3):
                 j = channel * PLANE + y * TILE_WIDTH
                 b = load(behind, j)
-                lift = b - splat(paint[i, 1 + channel])
+                lift = b - splat(paint[i, 1 + channel], error)
                 store(behind, j, b - a * lift)
                 d = w * lift
                 e = load(error, j)

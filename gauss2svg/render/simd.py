@@ -1,20 +1,28 @@
-"""Sixteen float32 lanes as one numba value, so that kernels vectorise by construction.
+"""Sixteen lanes of float32 or float64 as one numba value: kernels vectorise by construction.
 
 LLVM's loop vectoriser gives up on the compositing loops (many small buffers
 that could alias). Here a row of a tile is one `<16 x float>` value: LLVM maps it
-to one 512-bit, two 256-bit or four 128-bit registers, whatever the machine has.
-The arithmetic may be contracted to fused multiply-adds and nothing else, so
-that NaN and infinity behave as they do in plain code.
+to one 512-bit, two 256-bit or four 128-bit registers, whatever the machine has,
+and `<16 x double>` to twice as many. The arithmetic may be contracted to fused
+multiply-adds and nothing else, so that NaN and infinity behave as they do in
+plain code.
 
-    load(array, i)      lanes from array.flat[i : i + 16] (C-contiguous float32)
+    load(array, i)      lanes from array.flat[i : i + 16] (C-contiguous, float32 or float64)
     store(array, i, v)  and back
-    splat(x)            sixteen times x
-    + - *               between lanes
+    splat(x, like)      sixteen times x, of the element type of like: lanes or an array
+    + - *               between lanes of one element type
     least, most         lane by lane minimum and maximum
     total(v)            sum of the lanes, by pairs, in a fixed order
+
+What differs between the precisions is looked up as a kernel is compiled, so that one
+source serves both:
+
+    constant(single, double)    makes f(like), the one that goes with like
+    polynomial(single, double)  makes f(u) = 1 + c1 u + c2 u^2 + ..
 """
 
 import operator
+from collections.abc import Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -22,90 +30,135 @@ from numba import types
 from numba.extending import intrinsic, models, overload, register_model
 
 LANES = 16
-_VECTOR = ir.VectorType(ir.FloatType(), LANES)
+_ELEMENTS = {types.float32: ir.FloatType(), types.float64: ir.DoubleType()}
 _CONTRACT = ("contract",)
 
 
 class _Lanes(types.Type):
-    def __init__(self) -> None:
-        super().__init__(name="float32x16")
-
-
-lanes_type = _Lanes()
+    def __init__(self, dtype: Any) -> None:
+        super().__init__(name=f"{dtype}x{LANES}")
+        self.dtype = dtype
 
 
 @register_model(_Lanes)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, dmm: Any, fe_type: Any) -> None:
-        super().__init__(dmm, fe_type, _VECTOR)
+        super().__init__(dmm, fe_type, ir.VectorType(_ELEMENTS[fe_type.dtype], LANES))
 
 
 def _lane_pointer(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
     data = context.make_array(array_type)(context, builder, array).data
     element = builder.gep(data, [index], inbounds=True)
-    return builder.bitcast(element, _VECTOR.as_pointer())
+    return builder.bitcast(element, ir.VectorType(_ELEMENTS[array_type.dtype], LANES).as_pointer())
+
+
+def _alignment(array_type: Any) -> int:
+    return array_type.dtype.bitwidth // 8
+
+
+def _has_lanes(like: Any) -> bool:
+    return isinstance(like, (_Lanes, types.Array)) and like.dtype in _ELEMENTS
 
 
 def _is_lane_source(array: Any) -> bool:
-    return isinstance(array, types.Array) and array.dtype == types.float32 and array.layout == "C"
+    return isinstance(array, types.Array) and _has_lanes(array) and array.layout == "C"
 
 
 @intrinsic
 def load(typingctx, array, index):
-    """Lanes from the 16 elements of a C-contiguous float32 array that start at flat index."""
+    """Lanes from the 16 elements of a C-contiguous array that start at flat index."""
     if not _is_lane_source(array):
         return None
 
     def codegen(context, builder, signature, args):
         at = context.cast(builder, args[1], signature.args[1], types.intp)
         pointer = _lane_pointer(context, builder, signature.args[0], args[0], at)
-        return builder.load(pointer, align=4)
+        return builder.load(pointer, align=_alignment(signature.args[0]))
 
-    return lanes_type(array, index), codegen
+    return _Lanes(array.dtype)(array, index), codegen
 
 
 @intrinsic
 def store(typingctx, array, index, value):
     """Write lanes to the 16 elements that start at flat index."""
-    if not _is_lane_source(array) or value != lanes_type:
+    if not _is_lane_source(array) or value != _Lanes(array.dtype):
         return None
 
     def codegen(context, builder, signature, args):
         at = context.cast(builder, args[1], signature.args[1], types.intp)
         pointer = _lane_pointer(context, builder, signature.args[0], args[0], at)
-        builder.store(args[2], pointer, align=4)
+        builder.store(args[2], pointer, align=_alignment(signature.args[0]))
         return context.get_dummy_value()
 
     return types.void(array, index, value), codegen
 
 
 @intrinsic
-def splat(typingctx, value):
-    """Sixteen lanes of one number, converted to float32."""
-    if not isinstance(value, (types.Float, types.Integer)):
+def splat(typingctx, value, like):
+    """Sixteen lanes of one number, converted to the element type of like."""
+    if not isinstance(value, (types.Float, types.Integer)) or not _has_lanes(like):
         return None
 
     def codegen(context, builder, signature, args):
-        scalar = context.cast(builder, args[0], signature.args[0], types.float32)
-        single = builder.insert_element(
-            ir.Constant(_VECTOR, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
-        )
+        scalar = context.cast(builder, args[0], signature.args[0], signature.args[1].dtype)
+        undefined = ir.Constant(ir.VectorType(scalar.type, LANES), ir.Undefined)
+        single = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
         mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
-        return builder.shuffle_vector(single, ir.Constant(_VECTOR, ir.Undefined), mask)
+        return builder.shuffle_vector(single, undefined, mask)
 
-    return lanes_type(value), codegen
+    return _Lanes(like.dtype)(value, like), codegen
+
+
+def constant(single: float, double: float) -> Any:
+    """A function of like: single if its elements are float32, double if float64, as float64."""
+
+    @intrinsic
+    def operation(typingctx, like):
+        if not _has_lanes(like):
+            return None
+        value = single if like.dtype == types.float32 else double
+
+        def codegen(context, builder, signature, args):
+            return ir.Constant(ir.DoubleType(), value)
+
+        return types.float64(like), codegen
+
+    return operation
+
+
+def polynomial(single: Sequence[float], double: Sequence[float]) -> Any:
+    """A function of lanes u: 1 + c1 u + c2 u^2 + .., lowest power first, by Horner's rule."""
+
+    @intrinsic
+    def operation(typingctx, u):
+        if not isinstance(u, _Lanes):
+            return None
+        *lower, highest = (1.0, *(single if u.dtype == types.float32 else double))
+
+        def codegen(context, builder, signature, args):
+            vector = args[0].type
+            value = ir.Constant(vector, [highest] * LANES)
+            for coefficient in reversed(lower):
+                product = builder.fmul(args[0], value, flags=_CONTRACT)
+                added = ir.Constant(vector, [coefficient] * LANES)
+                value = builder.fadd(added, product, flags=_CONTRACT)
+            return value
+
+        return u(u), codegen
+
+    return operation
 
 
 def _binary(emit):
     @intrinsic
     def operation(typingctx, left, right):
-        if left != lanes_type or right != lanes_type:
+        if not isinstance(left, _Lanes) or left != right:
             return None
 
         def codegen(context, builder, signature, args):
             return emit(builder, args[0], args[1])
 
-        return lanes_type(left, right), codegen
+        return left(left, right), codegen
 
     return operation
 
@@ -120,7 +173,7 @@ _mul = _binary(lambda builder, a, b: builder.fmul(a, b, flags=_CONTRACT))
 def _overload_operator(symbol, operation):
     @overload(symbol, inline="always")
     def implementation(left, right):
-        if left == lanes_type and right == lanes_type:
+        if isinstance(left, _Lanes) and left == right:
             return lambda left, right: operation(left, right)
         return None
 
@@ -133,7 +186,7 @@ _overload_operator(operator.mul, _mul)
 @intrinsic
 def total(typingctx, value):
     """Sum of the lanes: halves added to halves, so the order never changes."""
-    if value != lanes_type:
+    if not isinstance(value, _Lanes):
         return None
 
     def codegen(context, builder, signature, args):
@@ -150,4 +203,4 @@ def total(typingctx, value):
             )
         return builder.extract_element(vector, ir.Constant(ir.IntType(32), 0))
 
-    return types.float32(value), codegen
+    return value.dtype(value), codegen
