@@ -334,6 +334,8 @@ class Pursuit:
         smaller = self._photo.shape != self._working.shape
         if target is None or not smaller or measured.raster.shape != self._photo.shape:
             return False
+        if math.isnan(best.error):  # trimmed to its bytes: nothing is left to search for
+            return False
         if target - TOLERANCE <= measured.psnr_svg <= target + _TOO_GOOD:
             return False
         before, self._detail = self._detail, 10 ** (-measured.psnr_svg / 10) - best.error

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +76,7 @@ class Run:
         self._reduction = 1
         self._target = self._reduced(1)
         self._rates = adam.Rates()
-        self._cpu = time.process_time()
+        self._wall_s = self._cpu_s = 0.0
 
     @property
     def rounds(self) -> int:
@@ -84,15 +85,17 @@ class Run:
 
     def fit(self) -> None:
         """Grow and refine until the rule and the clock are content."""
-        if self._grow():
-            total = self.options.iterations
-            steps = None if total is None else total - int(total * GROWTH_SHARE)
-            self._refine(steps, GROWTH_SHARE)
+        with self._timed():
+            if self._grow():
+                total = self.options.iterations
+                steps = None if total is None else total - int(total * GROWTH_SHARE)
+                self._refine(steps, GROWTH_SHARE)
 
     def resize(self, count: int, iterations: int) -> None:
         """Change the number of Gaussians of a finished fit, and refine them again."""
-        self._change_count(count)
-        self._refine(iterations, _RESUME_AT, adjusting=False)
+        with self._timed():
+            self._change_count(count)
+            self._refine(iterations, _RESUME_AT, adjusting=False)
 
     def scene(self) -> Scene:
         """The Gaussians so far, on the whole working canvas."""
@@ -109,11 +112,18 @@ class Run:
             scene=self.scene(),
             iterations=self.clock.iteration,
             rounds=self.rounds,
-            wall_s=self.clock.elapsed_s,
-            cpu_s=time.process_time() - self._cpu,
+            wall_s=self._wall_s,
+            cpu_s=self._cpu_s,
             pixel_pairs=self.pixel_pairs,
             stop_reason=reason,
         )
+
+    @contextmanager
+    def _timed(self) -> Iterator[None]:
+        wall, cpu = time.perf_counter(), time.process_time()
+        yield
+        self._wall_s += time.perf_counter() - wall
+        self._cpu_s += time.process_time() - cpu
 
     def _grow(self) -> bool:
         """Rounds of new Gaussians, then the full picture; False if there is nothing to fit."""
