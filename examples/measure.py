@@ -1,6 +1,7 @@
 """Measure gauss2svg on photos, beside another fitter run in the same minute.
 
     python examples/measure.py IMAGES... [--gaussians 5000] [--palette N] [--against SCRIPT]
+        [--iterations 300] [--their-iterations 300]
 
 Prints one line a photo and the means: PSNR of the model, PSNR of the SVG by resvg and
 CairoSVG against the photo and against the model, bytes a Gaussian raw and gzipped, CPU
@@ -49,7 +50,8 @@ def measure(image: Path, options: argparse.Namespace) -> dict[str, float]:
         "Mpairs_step": report["pixel_pairs"] / report["iterations"] / 1e6,
     }
     if options.against:
-        other = run_other(image, options, report["iterations"], report["threads"])
+        iterations = options.their_iterations or report["iterations"]
+        other = run_other(image, options, iterations, report["threads"])
         row |= {"other_dB": other["psnr"], "other_cpu_s": other["cpu_s"]}
         row["cpu_ratio"] = row["fit_cpu_s"] / row["other_cpu_s"]
     return row
@@ -77,6 +79,7 @@ def main() -> None:
     parser.add_argument("--palette", type=int)
     parser.add_argument("--threads", type=int)
     parser.add_argument("--against", type=Path)
+    parser.add_argument("--their-iterations", type=int)
     options = parser.parse_args()
     vectorize(options.images[0], gaussians=10, iterations=2)  # compile before any clock runs
     rows = []

@@ -74,6 +74,7 @@ class Run:
         self._round_index = 0
         self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
         self._reduction = 1
+        self._targets: dict[int, Target] = {}
         self._target = self._reduced(1)
         self._rates = adam.Rates()
         self._wall_s = self._cpu_s = 0.0
@@ -174,11 +175,14 @@ class Run:
         )
 
     def _reduced(self, factor: int) -> Target:
+        if factor in self._targets:
+            return self._targets[factor]
         height, width = self.pixels.shape[:2]
         size = max(1, height // factor), max(1, width // factor)
         planar = np.moveaxis(shrink(self.pixels, *size), -1, 0)
         planar = np.ascontiguousarray(planar, self.options.precision)
-        return Target(planar, FLAT_WEIGHT)
+        self._targets[factor] = Target(planar, FLAT_WEIGHT)
+        return self._targets[factor]
 
     def _rendered(self) -> NDArray[np.floating]:
         target = self._target
