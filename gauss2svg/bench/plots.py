@@ -18,12 +18,12 @@ INSTALL = "pip install 'gauss2svg[bench]'"
 _OWN, _PRESET, _FRONT = "#9aa5b1", "#0b3d91", "#d1495b"
 _PEER_COLORS = ("#2a9d8f", "#e07a1f", "#7b4fa3", "#8a5a2b", "#5b6b00")
 _PEER_MARKERS = ("s", "^", "v", "P", "X")
-_LEAST = {SECONDS: 1e-3, BYTES: 1.0}  # a cost of 0 has no place on a logarithmic axis
+_LEAST = {SECONDS: 1e-4, BYTES: 1.0}  # a cost of 0 has no place on a logarithmic axis
 _AXES = {
     SECONDS: ("psnr_seconds", "CPU seconds, after a warm-up"),
     BYTES: ("psnr_bytes", "bytes, gzipped"),
 }
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "font.size": 10,
     "font.family": "DejaVu Sans",  # ships with matplotlib: the same on every machine
     "axes.spines.top": False,
@@ -71,7 +71,11 @@ def _draw(rows: Sequence[dict[str, Any]], cost: str, directory: Path) -> list[Pa
         points = _points(axes, rows, cost)
         if points:
             _decorate(axes, cost, [x for x, *_ in points])
-            axes.legend(frameon=False, loc="best", fontsize=9)
+            # Outside, in one row: inside it would cover points of some run.
+            figure.legend(
+                loc="outside upper left", ncols=8, frameon=False, fontsize=9,
+                columnspacing=1.4, handletextpad=0.5,
+            )  # fmt: skip
             _place_labels(figure, axes, points)
         for suffix, canvas, metadata in (
             (".png", FigureCanvasAgg, {"Software": None}),
@@ -102,7 +106,7 @@ def _points(axes: Any, rows: Sequence[dict[str, Any]], cost: str) -> list[tuple[
         draw(on_front, color=_FRONT, linewidth=1.6, zorder=2, label="Pareto front")
     others = [row for row in own if row["preset"] is None]
     if others:
-        x, y = draw(others, **_marker("o", _OWN, 6), zorder=3, label="settings")
+        x, y = draw(others, **_marker("o", _OWN, 6), zorder=3, label="other settings")
         found += [(a, b, "", _OWN, False) for a, b in zip(x, y, strict=True)]
     presets = [row for row in own if row["preset"] is not None]
     if presets:
@@ -134,7 +138,7 @@ def _decorate(axes: Any, cost: str, x: Sequence[float]) -> None:
     axes.set_xlim(low, high)
     axes.margins(y=0.12)
     decades = math.log10(high / low)
-    steps = (1, 2, 5) if decades < 3 else (1,)
+    steps = (1, 2, 5) if decades < 4 else (1,)
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ticks = [step * 10.0**e for e in exponents for step in steps if low <= step * 10.0**e <= high]
     axes.xaxis.set_major_locator(FixedLocator(ticks))
@@ -155,13 +159,13 @@ def _bytes(value: float) -> str:
 
 
 def _place_labels(figure: Any, axes: Any, points: Sequence[tuple[Any, ...]]) -> None:
-    """Write each text at the first place where it covers no marker, text or legend."""
+    """Write each text at the first place where it covers no marker and no text."""
     from matplotlib.transforms import Bbox
 
     figure.draw_without_rendering()
     renderer = figure.canvas.get_renderer()
     point = figure.dpi / 72
-    taken = [axes.get_legend().get_window_extent(renderer)]
+    taken = []
     for x, y, *_ in points:
         left, low = axes.transData.transform((x, y))
         r = 5 * point

@@ -23,10 +23,11 @@ from PIL import Image
 from gauss2svg.atomic import check_writable, write_atomically
 from gauss2svg.bench import plots
 from gauss2svg.bench.grid import Run, settings_of
+from gauss2svg.bench.machine import machine
 from gauss2svg.bench.peers import PEERS, check_peers
 from gauss2svg.bench.rows import Row, RowStore, csv_text, json_text
 from gauss2svg.bench.summary import markdown, summarise
-from gauss2svg.bench.worker import TOOL, machine, one_line
+from gauss2svg.bench.worker import TOOL, one_line
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.image import load_image

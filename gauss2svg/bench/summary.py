@@ -19,6 +19,8 @@ _MEANS = (
     "psnr_svg", "ssim_svg", "psnr_model", "cpu_s", "total_s", "bytes_raw", "bytes_gzipped",
     "gaussians",
 )  # fmt: skip
+_DISTURBED = 0.1  # of the machine's CPU time used by others, from which on a row is named
+_LEAST_DISTURBANCE_S = 0.1
 _DISTANCES = {
     "below_seconds_dB": (SECONDS,),
     "below_bytes_dB": (BYTES,),
@@ -74,8 +76,8 @@ def _mean_of(values: Sequence[float | None]) -> float | None:
 _COLUMNS: dict[str, tuple[str, str, float]] = {
     "PSNR, dB": ("psnr_svg", ".2f", 1),
     "SSIM": ("ssim_svg", ".3f", 1),
-    "CPU s": ("cpu_s", ".2f", 1),
-    "wall s": ("total_s", ".2f", 1),
+    "CPU s": ("cpu_s", ".3g", 1),
+    "wall s": ("total_s", ".3g", 1),
     "kB raw": ("bytes_raw", ".1f", 1e-3),
     "kB gzipped": ("bytes_gzipped", ".1f", 1e-3),
     "peak MB": ("peak_bytes", ".0f", 1e-6),
@@ -108,11 +110,27 @@ def markdown(summary: Sequence[Row], rows: Sequence[Row], images: Sequence[str])
         "which is that no other row of gauss2svg has no more seconds, no more bytes and a PSNR",
         "higher by more.",
     ]
+    disturbed = sum(_disturbed(row) for row in rows)
+    if disturbed:
+        lines += [
+            "",
+            f"{disturbed} of {_count(len(rows), 'run')} shared the machine with other work, which",
+            f"took over {_DISTURBED:.0%} of it (other_cpu_s in bench.csv): their seconds are too",
+            "many. Delete their lines of rows.jsonl and run again to measure them anew.",
+        ]
     failed = [row for row in rows if "error" in row]
     if failed:
         lines += ["", "Failed:", ""]
         lines += [f"- {row['label']} on {row['image']}: {row['error']}" for row in failed]
     return "\n".join(lines) + "\n"
+
+
+def _disturbed(row: Row) -> bool:
+    others = row.get("other_cpu_s")
+    # Counted in hundredths of a second: too coarse for a run of a blink.
+    if others is None or others < _LEAST_DISTURBANCE_S:
+        return False
+    return others > _DISTURBED * row["total_s"] * row["machine"]["cores"]
 
 
 def _cell(value: float | None, form: str, scale: float) -> str:

@@ -10,15 +10,16 @@ from __future__ import annotations
 import json
 import math
 import os
-import platform
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.bench.machine import Stopwatch, peak_bytes
+
 TOOL = "gauss2svg"  # what a row says that is no peer's
 _WARM_UP_SIDE = 32  # px
-_WARM_UP = {"gaussians": 8, "iterations": 2}
+_WARM_UP: dict[str, Any] = {"gaussians": 8, "iterations": 2}
 _FROM_REPORT = (
     "width", "height", "fit_width", "fit_height", "gaussians", "iterations", "rounds",
     "stop_reason", "threads", "renderer", "psnr_model", "psnr_svg", "ssim_svg",
@@ -43,22 +44,22 @@ def _run_own(job: dict[str, Any]) -> dict[str, Any]:
     from gauss2svg.pipeline import vectorize
     from gauss2svg.warmup import compile_kernels
 
-    options = {**job["settings"], "seed": job["seed"], "threads": job["threads"]}
-    began = time.perf_counter()
+    options: dict[str, Any] = {**job["settings"], "seed": job["seed"], "threads": job["threads"]}
+    warming = time.perf_counter()
     compile_kernels()
     # With the same options, so that no import and no code path is new to the clock.
     noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-    vectorize(noise, **options | _WARM_UP)
-    warmup_s = time.perf_counter() - began
-    began, cpu_began = time.perf_counter(), time.process_time()
+    vectorize(noise, **(options | _WARM_UP))
+    warmup_s = time.perf_counter() - warming
+    watch = Stopwatch()
     report = vectorize(job["image"], **options).report
-    clocks = {"total_s": time.perf_counter() - began, "cpu_s": time.process_time() - cpu_began}
+    clocks = watch.read()
     return {
         "used": job["settings"] | {name: report[name] for name in AXES if name in report},
         **{name: report[name] for name in _FROM_REPORT},
         **clocks,
         "warmup_s": warmup_s,
-        "peak_bytes": _peak_bytes(),
+        "peak_bytes": peak_bytes(),
         "bytes_raw": report["svg_bytes"],
         "bytes_gzipped": report["svgz_bytes"],
         "versions": report["versions"],
@@ -71,59 +72,14 @@ def _run_peer(job: dict[str, Any]) -> dict[str, Any]:
     peer = PEERS[job["tool"]]
     drawn = Path(job["folder"]) / f"drawn{peer.suffix}"
     work = peer.prepare(Path(job["png"]), drawn, **job["settings"])
-    began, cpu_began = time.perf_counter(), _cpu_seconds()
+    watch = Stopwatch()
     work()
-    clocks = {"total_s": time.perf_counter() - began, "cpu_s": _cpu_seconds() - cpu_began}
-    peak = _peak_bytes()  # now, before what scores is loaded
+    clocks = watch.read()
+    peak = peak_bytes()  # now, before what scores is loaded
 
     from gauss2svg.bench.score import score
 
     return {"used": job["settings"], "peak_bytes": peak, **clocks, **score(drawn, job["image"])}
-
-
-def _cpu_seconds() -> float:
-    """Of this process and of those it has waited for."""
-    times = os.times()
-    return time.process_time() + times.children_user + times.children_system
-
-
-def _peak_bytes() -> int | None:
-    """Most memory that this process, or one that it waited for, held; None if unknown."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    unit = 1 if sys.platform == "darwin" else 1024
-    own, children = (
-        resource.getrusage(who).ru_maxrss * unit
-        for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    )
-    try:
-        # Linux carries ru_maxrss over from the process that started this one.
-        status = Path("/proc/self/status").read_text()
-        own = next(int(s.split()[1]) for s in status.splitlines() if s.startswith("VmHWM:")) * 1024
-    except (OSError, StopIteration):
-        pass
-    return max(own, children)
-
-
-def machine() -> dict[str, Any]:
-    """CPU model, cores that may be used, platform."""
-    return {"cpu": _cpu_model(), "cores": _cores(), "platform": platform.platform()}
-
-
-def _cores() -> int:
-    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
-
-
-def _cpu_model() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        lines = []
-    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
-    return next(named, platform.processor() or platform.machine())
 
 
 def one_line(text: str) -> str:
