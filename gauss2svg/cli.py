@@ -25,7 +25,11 @@ app = App(
     suppress_keyboard_interrupt=False,  # main says what became of the files
 )
 # By name, so that it is loaded only where it is asked for.
-app.command("gauss2svg.bench.command:bench_command", name="bench")
+app.command(
+    "gauss2svg.bench.command:bench_command",
+    name="bench",
+    help="Vectorise photos by many settings, and write tables and plots of cost and fidelity.",
+)
 
 
 @app.default

@@ -17,7 +17,7 @@ STATUS_RUN_FAILED = 1
 
 
 def bench_command(
-    images: list[str],
+    images: Annotated[list[str], Parameter(negative="")],
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     axis: Annotated[list[str] | None, Parameter(negative="")] = None,
@@ -29,15 +29,13 @@ def bench_command(
 ) -> int:
     """Vectorise photos by many settings, and write tables and plots of what each costs and gives.
 
-    Every run is a process of its own, with its CPU seconds, memory, bytes, PSNR and SSIM.
-    Run again after an interruption: finished rows are kept.
-
     Parameters
     ----------
     images
         The photos.
     output
-        The folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots.
+        The folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. Run again
+        after an interruption: finished rows are kept.
     axis
         What to vary: NAME or NAME=VALUE,VALUE of gaussians, iterations, quality, init, schedule,
         loss, precision, stops, decimals, palette, blend, renderer, max_size. Several span a

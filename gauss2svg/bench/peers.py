@@ -17,7 +17,7 @@ from typing import Any
 
 from gauss2svg.errors import InputError, PeerError
 
-Work = Callable[[], None]
+Work = Callable[[], object]
 
 
 @dataclass(frozen=True)
