@@ -34,6 +34,7 @@ PROMISED = {
     "renderer", "threads", "machine", "versions", "date",
 }  # fmt: skip
 
+BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="48"/>'
 points = st.lists(
     st.tuples(*[st.integers(0, 6).map(float)] * 3), min_size=1, max_size=12
 )  # few values, so that equals are common
@@ -213,6 +214,7 @@ def test_pictures_of_one_name_stay_apart(photo, tmp_path, jobs):
         (["--axis", "init", "--axis", "init=error"], "axis init is given twice"),
         (["--peers", "vtracer,tracer"], "peer is 'tracer'; needed is one of vtracer"),
         (["--peer-timeout", "0"], "peer_timeout is 0"),
+        (["--peer-timeout", "inf"], "peer_timeout is inf"),
         (["--threads", "0"], "threads is 0"),
         (["no.png"], "cannot read no.png"),
         (["PHOTO"], "are one picture"),
@@ -253,13 +255,12 @@ def test_peer_draws_an_svg_that_is_scored_or_fails_or_is_stopped(picture, tmp_pa
     folder.mkdir()
     job = {"tool": "primitive", "settings": {"shapes": 3}, "image": str(picture)}
     job |= {"png": str(picture), "folder": str(folder)}
-    svg = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="48"/>'
-    fake_primitive(tmp_path, f"echo chatter; echo '{svg}' > \"$4\"")
+    fake_primitive(tmp_path, f"echo '{BLANK}' > \"$4\"")
     row = in_own_process(job, 60)
     with Image.open(picture) as white:
         error = np.mean((1 - np.asarray(white, np.float64) / 255) ** 2)
     assert row["psnr_svg"] == pytest.approx(-10 * math.log10(error), abs=1e-4)
-    assert row["bytes_raw"] == len(svg) + 1
+    assert row["bytes_raw"] == len(BLANK) + 1
 
     fake_primitive(tmp_path, "echo no luck >&2; exit 3")
     assert "status 3: no luck" in in_own_process(job, 60)["error"]
@@ -267,6 +268,19 @@ def test_peer_draws_an_svg_that_is_scored_or_fails_or_is_stopped(picture, tmp_pa
     fake_primitive(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
     assert "timed out after 2 s" in in_own_process(job, 2)["error"]
     assert not running(int((tmp_path / "pid").read_text()))
+
+
+def test_chatter_of_a_peer_is_no_part_of_its_row(picture, tmp_path, monkeypatch):
+    module = (
+        "def convert_image_to_svg_py(png, drawn):\n"
+        "    print('chatter')\n"
+        f"    open(drawn, 'w').write({BLANK!r})\n"
+    )
+    (tmp_path / "vtracer.py").write_text(module)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    job = {"tool": "vtracer", "settings": {"style": "default"}, "image": str(picture)}
+    row = in_own_process(job | {"png": str(picture), "folder": str(tmp_path)}, 60)
+    assert row["bytes_raw"] == len(BLANK)
 
 
 def running(pid):

@@ -34,6 +34,7 @@ from gauss2svg.image import load_image
 from gauss2svg.version import __version__
 
 DEFAULT_PEER_TIMEOUT = 300.0  # s
+_LONGEST_TIMEOUT = 1e6  # s; the system's calls take no more than 24 days
 _OUTPUTS = ("rows.jsonl", "bench.json", "bench.csv", "summary.md")
 
 
@@ -76,8 +77,10 @@ def run_bench(
     whole_number("seed", seed, 0, 2**63 - 1)
     if threads is not None:
         whole_number("threads", threads, 1, 2**16)
-    if not peer_timeout > 0:
-        raise InputError(f"peer_timeout is {peer_timeout}; needed are seconds > 0")
+    if not 0 < peer_timeout <= _LONGEST_TIMEOUT:
+        raise InputError(
+            f"peer_timeout is {peer_timeout}; needed are seconds > 0, at most {_LONGEST_TIMEOUT:g}"
+        )
     present, absent = check_peers(peers)
     all_settings = settings_of(axes)
     pictures = _pictures(images)
