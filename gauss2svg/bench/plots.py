@@ -6,18 +6,23 @@ import importlib.util
 import io
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gauss2svg.atomic import write_atomically
 from gauss2svg.bench.front import front
+from gauss2svg.bench.peers import PEERS
 from gauss2svg.bench.summary import BYTES, SECONDS
 from gauss2svg.bench.worker import TOOL
 
 INSTALL = "pip install 'gauss2svg[bench]'"
 _OWN, _PRESET, _FRONT = "#9aa5b1", "#0b3d91", "#d1495b"
 _PEER_COLORS = ("#2a9d8f", "#e07a1f", "#7b4fa3", "#8a5a2b", "#5b6b00")
-_PEER_MARKERS = ("s", "^", "v", "P", "X")
+_PEER_MARKERS = ("s", "^", "v", "p", "<")
 _LEAST = {SECONDS: 1e-4, BYTES: 1.0}  # a cost of 0 has no place on a logarithmic axis
 _AXES = {
     SECONDS: ("psnr_seconds", "CPU seconds, after a warm-up"),
@@ -113,9 +118,10 @@ def _points(axes: Any, rows: Sequence[dict[str, Any]], cost: str) -> list[tuple[
         x, y = draw(presets, **_marker("D", _PRESET, 9), zorder=4, label="presets")
         texts = [row["preset"] for row in presets]
         found += [(a, b, t, _PRESET, True) for a, b, t in zip(x, y, texts, strict=True)]
-    for index, tool in enumerate(dict.fromkeys(r["tool"] for r in rows if r["tool"] != TOOL)):
+    for tool in dict.fromkeys(r["tool"] for r in rows if r["tool"] != TOOL):
+        index = list(PEERS).index(tool)  # the same looks whichever others there are
         color = _PEER_COLORS[index % len(_PEER_COLORS)]
-        style = _marker(_PEER_MARKERS[index % len(_PEER_MARKERS)], color, 7)
+        style = _marker(_PEER_MARKERS[index % len(_PEER_MARKERS)], color, 8)
         group = [row for row in rows if row["tool"] == tool]
         x, y = draw(group, **style, zorder=3, label=tool)
         texts = [row["label"].removeprefix(f"{tool} ") for row in group]
@@ -134,7 +140,7 @@ def _decorate(axes: Any, cost: str, x: Sequence[float]) -> None:
     """Ticks at 1, 2 and 5 where there is room, in plain numbers, and room at the ends."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-    low, high = min(x) / 1.6, max(x) * 1.6
+    low, high = min(x) / 2, max(x) * 2
     axes.set_xlim(low, high)
     axes.margins(y=0.12)
     decades = math.log10(high / low)
@@ -159,17 +165,21 @@ def _bytes(value: float) -> str:
 
 
 def _place_labels(figure: Any, axes: Any, points: Sequence[tuple[Any, ...]]) -> None:
-    """Write each text at the first place where it covers no marker and no text."""
+    """Write each text at the first place where it covers nothing and is read as its marker's."""
     from matplotlib.transforms import Bbox
 
     figure.draw_without_rendering()
     renderer = figure.canvas.get_renderer()
     point = figure.dpi / 72
     taken = []
-    for x, y, *_ in points:
-        left, low = axes.transData.transform((x, y))
-        r = 5 * point
-        taken.append(Bbox.from_extents(left - r, low - r, left + r, low + r))
+    for line in axes.get_lines():
+        corners = axes.transData.transform(line.get_xydata())
+        radius = 5 * point
+        if line.get_marker() == "None":  # a front: boxes all along it
+            corners = _along(corners)
+            radius = point
+        taken += [Bbox.from_extents(*(corner - radius), *(corner + radius)) for corner in corners]
+    markers = [axes.transData.transform((x, y)) for x, y, *_ in points]
     frame = axes.get_window_extent(renderer)
     for x, y, text, color, bold in sorted(points, key=lambda p: (not p[4], p[0], p[1], p[2])):
         if not text:
@@ -188,9 +198,24 @@ def _place_labels(figure: Any, axes: Any, points: Sequence[tuple[Any, ...]]) -> 
             note.arrow_patch.set_visible(distance > 16)
             extent = _text_extent(note, renderer)
             inside = frame.x0 <= extent.x0 and extent.x1 <= frame.x1 and extent.y1 <= frame.y1
-            if inside and not any(extent.overlaps(other) for other in taken):
+            free = not any(extent.overlaps(other) for other in taken)
+            # Nearer to its own marker than to any other, or it would be read as the other's.
+            own, *others = (_gap(extent, at) for at in [axes.transData.transform((x, y)), *markers])
+            if inside and free and all(own <= gap + 1e-6 for gap in others):
                 break
         taken.append(_text_extent(note, renderer))
+
+
+def _along(corners: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Points of a line of such corners (n, 2), a few pixels apart."""
+    share = np.linspace(0, 1, 200)[:, None]
+    return np.concatenate([a + share * (b - a) for a, b in pairwise(corners)])
+
+
+def _gap(box: Any, at: NDArray[np.floating]) -> float:
+    """Distance of a point from a box, in pixels."""
+    nearest = np.clip(at, (box.x0, box.y0), (box.x1, box.y1))
+    return float(np.hypot(*(nearest - at)))
 
 
 def _text_extent(note: Any, renderer: Any) -> Any:
