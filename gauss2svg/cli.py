@@ -26,6 +26,12 @@ app = App(
     help="Turn a photo into an SVG of Gaussians, and measure how true it is.",
     suppress_keyboard_interrupt=False,  # main says what became of the files
 )
+# By name, so that it is loaded only where it is asked for.
+app.command(
+    "gauss2svg.bench.command:bench_command",
+    name="bench",
+    help="Vectorise photos by many settings, and write tables and plots of cost and fidelity.",
+)
 
 
 @app.default
@@ -214,10 +220,15 @@ def _npz(scene: Any) -> bytes:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command; returns the exit status: 0, or 2 with one line on standard error."""
+    """Run the command; returns the exit status: 0, or 2 with one line on standard error.
+
+    1 is that of a benchmark of which a run failed.
+    """
     warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
     try:
-        app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        status = app(
+            arguments, exit_on_error=False, print_error=False, result_action="return_value"
+        )
     except CycloptsError as error:
         return _refuse(f"{' '.join(str(error).split())}; see gauss2svg --help")
     except Gauss2SvgError as error:
@@ -234,7 +245,7 @@ def main(arguments: list[str] | None = None) -> int:
             raise
         print("gauss2svg: interrupted; every file is whole or untouched", file=sys.stderr)
         return STATUS_INTERRUPTED
-    return 0
+    return status if isinstance(status, int) else 0
 
 
 def _refuse(message: str) -> int:

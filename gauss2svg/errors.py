@@ -17,5 +17,9 @@ class RendererError(Gauss2SvgError, RuntimeError):
     """A rasteriser that is missing or that failed to draw the file."""
 
 
+class PeerError(Gauss2SvgError, RuntimeError):
+    """Another tool that failed in a benchmark."""
+
+
 class OutputError(Gauss2SvgError, OSError):
     """A target that cannot be written."""

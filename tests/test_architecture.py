@@ -26,7 +26,12 @@ def test_no_file_is_longer_than_400_lines(path):
 
 
 @pytest.mark.parametrize(
-    ("package", "home"), [("svgwrite", "svg/write.py"), ("resvg_py", "raster/resvg.py")]
+    ("package", "home"),
+    [
+        ("svgwrite", "svg/write.py"),
+        ("resvg_py", "raster/resvg.py"),
+        ("matplotlib", "bench/plots.py"),
+    ],
 )
 def test_only_one_module_knows_the_package(package, home):
     importers = [

@@ -44,9 +44,9 @@ class SvgOptions:
 
     palette: int = 1250
     color_error: float = 0.0
-    stops: int = 8
+    stops: int = 6
     decimals: int = 1
-    opacity_decimals: int = 3
+    opacity_decimals: int = 2
     title: str = "Vectorised photo"
 
     def __post_init__(self) -> None:

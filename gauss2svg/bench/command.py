@@ -1,0 +1,128 @@
+"""The command `gauss2svg bench`; the command line loads it only when it is asked for."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from gauss2svg.bench.runner import BenchProgress
+
+STATUS_RUN_FAILED = 1
+
+
+def bench_command(
+    images: Annotated[list[str], Parameter(negative="")],
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    axis: Annotated[list[str] | None, Parameter(negative="")] = None,
+    peers: str = "",
+    peer_timeout: float = 300.0,
+    seed: int = 0,
+    threads: int | None = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Vectorise photos by many settings, and write tables and plots of what each costs and gives.
+
+    Parameters
+    ----------
+    images
+        The photos.
+    output
+        The folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. Run again
+        after an interruption: finished rows are kept.
+    axis
+        What to vary: NAME or NAME=VALUE,VALUE of gaussians, iterations, quality, init, schedule,
+        loss, precision, stops, decimals, palette, blend, renderer, max_size. Several span a
+        grid; without any the presets and a small grid are run.
+    peers
+        Other tools to measure, by commas, where installed: vtracer, splatthis, primitive, jpeg,
+        webp.
+    peer_timeout
+        Seconds that a run of a peer may take.
+    seed
+        As of the main command.
+    threads
+        CPU threads of gauss2svg; one for each core if not given.
+    quiet
+        No progress and no summary.
+
+    """
+    from gauss2svg.bench import plots
+    from gauss2svg.bench.grid import parse_axes
+    from gauss2svg.bench.peers import check_peers
+    from gauss2svg.bench.runner import run_bench
+
+    names = [name.strip() for name in peers.split(",") if name.strip()]
+    axes = parse_axes(axis or ())
+    absent = check_peers(names)[1]
+    if absent:
+        _tell(f"not installed, left out: {', '.join(absent)}")
+    last: list[BenchProgress] = []
+    with _progress_bar(quiet, last) as progress:
+        rows = run_bench(
+            images,
+            output,
+            axes=axes or None,
+            peers=names,
+            seed=seed,
+            threads=threads,
+            peer_timeout=peer_timeout,
+            progress=progress,
+        )
+    if not plots.available():
+        _tell(f"no plots without matplotlib; for them {plots.INSTALL}")
+    failed = [row for row in rows if "error" in row]
+    if not quiet:
+        kept = f", {last[-1].kept} of them kept from before" if last[-1].kept else ""
+        _tell(f"{len(rows)} runs{kept}; {len(failed)} failed; see {output / 'summary.md'}")
+    for row in failed:
+        _tell(f"failed: {row['label']} on {row['image']}: {row['error']}")
+    return STATUS_RUN_FAILED if failed else 0
+
+
+@contextmanager
+def _progress_bar(
+    quiet: bool, last: list[BenchProgress]
+) -> Iterator[Callable[[BenchProgress], None]]:
+    """A callback that keeps a bar at a terminal, and what it was last told in last."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
+    console = Console(stderr=True)
+    columns = (
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    shown = console.is_terminal and not quiet
+    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
+        task = bar.add_task("reading the photos", total=None)
+
+        def update(progress: BenchProgress) -> None:
+            last[:] = [progress]
+            bar.update(
+                task,
+                description=escape(progress.now),  # a file name may look like markup
+                completed=progress.done,
+                total=progress.total,
+            )
+
+        yield update
+
+
+def _tell(line: str) -> None:
+    print(f"gauss2svg: {' '.join(line.split())}", file=sys.stderr)

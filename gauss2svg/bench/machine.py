@@ -1,0 +1,80 @@
+"""What a run costs this process and which machine it ran on; light to import."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+
+class Stopwatch:
+    """Started where it is made."""
+
+    def __init__(self) -> None:
+        self._wall, self._own, self._all = time.perf_counter(), _cpu_seconds(), _busy_seconds()
+
+    def read(self) -> dict[str, float | None]:
+        """Seconds since: total_s by the clock, cpu_s of this process and its children.
+
+        other_cpu_s is what everything else on the machine used meanwhile, None if unknown:
+        threads that wait for each other take much longer where others take their cores.
+        """
+        cpu_s, busy_s = _cpu_seconds() - self._own, _busy_seconds()
+        others = None
+        if self._all is not None and busy_s is not None:
+            others = max(0.0, busy_s - self._all - cpu_s)
+        return {
+            "total_s": time.perf_counter() - self._wall,
+            "cpu_s": cpu_s,
+            "other_cpu_s": others,
+        }
+
+
+def _cpu_seconds() -> float:
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
+
+
+def _busy_seconds() -> float | None:
+    try:
+        fields = Path("/proc/stat").read_text().split(maxsplit=9)
+        user, nice, system, _, _, irq, softirq, steal = map(int, fields[1:9])
+    except (OSError, ValueError):  # not Linux
+        return None
+    return (user + nice + system + irq + softirq + steal) / os.sysconf("SC_CLK_TCK")
+
+
+def peak_bytes() -> int | None:
+    """Most memory that this process, or one that it waited for, held; None if unknown."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    unit = 1 if sys.platform == "darwin" else 1024
+    children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit
+    try:
+        # Linux carries ru_maxrss over from the process that started this one.
+        status = Path("/proc/self/status").read_text().splitlines()
+        own = next(int(line.split()[1]) for line in status if line.startswith("VmHWM:")) * 1024
+    except (OSError, StopIteration):
+        own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    return max(own, children)
+
+
+def machine() -> dict[str, Any]:
+    """CPU model, cores that may be used, platform."""
+    affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
+    cores = len(affinity(0)) if affinity else os.cpu_count() or 1
+    return {"cpu": _cpu_model(), "cores": cores, "platform": platform.platform()}
+
+
+def _cpu_model() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or platform.machine())

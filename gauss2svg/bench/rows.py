@@ -1,0 +1,90 @@
+"""The finished rows of a benchmark: kept one a line, and written as JSON and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from gauss2svg.atomic import write_atomically
+from gauss2svg.errors import OutputError
+
+Row = dict[str, Any]
+
+
+class RowStore:
+    """Rows by key in a file of one JSON object a line; what a line holds is on disk.
+
+    A last line that a kill cut short is dropped, and so is any line that is no row. Of two
+    rows of a key the later counts. Raises OutputError if the file cannot be read or written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._rows: dict[str, Row] = {}
+        try:
+            data = path.read_bytes() if path.exists() else b""
+        except OSError as error:
+            raise OutputError(f"cannot read {path}: {error.strerror or error}") from error
+        whole = data[: data.rfind(b"\n") + 1]
+        for line in whole.splitlines():
+            row = _row(line)
+            if row is not None:
+                self._rows[row["key"]] = row
+        if whole != data:
+            write_atomically(path, whole)
+
+    def finished(self, key: str) -> Row | None:
+        """The row of a key if there is one without error."""
+        row = self._rows.get(key)
+        return None if row is None or "error" in row else row
+
+    def append(self, row: Row) -> None:
+        """Keep a row, on disk before this returns."""
+        line = json.dumps(row, allow_nan=False) + "\n"
+        try:
+            with self._path.open("ab") as stream:
+                stream.write(line.encode())
+                stream.flush()
+                os.fsync(stream.fileno())
+        except OSError as error:
+            raise OutputError(f"cannot write {self._path}: {error.strerror or error}") from error
+        self._rows[row["key"]] = row
+
+
+def _row(line: bytes) -> Row | None:
+    try:
+        row = json.loads(line)
+    except ValueError:
+        return None
+    return row if isinstance(row, dict) and isinstance(row.get("key"), str) else None
+
+
+def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested names joined by dots: {"a": {"b": 1}} is {"a.b": 1}."""
+    found: dict[str, Any] = {}
+    for name, value in row.items():
+        found |= (
+            flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+        )
+    return found
+
+
+def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
+    """A table with a column for every name that any row has; null is an empty cell."""
+    flattened = [flat(row) for row in rows]
+    columns = list(dict.fromkeys(name for row in flattened for name in row))
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(flattened)
+    return stream.getvalue()
+
+
+def json_text(value: Any) -> str:
+    """JSON as a person can read it."""
+    return json.dumps(value, indent=2, allow_nan=False) + "\n"

@@ -1,0 +1,145 @@
+"""Means over the pictures: what settings cost, what they give, how far below the fronts."""
+
+from __future__ import annotations
+
+import json
+import math
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from gauss2svg.bench.front import TOLERANCE, distance_below
+from gauss2svg.bench.worker import TOOL, finite
+
+Row = dict[str, Any]
+
+SECONDS = "cpu_s"
+BYTES = "bytes_gzipped"  # what a web server sends; a raster's are its own
+_MEANS = (
+    "psnr_svg", "ssim_svg", "psnr_model", "cpu_s", "total_s", "bytes_raw", "bytes_gzipped",
+    "gaussians",
+)  # fmt: skip
+_DISTURBED = 0.1  # of the machine's CPU time used by others, from which on a row is named
+_LEAST_DISTURBANCE_S = 0.1
+_DISTANCES = {
+    "below_seconds_dB": (SECONDS,),
+    "below_bytes_dB": (BYTES,),
+    "below_both_dB": (SECONDS, BYTES),
+}
+
+
+def summarise(rows: Iterable[Row], images: int) -> list[Row]:
+    """One row a setting that is finished for that many pictures; those of a tool together.
+
+    Means over the pictures, peak_bytes the largest. below_*_dB is how far the mean PSNR is
+    below the best of our settings that cost no more, in CPU seconds, in gzipped bytes and
+    in both at once; None for peers, of which there is no front.
+    """
+    groups: dict[str, list[Row]] = {}
+    for row in rows:
+        if "error" not in row:
+            name = json.dumps([row["tool"], row["tool_version"], row["settings"]], sort_keys=True)
+            groups.setdefault(name, []).append(row)
+    summary = [_mean(group) for group in groups.values() if len(group) == images]
+    own = [row for row in summary if row["tool"] == TOOL]
+    for name, costs in _DISTANCES.items():
+        columns = [[row[cost] for row in own] for cost in costs]
+        distances = distance_below(psnr_of(own), *columns)
+        for row, distance in zip(own, distances, strict=True):
+            row[name] = finite(distance)
+    return summary
+
+
+def psnr_of(rows: Sequence[Row]) -> list[float]:
+    """PSNR of the drawn files in dB; infinite where JSON has null, for equal pictures."""
+    return [math.inf if row["psnr_svg"] is None else row["psnr_svg"] for row in rows]
+
+
+def _mean(group: Sequence[Row]) -> Row:
+    first = group[0]
+    peaks = [row["peak_bytes"] for row in group if row["peak_bytes"] is not None]
+    return {
+        **{name: first[name] for name in ("label", "tool", "tool_version", "preset", "settings")},
+        "images": len(group),
+        **{name: _mean_of([row.get(name) for row in group]) for name in _MEANS},
+        "peak_bytes": max(peaks, default=None),
+        **dict.fromkeys(_DISTANCES),
+    }
+
+
+def _mean_of(values: Sequence[float | None]) -> float | None:
+    # One null makes the mean null: an infinite PSNR, or something a peer does not have.
+    known = [value for value in values if value is not None]
+    return statistics.fmean(known) if len(known) == len(values) else None
+
+
+_COLUMNS: dict[str, tuple[str, str, float]] = {
+    "PSNR, dB": ("psnr_svg", ".2f", 1),
+    "SSIM": ("ssim_svg", ".3f", 1),
+    "CPU s": ("cpu_s", ".3g", 1),
+    "wall s": ("total_s", ".3g", 1),
+    "kB raw": ("bytes_raw", ".1f", 1e-3),
+    "kB gzipped": ("bytes_gzipped", ".1f", 1e-3),
+    "peak MB": ("peak_bytes", ".0f", 1e-6),
+    "below by seconds, dB": ("below_seconds_dB", ".2f", 1),
+    "below by bytes, dB": ("below_bytes_dB", ".2f", 1),
+    "below by both, dB": ("below_both_dB", ".2f", 1),
+}
+
+
+def markdown(summary: Sequence[Row], rows: Sequence[Row], images: Sequence[str]) -> str:
+    """The summary as a Markdown table, with the pictures, the machines and what failed."""
+    lines = [
+        "# Benchmark",
+        "",
+        f"Means over {_count(len(images), 'picture')}: {', '.join(images)}. Measured on",
+        "; ".join(dict.fromkeys(_machine(row["machine"]) for row in rows)) + ".",
+        "",
+        "| settings | " + " | ".join(_COLUMNS) + " |",
+        "|---" * (len(_COLUMNS) + 1) + "|",
+    ]
+    for row in summary:
+        label = row["label"]
+        on_front = row["below_both_dB"] is not None and row["below_both_dB"] <= TOLERANCE
+        cells = [f"**{label}**" if on_front else label]
+        cells += [_cell(row[name], form, scale) for name, form, scale in _COLUMNS.values()]
+        lines.append(f"| {' | '.join(cells)} |")
+    lines += [
+        "",
+        f"In bold: on the front of CPU seconds, gzipped bytes and PSNR within {TOLERANCE} dB,",
+        "which is that no other row of gauss2svg has no more seconds, no more bytes and a PSNR",
+        "higher by more.",
+    ]
+    disturbed = sum(_disturbed(row) for row in rows)
+    if disturbed:
+        lines += [
+            "",
+            f"{disturbed} of {_count(len(rows), 'run')} shared the machine with other work, which",
+            f"took over {_DISTURBED:.0%} of it (other_cpu_s in bench.csv): their seconds are too",
+            "many. Delete their lines of rows.jsonl and run again to measure them anew.",
+        ]
+    failed = [row for row in rows if "error" in row]
+    if failed:
+        lines += ["", "Failed:", ""]
+        lines += [f"- {row['label']} on {row['image']}: {row['error']}" for row in failed]
+    return "\n".join(lines) + "\n"
+
+
+def _disturbed(row: Row) -> bool:
+    others = row.get("other_cpu_s")
+    # Counted in hundredths of a second: too coarse for a run of a blink.
+    if others is None or others < _LEAST_DISTURBANCE_S:
+        return False
+    return others > _DISTURBED * row["total_s"] * row["machine"]["cores"]
+
+
+def _cell(value: float | None, form: str, scale: float) -> str:
+    return "" if value is None else format(value * scale, form)
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")
+
+
+def _machine(machine: Mapping[str, Any]) -> str:
+    return f"{machine['cpu']}, {_count(machine['cores'], 'core')}, {machine['platform']}"

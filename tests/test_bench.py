@@ -1,0 +1,337 @@
+"""The benchmark as a whole: what it runs, keeps, tells and draws; real runs are few and slow."""
+
+import csv
+import json
+import math
+import os
+import stat
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gauss2svg.bench import runner
+from gauss2svg.bench.plots import draw_plots
+from gauss2svg.bench.rows import flat
+from gauss2svg.bench.runner import in_own_process, run_bench
+from gauss2svg.bench.summary import summarise
+from gauss2svg.bench.worker import finite
+from gauss2svg.cli import main
+
+PROMISED = {
+    "key", "tool", "image", "width", "height", "settings", "used", "gaussians", "rounds",
+    "stop_reason", "psnr_model", "psnr_svg", "ssim_svg", "psnr_roundtrip", "bytes_raw",
+    "bytes_gzipped", "fit_s", "fit_cpu_s", "total_s", "cpu_s", "warmup_s", "peak_bytes",
+    "renderer", "threads", "machine", "versions", "date",
+}  # fmt: skip
+
+BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="48"/>'
+
+
+@pytest.fixture
+def picture(photo, tmp_path):
+    path = tmp_path / "photo.png"
+    save(photo[:48, :64], path)
+    return path
+
+
+def save(pixels, path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(path)
+
+
+@pytest.fixture
+def jobs(monkeypatch):
+    """The jobs that a benchmark asked for, answered without a process."""
+    asked = []
+
+    def answer(job, timeout):
+        asked.append(job)
+        count = job["settings"].get("gaussians", 100)
+        if count == 13:
+            return {"error": "unlucky"}
+        return {
+            "psnr_svg": 20 + math.log2(1 + count), "ssim_svg": 0.5, "psnr_model": None,
+            "cpu_s": 0.01 * count, "total_s": 0.01 * count, "peak_bytes": 10**8,
+            "bytes_raw": 200 * count, "bytes_gzipped": 20 * count, "gaussians": count,
+        }  # fmt: skip
+
+    monkeypatch.setattr(runner, "in_own_process", answer)
+    return asked
+
+
+def counts(rows):
+    return [row["settings"]["gaussians"] for row in rows]
+
+
+@pytest.fixture(scope="module")
+def measured(photo, tmp_path_factory):
+    """One real benchmark: a run, one that fails, and the JPEGs."""
+    folder = tmp_path_factory.mktemp("bench")
+    save(photo[:48, :64], folder / "photo.png")
+    arguments = ["bench", str(folder / "photo.png"), "-o", str(folder / "out"), "--threads", "1"]
+    # No fit takes so many, which is known only once the run has begun.
+    arguments += ["--axis", "gaussians=10,2000000000", "--axis", "iterations=3"]
+    status = main([*arguments, "--peers", "jpeg", "--quiet"])
+    return status, folder / "out", json.loads((folder / "out" / "bench.json").read_text())
+
+
+def test_real_run_has_all_that_was_promised_and_a_failing_one_is_an_error_row(measured):
+    status, folder, document = measured
+    good, bad, *jpegs = document["rows"]
+    assert status == 1
+    assert good.keys() >= PROMISED
+    assert (good["gaussians"], good["used"]["init"], good["threads"]) == (10, "selective", 1)
+    assert good["cpu_s"] >= good["fit_cpu_s"] > 0
+    assert good["bytes_raw"] > good["bytes_gzipped"] > 0
+    assert "gaussians is 2000000000" in bad["error"]
+    assert "\n" not in bad["error"]
+    assert "psnr_svg" not in bad
+    assert "gaussians is 2000000000" in (folder / "summary.md").read_text()
+    assert len(jpegs) == 4
+    assert all(row["psnr_model"] is None for row in jpegs)
+
+
+def test_jpeg_bytes_and_fidelity_fall_with_quality(measured):
+    jpegs = [row for row in measured[2]["rows"] if row["tool"] == "jpeg"]
+    jpegs.sort(key=lambda row: row["settings"]["quality"])
+    for name in ("bytes_raw", "psnr_svg", "ssim_svg"):
+        values = [row[name] for row in jpegs]
+        assert values == sorted(set(values)), name
+
+
+def test_memory_of_a_run_is_its_own(picture, tmp_path):
+    ours = np.ones(40_000_000)  # 320 MB, which the child must not be charged with
+    job = {"tool": "jpeg", "settings": {"quality": 30}, "image": str(picture)}
+    row = in_own_process(job | {"png": str(picture), "folder": str(tmp_path)}, 60)
+    assert ours.nbytes / 2 > row["peak_bytes"] > 5e6
+
+
+def test_csv_and_json_agree(measured):
+    _, folder, document = measured
+    with (folder / "bench.csv").open(newline="") as stream:
+        table = list(csv.DictReader(stream))
+    for row, cells in zip(document["rows"], table, strict=True):
+        expected = {name: "" if v is None else str(v) for name, v in flat(row).items()}
+        assert {name: cell for name, cell in cells.items() if cell or name in expected} == expected
+
+
+def test_resuming_runs_only_what_is_missing(picture, tmp_path, jobs, capsys):
+    out = tmp_path / "out"
+    first = run_bench([picture], out, axes={"gaussians": [5, 13]})
+    seen = []
+    rows = run_bench([picture], out, axes={"gaussians": [5, 13, 7]}, progress=seen.append)
+    assert counts([{"settings": job["settings"]} for job in jobs]) == [5, 13, 13, 7]
+    assert counts(rows) == [5, 13, 7]
+    assert rows[0] == first[0]
+    assert (seen[0].kept, seen[-1].done, seen[-1].total) == (1, 3, 3)
+    assert main(["bench", str(picture), "-o", str(out), "--axis", "gaussians=5,7"]) == 0
+    assert len(jobs) == 4
+    assert "2 runs, 2 of them kept" in capsys.readouterr().err
+
+
+def test_half_written_row_is_done_again(picture, tmp_path, jobs):
+    run_bench([picture], tmp_path, axes={"gaussians": [5, 7]})
+    store = tmp_path / "rows.jsonl"
+    whole = store.read_bytes()
+    for cut in (1, 2, len(whole.splitlines()[1]) // 2):
+        store.write_bytes(whole[:-cut])
+        jobs.clear()
+        rows = run_bench([picture], tmp_path, axes={"gaussians": [5, 7]})
+        assert counts([{"settings": job["settings"]} for job in jobs]) == [7]
+        assert counts(rows) == [5, 7]
+        assert len(store.read_bytes().splitlines()) == 2
+        assert json.loads(store.read_bytes().splitlines()[1])["key"] == rows[1]["key"]
+
+
+def test_interrupted_benchmark_keeps_what_is_finished(picture, tmp_path, jobs, monkeypatch):
+    answer = runner.in_own_process
+
+    def interrupt(job, timeout):
+        if job["settings"]["gaussians"] == 7:
+            raise KeyboardInterrupt
+        return answer(job, timeout)
+
+    monkeypatch.setattr(runner, "in_own_process", interrupt)
+    assert main(["bench", str(picture), "-o", str(tmp_path), "--axis", "gaussians=5,7,9"]) == 130
+    assert counts(json.loads((tmp_path / "bench.json").read_text())["rows"]) == [5]
+    monkeypatch.setattr(runner, "in_own_process", answer)
+    jobs.clear()
+    run_bench([picture], tmp_path, axes={"gaussians": [5, 7, 9]})
+    assert len(jobs) == 2
+
+
+def test_changed_picture_is_run_again_and_a_moved_one_is_not(photo, picture, tmp_path, jobs):
+    run_bench([picture], tmp_path, axes={"gaussians": [5]})
+    moved = picture.rename(tmp_path / "moved.png")
+    rows = run_bench([moved], tmp_path, axes={"gaussians": [5]})
+    assert len(jobs) == 1
+    assert rows[0]["image"] == "moved.png"
+    save(photo[:40, :64], moved)
+    run_bench([moved], tmp_path, axes={"gaussians": [5]})
+    assert len(jobs) == 2
+
+
+def test_pictures_of_one_name_stay_apart(photo, tmp_path, jobs):
+    paths = [tmp_path / "a" / "x.png", tmp_path / "b" / "x.png", tmp_path / "y.png"]
+    for size, path in enumerate(paths):
+        save(photo[: 20 + size, :20], path)
+    rows = run_bench(paths, tmp_path / "out", axes={"gaussians": [5]})
+    assert [row["image"] for row in rows] == ["a/x.png", "b/x.png", "y.png"]
+    assert [job["image"] for job in jobs] == [str(path) for path in paths]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--axis", "speed"], "axis is 'speed'; needed is one of gaussians, iterations"),
+        (["--axis", "loss=mse,l3"], "axis loss got 'l3'; needed is one of mse, l1"),
+        (["--axis", "gaussians=many"], "axis gaussians got 'many'"),
+        (["--axis", "gaussians="], "axis gaussians got ''"),
+        (["--axis", "decimals=7"], "needed is a whole number in 0..6"),
+        (["--axis", "init", "--axis", "init=error"], "axis init is given twice"),
+        (["--peers", "vtracer,tracer"], "peer is 'tracer'; needed is one of vtracer"),
+        (["--peer-timeout", "0"], "peer_timeout is 0"),
+        (["--peer-timeout", "inf"], "peer_timeout is inf"),
+        (["--threads", "0"], "threads is 0"),
+        (["no.png"], "cannot read no.png"),
+        (["PHOTO"], "are one picture"),
+        (["-o", "PHOTO"], "cannot make"),
+    ],
+)
+def test_mistake_is_one_line_and_status_two_before_any_run(
+    arguments, message, picture, tmp_path, jobs, capsys
+):
+    given = [str(picture) if word == "PHOTO" else word for word in arguments]
+    target = [] if "-o" in given else ["-o", str(tmp_path / "out")]
+    assert main(["bench", str(picture), *given, *target]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n"), jobs) == ("", 1, [])
+    assert message in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_absent_peer_is_named_and_left_out(picture, tmp_path, jobs, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    arguments = ["-o", str(tmp_path / "out"), "--axis", "gaussians=5", "--peers", "primitive,webp"]
+    assert main(["bench", str(picture), *arguments]) == 0
+    assert "not installed, left out: primitive\n" in capsys.readouterr().err
+    document = json.loads((tmp_path / "out" / "bench.json").read_text())
+    assert document["peers_absent"] == ["primitive"]
+    assert {row["tool"] for row in document["rows"]} == {"gauss2svg", "webp"}
+
+
+def fake_primitive(folder, body):
+    script = folder / "primitive"
+    script.write_text(f"#!/bin/sh\n{body}\n")
+    script.chmod(stat.S_IRWXU)
+
+
+def test_peer_draws_an_svg_that_is_scored_or_fails_or_is_stopped(picture, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    folder = tmp_path / "work"
+    folder.mkdir()
+    job = {"tool": "primitive", "settings": {"shapes": 3}, "image": str(picture)}
+    job |= {"png": str(picture), "folder": str(folder)}
+    fake_primitive(tmp_path, f"echo '{BLANK}' > \"$4\"")
+    row = in_own_process(job, 60)
+    with Image.open(picture) as white:
+        error = np.mean((1 - np.asarray(white, np.float64) / 255) ** 2)
+    assert row["psnr_svg"] == pytest.approx(-10 * math.log10(error), abs=1e-4)
+    assert row["bytes_raw"] == len(BLANK) + 1
+
+    fake_primitive(tmp_path, "echo no luck >&2; exit 3")
+    assert "status 3: no luck" in in_own_process(job, 60)["error"]
+
+    fake_primitive(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
+    assert "timed out after 2 s" in in_own_process(job, 2)["error"]
+    assert not running(int((tmp_path / "pid").read_text()))
+
+
+def test_chatter_of_a_peer_is_no_part_of_its_row(picture, tmp_path, monkeypatch):
+    module = (
+        "def convert_image_to_svg_py(png, drawn):\n"
+        "    print('chatter')\n"
+        f"    open(drawn, 'w').write({BLANK!r})\n"
+    )
+    (tmp_path / "vtracer.py").write_text(module)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    job = {"tool": "vtracer", "settings": {"style": "default"}, "image": str(picture)}
+    row = in_own_process(job | {"png": str(picture), "folder": str(tmp_path)}, 60)
+    assert row["bytes_raw"] == len(BLANK)
+
+
+def running(pid):
+    """Whether a process still runs a moment from now; what init has yet to reap does not."""
+    for _ in range(100):
+        done = subprocess.run(
+            ["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False
+        )
+        if done.stdout.strip()[:1] in ("", "Z"):
+            return False
+        time.sleep(0.05)
+    return True
+
+
+def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_path, jobs):
+    paths = [tmp_path / "a.png", tmp_path / "b.png"]
+    for size, path in enumerate(paths):
+        save(photo[: 20 + size, :20], path)
+    rows = run_bench(paths, tmp_path, axes={"gaussians": [5, 7, 13]})
+    for row, seconds in zip(rows, (1.0, 3.0, 4.0, 6.0, 0, 0), strict=True):
+        if "error" not in row:
+            row["cpu_s"] = seconds
+    five, seven = summarise(rows, 2)
+    assert (five["images"], five["cpu_s"], seven["cpu_s"]) == (2, 2.0, 5.0)
+    assert five["below_both_dB"] == seven["below_both_dB"] == 0
+    seven["cpu_s"] = 1.0
+    rows[2]["cpu_s"] = rows[3]["cpu_s"] = 0.5
+    five, seven = summarise(rows, 2)
+    assert five["below_seconds_dB"] == pytest.approx(math.log2(8 / 6))
+    assert five["below_both_dB"] == 0  # for it is smaller
+    assert [row["settings"] for row in summarise(rows[:3], 2)] == [{"gaussians": 5}]
+
+
+def test_equal_pictures_have_no_finite_psnr_and_all_goes_on(picture, tmp_path, jobs):
+    rows = run_bench([picture], tmp_path, axes={"gaussians": [5, 7]})
+    rows[1]["psnr_svg"] = None
+    summary = summarise(rows, 1)
+    assert [row["below_seconds_dB"] for row in summary] == [0, 0]
+    json.dumps(finite([math.inf, {"a": (math.nan, 1.0)}]), allow_nan=False)
+    assert draw_plots(summary, tmp_path)
+    assert draw_plots([], tmp_path)
+
+
+def test_plots_are_there_and_the_same_every_time(picture, tmp_path, jobs):
+    run_bench([picture], tmp_path / "a", peers=["jpeg"])
+    run_bench([picture], tmp_path / "b", peers=["jpeg"])
+    for stem in ("psnr_seconds", "psnr_bytes"):
+        with Image.open(tmp_path / "a" / f"{stem}.png") as drawn:
+            assert min(drawn.size) > 600
+        assert (tmp_path / "a" / f"{stem}.svg").read_text().lstrip().startswith("<?xml")
+        for suffix in (".png", ".svg"):
+            one, other = ((tmp_path / x / f"{stem}{suffix}").read_bytes() for x in "ab")
+            assert one == other
+
+
+def test_without_matplotlib_all_but_the_plots_is_written(
+    picture, tmp_path, jobs, monkeypatch, capsys
+):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    out = tmp_path / "out"
+    assert main(["bench", str(picture), "-o", str(out), "--axis", "gaussians=5"]) == 0
+    assert "pip install 'gauss2svg[bench]'" in capsys.readouterr().err
+    assert {path.name for path in out.iterdir()} == {
+        "rows.jsonl", "bench.json", "bench.csv", "summary.md",
+    }  # fmt: skip
+
+
+def test_main_command_does_not_load_the_benchmark():
+    code = (
+        "import sys; from gauss2svg.cli import main; main(['no.png', '-o', 'x.svg']);"
+        "sys.exit(any(name.startswith('gauss2svg.bench') for name in sys.modules))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0

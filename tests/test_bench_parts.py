@@ -1,0 +1,102 @@
+"""The parts of a benchmark that need no run: its grid, its fronts, its store, its table."""
+
+import csv
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gauss2svg.bench.front import distance_below, front
+from gauss2svg.bench.grid import AXES, DEFAULT_GRID, Run, parse_axes, settings_of
+from gauss2svg.bench.rows import RowStore, csv_text
+from gauss2svg.errors import InputError
+from gauss2svg.quality import QUALITIES
+
+points = st.lists(
+    st.tuples(*[st.integers(0, 6).map(float)] * 3), min_size=1, max_size=12
+)  # few values, so that equals are common
+
+
+def test_later_row_of_a_key_counts_and_rubbish_does_not(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    path.write_text('{"key": "a", "error": "x"}\nrubbish\n[1]\n{"key": "a", "n": 2}\n')
+    store = RowStore(path)
+    assert store.finished("a") == {"key": "a", "n": 2}
+    store.append({"key": "a", "error": "y"})
+    assert store.finished("a") is None
+    assert RowStore(path).finished("a") is None
+
+
+def test_default_grid_is_the_presets_and_counts_by_iterations():
+    settings = [dict(s) for s in settings_of(None)]
+    assert [s["quality"] for s in settings if s.keys() == {"quality"}] == list(QUALITIES)
+    crossed = [s for s in settings if s.keys() == {"gaussians", "iterations"}]
+    assert len(crossed) == math.prod(map(len, DEFAULT_GRID[1].values()))
+    assert len(settings) == len(crossed) + len(QUALITIES)
+
+
+@pytest.mark.parametrize("name", AXES)
+def test_default_values_of_an_axis_are_values_of_it(name):
+    values = parse_axes([name])[name]
+    assert parse_axes([f"{name}={','.join(map(str, values))}"]) == {name: values}
+    assert [dict(s) for s in settings_of({name: values})] == [{name: v} for v in values]
+
+
+def test_axes_span_their_product_whatever_their_order():
+    axes = parse_axes(["max-size=64,32,64", "gaussians=auto,5"])
+    found = settings_of(axes)
+    assert len(found) == 4
+    assert set(found) == set(settings_of(dict(reversed(axes.items()))))
+    assert (("gaussians", "auto"), ("max_size", 32)) in found
+    for bad in ({"loss": "mse"}, {"loss": ()}, {"loss": ["l3"]}, {"speed": [1]}):
+        with pytest.raises(InputError):
+            settings_of(bad)
+
+
+def test_key_knows_all_that_changes_a_row_and_no_path():
+    base = Run("a.png", "a.png", "digest", (("gaussians", 5),))
+    assert base.key == Run("b/c.png", "c.png", "digest", (("gaussians", 5),)).key
+    others = [
+        Run("a.png", "a.png", "other", (("gaussians", 5),)),
+        Run("a.png", "a.png", "digest", (("gaussians", 6),)),
+        Run("a.png", "a.png", "digest", (("gaussians", 5),), version="0"),
+        Run("a.png", "a.png", "digest", (("gaussians", 5),), tool="jpeg"),
+        Run("a.png", "a.png", "digest", (("gaussians", 5),), seed=1),
+        Run("a.png", "a.png", "digest", (("gaussians", 5),), threads=1),
+    ]
+    assert len({run.key for run in [base, *others]}) == len(others) + 1
+
+
+@given(points)
+def test_front_is_what_nothing_beats(rows):
+    psnr, cost, _ = zip(*rows, strict=True)
+    on = front(psnr, cost)
+    for i in range(len(rows)):
+        beaten = any(
+            psnr[j] >= psnr[i] and cost[j] <= cost[i] and (psnr[j], cost[j]) != (psnr[i], cost[i])
+            for j in range(len(rows))
+        )
+        assert beaten != any((psnr[i], cost[i]) == (psnr[j], cost[j]) for j in on)
+    assert [cost[i] for i in on] == sorted({cost[i] for i in on})
+    assert [psnr[i] for i in on] == sorted({psnr[i] for i in on})
+
+
+@given(points)
+def test_distance_below_a_front_is_the_gain_at_no_more_cost(rows):
+    psnr, seconds, size = zip(*rows, strict=True)
+    both = distance_below(psnr, seconds, size)
+    for i, own in enumerate(rows):
+        gains = [p - own[0] for p, a, b in rows if a <= own[1] and b <= own[2]]
+        assert both[i] == max(gains) >= 0
+        # A second cost can only excuse.
+        assert both[i] <= min(distance_below(psnr, c)[i] for c in (seconds, size))
+    assert all(distance_below(psnr, seconds)[i] == 0 for i in front(psnr, seconds))
+    assert distance_below(psnr[::-1], seconds[::-1], size[::-1]) == both[::-1]
+
+
+def test_csv_has_a_column_for_every_name():
+    text = csv_text([{"a": 1, "b": {"c": None}}, {"a": 'x,"\n', "d": 2.5}])
+    assert list(csv.reader(text.splitlines(keepends=True))) == [
+        ["a", "b.c", "d"], ["1", "", ""], ['x,"\n', "", "2.5"],
+    ]  # fmt: skip
