@@ -42,6 +42,7 @@ _FILL = 0.975  # share of the bytes allowed that a fit aims at
 _FULL = 0.93  # share from which a file counts as full
 _LEAST_MEASURED = 200  # Gaussians from which a file tells the bytes of one
 _CORRECTIONS = 5
+_LESS_SPARE = 0.8  # of the colours that would fill the bytes, where they were too many
 _CALIBRATIONS = 2  # of a search that ran on a smaller picture
 _CORRECTION_SHARE = 0.25  # of the iterations of a fit, but not under
 _LEAST_STEPS = 40
@@ -144,7 +145,7 @@ class Pursuit:
 
     def _search(self) -> tuple[_Attempt, RoundTrip]:
         self._correct()
-        best = self._trimmed(self._best())
+        best = self._filled(self._trimmed(self._best()))
         self._tell("measure", None)
         return best, self._measure(best)
 
@@ -312,6 +313,25 @@ class Pursuit:
             attempt = dataclasses.replace(
                 attempt, scene=scene, svg=write_svg(scene, attempt.options), error=math.nan
             )
+        return attempt
+
+    def _filled(self, attempt: _Attempt) -> _Attempt:
+        """With more colours, where bytes are the bound and some are left."""
+        limit, options = self._targets.max_bytes, attempt.options
+        used = attempt.svg.count("<radialGradient")
+        if limit is None or not used or self._request.palette is not None:
+            return attempt
+        if self._rule.stop_reason != "max_bytes" or attempt.size > _FULL * limit:
+            return attempt
+        gradients = attempt.svg.index("<radialGradient"), attempt.svg.rindex("</radialGradient>")
+        each = (gradients[1] - gradients[0]) / used
+        spare = (limit - attempt.size) / each
+        while spare >= 1:
+            richer = dataclasses.replace(options, palette=used + int(spare), color_error=0.0)
+            svg = write_svg(attempt.scene, richer)
+            if len(svg.encode()) <= limit:
+                return dataclasses.replace(attempt, svg=svg, options=richer)
+            spare *= _LESS_SPARE
         return attempt
 
     def _measure(self, best: _Attempt) -> RoundTrip:
