@@ -1,14 +1,17 @@
 """A palette for the exporter: few colours, so that few gradients have to be written."""
 
+import heapq
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-# Lloyd's iterations. On two photos at 5000 Gaussians and 1024 colours the weighted error
-# halves in 4, falls by 1.5 % more in 12 and by under 0.01 % after that.
-_ITERATIONS = 12
+# Lloyd's iterations. On three photos, 500 and 5000 Gaussians, 16 to 1250 colours, 5 bring
+# what 12 bring within 2 % of the squared error. Starting from clusters split one by one
+# leaves 0.2 to 0.9 times the error that starting from colours spread along a space-filling
+# curve leaves.
+_ITERATIONS = 6
 _SEARCHES = 7  # for the number of entries that an allowed error takes
 _SAFETY = 1.05
 _NEAR = 1.06  # times as many entries as are too few end the search
@@ -23,19 +26,19 @@ def quantize(
     which is the squared error of the picture if weight (n,) >= 0 is the squared mass a
     Gaussian shows. Colours that are few enough already are kept, rounded to 8 bits. Where
     that sum may come to `allowed` > 0, about as few entries are used as that takes.
-    The starting entries are colours spread along a space-filling order; nothing is random.
+    It starts from clusters split again and again; nothing is random.
     """
     levels = np.round(color * 255).astype(np.uint8)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
     exact = distinct, entry.reshape(-1)
     if allowed <= 0 or len(distinct) <= 1:
-        return exact if len(distinct) <= count else _k_means(color, levels, weight, count)
+        return exact if len(distinct) <= count else _k_means(color, weight, count)
     most = min(count, len(distinct))
     found = exact if len(distinct) <= count else None
     too_few, enough, tried = 0, most, math.ceil(4 * math.sqrt(len(color)))
     for _ in range(_SEARCHES):
         tried = min(max(tried, too_few + 1), enough)
-        palette = _k_means(color, levels, weight, tried)
+        palette = _k_means(color, weight, tried)
         error = float(np.sum(weight * np.square(palette[0][palette[1]] / 255 - color).sum(axis=1)))
         if error <= allowed:
             found, enough = palette, tried
@@ -48,20 +51,15 @@ def quantize(
         guess = tried * (max(error, 1e-12) / allowed) ** 1.5 * _SAFETY
         inside = too_few * _NEAR < guess < enough / _NEAR
         tried = round(guess if inside else math.sqrt(max(too_few, 1) * enough))
-    return found if found is not None else _k_means(color, levels, weight, most)
+    return found if found is not None else _k_means(color, weight, most)
 
 
 def _k_means(
-    color: NDArray[np.float64], levels: NDArray[np.uint8], weight: NDArray[np.float64], count: int
+    color: NDArray[np.float64], weight: NDArray[np.float64], count: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
     floor = max(float(weight.mean()), np.finfo(np.float64).tiny) * 1e-3
     weight = weight + floor  # a colour that hardly shows still pulls a little
-    order = np.argsort(_morton(levels), kind="stable")
-    # The best density of k-means entries in three dimensions is the weight's to 3 / 5
-    # (Zador, "Asymptotic quantization error", 1982).
-    reach = np.cumsum(weight[order] ** 0.6)
-    picks = np.searchsorted(reach, (np.arange(count) + 0.5) / count * reach[-1])
-    entries = np.unique(color[order[picks]], axis=0)
+    entries = _split(color, weight, count)
     for _ in range(_ITERATIONS):
         entry = KDTree(entries).query(color)[1]
         mass = np.bincount(entry, weight, len(entries))
@@ -74,10 +72,29 @@ def _k_means(
     return rounded, np.asarray(KDTree(rounded / 255).query(color)[1], np.intp)
 
 
-def _morton(levels: NDArray[np.uint8]) -> NDArray[np.int64]:
-    """Bits of r, g and b interleaved, so that neighbours in order are neighbours in colour."""
-    code = np.zeros(len(levels), np.int64)
-    for bit in range(8):
-        for channel in range(3):
-            code |= ((levels[:, channel].astype(np.int64) >> bit) & 1) << (3 * bit + channel)
-    return code
+def _split(
+    color: NDArray[np.float64], weight: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """Means (k, 3) of at most `count` clusters: the worst is cut in two, again and again.
+
+    It is cut at its mean, across its direction of largest variance (Wan, Wong and
+    Prusinkiewicz, "An algorithm for multidimensional data clustering", 1988).
+    """
+
+    def cluster(members: NDArray[np.intp]) -> tuple[float, int, NDArray, NDArray, NDArray]:
+        share = weight[members, None]
+        mean = (share * color[members]).sum(axis=0) / share.sum()
+        offset = color[members] - mean
+        spread = (share * offset).T @ offset
+        axis = np.linalg.eigh(spread)[1][:, -1]
+        # The first member tells apart clusters of equal error: members are never compared.
+        return -float(np.trace(spread)), int(members[0]), members, mean, offset @ axis > 0
+
+    heap = [cluster(np.arange(len(color)))]
+    while len(heap) < count:
+        *_, members, _, above = heap[0]
+        if above.all() or not above.any():  # one colour only
+            break
+        heapq.heapreplace(heap, cluster(members[above]))
+        heapq.heappush(heap, cluster(members[~above]))
+    return np.array([mean for _, _, _, mean, _ in heap])
