@@ -51,7 +51,8 @@ _WRITING_LOSS = 0.06  # of the model's error that the file is expected to add at
 _SAMPLE = 8
 _SLACK_S = 0.1  # for what is not measured: the report, saving, the end of the process
 _RESERVE_SHARE = 0.3  # of the time left, for what follows the fit, until it is measured
-_REHEARSE_AT = 0.45  # share of the fit done
+_REHEARSE_AT = 0.4  # share of the fit done
+_MOST_RESERVED = 0.6  # share of the time left then for what follows; with more, Gaussians go
 _STRIPS = 4  # the picture is measured on one of so many strips to see how long all will take
 _SAME = 0.004  # a count that differs by a smaller share is the same
 _TELLING = 0.25  # doublings between two attempts that tell a slope
@@ -120,6 +121,7 @@ class Pursuit:
         if deadline is not None:
             now = time.perf_counter()
             fit_deadline = deadline - _RESERVE_SHARE * max(deadline - now, 0.0)
+        self._most = 0, "gaussians"
         self._rule = self._rule_asked_for()
         self._run = Run(working, request.fit_options, self._rule, fit_deadline, self._on_step)
 
@@ -191,6 +193,9 @@ class Pursuit:
             self._rehearsed = True
             reserve = self._seconds_after(self._run.scene(), progress.psnr)
             self._run.clock.deadline = self._deadline - reserve
+            most = _MOST_RESERVED * self._time_left() / reserve
+            if most < 1:
+                self._most = max(1, int(progress.gaussians * most)), "time_limit"
 
     def _seconds_after(self, scene: Scene, psnr: float) -> float:
         """How long writing, drawing and measuring will take, from a part of the Gaussians."""

@@ -45,10 +45,10 @@ class Quality:
 # in dB and bytes a Gaussian: 6 stops, 1 decimal, 2 of opacity 33.21, 194; 8 stops 33.22, 221;
 # and 3 of opacity 33.22, 224; and 2 decimals 33.28, 230; 10 stops 33.28, 256; 12 stops 33.28, 283.
 QUALITIES: dict[str, Quality] = {
-    "draft": Quality(0.04, 28, 1000, 0.5, 0.25, 200, 384, 6, 1, 2),
-    "fast": Quality(0.0126, 32, 3000, 0.4, 0.25, 200, 768, 6, 1, 2),
-    "balanced": Quality(0.004, 36, 8000, 0.4, 0.25, 300, 1024, 6, 1, 2),
-    "high": Quality(0.00126, 40, 20000, 0.3, 0.25, 500, 1536, 8, 2, 2),
+    "draft": Quality(0.03, 28, 1000, 0.5, 0.125, 200, 384, 6, 1, 2),
+    "fast": Quality(0.01, 32, 3000, 0.4, 0.125, 200, 768, 6, 1, 2),
+    "balanced": Quality(0.004, 36, 8000, 0.4, 0.125, 300, 1024, 6, 1, 2),
+    "high": Quality(0.0012, 40, 20000, 0.3, 0.125, 500, 1536, 8, 2, 2),
     "max": Quality(0.0004, 44, 30000, 0.1, 0.0, 800, 2048, 12, 2, 3),
 }
 DEFAULT_QUALITY = "balanced"

@@ -64,3 +64,16 @@ def test_missing_cairo_library_is_one_line_that_says_what_to_install(monkeypatch
     with pytest.raises(RendererError, match="apt-get install libcairo2") as caught:
         cairo.version()
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+@pytest.mark.parametrize("size", [(40, 30), (31, 64), (7, 5)])
+def test_any_size_is_filled_whatever_the_proportions(renderer, size):
+    svg = (
+        '<svg xmlns="http://www.w3.org/2000/svg" width="20" height="20" viewBox="0 0 20 20">'
+        '<rect width="20" height="20" fill="#00f"/><rect width="10" height="20" fill="#f00"/></svg>'
+    )
+    drawn = rasterize(svg, *size, renderer)
+    width = size[0]
+    assert (drawn[:, : width // 2] == [1, 0, 0]).all()
+    assert (drawn[:, (width + 1) // 2 :] == [0, 0, 1]).all()

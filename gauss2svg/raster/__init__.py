@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +22,8 @@ class _Renderer(Protocol):
 
 
 _RENDERERS: dict[str, _Renderer] = {"resvg": resvg, "cairo": cairo}
+_ROOT = re.compile(r"<svg\b[^>]*>")
+_OWN_SIZE = re.compile(r"""\s(?:width|height|preserveAspectRatio)\s*=\s*("[^"]*"|'[^']*')""")
 RENDERERS = tuple(_RENDERERS)
 DEFAULT_RENDERER = "resvg"  # embedded in a wheel, nothing to install, the most exact of them
 
@@ -41,9 +44,10 @@ def rasterize(
 ) -> NDArray[np.float32]:
     """Draw an SVG at width x height px, over white; (height, width, 3) float32 in 0..1.
 
+    With a viewBox it is stretched to that size, whatever its own proportions.
     Raises RendererError if the renderer is missing or fails on the file.
     """
-    png = _renderer(renderer).draw(svg, width, height)
+    png = _renderer(renderer).draw(_stretched(svg, width, height), width, height)
     with Image.open(io.BytesIO(png)) as picture:
         drawn = np.asarray(picture.convert("RGBA"), np.float32) / np.float32(255)
     if drawn.shape[:2] != (height, width):
@@ -52,3 +56,13 @@ def rasterize(
             "give the SVG a viewBox"
         )
     return over_white(drawn[:, :, :3], drawn[:, :, 3:])
+
+
+def _stretched(svg: str, width: int, height: int) -> str:
+    """The SVG with a root that fills width x height px, if it has a viewBox."""
+    root = _ROOT.search(svg)
+    if root is None or "viewBox" not in root[0]:
+        return svg
+    rest = _OWN_SIZE.sub("", root[0][len("<svg") :])
+    size = f'<svg width="{width}" height="{height}" preserveAspectRatio="none"'
+    return svg[: root.start()] + size + rest + svg[root.end() :]
