@@ -15,6 +15,9 @@ from gauss2svg.svg import SvgOptions
 from gauss2svg.targets import Targets
 
 AUTO = "auto"
+# Mean squared error that a palette may add, however bad the rest: 38 dB, some three levels.
+# With eight, which a coarse fit of foliage would allow, sky and leaves change their hue.
+LARGEST_COLOR_ERROR = 1.6e-4
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,7 @@ class Request:
             colors = 0
             if error is not None:
                 color_error = error * (10 ** (preset.color_loss / 10) - 1)
+                color_error = min(color_error, LARGEST_COLOR_ERROR)
         elif colors is None:
             colors = preset.palette_for(gaussians)
         return SvgOptions(

@@ -33,7 +33,7 @@ class FitOptions:
     """
 
     gaussians: int = 5000
-    iterations: int | None = 300
+    iterations: int | None = 200
     placement: str = DEFAULT_PLACEMENT
     schedule: str = DEFAULT_SCHEDULE
     loss: str = DEFAULT_LOSS
