@@ -157,15 +157,17 @@ class Pursuit:
             return FixedCount(request.schedule, request.count, options.iterations)
         preset, height, width = request.preset, *self._working.shape[:2]
         # Nine numbers a Gaussian, three a pixel: more would be no model of the picture.
-        demand = Demand(preset.gain, KILOBYTES_A_GAUSSIAN, preset.enough, preset.cap)
-        demand = dataclasses.replace(demand, cap=min(demand.cap, max(1, width * height // 3)))
+        cap = min(preset.cap, max(1, width * height // 3))
+        demand = Demand(preset.gain, KILOBYTES_A_GAUSSIAN, preset.enough, cap)
         if request.count is not None:
             demand = Demand(
                 0.0, KILOBYTES_A_GAUSSIAN, math.inf, request.count, cap_named="gaussians"
             )
         if self._targets.psnr is not None:
             wanted = self._targets.psnr + _AIM + 10 * math.log10(1 + _WRITING_LOSS)
-            cap = request.count if request.count is not None else max(demand.cap, CAP_FOR_PSNR)
+            cap = demand.cap
+            if request.count is None:
+                cap = max(cap, min(CAP_FOR_PSNR, width * height))
             demand = dataclasses.replace(
                 demand, gain=0.0, psnr=wanted, psnr_named="target_psnr", cap=cap
             )

@@ -212,6 +212,12 @@ def test_allowed_error_is_kept_with_few_colours():
     assert len(quantize(color, weight, 50, 0.5)[0]) <= 50
 
 
+def test_allowed_error_under_the_rounding_keeps_every_colour():
+    color = np.random.default_rng(6).random((50, 3))
+    palette, entry = quantize(color, np.ones(50), 50, 1e-9)
+    assert (palette[entry] == np.round(color * 255)).all()
+
+
 def test_allowed_error_writes_fewer_gradients():
     scene = random_scene(300, seed=8)
     texts = [write_svg(scene, SvgOptions(color_error=e)) for e in (3e-3, 3e-4, 0.0)]

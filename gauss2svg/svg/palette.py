@@ -1,7 +1,6 @@
 """A palette for the exporter: few colours, so that few gradients have to be written."""
 
 import heapq
-import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,11 @@ from scipy.spatial import KDTree
 # leaves 0.2 to 0.9 times the error that starting from colours spread along a space-filling
 # curve leaves.
 _ITERATIONS = 6
-_SEARCHES = 7  # for the number of entries that an allowed error takes
-_SAFETY = 1.05
-_NEAR = 1.06  # times as many entries as are too few end the search
+# Clusters are split until this many times the error allowed is left, for Lloyd's iterations
+# mend about a tenth of it; where they mend less, until less is left.
+_MENDED = 1.12
+_LESS = 0.94
+_LEAST_AIM = 0.1
 
 
 def quantize(
@@ -31,35 +32,29 @@ def quantize(
     levels = np.round(color * 255).astype(np.uint8)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
     exact = distinct, entry.reshape(-1)
-    if allowed <= 0 or len(distinct) <= 1:
-        return exact if len(distinct) <= count else _k_means(color, weight, count)
-    most = min(count, len(distinct))
-    found = exact if len(distinct) <= count else None
-    too_few, enough, tried = 0, most, math.ceil(4 * math.sqrt(len(color)))
-    for _ in range(_SEARCHES):
-        tried = min(max(tried, too_few + 1), enough)
-        palette = _k_means(color, weight, tried)
-        error = float(np.sum(weight * np.square(palette[0][palette[1]] / 255 - color).sum(axis=1)))
-        if error <= allowed:
-            found, enough = palette, tried
-        else:
-            too_few = tried
-        if enough <= too_few * _NEAR + 1:
-            break
-        # In three dimensions the error falls about as tried^(-2 / 3) (Zador, 1982); beyond
-        # what is known already, the middle.
-        guess = tried * (max(error, 1e-12) / allowed) ** 1.5 * _SAFETY
-        inside = too_few * _NEAR < guess < enough / _NEAR
-        tried = round(guess if inside else math.sqrt(max(too_few, 1) * enough))
-    return found if found is not None else _k_means(color, weight, most)
-
-
-def _k_means(
-    color: NDArray[np.float64], weight: NDArray[np.float64], count: int
-) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
+    if len(distinct) <= 1 or (allowed <= 0 and len(distinct) <= count):
+        return exact
     floor = max(float(weight.mean()), np.finfo(np.float64).tiny) * 1e-3
     weight = weight + floor  # a colour that hardly shows still pulls a little
-    entries = _split(color, weight, count)
+    if allowed <= 0:
+        return _lloyd(color, weight, _split(color, weight, count, 0.0)[0])
+    most = min(count, len(distinct))
+    aim = allowed * _MENDED
+    while True:
+        entries, left = _split(color, weight, most, aim)
+        palette = _lloyd(color, weight, entries)
+        error = float(np.sum(weight * np.square(palette[0][palette[1]] / 255 - color).sum(axis=1)))
+        if error <= allowed:
+            return palette
+        if left > aim or len(entries) >= most or aim < allowed * _LEAST_AIM:
+            # No palette does; what is left is the rounding to 8 bits.
+            return exact if len(distinct) <= count else palette
+        aim *= _LESS
+
+
+def _lloyd(
+    color: NDArray[np.float64], weight: NDArray[np.float64], entries: NDArray[np.float64]
+) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
     for _ in range(_ITERATIONS):
         entry = KDTree(entries).query(color)[1]
         mass = np.bincount(entry, weight, len(entries))
@@ -73,12 +68,12 @@ def _k_means(
 
 
 def _split(
-    color: NDArray[np.float64], weight: NDArray[np.float64], count: int
-) -> NDArray[np.float64]:
-    """Means (k, 3) of at most `count` clusters: the worst is cut in two, again and again.
+    color: NDArray[np.float64], weight: NDArray[np.float64], count: int, aim: float
+) -> tuple[NDArray[np.float64], float]:
+    """Means (k, 3) of clusters, k <= count, and the squared error that they leave.
 
-    It is cut at its mean, across its direction of largest variance (Wan, Wong and
-    Prusinkiewicz, "An algorithm for multidimensional data clustering", 1988).
+    The worst is cut in two, again and again, until no more than `aim` is left: at its mean,
+    across its direction of largest variance (Wan, Wong and Prusinkiewicz, "An algorithm for multidimensional data clustering", 1988).
     """
 
     def cluster(members: NDArray[np.intp]) -> tuple[float, int, NDArray, NDArray, NDArray]:
@@ -91,10 +86,13 @@ def _split(
         return -float(np.trace(spread)), int(members[0]), members, mean, offset @ axis > 0
 
     heap = [cluster(np.arange(len(color)))]
-    while len(heap) < count:
-        *_, members, _, above = heap[0]
+    left = -heap[0][0]
+    while len(heap) < count and left > aim:
+        worst, _, members, _, above = heap[0]
         if above.all() or not above.any():  # one colour only
             break
-        heapq.heapreplace(heap, cluster(members[above]))
-        heapq.heappush(heap, cluster(members[~above]))
-    return np.array([mean for _, _, _, mean, _ in heap])
+        parts = cluster(members[above]), cluster(members[~above])
+        heapq.heapreplace(heap, parts[0])
+        heapq.heappush(heap, parts[1])
+        left += worst - parts[0][0] - parts[1][0]
+    return np.array([mean for _, _, _, mean, _ in heap]), left
