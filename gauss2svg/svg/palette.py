@@ -73,7 +73,8 @@ def _split(
     """Means (k, 3) of clusters, k <= count, and the squared error that they leave.
 
     The worst is cut in two, again and again, until no more than `aim` is left: at its mean,
-    across its direction of largest variance (Wan, Wong and Prusinkiewicz, "An algorithm for multidimensional data clustering", 1988).
+    across its direction of largest variance (Wan, Wong and Prusinkiewicz, "An algorithm for
+    multidimensional data clustering", 1988).
     """
 
     def cluster(members: NDArray[np.intp]) -> tuple[float, int, NDArray, NDArray, NDArray]:
