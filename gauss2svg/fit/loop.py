@@ -28,18 +28,19 @@ On all eight development photos, placement by error / selective: 32.45 / 32.60 a
     and relocation every 6 iterations                 30.48 / 25.57
     weight of flat areas 0 / 4 / 15                   30.50, 30.48, 30.47 / 25.60, 25.60, 25.53
 
-What more iterations buy, all eight, selective, two threads, beside the prototype with 300 in the
-same minute (32.30 dB; python examples/measure.py ... --against, its CPU seconds as 1):
+What more iterations buy, all eight, selective, mean PSNR of the model; the prototype ends at
+32.30 dB after 300 (in brackets CPU seconds as shares of its own, run right after each):
 
-    160 / 200 / 300 / 1000 / 1250 iterations          32.31 / 32.43 / 32.56 / 32.77 / 32.81 dB
-                                                      0.17 / 0.20 / 0.29 / 0.8 / 1.1 of its time
+    160 iterations 32.31 (0.17), 200 32.43, 300 32.56 (0.29), 1000 32.77, 1250 32.81 (1.14)
 
-so what is left to win is not in more steps, but in where Gaussians are. Rounds of growth
-(rules.py) take as many steps whether six or eleven of them end at the same count: 5000 by rounds
-that double from 8 end within 0.05 dB of those that double from 157.
+What is left to win is not in more steps, but in where Gaussians are. On Kodak 04, 08, 13 and
+20, 200 iterations, from 30.35 dB:
 
-Threads that sleep instead of spinning while they wait (render/threads.py) take 1.2 to 1.3 times
-the wall time on idle cores, and a fifth of it beside two busy programs.
+    growth in 3 / 11 rounds instead of 6              30.37 / 30.37
+    optimiser's memory wiped at every round           30.32
+
+Threads that sleep instead of spinning while they wait (render/threads.py) took 1.1 s instead of
+0.85 s on idle cores, and 1.9 s instead of 12.5 s beside two busy programs.
 """
 
 from __future__ import annotations
