@@ -9,7 +9,7 @@ from gauss2svg.errors import InputError
 def whole_number(name: str, value: Any, least: int, most: int) -> int:
     """Value as an int in least..most; raises InputError that names it."""
     try:
-        number = operator.index(value)
+        number = None if isinstance(value, bool) else operator.index(value)
     except TypeError:
         number = None
     if number is None or not least <= number <= most:

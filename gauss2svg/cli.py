@@ -140,7 +140,7 @@ def vectorize_command(
             gaussians=gaussians,
             target_psnr=target_psnr,
             max_bytes=max_bytes,
-            time_limit=_time_left(time_limit),
+            time_limit=time_limit,
             quality=quality,
             iterations=iterations,
             init=init,
@@ -155,6 +155,7 @@ def vectorize_command(
             threads=threads,
             renderer=renderer,
             progress=progress,
+            started=_BEGUN if time_limit is not None else None,
         )
     if stdout is not None:
         stdout.write(result.svg.encode())
@@ -174,13 +175,6 @@ def vectorize_command(
             print(f"gauss2svg: {line}", file=sys.stderr)
     else:
         print_summary(result.report, None if to_stdout else output)
-
-
-def _time_left(limit: float | None) -> float | None:
-    """Of a limit that counts from the start of the command; never 0, which is refused."""
-    if limit is None or limit <= 0:
-        return limit
-    return max(limit - (time.perf_counter() - _BEGUN), 1e-3)
 
 
 def _stream(stream: Any, name: str) -> Any:

@@ -109,6 +109,7 @@ def vectorize(
     threads: int | None = None,
     renderer: str = DEFAULT_RENDERER,
     progress: ProgressCallback | None = None,
+    started: float | None = None,
 ) -> Result:
     """Fit Gaussians to a photo, write them as an SVG, draw it and measure it.
 
@@ -130,6 +131,7 @@ def vectorize(
     precision   float32 or float64, of what the kernels compute
     threads     CPU threads, None: one a core; renderer: resvg or cairo, for the measuring
     progress    called with a Progress at every step; nothing is ever printed
+    started     time.perf_counter() from which time_limit and total_s count; None: now
 
     With targets a given count is the most there may be. The first bound that binds ends
     the run and is the report's stop_reason; what was not reached is in its `unreached`.
@@ -138,7 +140,7 @@ def vectorize(
     from several threads wait for each other; in a forked child of a process that has
     fitted already numba's OpenMP refuses to work: start children by spawn.
     """
-    begun = time.perf_counter()
+    begun = time.perf_counter() if started is None else started
     targets = Targets(
         target_psnr, None if max_bytes is None else size_in_bytes(max_bytes), time_limit
     )
@@ -167,7 +169,8 @@ def vectorize(
         ).run()
     fitted, measured = outcome.fitted, outcome.measured
     total_s = time.perf_counter() - begun
-    unreached = targets.unreached(measured.psnr_svg, measured.svg_bytes, fitted.stop_reason)
+    run_s = total_s - (compile_s if compile_s > COMPILED_S else 0.0)
+    unreached = targets.unreached(measured.psnr_svg, measured.svg_bytes, run_s, fitted.stop_reason)
     notes = list(photo.notes)
     measured_height, measured_width = measured.raster.shape[:2]
     if (measured_width, measured_height) != (photo.width, photo.height):
@@ -189,7 +192,7 @@ def vectorize(
         "schedule": schedule,
         "loss": loss,
         "blend": blend,
-        "palette": outcome.svg_options.palette,
+        "palette": outcome.svg_options.palette if request.palette_is_counted else None,
         "colors": outcome.svg.count("<radialGradient"),
         "stops": outcome.svg_options.stops,
         "decimals": outcome.svg_options.decimals,

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
+from gauss2svg.attempt import Attempt, filled, trimmed
 from gauss2svg.fit.options import FitProgress, FitResult
-from gauss2svg.fit.rules import Demand, FixedCount, Rule, SceneDecides, Snapshot
+from gauss2svg.fit.rules import FIRST_ROUND, Demand, FixedCount, Rule, SceneDecides, Snapshot
 from gauss2svg.fit.run import Run
 from gauss2svg.fit.schedule import GROWTH_SHARE
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.render.cpu import kernel_lock, removal_cost, splats_of
+from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.request import Request
 from gauss2svg.roundtrip import RoundTrip, measure_pixels, round_trip
 from gauss2svg.scene import Scene
@@ -42,7 +43,6 @@ _FILL = 0.975  # share of the bytes allowed that a fit aims at
 _FULL = 0.93  # share from which a file counts as full
 _LEAST_MEASURED = 200  # Gaussians from which a file tells the bytes of one
 _CORRECTIONS = 5
-_LESS_SPARE = 0.8  # of the colours that would fill the bytes, where they were too many
 _CALIBRATIONS = 2  # of a search that ran on a smaller picture
 _CORRECTION_SHARE = 0.25  # of the iterations of a fit, but not under
 _LEAST_STEPS = 40
@@ -54,6 +54,10 @@ _RESERVE_SHARE = 0.3  # of the time left, for what follows the fit, until it is 
 _REHEARSE_AT = 0.4  # share of the fit done
 _MOST_RESERVED = 0.6  # share of the time left then for what follows; with more, Gaussians go
 _STRIPS = 4  # the picture is measured on one of so many strips to see how long all will take
+_AT_THE_CAP = 0.95
+_LEAST_LEFT = 0.05  # of an attempt's error, whatever the photo's own size takes off
+# dB that a fit may end under and over the quality's PSNR without a correction.
+_LESS_THAN_ENOUGH, _MORE_THAN_ENOUGH = 0.8, 1.2
 _SAME = 0.004  # a count that differs by a smaller share is the same
 _TELLING = 0.25  # doublings between two attempts that tell a slope
 _SLOPES = 1.5, 6.0  # dB a doubling, the flattest and steepest that are believed
@@ -72,20 +76,6 @@ class Outcome:
     fitted: FitResult
     measured: RoundTrip
     corrections: int
-
-
-@dataclass(frozen=True, eq=False)
-class _Attempt:
-    """A scene as written; error is the drawn SVG's on the working picture, if it was drawn."""
-
-    scene: Scene
-    svg: str
-    options: SvgOptions
-    error: float
-
-    @property
-    def size(self) -> int:
-        return len(self.svg.encode())
 
 
 class Pursuit:
@@ -116,7 +106,7 @@ class Pursuit:
         self._bytes_each = KILOBYTES_A_GAUSSIAN * 1000
         self._bytes_known = False
         self._rehearsed = deadline is None
-        self._attempts: list[_Attempt] = []
+        self._attempts: list[Attempt] = []
         fit_deadline = None
         if deadline is not None:
             now = time.perf_counter()
@@ -135,7 +125,8 @@ class Pursuit:
                 if not self._calibrate(best, measured):
                     break
                 best, measured = self._search()
-        fitted = dataclasses.replace(self._run.result(), stop_reason=self._stop_reason(best))
+        reason = self._stop_reason(best, measured.psnr_svg)
+        fitted = dataclasses.replace(self._run.result(), stop_reason=reason)
         return Outcome(
             scene=best.scene,
             svg=best.svg,
@@ -145,9 +136,9 @@ class Pursuit:
             corrections=len(self._attempts) - 1,
         )
 
-    def _search(self) -> tuple[_Attempt, RoundTrip]:
+    def _search(self) -> tuple[Attempt, RoundTrip]:
         self._correct()
-        best = self._filled(self._trimmed(self._best()))
+        best = self._within_bytes(self._best())
         self._tell("measure", None)
         return best, self._measure(best)
 
@@ -232,20 +223,25 @@ class Pursuit:
         svg = write_svg(scene, options)
         return len(svg.encode()), svg, options, scene
 
-    def _attempt(self) -> _Attempt:
+    def _attempt(self) -> Attempt:
         self._tell("write", None)
         height, width = self._working.shape[:2]
         scene = self._run.scene()
-        _, svg, options, scaled = self._write(scene, metrics.psnr(render(scene), self._working))
+        model = metrics.psnr(render(scene), self._working)
+        _, svg, options, scaled = self._write(scene, model)
         error = math.nan
         if self._targets.psnr is not None:
             self._tell("measure", None)
             drawn = rasterize(svg, width, height, self._request.renderer)
             error = metrics.mean_squared_error(drawn, self._working)
-        return _Attempt(scaled, svg, options, error)
+        return Attempt(scaled, svg, options, model, error)
 
-    def _psnr(self, attempt: _Attempt) -> float:
+    def _psnr(self, attempt: Attempt) -> float:
+        if math.isnan(attempt.error):  # not drawn: nothing is known to be reached
+            return -math.inf
         error = attempt.error + self._detail
+        # A detail from another attempt may be a little too much to take off.
+        error = max(error, attempt.error * _LEAST_LEFT)
         return -10 * math.log10(error) if error > 0 else math.inf
 
     def _correct(self) -> None:
@@ -264,12 +260,20 @@ class Pursuit:
         """Count that the next attempt should have, None where nothing is left to correct."""
         last, count = self._attempts[-1], len(self._run.state)
         limit, target = self._targets.max_bytes, self._targets.psnr
-        if not isinstance(self._rule, SceneDecides) or not count:
+        if not isinstance(self._rule, SceneDecides):
             return None
         most = self._most[0]
+        if not count:
+            lacking = target is not None and self._psnr(last) < target - TOLERANCE
+            return (
+                min(FIRST_ROUND, most) or None
+                if lacking and last.size < (limit or math.inf)
+                else None
+            )
         if limit is not None:
             most = min(most, int(limit * _FILL * count / last.size))
             if last.size > limit:
+                self._rule.stop_reason = "max_bytes"
                 return min(most, count - 1)
         wanted = count
         if target is not None:
@@ -277,9 +281,25 @@ class Pursuit:
             if not target - _TOO_LITTLE <= psnr <= target + _TOO_GOOD:
                 missing = (target + _AIM - psnr) / self._slope()
                 wanted = min(round(count * 2 ** max(min(missing, 2.0), -2.0)), most)
-        elif limit is not None and self._rule.stop_reason == "max_bytes":
-            wanted = most if last.size < _FULL * limit else count
+        elif self._rule.stop_reason in ("max_bytes", "enough"):
+            wanted = self._enough(last, count, most)
         return wanted if abs(wanted - count) > _SAME * count else None
+
+    def _enough(self, last: Attempt, count: int, most: int) -> int:
+        """Count that ends at the quality's PSNR, or as near to it as the bytes allow."""
+        missing = self._request.preset.enough - last.model
+        if self._request.count is not None:
+            missing = math.inf
+        if -_MORE_THAN_ENOUGH <= missing <= _LESS_THAN_ENOUGH:
+            return count
+        limit = self._targets.max_bytes
+        if missing > 0 and limit is not None and last.size > _FULL * limit:
+            return count
+        needed = count * 2 ** max(min(missing / self._slope(), 2.0), -2.0)
+        self._rule.stop_reason = "enough" if needed < most else "max_bytes"
+        if needed >= most and limit is None:
+            self._rule.stop_reason = self._most[1]
+        return min(math.ceil(needed), most)
 
     def _slope(self) -> float:
         """PSNR that a doubling buys: from the last two attempts, or from the growth."""
@@ -287,12 +307,15 @@ class Pursuit:
             before, last = self._attempts[-2:]
             doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
             if abs(doublings) > _TELLING:
-                slope = (self._psnr(last) - self._psnr(before)) / doublings
+                rise = last.model - before.model
+                if self._targets.psnr is not None:
+                    rise = self._psnr(last) - self._psnr(before)
+                slope = rise / doublings
                 return min(max(slope, _SLOPES[0]), _SLOPES[1])
         assert isinstance(self._rule, SceneDecides)
         return min(max(self._rule.slope, _SLOPES[0]), _SLOPES[1])
 
-    def _best(self) -> _Attempt:
+    def _best(self) -> Attempt:
         """The fewest Gaussians that meet every target, or what comes nearest."""
         limit = self._targets.max_bytes or math.inf
         small = [a for a in self._attempts if a.size <= limit]
@@ -303,45 +326,20 @@ class Pursuit:
             return small[-1]
         good = [a for a in small if self._psnr(a) >= target - TOLERANCE]
         if good:
-            return min(good, key=lambda a: len(a.scene))
+            close = [a for a in good if self._psnr(a) <= target + _TOO_GOOD]
+            return min(close or good, key=lambda a: len(a.scene))
         return max(small, key=self._psnr)
 
-    def _trimmed(self, attempt: _Attempt) -> _Attempt:
-        """Without the least missed Gaussians, as many of them as the bytes ask for."""
+    def _within_bytes(self, attempt: Attempt) -> Attempt:
+        """With fewer Gaussians if it is too large; with more colours if bytes are left."""
         limit = self._targets.max_bytes
-        while limit is not None and attempt.size > limit and len(attempt.scene):
-            scene = attempt.scene
-            height, width = self._working.shape[:2]
-            planar = np.ascontiguousarray(np.moveaxis(self._working, -1, 0))
-            splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
-            cost = removal_cost(splats, planar)[1][:, 0]
-            kept = min(len(scene) - 1, int(len(scene) * limit / attempt.size))
-            scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
-            attempt = dataclasses.replace(
-                attempt, scene=scene, svg=write_svg(scene, attempt.options), error=math.nan
-            )
-        return attempt
-
-    def _filled(self, attempt: _Attempt) -> _Attempt:
-        """With more colours, where bytes are the bound and some are left."""
-        limit, options = self._targets.max_bytes, attempt.options
-        used = attempt.svg.count("<radialGradient")
-        if limit is None or not used or self._request.palette is not None:
+        if limit is None:
             return attempt
-        if self._rule.stop_reason != "max_bytes" or attempt.size > _FULL * limit:
-            return attempt
-        gradients = attempt.svg.index("<radialGradient"), attempt.svg.rindex("</radialGradient>")
-        each = (gradients[1] - gradients[0]) / used
-        spare = (limit - attempt.size) / each
-        while spare >= 1:
-            richer = dataclasses.replace(options, palette=used + int(spare), color_error=0.0)
-            svg = write_svg(attempt.scene, richer)
-            if len(svg.encode()) <= limit:
-                return dataclasses.replace(attempt, svg=svg, options=richer)
-            spare *= _LESS_SPARE
-        return attempt
+        attempt = trimmed(attempt, limit, self._working)
+        bound = self._rule.stop_reason == "max_bytes" and attempt.size <= _FULL * limit
+        return filled(attempt, limit) if bound and self._request.palette is None else attempt
 
-    def _measure(self, best: _Attempt) -> RoundTrip:
+    def _measure(self, best: Attempt) -> RoundTrip:
         """At the photo's size; where time is short, at the size that the fit ran on."""
         renderer = self._request.renderer
         smaller = self._photo.shape != self._working.shape
@@ -355,7 +353,7 @@ class Pursuit:
                 return measured
         return round_trip(best.svg, best.scene, self._photo, renderer)
 
-    def _calibrate(self, best: _Attempt, measured: RoundTrip) -> bool:
+    def _calibrate(self, best: Attempt, measured: RoundTrip) -> bool:
         """Whether the photo's own size tells another PSNR than the search went by."""
         target = self._targets.psnr
         smaller = self._photo.shape != self._working.shape
@@ -368,13 +366,17 @@ class Pursuit:
         before, self._detail = self._detail, 10 ** (-measured.psnr_svg / 10) - best.error
         return self._detail != before
 
-    def _stop_reason(self, best: _Attempt) -> str:
+    def _stop_reason(self, best: Attempt, psnr: float) -> str:
         limit, target = self._targets.max_bytes, self._targets.psnr
-        if target is not None and self._psnr(best) >= target - TOLERANCE:
+        if target is not None and psnr >= target - TOLERANCE:
             return "target_psnr"
         if self._run.clock.out_of_time:
             return "time_limit"
         if limit is not None and best.size > _FULL * limit:
             return "max_bytes"
         reason = self._rule.stop_reason
-        return self._most[1] if reason == "target_psnr" else reason
+        if reason != "target_psnr":
+            return reason
+        # The rule thought that it was there, and the corrections have run out.
+        most, named = self._most
+        return named if len(best.scene) > _AT_THE_CAP * most else "iterations"

@@ -7,7 +7,7 @@ from functools import cached_property
 
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
-from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions
 from gauss2svg.quality import Quality, quality_named
 from gauss2svg.raster import renderer_version
 from gauss2svg.scene import BLENDS
@@ -41,10 +41,15 @@ class Request:
     targets: Targets
 
     def __post_init__(self) -> None:
-        if isinstance(self.gaussians, str) and self.gaussians != AUTO:
-            raise InputError(
-                f"gaussians is {self.gaussians!r}; needed is a whole number from 0 on, or {AUTO}"
-            )
+        if isinstance(self.gaussians, str):
+            if self.gaussians != AUTO:
+                raise InputError(
+                    f"gaussians is {self.gaussians!r}; needed is a whole number >= 0 or {AUTO}"
+                )
+            object.__setattr__(self, "gaussians", None)
+        elif self.gaussians is not None:
+            count = whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
+            object.__setattr__(self, "gaussians", count)
         if self.blend not in BLENDS:
             raise InputError(f"blend is {self.blend!r}; needed is one of {', '.join(BLENDS)}")
         whole_number("max_size", self.side, 1, 2**31 - 1)
@@ -64,8 +69,12 @@ class Request:
     @property
     def scene_decides(self) -> bool:
         """Whether the count follows from the scene or from a target."""
-        targets = self.targets
-        return self.count is None or targets.psnr is not None or targets.max_bytes is not None
+        return self.count is None or self.targets != Targets()
+
+    @property
+    def palette_is_counted(self) -> bool:
+        """Whether the palette has a stated size, and not one that follows from its loss."""
+        return self.palette is not None or not self.scene_decides
 
     @property
     def side(self) -> int:
@@ -74,13 +83,13 @@ class Request:
 
     @cached_property
     def fit_options(self) -> FitOptions:
-        """How to fit: a time limit takes the place of the quality's iterations."""
-        iterations = self.iterations
-        if iterations is None and self.targets.time_limit_s is None:
+        """How to fit: a time limit alone takes the place of the quality's iterations."""
+        iterations, targets = self.iterations, self.targets
+        only_time = targets == Targets(time_limit_s=targets.time_limit_s) != Targets()
+        if iterations is None and not only_time:
             iterations = self.preset.iterations
         return FitOptions(
-            gaussians=0 if self.gaussians is None or isinstance(self.gaussians, str)
-            else self.gaussians,
+            gaussians=self.count or 0,
             iterations=iterations,
             placement=self.init,
             schedule=self.schedule,

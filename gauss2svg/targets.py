@@ -37,7 +37,7 @@ class Targets:
                 f"time_limit is {self.time_limit_s}; needed are finite seconds above 0"
             )
 
-    def unreached(self, psnr: float, size: int, reason: str) -> list[str]:
+    def unreached(self, psnr: float, size: int, seconds: float, reason: str) -> list[str]:
         """One line for each bound that the written result misses."""
         lines = []
         ended = f"{reason.replace('_', ' ')} ended the run" if reason != "target_psnr" else ""
@@ -51,9 +51,15 @@ class Targets:
                 f"limit of {self.max_bytes} bytes not reached: without any Gaussian the file "
                 f"has {size}"
             )
+        limit = self.time_limit_s
+        if limit is not None and seconds > (1 + _LATE_SHARE) * limit + _LATE_S:
+            lines.append(
+                f"time limit of {limit:.3g} s not kept: {seconds:.1f} s; try a lower --quality"
+            )
         return lines
 
 
+_LATE_SHARE, _LATE_S = 0.05, 0.25  # over the limit, from which on it is told
 TOLERANCE = 0.05  # dB under the target that still count as reached
 
 

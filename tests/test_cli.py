@@ -60,6 +60,13 @@ def test_what_is_not_reached_is_one_line_and_status_zero(picture, tmp_path):
     assert 7000 < (tmp_path / "o.svg").stat().st_size <= 9000
 
 
+def test_report_has_the_time_limit_that_was_asked_for(picture, tmp_path):
+    report = tmp_path / "r.json"
+    options = ["--time-limit", "1.5", "--report", str(report), "--quiet"]
+    assert main([str(picture), "-o", str(tmp_path / "o.svg"), *options]) == 0
+    assert json.loads(report.read_text())["time_limit"] == 1.5
+
+
 def test_standard_input_and_output_are_streams(picture, tmp_path):
     done = run("-", "-o", "-", *QUICK, input=picture.read_bytes())
     assert done.returncode == 0

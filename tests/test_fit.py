@@ -42,6 +42,12 @@ def test_more_iterations_are_truer(photo):
     assert quick + 1 < slow
 
 
+@pytest.mark.parametrize(("schedule", "iterations"), [("all-at-once", 41), ("exponential", 250)])
+def test_as_many_steps_are_taken_as_asked_for(photo, schedule, iterations):
+    result = fit(photo, FitOptions(20, iterations, schedule=schedule))
+    assert result.iterations == iterations
+
+
 @pytest.mark.parametrize("loss", LOSSES)
 def test_every_loss_fits_the_photo(photo, loss):
     assert quality_of(photo, gaussians=200, iterations=60, loss=loss) > 21

@@ -81,12 +81,21 @@ def test_what_buys_nothing_is_tried_with_a_leap_and_taken_back():
 
 
 def test_growth_goes_on_where_the_error_would_be_gone_before_the_cap():
-    # 2000 equal squares, of which each Gaussian mends one: 0.01 dB at first, all at last
+    # 2000 equal squares, of which each Gaussian mends one: next to nothing at first, all at last
     def squares(count):
         return 6 - 10 * math.log10(max(1 - count / 2000, 1e-4))
 
-    counts, _ = grown(squares, Demand(0.05, KILOBYTES, 40.0, 8000))
-    assert 1800 < counts[-1] < 3000
+    def hopeless(count):
+        return 6 - 10 * math.log10(1 - count / 200_000)
+
+    demand = Demand(0.05, KILOBYTES, 40.0, 8000)
+    assert 1800 < grown(squares, demand)[0][-1] < 3000
+    assert grown(hopeless, demand)[0][-1] == 8
+    # and from a pace that is under the gain, without a leap
+    rule = SceneDecides(Demand(0.2, KILOBYTES, 60.0, 8000))
+    for count, psnr in ((0, 6.0), (8, 7.0), (256, 7.2), (512, 8.5)):
+        total = rule.grow(Snapshot(count, 0.1, lambda p=psnr: p, lambda: None))
+    assert total > 512
 
 
 def test_demand_is_revised_at_every_question():
@@ -198,3 +207,21 @@ def test_fit_without_time_ends_at_once_with_what_it_has(photo):
     run.fit()
     assert run.result().stop_reason == "time_limit"
     assert run.result().iterations == 0
+
+
+def test_fit_takes_the_time_that_there_is_and_no_more(photo, monkeypatch):
+    ticks = itertools.count()
+    # A clock that counts how often it is read, so that no machine is too slow or too fast.
+    monkeypatch.setattr(time, "perf_counter", lambda: float(next(ticks)))
+
+    def steps(limit: int) -> int:
+        begun = next(ticks)
+        rule = FixedCount("exponential", 60, None)
+        run = Run(photo, FitOptions(60, None), rule, deadline=float(begun + limit))
+        run.fit()
+        assert run.result().stop_reason == "time_limit"
+        assert len(run.state) == 60
+        assert next(ticks) - begun < limit + 20
+        return run.result().iterations
+
+    assert steps(300) * 1.5 < steps(900)

@@ -3,9 +3,13 @@
 import numpy as np
 import pytest
 
-from gauss2svg import vectorize
+from gauss2svg import metrics, vectorize
+from gauss2svg.attempt import Attempt, filled, trimmed
 from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
+from gauss2svg.render import render
+from gauss2svg.request import LARGEST_COLOR_ERROR
+from gauss2svg.svg import SvgOptions, write_svg
 from gauss2svg.targets import Targets, size_in_bytes
 
 QUICK = {"iterations": 80}
@@ -116,13 +120,6 @@ def test_time_that_is_not_needed_is_not_taken():
     assert report["stop_reason"] == "enough"
 
 
-def test_time_limit_goes_on_refining_a_given_count(photo):
-    few, many = (
-        vectorize(photo, gaussians=60, time_limit=s).report["iterations"] for s in (0.4, 2.0)
-    )
-    assert many > few
-
-
 def test_auto_is_the_default_and_repeats_itself(photo):
     plain, auto = (
         vectorize(photo, quality="draft", **change) for change in ({}, {"gaussians": "auto"})
@@ -142,3 +139,62 @@ def test_better_qualities_are_truer_and_larger(photo):
 def test_only_auto_is_a_word_for_a_count(photo):
     with pytest.raises(InputError, match="gaussians is 'many'"):
         vectorize(photo, gaussians="many")
+
+
+def test_numpy_counts_are_counts(photo):
+    assert vectorize(photo, gaussians=np.int64(7), **QUICK).report["gaussians"] <= 7
+    with pytest.raises(InputError, match="gaussians is True"):
+        vectorize(photo, gaussians=True)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"target_psnr": 23}, {"target_psnr": 90}, {"target_psnr": 24, "max_bytes": "5k"},
+        {"target_psnr": 25, "max_size": 40}, {"target_psnr": 25, "time_limit": 60},
+    ],
+)  # fmt: skip
+def test_target_is_named_if_and_only_if_the_drawn_file_has_it(photo, asked):
+    report = vectorize(photo, iterations=40, **asked).report
+    reached = report["psnr_svg"] >= asked["target_psnr"] - 0.05
+    assert (report["stop_reason"] == "target_psnr") == reached
+    assert bool(report["unreached"]) != reached
+
+
+def test_target_ends_the_run_before_the_time_does(photo):
+    report = vectorize(photo, target_psnr=22, time_limit=3600).report
+    assert report["stop_reason"] == "target_psnr"
+    assert report["iterations"] < 1000
+
+
+def test_bytes_that_do_not_bind_change_nothing(photo):
+    free = vectorize(photo, quality="draft")
+    bound = vectorize(photo, quality="draft", max_bytes=10 * free.report["svg_bytes"])
+    assert bound.svg == free.svg
+
+
+def test_bytes_that_are_left_go_to_colours(photo):
+    result = vectorize(photo, gaussians=60, palette=0, **QUICK)
+    size = result.report["svg_bytes"]
+    few = write_svg(result.scene, SvgOptions(palette=5))
+    attempt = Attempt(result.scene, few, SvgOptions(palette=5), 20.0, 0.01)
+    richer = filled(attempt, size - 1000)
+    assert size - 3000 < richer.size <= size - 1000
+    assert richer.svg.count("<radialGradient") > 5
+    less = trimmed(attempt, len(few) // 2, photo)
+    assert len(few) // 3 < less.size <= len(few) // 2
+    kept = metrics.psnr(render(less.scene), photo)
+    first = metrics.psnr(render(result.scene.select(np.arange(len(less.scene)))), photo)
+    assert kept > first
+
+
+def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
+    result = vectorize(photo, gaussians="auto", max_bytes=4000, **QUICK)
+    exact = rasterize(write_svg(result.scene, SvgOptions(palette=0)), 128, 128)
+    assert np.mean((exact - result.raster) ** 2) < 2 * LARGEST_COLOR_ERROR
+
+
+def test_late_run_says_so():
+    lines = Targets(time_limit_s=2.0).unreached(30.0, 1, 3.5, "time_limit")
+    assert lines == ["time limit of 2 s not kept: 3.5 s; try a lower --quality"]
+    assert Targets(time_limit_s=2.0).unreached(30.0, 1, 2.2, "time_limit") == []

@@ -7,16 +7,20 @@ import itertools
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from gauss2svg.bench.worker import TOOL
 from gauss2svg.errors import InputError
 from gauss2svg.falloff import STOP_COUNTS
 from gauss2svg.fit.losses import LOSSES
+from gauss2svg.fit.options import MOST_GAUSSIANS, PRECISIONS
 from gauss2svg.fit.placement import PLACEMENTS
 from gauss2svg.fit.schedule import SCHEDULES
 from gauss2svg.quality import QUALITIES
 from gauss2svg.raster import RENDERERS
+from gauss2svg.scene import BLENDS
 from gauss2svg.version import __version__
 
 Settings = tuple[tuple[str, Any], ...]  # keywords of `vectorize` and values, sorted by keyword
@@ -47,7 +51,7 @@ def _whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
 
 
 def _count(text: str) -> int | str:
-    return text if text == "auto" else _whole(0)(text)
+    return text if text == "auto" else _whole(0, MOST_GAUSSIANS)(text)
 
 
 def _one_of(*known: Any) -> Callable[[str], Any]:
@@ -74,11 +78,11 @@ AXES: dict[str, Axis] = {
         _words("init", PLACEMENTS),
         _words("schedule", tuple(SCHEDULES)),
         _words("loss", LOSSES),
-        _words("precision", ("float32", "float64")),
+        _words("precision", PRECISIONS),
         _words("stops", STOP_COUNTS),
         Axis("decimals", (0, 1, 2, 3), _whole(0, 6)),
-        Axis("palette", (64, 256, 1024, 0), _whole(0)),
-        _words("blend", ("over",)),
+        Axis("palette", (64, 256, 1024, 0), _whole(0, 2**24)),
+        _words("blend", BLENDS),
         _words("renderer", RENDERERS),
         Axis("max_size", (256, 512, 1024), _whole(1)),
     )
@@ -143,6 +147,16 @@ def _axis(name: str) -> Axis:
     return AXES[keyword]
 
 
+@cache
+def code_digest() -> str:
+    """SHA-256 of the package's source files: a row of other code is no row of this one."""
+    package = Path(__file__).parent.parent
+    digest = hashlib.sha256()
+    for source in sorted(package.rglob("*.py")):
+        digest.update(str(source.relative_to(package)).encode() + source.read_bytes())
+    return digest.hexdigest()
+
+
 @dataclass(frozen=True)
 class Run:
     """One row to be: a picture, what makes an SVG of it, and how.
@@ -164,8 +178,8 @@ class Run:
 
     @property
     def key(self) -> str:
-        """The same for the same work, whatever the picture's path; else another."""
-        work = [self.digest, self.tool, self.version, __version__, self.settings]
+        """The same for the same work by the same code, whatever the picture's path."""
+        work = [self.digest, self.tool, self.version, code_digest(), self.settings]
         work += [self.seed, self.threads]
         return hashlib.sha256(json.dumps(work).encode()).hexdigest()[:24]
 

@@ -56,12 +56,16 @@ class RowStore:
         self._rows[row["key"]] = row
 
 
+# Without these a row is a damaged one, and is measured again.
+_NEEDED = {"key", "label", "tool", "tool_version", "image", "settings", "machine"}
+
+
 def _row(line: bytes) -> Row | None:
     try:
         row = json.loads(line)
     except ValueError:
         return None
-    return row if isinstance(row, dict) and isinstance(row.get("key"), str) else None
+    return row if isinstance(row, dict) and row.keys() >= _NEEDED else None
 
 
 def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
+from numba.core import config
 from PIL import Image
 
 from gauss2svg.atomic import check_writable, write_atomically
@@ -76,7 +77,9 @@ def run_bench(
     """
     whole_number("seed", seed, 0, 2**63 - 1)
     if threads is not None:
-        whole_number("threads", threads, 1, 2**16)
+        # As many as numba has started; the attribute is made when its settings are read.
+        most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
+        whole_number("threads", threads, 1, most)
     if not 0 < peer_timeout <= _LONGEST_TIMEOUT:
         raise InputError(
             f"peer_timeout is {peer_timeout}; needed are seconds > 0, at most {_LONGEST_TIMEOUT:g}"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -41,18 +40,14 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
             name = json.dumps([row["tool"], row["tool_version"], row["settings"]], sort_keys=True)
             groups.setdefault(name, []).append(row)
     summary = [_mean(group) for group in groups.values() if len(group) == images]
-    own = [row for row in summary if row["tool"] == TOOL]
+    # Where one picture came out exact the mean is infinite and says nothing.
+    own = [row for row in summary if row["tool"] == TOOL and row["psnr_svg"] is not None]
     for name, costs in _DISTANCES.items():
         columns = [[row[cost] for row in own] for cost in costs]
-        distances = distance_below(psnr_of(own), *columns)
+        distances = distance_below([row["psnr_svg"] for row in own], *columns)
         for row, distance in zip(own, distances, strict=True):
             row[name] = finite(distance)
     return summary
-
-
-def psnr_of(rows: Sequence[Row]) -> list[float]:
-    """PSNR of the drawn files in dB; infinite where JSON has null, for equal pictures."""
-    return [math.inf if row["psnr_svg"] is None else row["psnr_svg"] for row in rows]
 
 
 def _mean(group: Sequence[Row]) -> Row:

@@ -19,7 +19,7 @@ from gauss2svg.bench.machine import Stopwatch, peak_bytes
 
 TOOL = "gauss2svg"  # what a row says that is no peer's
 _WARM_UP_SIDE = 32  # px
-_WARM_UP: dict[str, Any] = {"gaussians": 8, "iterations": 2}
+_WARM_UP: dict[str, Any] = {"iterations": 2}
 _FROM_REPORT = (
     "width", "height", "fit_width", "fit_height", "gaussians", "iterations", "rounds",
     "stop_reason", "threads", "renderer", "psnr_model", "psnr_svg", "ssim_svg",

@@ -6,8 +6,8 @@ import time
 
 from gauss2svg.fit.schedule import GROWTH_SHARE
 
-# A round of growth takes no more steps than this, however much time there is: what is
-# left is better spent where all Gaussians are there.
+# Where only time is limited, a round of growth takes no more steps than this: what is left
+# is better spent where all Gaussians are there.
 _MOST_STEPS_A_ROUND = 30
 
 
@@ -39,7 +39,7 @@ class Clock:
         share = (index + 1) / self._rounds
         steps = _MOST_STEPS_A_ROUND * (index + 1)
         if self.iterations is not None:
-            steps = min(steps, int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds)
+            steps = int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds
         return self.iteration >= steps or self._time_share() >= GROWTH_SHARE * share
 
     @property

@@ -89,7 +89,7 @@ class Run:
         with self._timed():
             if self._grow():
                 total = self.options.iterations
-                steps = None if total is None else total - int(total * GROWTH_SHARE)
+                steps = None if total is None else total - self.clock.iteration
                 self._refine(steps, GROWTH_SHARE)
 
     def resize(self, count: int, iterations: int) -> None:

@@ -1,0 +1,70 @@
+"""A scene as it was written once on the way to its targets, and how its bytes are met."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.render.cpu import removal_cost, splats_of
+from gauss2svg.scene import Scene
+from gauss2svg.svg import SvgOptions, write_svg
+
+_LESS_SPARE = 0.8  # of the colours that would fill the bytes, where they were too many
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A scene on the photo's canvas, and its SVG.
+
+    model  PSNR in dB of the scene itself on the working picture
+    error  mean squared, of the drawn SVG there; NaN if it was not drawn
+    """
+
+    scene: Scene
+    svg: str
+    options: SvgOptions
+    model: float
+    error: float
+
+    @property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return len(self.svg.encode())
+
+
+def trimmed(attempt: Attempt, limit: int, picture: NDArray[np.float32]) -> Attempt:
+    """Without the Gaussians that are missed least, as many of them as `limit` bytes ask for.
+
+    Missed on picture (h, w, 3); what is left is not refined.
+    """
+    while attempt.size > limit and len(attempt.scene):
+        scene = attempt.scene
+        height, width = picture.shape[:2]
+        planar = np.ascontiguousarray(np.moveaxis(picture, -1, 0))
+        splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
+        cost = removal_cost(splats, planar)[1][:, 0]
+        kept = min(len(scene) - 1, int(len(scene) * limit / attempt.size))
+        scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
+        attempt = dataclasses.replace(
+            attempt, scene=scene, svg=write_svg(scene, attempt.options), error=np.nan
+        )
+    return attempt
+
+
+def filled(attempt: Attempt, limit: int) -> Attempt:
+    """With as many more colours as `limit` bytes hold."""
+    used = attempt.svg.count("<radialGradient")
+    if not used:
+        return attempt
+    first, last = attempt.svg.index("<radialGradient"), attempt.svg.rindex("</radialGradient>")
+    spare = (limit - attempt.size) / ((last - first) / used)
+    while spare >= 1:
+        richer = dataclasses.replace(attempt.options, palette=used + int(spare), color_error=0.0)
+        svg = write_svg(attempt.scene, richer)
+        if len(svg.encode()) <= limit:
+            return dataclasses.replace(attempt, svg=svg, options=richer)
+        spare *= _LESS_SPARE
+    return attempt
