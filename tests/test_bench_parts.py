@@ -1,6 +1,7 @@
 """The parts of a benchmark that need no run: its grid, its fronts, its store, its table."""
 
 import csv
+import json
 import math
 
 import pytest
@@ -20,10 +21,13 @@ points = st.lists(
 
 def test_later_row_of_a_key_counts_and_rubbish_does_not(tmp_path):
     path = tmp_path / "rows.jsonl"
-    path.write_text('{"key": "a", "error": "x"}\nrubbish\n[1]\n{"key": "a", "n": 2}\n')
+    row = dict.fromkeys(("label", "tool", "tool_version", "image", "settings", "machine"), 1)
+    first, last = ({"key": "a", **row, **change} for change in ({"error": "x"}, {"n": 2}))
+    lines = [json.dumps(first), "rubbish", "[1]", json.dumps(last), '{"key": "a", "n": 3}']
+    path.write_text("\n".join(lines) + "\n")
     store = RowStore(path)
-    assert store.finished("a") == {"key": "a", "n": 2}
-    store.append({"key": "a", "error": "y"})
+    assert store.finished("a") == last
+    store.append({"key": "a", "error": "y", **row})
     assert store.finished("a") is None
     assert RowStore(path).finished("a") is None
 
