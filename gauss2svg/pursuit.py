@@ -56,8 +56,10 @@ _MOST_RESERVED = 0.6  # share of the time left then for what follows; with more,
 _STRIPS = 4  # the picture is measured on one of so many strips to see how long all will take
 _AT_THE_CAP = 0.95
 _LEAST_LEFT = 0.05  # of an attempt's error, whatever the photo's own size takes off
-# dB that a fit may end under and over the quality's PSNR without a correction.
-_LESS_THAN_ENOUGH, _MORE_THAN_ENOUGH = 0.8, 1.2
+# dB that a fit may end under and over the quality's PSNR without a correction; over it only
+# where there are more than a few Gaussians to take away.
+_LESS_THAN_ENOUGH, _FAR_MORE = 0.8, 3.0
+_FEW = 100
 _SAME = 0.004  # a count that differs by a smaller share is the same
 _TELLING = 0.25  # doublings between two attempts that tell a slope
 _SLOPES = 1.5, 6.0  # dB a doubling, the flattest and steepest that are believed
@@ -290,7 +292,8 @@ class Pursuit:
         missing = self._request.preset.enough - last.model
         if self._request.count is not None:
             missing = math.inf
-        if -_MORE_THAN_ENOUGH <= missing <= _LESS_THAN_ENOUGH:
+        far_more = missing < -_FAR_MORE and count > _FEW
+        if missing <= _LESS_THAN_ENOUGH and not far_more:
             return count
         limit = self._targets.max_bytes
         if missing > 0 and limit is not None and last.size > _FULL * limit:
@@ -323,7 +326,9 @@ class Pursuit:
             return min(self._attempts, key=lambda a: a.size)
         target = self._targets.psnr
         if target is None:
-            return small[-1]
+            enough = self._request.preset.enough - _LESS_THAN_ENOUGH
+            good = [a for a in small if a.model >= enough and self._request.count is None]
+            return min(good, key=lambda a: a.size) if good else max(small, key=lambda a: a.model)
         good = [a for a in small if self._psnr(a) >= target - TOLERANCE]
         if good:
             close = [a for a in good if self._psnr(a) <= target + _TOO_GOOD]
