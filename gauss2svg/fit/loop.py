@@ -31,7 +31,7 @@ On all eight development photos, placement by error / selective: 32.45 / 32.60 a
 What more iterations buy, all eight, selective, mean PSNR of the model; the prototype ends at
 32.30 dB after 300 (in brackets CPU seconds as shares of its own, run right after each):
 
-    160 iterations 32.31 (0.17), 200 32.43, 300 32.56 (0.29), 1000 32.77, 1250 32.81 (1.14)
+    160 iterations 32.31 (0.17), 200 32.43, 300 32.56 (0.29), 1000 32.80 (0.94)
 
 What is left to win is not in more steps, but in where Gaussians are. On Kodak 04, 08, 13 and
 20, 200 iterations, from 30.35 dB:
