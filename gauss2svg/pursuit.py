@@ -31,8 +31,8 @@ from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgOptions, write_svg
 from gauss2svg.targets import TOLERANCE
 
-# Of a file, a Gaussian: mean over the development photos from 1000 to 8000 Gaussians,
-# palette included. Replaced by the file's own where bytes are limited.
+# Of a file, a Gaussian, palette included: about what draft, fast and balanced write on the
+# development photos. Replaced by the file's own where bytes are limited.
 KILOBYTES_A_GAUSSIAN = 0.12
 # A target of PSNR lifts the quality's cap to this.
 CAP_FOR_PSNR = 50000
@@ -175,7 +175,7 @@ class Pursuit:
             refining = now.done > GROWTH_SHARE
             if now.count >= _LEAST_MEASURED and (refining or not self._bytes_known):
                 self._bytes_known = True
-                self._bytes_each = self._write(now.scene(), now.psnr)[0] / now.count
+                self._bytes_each = len(self._write(now.scene(), now.psnr)[0]) / now.count
             if limit * _FILL / self._bytes_each < most:
                 most, named = int(limit * _FILL / self._bytes_each), "max_bytes"
         if self._run.clock.growth_is_late and now.done <= GROWTH_SHARE and now.count < most:
@@ -197,7 +197,7 @@ class Pursuit:
         height, width = self._working.shape[:2]
         begun = time.perf_counter()
         part = scene.select(np.arange(0, len(scene), _SAMPLE))
-        svg = self._write(part, psnr)[1]
+        svg = self._write(part, psnr)[0]
         written = time.perf_counter()
         rasterize(svg, width, height, self._request.renderer)
         drawn = time.perf_counter()
@@ -218,19 +218,18 @@ class Pursuit:
         scaled = scene.scaled(width / self._working.shape[1], height / self._working.shape[0])
         return scaled.replace(width=width, height=height)
 
-    def _write(self, scene: Scene, psnr: float) -> tuple[int, str, SvgOptions, Scene]:
-        """Bytes, text and options of the file of a scene on the working canvas."""
+    def _write(self, scene: Scene, psnr: float) -> tuple[str, SvgOptions, Scene]:
+        """Text and options of the file of a scene on the working canvas, and it on the photo's."""
         options = self._request.svg_options(len(scene), 10 ** (-psnr / 10))
         scene = self._on_photo(scene)
-        svg = write_svg(scene, options)
-        return len(svg.encode()), svg, options, scene
+        return write_svg(scene, options), options, scene
 
     def _attempt(self) -> Attempt:
         self._tell("write", None)
         height, width = self._working.shape[:2]
         scene = self._run.scene()
         model = metrics.psnr(render(scene), self._working)
-        _, svg, options, scaled = self._write(scene, model)
+        svg, options, scaled = self._write(scene, model)
         error = math.nan
         if self._targets.psnr is not None:
             self._tell("measure", None)
@@ -267,11 +266,8 @@ class Pursuit:
         most = self._most[0]
         if not count:
             lacking = target is not None and self._psnr(last) < target - TOLERANCE
-            return (
-                min(FIRST_ROUND, most) or None
-                if lacking and last.size < (limit or math.inf)
-                else None
-            )
+            room = last.size < (limit or math.inf)
+            return min(FIRST_ROUND, most) if lacking and room and most else None
         if limit is not None:
             most = min(most, int(limit * _FILL * count / last.size))
             if last.size > limit:

@@ -3,7 +3,7 @@
 A step is half a dozen short parallel loops. GNU's OpenMP lets a thread that is done spin
 until the others are; where another program holds the core that one of those needs, it
 spins away whole time slices. Two threads on two cores on which two other programs computed,
-a fit of 6000 Gaussians: 39 s spinning, 8 s asleep.
+a whole run of the command with 6000 Gaussians: 39 s spinning, 8 s asleep.
 """
 
 import os
