@@ -32,7 +32,8 @@ from gauss2svg.svg import SvgOptions, write_svg
 from gauss2svg.targets import TOLERANCE
 
 # Of a file, a Gaussian, palette included: fast writes 0.117, balanced 0.112, mean of the
-# development photos; draft 0.144, its palette being a larger share. Replaced by the file's own where bytes are limited.
+# development photos; draft 0.144, its palette being a larger share. Replaced by the
+# file's own where bytes are limited.
 KILOBYTES_A_GAUSSIAN = 0.12
 # A target of PSNR lifts the quality's cap to this.
 CAP_FOR_PSNR = 50000

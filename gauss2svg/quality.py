@@ -43,8 +43,9 @@ class Quality:
 
 
 # What writing more exactly buys at 5000 Gaussians, 1250 colours, on four Kodak photos, PSNR of
-# the drawn SVG in dB and bytes a Gaussian: 6 stops, 1 decimal, 2 of opacity 33.21, 194; 8 stops 33.22, 221;
-# and 3 of opacity 33.22, 224; and 2 decimals 33.28, 230; 10 stops 33.28, 256; 12 stops 33.28, 283.
+# the drawn SVG in dB and bytes a Gaussian: 6 stops, 1 decimal, 2 of opacity 33.21, 194;
+# 8 stops 33.22, 221; and 3 of opacity 33.22, 224; and 2 decimals 33.28, 230; 10 stops 33.28,
+# 256; 12 stops 33.28, 283.
 QUALITIES: dict[str, Quality] = {
     "draft": Quality(0.03, 28, 1000, 0.5, 0.125, 200, 384, 6, 1, 2),
     "fast": Quality(0.01, 32, 3000, 0.4, 0.125, 120, 768, 6, 1, 2),
