@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import Gauss2SvgError, InputError, SceneError
-from gauss2svg.falloff import FALLOFFS, GAUSSIAN
+from gauss2svg.falloff import LEAST_BETA, MOST_BETA
 
 BLENDS = ("over",)
 # rho is kept this far from +-1, so that 1 - rho^2 is a normal number in float64.
 RHO_LIMIT = 1 - 1e-12
 
-_PER_GAUSSIAN = ("mean", "sigma", "rho", "color", "opacity", "round_index")
-_FORMAT_VERSION = 1
+_PER_GAUSSIAN = ("mean", "sigma", "rho", "color", "opacity", "beta", "round_index")
+_FORMAT_VERSION = 2
+_WITHOUT_BETA = 1  # the version before exponents: every shape was a Gaussian
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,8 @@ class Scene:
     background     (3,) sRGB in 0..1
     round_index    (n,) round of the fit in which each was added, never decreasing
     blend          "over": source-over in sRGB, what every SVG renderer does
-    falloff        "gaussian": see gauss2svg.falloff
+    beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian: see
+                   gauss2svg.falloff; None for all 1
 
     Arrays are converted to float64 (round_index to int32) and made read-only.
     Raises SceneError naming the field, what was got and what is needed.
@@ -55,7 +57,7 @@ class Scene:
     background: NDArray[np.float64] = field(default_factory=lambda: np.ones(3))
     round_index: NDArray[np.int32] | None = None
     blend: str = "over"
-    falloff: str = GAUSSIAN
+    beta: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         count = np.shape(self.mean)[0] if np.ndim(self.mean) else 0
@@ -70,6 +72,9 @@ class Scene:
         self._freeze("color", (count, 3), 0, 1)
         self._freeze("opacity", (count,), 0, 1)
         self._freeze("background", (3,), 0, 1)
+        if self.beta is None:
+            object.__setattr__(self, "beta", np.ones(count))
+        self._freeze("beta", (count,), LEAST_BETA, MOST_BETA)
         if self.round_index is None:
             object.__setattr__(self, "round_index", np.zeros(count, np.int32))
         self._freeze("round_index", (count,), 0, np.inf, np.int32)
@@ -79,8 +84,6 @@ class Scene:
             )
         if self.blend not in BLENDS:
             raise SceneError(f"scene blend is {self.blend!r}; needed is one of {BLENDS}")
-        if self.falloff not in FALLOFFS:
-            raise SceneError(f"scene falloff is {self.falloff!r}; needed is one of {FALLOFFS}")
 
     def _freeze(
         self, name: str, shape: tuple[int, ...], low: float, high: float, dtype: Any = np.float64
@@ -112,6 +115,12 @@ class Scene:
         """(n,) round in which each Gaussian was added."""
         assert self.round_index is not None  # set on construction
         return self.round_index
+
+    @property
+    def betas(self) -> NDArray[np.float64]:
+        """(n,) exponent of each shape's falloff."""
+        assert self.beta is not None  # set on construction
+        return self.beta
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -180,12 +189,11 @@ class Scene:
     def concatenate(self, top: Scene) -> Self:
         """The scene with the Gaussians of another painted over it, as later rounds.
 
-        Canvas and background stay this scene's. Raises SceneError if blend or falloff differ.
+        Canvas and background stay this scene's. Raises SceneError if they blend differently.
         """
-        if (self.blend, self.falloff) != (top.blend, top.falloff):
+        if self.blend != top.blend:
             raise SceneError(
-                f"scenes blend as {self.blend}, {self.falloff} and {top.blend}, {top.falloff}; "
-                "needed is the same blend and falloff in both"
+                f"scenes blend as {self.blend} and {top.blend}; needed is the same in both"
             )
         later = 0
         if len(self) and len(top):
@@ -221,15 +229,18 @@ class Scene:
         try:
             with np.load(file, allow_pickle=False) as stored:
                 version = int(stored["format_version"])
-                if version != _FORMAT_VERSION:
+                if version not in (_WITHOUT_BETA, _FORMAT_VERSION):
                     raise InputError(
-                        f"scene file has format version {version}; needed is {_FORMAT_VERSION}"
+                        f"scene file has format version {version}; needed is {_WITHOUT_BETA} or "
+                        f"{_FORMAT_VERSION}"
                     )
-                values = {f.name: stored[f.name] for f in dataclasses.fields(cls)}
+                names = {f.name for f in dataclasses.fields(cls)}
+                if version == _WITHOUT_BETA:
+                    names.remove("beta")
+                values = {name: stored[name] for name in names}
         except Gauss2SvgError:
             raise
         except Exception as error:  # numpy, zipfile and zlib each raise their own
             raise InputError(f"not a scene written by Scene.save: {error}") from error
-        for name in ("blend", "falloff"):
-            values[name] = str(values[name])
+        values["blend"] = str(values["blend"])
         return cls(**values)

@@ -27,13 +27,13 @@ def compile_kernels(precision: str = DEFAULT_PRECISION) -> float:
         compile_kernels()
     one = np.ones(1)
     state = State.empty().append(
-        np.full((1, 2), 2.0), np.array([[1.0, 0.0, 1.0]]), 0 * one, np.ones((1, 3)), 0
+        np.full((1, 2), 2.0), np.array([[1.0, 0.0, 1.0]]), 0 * one, np.ones((1, 3)), one, 0
     )
     target = np.zeros((3, 4, 4), precision)
     splats = state.splats(np.zeros(3))
     removal_cost(splats, target)
     moments = squared_error(splats, target)[2]
-    gradient = adam.gradients(moments, splats.paint[:, 0])
+    gradient = adam.gradients(moments, splats.paint[:, 0], splats.shape[:, 5])
     adam.step(state, gradient, adam.Rates(), adam.Limits(0.35, 4.0), 1.0)
     _done.add(precision)
     return time.perf_counter() - begun

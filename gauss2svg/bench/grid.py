@@ -13,7 +13,7 @@ from typing import Any
 
 from gauss2svg.bench.worker import TOOL
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import STOP_COUNTS
+from gauss2svg.svg.stops import STOP_COUNTS
 from gauss2svg.fit.losses import LOSSES
 from gauss2svg.fit.options import MOST_GAUSSIANS, PRECISIONS
 from gauss2svg.fit.placement import PLACEMENTS

@@ -9,16 +9,18 @@ so that a step means the same for a large, a small and a thin Gaussian. With the
 kernels' moments m of h (gauss2svg.render.kernels) the gradients are
 
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
-    dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g.
+    dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,
+    dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from gauss2svg.fit.state import State
+from gauss2svg.fit.state import PARAMETERS, State
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class Rates:
     shear: float = 0.15
     opacity: float = 0.15
     color: float = 0.045
+    beta: float = 0.1
 
 
 @dataclass(frozen=True)
@@ -43,21 +46,35 @@ class Limits:
     least_sigma   px of the working image; the minor axis never gets thinner
     most_sigma    px of the working image
     most_aspect   major over minor axis: thinner needles streak across flat areas
+    least_beta, most_beta  exponent of the falloff
+    least_rim     px of the working image in which a rim across the minor axis falls from
+                  0.9 to 0.1: sharper ones are not sampled alike by renderers
     """
 
     least_sigma: float
     most_sigma: float
     most_aspect: float = 30.0
+    least_beta: float = 0.6
+    most_beta: float = 128.0
+    least_rim: float = 0.8
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
 
 
-def gradients(moments: NDArray[np.float64], opacity: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 9) gradients of t1, t2, A11, A12, A22, logit opacity, r, g, b from moments (n, 9)."""
+# sqrt 2 (x(0.1) - x(0.9)) beta for x = (ln 1 / f)^(1 / 2 beta), large beta: the width of a rim
+# times beta over sigma.
+_RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
+
+
+def gradients(
+    moments: NDArray[np.float64], opacity: NDArray[np.float64], beta: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n, 10) gradients of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta."""
     gradient = moments.copy()
     gradient[:, 3] *= 2
     gradient[:, 5] *= 1 - opacity
+    gradient[:, 9] *= -beta
     return gradient
 
 
@@ -67,24 +84,27 @@ def step(
     """Move every Gaussian of the state by one Adam step, in place."""
     sizes = np.array(
         [rates.shift] * 2 + [rates.stretch, rates.shear, rates.stretch, rates.opacity]
-        + [rates.color] * 3
+        + [rates.color] * 3 + [rates.beta]
     )  # fmt: skip
-    bounds = np.array([limits.least_sigma, limits.most_sigma, limits.most_aspect])
+    bounds = np.array([
+        limits.least_sigma, limits.most_sigma, limits.most_aspect,
+        math.log(limits.least_beta), math.log(limits.most_beta), _RIM_WIDTH / limits.least_rim,
+    ])  # fmt: skip
     _step(
-        state.mean, state.factor, state.raw_opacity, state.color,
+        state.mean, state.factor, state.raw_opacity, state.color, state.raw_beta,
         state.first, state.second, state.age, gradient, rate * sizes, bounds,
     )  # fmt: skip
 
 
 @njit(parallel=True, cache=True)
-def _step(mean, factor, raw_opacity, color, first, second, age, gradient, sizes, bounds):
-    least, most, aspect = bounds[0], bounds[1], bounds[2]
+def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradient, sizes, bounds):
+    least, most, aspect, dullest, sharpest, rim = bounds
     for i in prange(mean.shape[0]):
         age[i] += 1
         correct1 = 1 - FIRST_DECAY ** age[i]
         correct2 = 1 - SECOND_DECAY ** age[i]
-        d = np.empty(9)
-        for k in range(9):
+        d = np.empty(PARAMETERS)
+        for k in range(PARAMETERS):
             g = gradient[i, k]
             first[i, k] = FIRST_DECAY * first[i, k] + (1 - FIRST_DECAY) * g
             second[i, k] = SECOND_DECAY * second[i, k] + (1 - SECOND_DECAY) * g * g
@@ -124,3 +144,5 @@ def _step(mean, factor, raw_opacity, color, first, second, age, gradient, sizes,
         raw_opacity[i] = min(max(raw_opacity[i] + d[5], -8.0), 12.0)
         for k in range(3):
             color[i, k] = min(max(color[i, k] + d[6 + k], 0.0), 1.0)
+        bound = min(max(np.log(rim * new_minor), 0.0), sharpest)
+        raw_beta[i] = min(max(raw_beta[i] + d[9], dullest), bound)

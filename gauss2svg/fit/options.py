@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
+from gauss2svg.falloff import ADAPTIVE, FALLOFFS
 from gauss2svg.fit.losses import DEFAULT_LOSS, check_loss
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT, PLACEMENTS
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE, SCHEDULES
@@ -19,6 +20,7 @@ MOST_GAUSSIANS = 10_000_000
 # Gaussian is relocated; without relocation by 0.002.
 PRECISIONS = ("float32", "float64")
 DEFAULT_PRECISION = "float32"
+DEFAULT_FALLOFF = ADAPTIVE
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,7 @@ class FitOptions:
     placement   one of PLACEMENTS; schedule one of SCHEDULES; loss one of LOSSES
     seed        of the one random generator
     precision   one of PRECISIONS, of all that the kernels compute
+    falloff     one of FALLOFFS: Gaussians, or shapes that each learn an exponent
     """
 
     gaussians: int = 5000
@@ -39,6 +42,7 @@ class FitOptions:
     loss: str = DEFAULT_LOSS
     seed: int = 0
     precision: str = DEFAULT_PRECISION
+    falloff: str = DEFAULT_FALLOFF
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
@@ -54,6 +58,8 @@ class FitOptions:
                 f"schedule is {self.schedule!r}; needed is one of {', '.join(SCHEDULES)}"
             )
         check_loss(self.loss)
+        if self.falloff not in FALLOFFS:
+            raise InputError(f"falloff is {self.falloff!r}; needed is one of {', '.join(FALLOFFS)}")
         if self.precision not in PRECISIONS:
             raise InputError(
                 f"precision is {self.precision!r}; needed is one of {', '.join(PRECISIONS)}"

@@ -16,6 +16,7 @@ PLACEMENTS = ("selective", "error", "random")
 DEFAULT_PLACEMENT = "selective"
 
 FIRST_OPACITY_LOGIT = 1.0
+FIRST_RAW_BETA = 0.1
 # First sigma as a share of the mean spacing sqrt(area / (pi n)): 0.3 to 0.42 end
 # within 0.08 dB, 0.6 loses 0.7 dB.
 _SIGMA_SHARE = 0.3

@@ -11,11 +11,12 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit import adam
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
 from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
-from gauss2svg.fit.placement import FIRST_OPACITY_LOGIT, Target, place
+from gauss2svg.fit.placement import FIRST_OPACITY_LOGIT, FIRST_RAW_BETA, Target, place
 from gauss2svg.fit.rules import ADJUST_AT, Rule, Snapshot
 from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, rate, reduction
 from gauss2svg.fit.state import State
@@ -217,7 +218,10 @@ class Run:
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
         new = place(self.options.placement, self._target, rendered, count, total, self._rng)
         opacity = np.full(count, FIRST_OPACITY_LOGIT)
-        self.state = self.state.append(new.mean, new.factor, opacity, new.color, self._round_index)
+        raw_beta = np.full(count, FIRST_RAW_BETA if self.options.falloff == ADAPTIVE else 0.0)
+        self.state = self.state.append(
+            new.mean, new.factor, opacity, new.color, raw_beta, self._round_index
+        )
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one step of the optimiser."""
@@ -230,7 +234,7 @@ class Run:
         if self.options.loss != DEFAULT_LOSS:
             _, gradient = image_gradient(self.options.loss, image, target.planar)
             moments = moments_of_gradient(splats, gradient)
-        gradient = adam.gradients(moments, splats.paint[:, 0])
+        gradient = adam.gradients(moments, splats.paint[:, 0], splats.shape[:, 5])
         limits = adam.Limits(
             least_sigma=LEAST_SIGMA, most_sigma=float(max(target.width, target.height))
         )

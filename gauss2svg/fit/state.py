@@ -9,10 +9,11 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from gauss2svg.falloff import CUT
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import RHO_LIMIT, Scene
 
-PARAMETERS = 9  # shift along the two whitened axes, three of shape, opacity, r, g, b
+PARAMETERS = 10  # shift along the two whitened axes, three of shape, opacity, r, g, b, ln beta
 
 
 @dataclass
@@ -23,6 +24,7 @@ class State:
     factor       (n, 3) entries l11, l21, l22 of the covariance's Cholesky factor, px
     raw_opacity  (n,) logit of the opacity
     color        (n, 3) sRGB
+    raw_beta     (n,) ln of the falloff's exponent; exactly 0 stays 0: a Gaussian for good
     round_index  (n,) int32
     first, second (n, PARAMETERS) Adam's moments; age (n,) steps taken
     """
@@ -31,6 +33,7 @@ class State:
     factor: NDArray[np.float64]
     raw_opacity: NDArray[np.float64]
     color: NDArray[np.float64]
+    raw_beta: NDArray[np.float64]
     round_index: NDArray[np.int32]
     first: NDArray[np.float64]
     second: NDArray[np.float64]
@@ -45,6 +48,7 @@ class State:
             factor=np.zeros((0, 3)),
             raw_opacity=np.zeros(0),
             color=np.zeros((0, 3)),
+            raw_beta=np.zeros(0),
             round_index=np.zeros(0, np.int32),
             first=wide,
             second=wide.copy(),
@@ -64,13 +68,16 @@ class State:
         factor: NDArray[np.float64],
         raw_opacity: NDArray[np.float64],
         color: NDArray[np.float64],
+        raw_beta: NDArray[np.float64],
         round_index: int,
     ) -> State:
         """The state with new Gaussians on top, which have no memory yet."""
         count = len(mean)
         wide = np.zeros((count, PARAMETERS))
         rounds = np.full(count, round_index, np.int32)
-        new = State(mean, factor, raw_opacity, color, rounds, wide, wide, np.zeros(count))
+        new = State(
+            mean, factor, raw_opacity, color, raw_beta, rounds, wide, wide, np.zeros(count)
+        )  # fmt: skip
         pairs = ((getattr(self, f.name), getattr(new, f.name)) for f in dataclasses.fields(self))
         return State(*(np.concatenate(pair) for pair in pairs))
 
@@ -84,8 +91,10 @@ class State:
 
     def splats(self, background: NDArray[np.float64]) -> Splats:
         """The activated Gaussians, as the kernels read them."""
-        sigma, rho, shape, paint = _activate(self.mean, self.factor, self.raw_opacity, self.color)
-        return Splats(self.mean, sigma, rho, shape, paint, background)
+        sigma, rho, radius, shape, paint = _activate(
+            self.mean, self.factor, self.raw_opacity, self.color, self.raw_beta
+        )
+        return Splats(self.mean, sigma, rho, radius, shape, paint, background)
 
     def scene(self, background: NDArray[np.float64], width: float, height: float) -> Scene:
         """The activated Gaussians as a scene."""
@@ -100,15 +109,17 @@ class State:
             opacity=splats.paint[:, 0],
             background=background,
             round_index=self.round_index,
+            beta=splats.shape[:, 5],
         )
 
 
 @njit(parallel=True, cache=True)
-def _activate(mean, factor, raw_opacity, color):
+def _activate(mean, factor, raw_opacity, color, raw_beta):
     n = mean.shape[0]
     sigma = np.empty((n, 2))
     rho = np.empty(n)
-    shape = np.empty((n, 5))
+    radius = np.empty(n)
+    shape = np.empty((n, 7))
     paint = np.empty((n, 4))
     for i in prange(n):
         l11, l21, l22 = factor[i, 0], factor[i, 1], factor[i, 2]
@@ -121,7 +132,12 @@ def _activate(mean, factor, raw_opacity, color):
         shape[i, 2] = 1 / l11
         shape[i, 3] = -l21 / (l11 * l22)
         shape[i, 4] = 1 / l22
+        beta = np.exp(raw_beta[i])
+        squared = 2 * CUT ** (1 / beta)
+        radius[i] = np.sqrt(squared)
+        shape[i, 5] = beta
+        shape[i, 6] = squared
         paint[i, 0] = 1 / (1 + np.exp(-raw_opacity[i]))
         for k in range(3):
             paint[i, 1 + k] = color[i, k]
-    return sigma, rho, shape, paint
+    return sigma, rho, radius, shape, paint

@@ -10,6 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch.autograd.function import once_differentiable
 
+from gauss2svg.falloff import cut_radius
 from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar
 
 # An opacity of 0 hides the falloff that its gradient needs; at these the gradient is exact
@@ -30,10 +31,14 @@ class _FastRender(torch.autograd.Function):
     def backward(  # pyright: ignore[reportIncompatibleMethodOverride] (the decorator's type)
         ctx: Any, *grad_outputs: torch.Tensor
     ) -> tuple[Any, ...]:
-        mean, sigma, rho, color, opacity, background = ctx.saved_tensors
+        mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
         real = _precision(ctx.saved_tensors)
         seen = opacity.clamp(min=_LEAST_OPACITY[real]).double()
-        splats = _splats(mean, sigma, rho, color, seen, background)
+        # Gaussians proper leave out what the exponent's gradient needs.
+        near = beta.double()
+        if ctx.needs_input_grad[6]:
+            near = torch.where(near == 1, np.nextafter(1, 2), near)
+        splats = _splats(mean, sigma, rho, color, seen, background, near)
         gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
         by_opacity = moments[:, 5] / seen
@@ -44,6 +49,7 @@ class _FastRender(torch.autograd.Function):
             moments[:, 6:9],
             by_opacity,
             torch.from_numpy(_by_background(splats, gradient)),
+            -moments[:, 9],
         )
         typed = (g.to(t.dtype) for g, t in zip(wanted, ctx.saved_tensors, strict=True))
         return (*typed, None, None)
@@ -54,14 +60,16 @@ def _precision(tensors: Sequence[torch.Tensor]) -> type[np.floating]:
 
 
 def _splats(*tensors: torch.Tensor) -> Splats:
-    mean, sigma, rho, color, opacity, background = (
+    mean, sigma, rho, color, opacity, background, beta = (
         tensor.detach().to(torch.float64).numpy() for tensor in tensors
     )
     k = np.sqrt((1 - rho) * (1 + rho))
     sx, sy = sigma.T
-    shape = np.stack([mean[:, 0], mean[:, 1], 1 / sx, -rho / (sx * k), 1 / (sy * k)], axis=1)
+    radius = cut_radius(beta)
+    whitening = 1 / sx, -rho / (sx * k), 1 / (sy * k)
+    shape = np.column_stack([mean, *whitening, beta, radius**2])
     paint = np.concatenate([opacity[:, None], color], axis=1)
-    return Splats(mean, sigma, rho, shape, paint, background)
+    return Splats(mean, sigma, rho, radius, shape, paint, background)
 
 
 def _by_shape(
@@ -96,6 +104,7 @@ def fast_composite(
     background: torch.Tensor,
     height: int,
     width: int,
+    beta: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """The same as gauss2svg.render.reference.composite, by the numba kernels.
 
@@ -103,7 +112,8 @@ def fast_composite(
     them are, else float32. Gradients flow to every tensor, once: a second derivative raises
     torch's error.
     """
-    arguments = (mean, sigma, rho, color, opacity, background, height, width)
+    beta = torch.ones_like(rho) if beta is None else beta
+    arguments = (mean, sigma, rho, color, opacity, background, beta, height, width)
     image = _FastRender.apply(*arguments)
     assert isinstance(image, torch.Tensor)
     return image

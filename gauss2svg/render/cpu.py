@@ -24,7 +24,7 @@ from numba import get_num_threads, njit, prange
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import RADIUS
+from gauss2svg.falloff import cut_radius
 from gauss2svg.render.kernels import (
     MOMENTS,
     backpropagate_tile,
@@ -46,14 +46,16 @@ _RENDER, _SQUARED_ERROR, _GIVEN_GRADIENT, _REMOVAL = range(4)
 class Splats(NamedTuple):
     """What the kernels read of n Gaussians, bottom first; all float64.
 
-    mean (n, 2), sigma (n, 2), rho (n,): for the tiles
-    shape (n, 5): mean x, y and whitening w11, w21, w22; paint (n, 4): opacity, r, g, b
+    mean (n, 2), sigma (n, 2), rho (n,), radius (n,) of the cut: for the tiles
+    shape (n, 7): mean x, y, whitening w11, w21, w22, beta and radius^2
+    paint (n, 4): opacity, r, g, b
     background (3,)
     """
 
     mean: NDArray[np.float64]
     sigma: NDArray[np.float64]
     rho: NDArray[np.float64]
+    radius: NDArray[np.float64]
     shape: NDArray[np.float64]
     paint: NDArray[np.float64]
     background: NDArray[np.float64]
@@ -61,12 +63,14 @@ class Splats(NamedTuple):
 
 def splats_of(scene: Scene) -> Splats:
     """The kernels' view of a scene."""
+    radius = cut_radius(scene.betas)
     # Copies: numba compiles everything once more for read-only arrays.
     return Splats(
         scene.mean.copy(),
         scene.sigma.copy(),
         scene.rho.copy(),
-        np.concatenate([scene.mean, scene.whitening], axis=1),
+        radius,
+        np.column_stack([scene.mean, scene.whitening, scene.betas, radius**2]),
         np.concatenate([scene.opacity[:, None], scene.color], axis=1),
         scene.background.copy(),
     )
@@ -87,6 +91,8 @@ def _walk_tiles(mode, workers, shape, paint, background, image, weight, pairs, p
         real = out.dtype.type
         alpha = np.empty(most_rows * TILE_WIDTH, real)
         trans = np.empty(most_rows * TILE_WIDTH, real)
+        steep = np.empty(most_rows * TILE_WIDTH, real)
+        logs = np.empty(most_rows * TILE_WIDTH, real)
         acc = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
         g = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
         behind = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
@@ -105,7 +111,7 @@ def _walk_tiles(mode, workers, shape, paint, background, image, weight, pairs, p
             listed = order[start[tile] : start[tile + 1]]
             filled = compose_tile(
                 listed, x0, y0, column, inside, shape, paint, gaussian, rows,
-                alpha, trans, acc, left,
+                alpha, trans, steep, logs, acc, left,
             )  # fmt: skip
             squares = 0.0
             g[:] = 0.0
@@ -135,7 +141,7 @@ def _walk_tiles(mode, workers, shape, paint, background, image, weight, pairs, p
                         )
                 backpropagate_tile(
                     listed, x0, y0, column, shape, paint, gaussian, rows,
-                    alpha, trans, filled, g, behind[0], pair_out,
+                    alpha, trans, steep, logs, filled, g, behind[0], pair_out,
                 )  # fmt: skip
             elif mode == _REMOVAL:
                 for channel in range(3):
@@ -187,7 +193,7 @@ def _visit_locked(
     pair_width: int,
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
     _, height, width = image.shape
-    pairs = Pairs(*find_pairs(splats.mean, splats.sigma, splats.rho, RADIUS, height, width))
+    pairs = Pairs(*find_pairs(splats.mean, splats.sigma, splats.rho, splats.radius, height, width))
     out = np.empty_like(image)
     pair_out = np.empty((len(pairs.gaussian), pair_width), image.dtype)
     loss = np.zeros(len(pairs.start) - 1)
@@ -213,7 +219,7 @@ def render_planar(
 def squared_error(
     splats: Splats, target: NDArray[Real], weight: NDArray[Real] | None = None
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
-    """Image, sum of squared errors, gradient as moments (n, 9), and pair rows.
+    """Image, sum of squared errors, gradient as moments (n, MOMENTS), and pair rows.
 
     target is (3, h, w), weight (h, w) > 0 or None for 1; target's dtype, float32 or float64,
     is what is computed in. The sum is not weighted. The moments (gauss2svg.render.kernels)
@@ -224,7 +230,7 @@ def squared_error(
 
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.float64]:
-    """Moments (n, 9) of any loss from its gradient (3, h, w) with respect to the image."""
+    """Moments (n, MOMENTS) of any loss from its gradient (3, h, w) with respect to the image."""
     return _visit(_GIVEN_GRADIENT, splats, gradient, MOMENTS)[2]
 
 

@@ -24,6 +24,11 @@ h = dL/dalpha alpha', alpha' = alpha + opacity rim / (1 - rim) inside the suppor
     sum dL/dalpha alpha, sum w g (3),        (dL/dr^2 = -h / 2)
 
 nine numbers a pair, from which every parametrisation's gradient follows.
+
+A shape of exponent beta != 1 has t = s^beta in place of s = r^2 / 2 in the falloff. With
+A = t / s = s^(beta - 1), which costs one logarithm and one power, its h is multiplied by
+beta A, and a tenth number gives dL/dbeta = -sum dL/dalpha alpha' t ln s. Gaussians have a
+loop of their own and pay nothing for it.
 """
 
 # pyright: reportCallIssue=false
@@ -31,23 +36,14 @@ nine numbers a pair, from which every parametrisation's gradient follows.
 
 from numba import njit
 
-from gauss2svg.falloff import RADIUS, RIM
-from gauss2svg.render.simd import (
-    LANES,
-    constant,
-    least,
-    load,
-    most,
-    polynomial,
-    splat,
-    store,
-    total,
-)
+from gauss2svg.falloff import CUT, RIM
+from gauss2svg.render.powers import LOG2_E, LOGARITHM_FROM, exp2, log
+from gauss2svg.render.simd import LANES, constant, least, load, most, polynomial, splat, store, total
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
 
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
 PLANE = TILE_WIDTH * TILE_HEIGHT
-MOMENTS = 9
+MOMENTS = 10
 
 # exp(u) on -1.125..0, least squares on Chebyshev nodes with p(0) = 1; its fourth
 # power is exp(-q / 2) for 0 <= q <= 9 within 2e-6 in float32 and a relative 3e-15
@@ -58,7 +54,7 @@ _DOUBLE = (
     0.008333333050006783, 0.0013888878096905864, 0.00019840993722197286, 2.4796730136219152e-05,
     2.7498246355397565e-06, 2.706659751805855e-07, 2.236377895720017e-08, 1.1844917963299862e-09,
 )  # fmt: skip
-_CUT = RADIUS * RADIUS
+_CUT = 2 * CUT  # of q = r^2, for a Gaussian
 
 
 def _rim_of(coefficients: tuple[float, ...]) -> float:
@@ -76,6 +72,10 @@ assert abs(_RIMS[1] - RIM) < 1e-16, "the polynomials were fitted for RADIUS = 3"
 _rim = constant(*_RIMS)
 _norm = constant(*(1 / (1 - rim) for rim in _RIMS))
 _exp = polynomial(_SINGLE, _DOUBLE)
+# A power is less exact: at the cut s^beta is off by up to 2e-5 in float32.
+_POWER_RIMS = RIM + 2e-6, RIM + 1e-14
+_power_rim = constant(*_POWER_RIMS)
+_power_norm = constant(*(1 / (1 - rim) for rim in _POWER_RIMS))
 
 
 @njit(inline="always")
@@ -86,24 +86,42 @@ def _exp_half(q):
     return p * p
 
 
+@njit(inline="always")
+def _layer(j, at, a, c0, c1, c2, alpha, trans, acc, left):
+    """Put alpha a in a tile's row at j behind what is there; returns the next free `at`."""
+    t = load(left, j)
+    store(alpha, at, a)
+    store(trans, at, t)
+    w = a * t
+    store(left, j, t - w)
+    store(acc, j, load(acc, j) + w * c0)
+    store(acc, j + PLANE, load(acc, j + PLANE) + w * c1)
+    store(acc, j + 2 * PLANE, load(acc, j + 2 * PLANE) + w * c2)
+    return at + TILE_WIDTH
+
+
 @njit(cache=True)
 def compose_tile(
-    pairs, x0, y0, column, inside, shape, paint, gaussian, rows, alpha, trans, acc, left
-):
+    pairs, x0, y0, column, inside, shape, paint, gaussian, rows,
+    alpha, trans, steep, logs, acc, left,
+):  # fmt: skip
     """Composite the pairs of one tile; returns how far alpha and trans were filled.
 
     pairs   indices of the tile's pairs, front to back
     x0, y0  the tile's first pixel; column: (16,) 0..15
     inside  (16,): 1 for columns of the image, 0 beyond its right edge, where
             the transmittance starts at 0 and nothing counts
-    shape   (n, 5) float64: mean x, y and whitening w11, w21, w22
+    shape   (n, 7) float64: mean x, y, whitening w11, w21, w22, beta, 2 CUT^(1 / beta)
     paint   (n, 4) float64: opacity, r, g, b
     alpha, trans  flat buffers, 16 for each row of each pair, in visiting order
+    steep, logs   the same for s^(beta - 1) and ln s, left as they are for Gaussians
     acc     (3, TILE_HEIGHT, 16) premultiplied colour; left (TILE_HEIGHT, 16) transmittance
     """
     centre = load(column, 0)
     cut = splat(_CUT, centre)
     zero = splat(0.0, centre)
+    half = splat(0.5, centre)
+    tiny = splat(LOGARITHM_FROM, centre)
     for y in range(0, PLANE, TILE_WIDTH):
         store(left, y, load(inside, 0))
         for channel in range(3):
@@ -112,8 +130,12 @@ def compose_tile(
     for k in range(pairs.shape[0]):
         p = pairs[k]
         i = gaussian[p]
-        peak = splat(paint[i, 0] * _norm(centre), centre)
-        rim = splat(paint[i, 0] * _norm(centre) * _rim(centre), centre)
+        powered = shape[i, 5] != 1.0
+        norm = _power_norm(centre) if powered else _norm(centre)
+        peak = splat(paint[i, 0] * norm, centre)
+        rim = splat(
+            paint[i, 0] * norm * (_power_rim(centre) if powered else _rim(centre)), centre
+        )
         c0 = splat(paint[i, 1], centre)
         c1 = splat(paint[i, 2], centre)
         c2 = splat(paint[i, 3], centre)
@@ -123,27 +145,50 @@ def compose_tile(
         z1 = z1 * z1
         slope = splat(shape[i, 3], centre) * u
         w22 = shape[i, 4]
+        if powered:
+            power = splat((shape[i, 5] - 1.0) * LOG2_E, centre)
+            reach = splat(shape[i, 6], centre)
+            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+                z2 = slope + splat(w22 * (v + y), centre)
+                q = least(z1 + z2 * z2, reach)
+                ln = log(most(q * half, tiny))
+                steepness = exp2(ln * power)
+                a = most(peak * _exp_half(steepness * q) - rim, zero)
+                store(steep, at, steepness)
+                store(logs, at, ln)
+                at = _layer(y * TILE_WIDTH, at, a, c0, c1, c2, alpha, trans, acc, left)
+            continue
         for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
             z2 = slope + splat(w22 * (v + y), centre)
             q = least(z1 + z2 * z2, cut)
             a = most(peak * _exp_half(q) - rim, zero)
-            j = y * TILE_WIDTH
-            t = load(left, j)
-            store(alpha, at, a)
-            store(trans, at, t)
-            at += TILE_WIDTH
-            w = a * t
-            store(left, j, t - w)
-            store(acc, j, load(acc, j) + w * c0)
-            store(acc, j + PLANE, load(acc, j + PLANE) + w * c1)
-            store(acc, j + 2 * PLANE, load(acc, j + 2 * PLANE) + w * c2)
+            at = _layer(y * TILE_WIDTH, at, a, c0, c1, c2, alpha, trans, acc, left)
     return at
+
+
+@njit(inline="always")
+def _unlayer(j, row, rim, c0, c1, c2, alpha, trans, g, behind):
+    """Take a row off again: w, w dL/dalpha, h and the pixels' gradient; see the module."""
+    a = load(alpha, row)
+    t = load(trans, row)
+    g0 = load(g, j)
+    g1 = load(g, j + PLANE)
+    g2 = load(g, j + 2 * PLANE)
+    b = load(behind, j)
+    d = g0 * c0 + g1 * c1 + g2 * c2 - b
+    store(behind, j, b + a * d)
+    w = a * t
+    wd = w * d
+    # rim where alpha > 0, 0 where it is 0, without a branch
+    h = wd + least(rim, a * splat(1e30, a)) * (t * d)
+    return w, wd, h, g0, g1, g2
 
 
 @njit(cache=True)
 def backpropagate_tile(
-    pairs, x0, y0, column, shape, paint, gaussian, rows, alpha, trans, at, g, behind, moments
-):
+    pairs, x0, y0, column, shape, paint, gaussian, rows,
+    alpha, trans, steep, logs, at, g, behind, moments,
+):  # fmt: skip
     """Moments of every pair of a composed tile; see the module's formula.
 
     g       (3, TILE_HEIGHT, 16) dL/dpixel, 0 outside the image
@@ -152,11 +197,14 @@ def backpropagate_tile(
     """
     centre = load(column, 0)
     zero = splat(0.0, centre)
-    huge = splat(1e30, centre)
     for k in range(pairs.shape[0] - 1, -1, -1):
         p = pairs[k]
         i = gaussian[p]
-        rim = splat(paint[i, 0] * _norm(centre) * _rim(centre), centre)
+        powered = shape[i, 5] != 1.0
+        rim_share = _power_norm(centre) * _power_rim(centre)
+        if not powered:
+            rim_share = _norm(centre) * _rim(centre)
+        rim = splat(paint[i, 0] * rim_share, centre)
         c0 = splat(paint[i, 1], centre)
         c1 = splat(paint[i, 2], centre)
         c2 = splat(paint[i, 3], centre)
@@ -164,34 +212,47 @@ def backpropagate_tile(
         v = y0 + 0.5 - shape[i, 1]
         slope = splat(shape[i, 3], centre) * u
         w22 = shape[i, 4]
+        z1 = splat(shape[i, 2], centre) * u
         at -= (rows[p, 1] - rows[p, 0]) * TILE_WIDTH
         row = at
-        s0 = s1 = s2 = so = h0 = h2 = h22 = zero
-        for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
-            z2 = slope + splat(w22 * (v + y), centre)
-            a = load(alpha, row)
-            t = load(trans, row)
-            row += TILE_WIDTH
-            j = y * TILE_WIDTH
-            g0 = load(g, j)
-            g1 = load(g, j + PLANE)
-            g2 = load(g, j + 2 * PLANE)
-            b = load(behind, j)
-            d = g0 * c0 + g1 * c1 + g2 * c2 - b
-            store(behind, j, b + a * d)
-            w = a * t
-            s0 = s0 + w * g0
-            s1 = s1 + w * g1
-            s2 = s2 + w * g2
-            wd = w * d
-            so = so + wd
-            # rim where alpha > 0, 0 where it is 0, without a branch
-            h = wd + least(rim, a * huge) * (t * d)
-            hz = h * z2
-            h0 = h0 + h
-            h2 = h2 + hz
-            h22 = h22 + hz * z2
-        z1 = splat(shape[i, 2], centre) * u
+        s0 = s1 = s2 = so = h0 = h2 = h22 = hb = zero
+        if powered:
+            reach = splat(shape[i, 6], centre)
+            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+                z2 = slope + splat(w22 * (v + y), centre)
+                w, wd, h, g0, g1, g2 = _unlayer(
+                    y * TILE_WIDTH, row, rim, c0, c1, c2, alpha, trans, g, behind
+                )
+                s0 = s0 + w * g0
+                s1 = s1 + w * g1
+                s2 = s2 + w * g2
+                so = so + wd
+                h = h * load(steep, row)
+                hb = hb + h * (least(z1 * z1 + z2 * z2, reach) * load(logs, row))
+                hz = h * z2
+                h0 = h0 + h
+                h2 = h2 + hz
+                h22 = h22 + hz * z2
+                row += TILE_WIDTH
+            beta = splat(shape[i, 5], centre)
+            h0 = h0 * beta
+            h2 = h2 * beta
+            h22 = h22 * beta
+        else:
+            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+                z2 = slope + splat(w22 * (v + y), centre)
+                w, wd, h, g0, g1, g2 = _unlayer(
+                    y * TILE_WIDTH, row, rim, c0, c1, c2, alpha, trans, g, behind
+                )
+                s0 = s0 + w * g0
+                s1 = s1 + w * g1
+                s2 = s2 + w * g2
+                so = so + wd
+                hz = h * z2
+                h0 = h0 + h
+                h2 = h2 + hz
+                h22 = h22 + hz * z2
+                row += TILE_WIDTH
         h1 = h0 * z1
         moments[p, 0] = total(h1)
         moments[p, 1] = total(h2)
@@ -202,6 +263,7 @@ def backpropagate_tile(
         moments[p, 6] = total(s0)
         moments[p, 7] = total(s1)
         moments[p, 8] = total(s2)
+        moments[p, 9] = 0.5 * total(hb)
 
 
 @njit(cache=True)

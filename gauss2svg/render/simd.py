@@ -12,6 +12,9 @@ plain code.
     splat(x, like)      sixteen times x, of the element type of like: lanes or an array
     + - *               between lanes of one element type
     least, most         lane by lane minimum and maximum
+    exponent(v), mantissa(v)  v = mantissa 2^exponent, mantissa in 0.75..1.5, v normal and > 0
+    whole(v)            rounded to whole numbers
+    power_of_two(v)     2^v for whole v in the range of the type's normal numbers
     total(v)            sum of the lanes, by pairs, in a fixed order
 
 What differs between the precisions is looked up as a kernel is compiled, so that one
@@ -31,6 +34,8 @@ from numba.extending import intrinsic, models, overload, register_model
 
 LANES = 16
 _ELEMENTS = {types.float32: ir.FloatType(), types.float64: ir.DoubleType()}
+# Of IEEE 754: bits of an element, bits of its fraction, bias of its exponent.
+_LAYOUT = {types.float32: (32, 23, 127), types.float64: (64, 52, 1023)}
 _CONTRACT = ("contract",)
 
 
@@ -181,6 +186,59 @@ def _overload_operator(symbol, operation):
 _overload_operator(operator.add, _add)
 _overload_operator(operator.sub, _sub)
 _overload_operator(operator.mul, _mul)
+
+
+def _unary(emit):
+    @intrinsic
+    def operation(typingctx, value):
+        if not isinstance(value, _Lanes):
+            return None
+
+        def codegen(context, builder, signature, args):
+            return emit(builder, args[0], *_LAYOUT[signature.args[0].dtype])
+
+        return value(value), codegen
+
+    return operation
+
+
+def _split(builder, value, bits, fraction, bias):
+    """Whole lanes: the bits, and the exponent that leaves the mantissa in 0.75..1.5."""
+    integers = ir.VectorType(ir.IntType(bits), LANES)
+    three_quarters = ((bias - 1) << fraction) | (1 << (fraction - 1))
+    as_bits = builder.bitcast(value, integers)
+    above = builder.sub(as_bits, ir.Constant(integers, [three_quarters] * LANES))
+    return as_bits, builder.ashr(above, ir.Constant(integers, [fraction] * LANES))
+
+
+def _emit_exponent(builder, value, *layout):
+    return builder.sitofp(_split(builder, value, *layout)[1], value.type)
+
+
+def _emit_mantissa(builder, value, *layout):
+    as_bits, power = _split(builder, value, *layout)
+    shifted = builder.shl(power, ir.Constant(power.type, [layout[1]] * LANES))
+    return builder.bitcast(builder.sub(as_bits, shifted), value.type)
+
+
+def _emit_whole(builder, value, *layout):
+    signature = ir.FunctionType(value.type, [value.type])
+    name = f"llvm.rint.v{LANES}f{layout[0]}"
+    return builder.call(builder.module.declare_intrinsic(name, fnty=signature), [value])
+
+
+def _emit_power_of_two(builder, value, bits, fraction, bias):
+    integers = ir.VectorType(ir.IntType(bits), LANES)
+    power = builder.fptosi(value, integers)
+    biased = builder.add(power, ir.Constant(integers, [bias] * LANES))
+    raised = builder.shl(biased, ir.Constant(integers, [fraction] * LANES))
+    return builder.bitcast(raised, value.type)
+
+
+exponent = _unary(_emit_exponent)
+mantissa = _unary(_emit_mantissa)
+whole = _unary(_emit_whole)
+power_of_two = _unary(_emit_power_of_two)
 
 
 @intrinsic

@@ -76,18 +76,18 @@ def _columns(mx, reach, w):
 
 @njit(parallel=True, cache=True)
 def find_pairs(mean, sigma, rho, radius, h, w):
-    """Pairs of n Gaussians (float64), cut at Mahalanobis distance radius, on h x w px."""
+    """Pairs of n shapes (float64), cut at Mahalanobis distances radius (n,), on h x w px."""
     n = mean.shape[0]
     columns = (w + TILE_WIDTH - 1) // TILE_WIDTH
     tiles = columns * ((h + TILE_HEIGHT - 1) // TILE_HEIGHT)
     offset = np.zeros(n + 1, np.int64)
     for i in prange(n):
         mx, my, sx, sy = mean[i, 0], mean[i, 1], sigma[i, 0], sigma[i, 1]
-        first, last = _columns(mx, sx * radius, w)
+        first, last = _columns(mx, sx * radius[i], w)
         count = 0
         for column in range(first, last):
             x0 = column * TILE_WIDTH
-            y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius, x0, min(x0 + TILE_WIDTH, w), h)
+            y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius[i], x0, min(x0 + TILE_WIDTH, w), h)
             if y1 > y0:
                 count += (y1 - 1) // TILE_HEIGHT - y0 // TILE_HEIGHT + 1
         offset[i + 1] = count
@@ -99,11 +99,11 @@ def find_pairs(mean, sigma, rho, radius, h, w):
     rows = np.empty((total, 2), np.int32)
     for i in prange(n):
         mx, my, sx, sy = mean[i, 0], mean[i, 1], sigma[i, 0], sigma[i, 1]
-        first, last = _columns(mx, sx * radius, w)
+        first, last = _columns(mx, sx * radius[i], w)
         at = offset[i]
         for column in range(first, last):
             x0 = column * TILE_WIDTH
-            y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius, x0, min(x0 + TILE_WIDTH, w), h)
+            y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius[i], x0, min(x0 + TILE_WIDTH, w), h)
             if y1 > y0:
                 for row in range(y0 // TILE_HEIGHT, (y1 - 1) // TILE_HEIGHT + 1):
                     gaussian[at] = i

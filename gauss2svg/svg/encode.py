@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, SceneError
-from gauss2svg.falloff import RADIUS, STOP_COUNTS, gradient_stops
+from gauss2svg.falloff import RADIUS, cut_radius
+from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.palette import quantize
