@@ -29,6 +29,8 @@ LEAST_BETA, MOST_BETA = 0.5, 256.0
 # What a fit may use: beta = 1 everywhere, as in the paper, or a beta that each shape learns.
 GAUSSIAN, ADAPTIVE = "gaussian", "adaptive"
 FALLOFFS = (GAUSSIAN, ADAPTIVE)
+# The exponents that a file has: gradients are shared by colour and exponent.
+BETA_CLASSES = (0.75, 1.0, 1.4, 2.0, 3.0, 5.0, 8.0, 16.0, 32.0, 64.0, 128.0)
 
 
 def cut_radius(beta: ArrayLike) -> NDArray[np.float64]:
@@ -40,3 +42,9 @@ def profile(r: NDArray[np.floating], beta: ArrayLike = 1.0) -> NDArray[np.floati
     """Falloff f(r) at Mahalanobis distances r >= 0; r and beta broadcast, values in 0..1."""
     power = np.minimum(0.5 * np.square(r), 2 * CUT ** (1 / np.asarray(beta))) ** beta
     return np.maximum((np.exp(-power) - RIM) / (1 - RIM), 0.0) * (r < cut_radius(beta))
+
+
+def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Index into BETA_CLASSES of the nearest, as ratios go; any shape."""
+    logs = np.log(BETA_CLASSES)
+    return np.searchsorted(0.5 * (logs[1:] + logs[:-1]), np.log(beta))

@@ -144,5 +144,6 @@ def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradie
         raw_opacity[i] = min(max(raw_opacity[i] + d[5], -8.0), 12.0)
         for k in range(3):
             color[i, k] = min(max(color[i, k] + d[6 + k], 0.0), 1.0)
-        bound = min(max(np.log(rim * new_minor), 0.0), sharpest)
-        raw_beta[i] = min(max(raw_beta[i] + d[9], dullest), bound)
+        if raw_beta[i] != 0.0:
+            bound = min(max(np.log(rim * new_minor), 1e-6), sharpest)
+            raw_beta[i] = min(max(raw_beta[i] + d[9], dullest), bound)

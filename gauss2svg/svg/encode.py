@@ -1,14 +1,18 @@
 """From a scene to the numbers and short strings of an SVG; nothing here knows about XML.
 
 A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with
-M M^T = RADIUS^2 covariance draws the same ellipse, for a circle has no direction;
-the lower triangular one has c = 0 and is the shortest to write:
+M M^T = R^2 covariance, R = cut_radius(beta), draws the same ellipse, for a circle has no
+direction; the lower triangular one has c = 0 and is the shortest to write:
 
-    a = RADIUS sx,  b = RADIUS rho sy,  c = 0,  d = RADIUS sqrt(1 - rho^2) sy.
+    a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
+
+A gradient is shared by all shapes of one colour of the palette and one exponent; exponents
+are rounded to BETA_CLASSES, a shape's extent with them so that its half-way rim stays.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +20,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, SceneError
-from gauss2svg.falloff import RADIUS, cut_radius
+from gauss2svg.falloff import BETA_CLASSES, cut_radius, nearest_class
 from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import Scene
@@ -34,7 +38,8 @@ _WEIGHING_SIDE = 768
 class SvgOptions:
     """How a scene is written.
 
-    palette           most distinct colours, one gradient each; 0 writes every colour
+    palette           most gradients, one for each colour and exponent that go together, but at
+                      least one for each exponent; 0 writes every colour
     color_error       squared error, mean over pixels and channels, that using fewer colours
                       may add; 0: as many as the palette has
     stops             gradient stops, one of STOP_COUNTS
@@ -125,11 +130,12 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
             f"canvas is {scene.width:g}x{scene.height:g} px; an SVG needs at least "
             f"{_SMALLEST_CANVAS} px a side: scale the scene up"
         )
+    scene = in_classes(scene)
     palette, entry = _palette(scene, options)
     ids = [short_id(k) for k in range(len(palette))]
-    offsets, values = gradient_stops(options.stops)
-    stops = tuple((number(o, 3), number(v, 3)) for o, v in zip(offsets, values, strict=True))
-    factor = scene.factor * RADIUS
+    beta_of = np.ones(len(palette))
+    beta_of[entry] = scene.betas
+    factor = scene.factor * cut_radius(scene.betas)[:, None, None]
     layers: list[tuple[int, tuple[Ellipse, ...]]] = []
     used: set[int] = set()
     for layer in np.unique(scene.rounds).tolist():
@@ -141,7 +147,9 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
                 used.add(int(entry[i]))
         if ellipses:
             layers.append((layer, tuple(ellipses)))
-    gradients = tuple(Gradient(ids[k], _hex(palette[k]), stops) for k in sorted(used))
+    gradients = tuple(
+        Gradient(ids[k], _hex(palette[k]), _stops(options.stops, beta_of[k])) for k in sorted(used)
+    )
     return EncodedScene(
         width=number(scene.width, 3),
         height=number(scene.height, 3),
@@ -149,6 +157,21 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
         gradients=gradients,
         layers=tuple(layers),
     )
+
+
+def in_classes(scene: Scene) -> Scene:
+    """The scene with every exponent rounded to BETA_CLASSES, as a file has them.
+
+    Half of a shape's opacity stays where it was: (r^2 / 2)^beta is ln 2 there, about.
+    """
+    beta = np.array(BETA_CLASSES)[nearest_class(scene.betas)]
+    widened = math.log(2) ** (0.5 / scene.betas - 0.5 / beta)
+    return scene.replace(beta=beta, sigma=scene.sigma * widened[:, None])
+
+
+def _stops(count: int, beta: float) -> tuple[tuple[str, str], ...]:
+    offsets, values = gradient_stops(count, beta)
+    return tuple((number(o, 4), number(v, 3)) for o, v in zip(offsets, values, strict=True))
 
 
 def _ellipse(
@@ -169,7 +192,8 @@ def _ellipse(
 def _palette(scene: Scene, options: SvgOptions) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
     count = options.palette if options.palette else max(1, len(scene))
     mass, pixels = visible_mass(scene)
-    return quantize(scene.color, mass, count, options.color_error * 3 * pixels)
+    allowed = options.color_error * 3 * pixels
+    return quantize(scene.color, mass, count, allowed, nearest_class(scene.betas))
 
 
 def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:

@@ -16,10 +16,15 @@ _ITERATIONS = 6
 _MENDED = 1.12
 _LESS = 0.94
 _LEAST_AIM = 0.1
+_APART = 16.0
 
 
 def quantize(
-    color: NDArray[np.float64], weight: NDArray[np.float64], count: int, allowed: float = 0.0
+    color: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    count: int,
+    allowed: float = 0.0,
+    group: NDArray[np.intp] | None = None,
 ) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
     """Palette (k, 3) of 8-bit sRGB, k <= count, and the entry (n,) of each colour.
 
@@ -27,11 +32,15 @@ def quantize(
     which is the squared error of the picture if weight (n,) >= 0 is the squared mass a
     Gaussian shows. Colours that are few enough already are kept, rounded to 8 bits. Where
     that sum may come to `allowed` > 0, about as few entries are used as that takes.
-    It starts from clusters split again and again; nothing is random.
+    It starts from clusters split again and again; nothing is random. Colours of different
+    group (n,) never share an entry, so that there is at least one entry for each group.
     """
-    levels = np.round(color * 255).astype(np.uint8)
-    distinct, entry = np.unique(levels, axis=0, return_inverse=True)
-    exact = distinct, entry.reshape(-1)
+    group = np.zeros(len(color), np.intp) if group is None else group
+    # A coordinate that keeps groups apart: colours differ by sqrt 3 at most.
+    color = np.column_stack([color, _APART * group])
+    count = max(count, len(np.unique(group)))
+    exact = _rounded(color)
+    distinct = exact[0]
     if len(distinct) <= 1 or (allowed <= 0 and len(distinct) <= count):
         return exact
     floor = max(float(weight.mean()), np.finfo(np.float64).tiny) * 1e-3
@@ -43,7 +52,8 @@ def quantize(
     while True:
         entries, left = _split(color, weight, most, aim)
         palette = _lloyd(color, weight, entries)
-        error = float(np.sum(weight * np.square(palette[0][palette[1]] / 255 - color).sum(axis=1)))
+        missed = palette[0][palette[1]] / 255 - color[:, :3]
+        error = float(np.sum(weight * np.square(missed).sum(axis=1)))
         if error <= allowed:
             return palette
         if left > aim or len(entries) >= most or aim < allowed * _LEAST_AIM:
@@ -60,17 +70,27 @@ def _lloyd(
         mass = np.bincount(entry, weight, len(entries))
         used = mass > 0
         sums = np.stack(
-            [np.bincount(entry, weight * color[:, c], len(entries)) for c in range(3)], axis=1
+            [np.bincount(entry, weight * column, len(entries)) for column in color.T], axis=1
         )
         entries = sums[used] / mass[used, None]
-    rounded = np.unique(np.round(entries * 255).astype(np.uint8), axis=0)
-    return rounded, np.asarray(KDTree(rounded / 255).query(color)[1], np.intp)
+    return _rounded(entries, color)
+
+
+def _rounded(
+    entries: NDArray[np.float64], color: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
+    """Distinct entries on 8 bits, and the nearest one to each colour, or to each entry's own."""
+    levels = np.column_stack([np.round(entries[:, :3] * 255), entries[:, 3]])
+    distinct, entry = np.unique(levels, axis=0, return_inverse=True)
+    if color is not None:
+        entry = KDTree(distinct / [255, 255, 255, 1]).query(color)[1]
+    return distinct[:, :3].astype(np.uint8), np.asarray(entry, np.intp).reshape(-1)
 
 
 def _split(
     color: NDArray[np.float64], weight: NDArray[np.float64], count: int, aim: float
 ) -> tuple[NDArray[np.float64], float]:
-    """Means (k, 3) of clusters, k <= count, and the squared error that they leave.
+    """Means (k, 4) of clusters, k <= count, and the squared error that they leave.
 
     The worst is cut in two, again and again, until no more than `aim` is left: at its mean,
     across its direction of largest variance (Wan, Wong and Prusinkiewicz, "An algorithm for
@@ -86,8 +106,9 @@ def _split(
         # The first member tells apart clusters of equal error: members are never compared.
         return -float(np.trace(spread)), int(members[0]), members, mean, offset @ axis > 0
 
-    heap = [cluster(np.arange(len(color)))]
-    left = -heap[0][0]
+    heap = [cluster(np.flatnonzero(color[:, 3] == g)) for g in np.unique(color[:, 3])]
+    heapq.heapify(heap)
+    left = -sum(error for error, *_ in heap)
     while len(heap) < count and left > aim:
         worst, _, members, _, above = heap[0]
         if above.all() or not above.any():  # one colour only

@@ -29,8 +29,9 @@ _FEWEST = 4
 _SAMPLES = 2000
 _CANDIDATES = 120
 _FIRST_MOVE, _LAST_MOVE = 0.1, 0.003  # of the distance to the nearer neighbour
-# Sharp rims take offsets of a ten-thousandth: at sigma 100 px a thousandth is 0.14 px.
-OFFSET_DECIMALS = 4
+# A thousandth of the radius shifts a crisp rim of sigma 100 px by 0.14 px.
+_CRISP = 8.0
+_OFFSET_DECIMALS, _CRISP_OFFSET_DECIMALS = 3, 4
 
 Stops = tuple[tuple[float, ...], tuple[float, ...]]
 
@@ -80,7 +81,8 @@ def _best(count: int, beta: float) -> tuple[Stops, float]:
                     knots, (values, error), better = moved, tried, True
         if not better:
             move /= 2
-    offsets = np.round(knots, OFFSET_DECIMALS)
+    decimals = _CRISP_OFFSET_DECIMALS if beta > _CRISP else _OFFSET_DECIMALS
+    offsets = np.round(knots, decimals)
     opacities = np.round(np.clip(values, 0, 1), 3)
     drawn = np.interp(x, offsets, opacities) - target
     stops = tuple(offsets.tolist()), tuple(opacities.tolist())
