@@ -46,7 +46,50 @@ def test_bias_and_largest_error_are_in_levels():
     assert metrics.bias(zero, shifted) == pytest.approx(-51 / 12)
 
 
-@pytest.mark.parametrize("name", ["psnr", "ssim", "bias", "largest_error"])
+def flat_halves():
+    """Two flat colours side by side, and the same with an error of one level all over."""
+    reference = np.full((100, 120, 3), 0.9)
+    reference[:, 60:] = [0.2, 0.4, 0.6]
+    return reference, reference - 1 / 255
+
+
+def test_flat_error_sees_a_streak_that_psnr_hardly_sees():
+    reference, fitted = flat_halves()
+    assert metrics.flat_error(fitted, reference) == pytest.approx(1)
+    streaked = fitted.copy()
+    streaked[20, 10:40] -= 3 / 255
+    assert metrics.psnr(fitted, reference) - metrics.psnr(streaked, reference) < 0.2
+    assert metrics.flat_error(streaked, reference) == pytest.approx(4)
+
+
+def test_flat_error_grows_with_the_length_of_a_streak():
+    reference, fitted = flat_halves()
+    errors = []
+    for length in (1, 4, 8):
+        streaked = fitted.copy()
+        streaked[20, 10 : 10 + length] -= 30 / 255
+        errors.append(metrics.flat_error(streaked, reference))
+    assert errors == sorted(set(errors))
+
+
+def test_flat_error_does_not_count_errors_at_an_edge():
+    reference, fitted = flat_halves()
+    blurred = fitted.copy()
+    blurred[:, 55:65] = 0.5  # within 4 px of the step
+    assert metrics.flat_error(blurred, reference) == pytest.approx(1)
+    blurred[:, 54] = 0.5
+    assert metrics.flat_error(blurred, reference) == pytest.approx(0.4 * 255)
+
+
+def test_flat_error_takes_slopes_for_flat_and_a_checkerboard_not():
+    slope = np.repeat(np.linspace(0, 1, 101)[None, :, None], 20, axis=0)
+    slope = np.repeat(slope, 3, axis=2)
+    assert metrics.flat_error(slope, slope) == 0
+    checkerboard = np.indices((20, 30)).sum(axis=0)[:, :, None] % 2 * np.ones(3)
+    assert math.isnan(metrics.flat_error(checkerboard, checkerboard))
+
+
+@pytest.mark.parametrize("name", ["psnr", "ssim", "bias", "largest_error", "flat_error"])
 def test_pictures_of_different_shape_are_refused(name):
     with pytest.raises(InputError, match="shapes"):
         getattr(metrics, name)(A, B[:-1])
