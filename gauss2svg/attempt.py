@@ -12,12 +12,10 @@ from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgOptions, write_svg
 
-_LESS_SPARE = 0.8  # of the colours that would fill the bytes, where they were too many
-
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A scene on the photo's canvas, and its SVG.
+    """A scene on the photo's canvas, in the colours of its palette, and its SVG.
 
     model  PSNR in dB of the scene itself on the working picture
     error  mean squared, of the drawn SVG there; NaN if it was not drawn
@@ -51,20 +49,4 @@ def trimmed(attempt: Attempt, limit: int, picture: NDArray[np.float32]) -> Attem
         attempt = dataclasses.replace(
             attempt, scene=scene, svg=write_svg(scene, attempt.options), error=np.nan
         )
-    return attempt
-
-
-def filled(attempt: Attempt, limit: int) -> Attempt:
-    """With as many more colours as `limit` bytes hold."""
-    used = attempt.svg.count("<radialGradient")
-    if not used:
-        return attempt
-    first, last = attempt.svg.index("<radialGradient"), attempt.svg.rindex("</radialGradient>")
-    spare = (limit - attempt.size) / ((last - first) / used)
-    while spare >= 1:
-        richer = dataclasses.replace(attempt.options, palette=used + int(spare), color_error=0.0)
-        svg = write_svg(attempt.scene, richer)
-        if len(svg.encode()) <= limit:
-            return dataclasses.replace(attempt, svg=svg, options=richer)
-        spare *= _LESS_SPARE
     return attempt

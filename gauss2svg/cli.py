@@ -48,6 +48,7 @@ def vectorize_command(
     init: Literal["selective", "error", "random"] = "selective",
     schedule: Literal["exponential", "linear", "all-at-once"] = "exponential",
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse",
+    falloff: Literal["gaussian", "adaptive"] = "adaptive",
     max_size: int | None = None,
     palette: int | None = None,
     stops: Literal[6, 8, 10, 12] | None = None,
@@ -87,6 +88,9 @@ def vectorize_command(
         How a given number is reached from round to round.
     loss
         What the fit makes small; those with ssim keep more texture and take longer.
+    falloff
+        adaptive: each shape learns how crisp its rim is; gaussian: all are soft, as in the
+        paper.
     max_size
         Longest side in pixels of the picture that the fit runs on.
     palette
@@ -152,6 +156,7 @@ def vectorize_command(
             decimals=decimals,
             seed=seed,
             precision=precision,
+            falloff=falloff,
             threads=threads,
             renderer=renderer,
             progress=progress,

@@ -29,8 +29,10 @@ LEAST_BETA, MOST_BETA = 0.5, 256.0
 # What a fit may use: beta = 1 everywhere, as in the paper, or a beta that each shape learns.
 GAUSSIAN, ADAPTIVE = "gaussian", "adaptive"
 FALLOFFS = (GAUSSIAN, ADAPTIVE)
-# The exponents that a file has: gradients are shared by colour and exponent.
-BETA_CLASSES = (0.75, 1.0, 1.4, 2.0, 3.0, 5.0, 8.0, 16.0, 32.0, 64.0, 128.0)
+# The exponents that a file has: gradients are shared by colour and exponent. PSNR of the drawn
+# SVG in dB, Kodak 04, 13 and 20 with a palette, 1000 / 5000 shapes: these six 27.51 / 31.74,
+# eleven from 0.75 to 128 27.48 / 31.75, four 27.50 / 31.71, three 27.45 / 31.62.
+BETA_CLASSES = (1.0, 1.7, 3.0, 6.0, 16.0, 64.0)
 
 
 def cut_radius(beta: ArrayLike) -> NDArray[np.float64]:
@@ -48,3 +50,12 @@ def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
     """Index into BETA_CLASSES of the nearest, as ratios go; any shape."""
     logs = np.log(BETA_CLASSES)
     return np.searchsorted(0.5 * (logs[1:] + logs[:-1]), np.log(beta))
+
+
+def in_classes(beta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Each beta's class, and what to multiply its sigma by; any shape.
+
+    Half of a shape's opacity stays where it was: (r^2 / 2)^beta is ln 2 there, about.
+    """
+    rounded = np.array(BETA_CLASSES)[nearest_class(beta)]
+    return rounded, math.log(2) ** (0.5 / beta - 0.5 / rounded)

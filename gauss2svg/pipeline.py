@@ -23,7 +23,7 @@ from gauss2svg.atomic import write_atomically
 from gauss2svg.checks import whole_number
 from gauss2svg.fit import FitProgress
 from gauss2svg.fit.losses import DEFAULT_LOSS
-from gauss2svg.fit.options import DEFAULT_PRECISION
+from gauss2svg.fit.options import DEFAULT_FALLOFF, DEFAULT_PRECISION
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
 from gauss2svg.image import ImageSource, load_image, shrink
@@ -100,6 +100,7 @@ def vectorize(
     schedule: str = DEFAULT_SCHEDULE,
     loss: str = DEFAULT_LOSS,
     blend: str = BLENDS[0],
+    falloff: str = DEFAULT_FALLOFF,
     max_size: int | None = None,
     palette: int | None = None,
     stops: int | None = None,
@@ -125,6 +126,7 @@ def vectorize(
     init        placement selective, error or random
     schedule    of a given count: exponential, linear or all-at-once
     loss        mse, l1, mse+ssim or l1+ssim; blend: over
+    falloff     gaussian: the paper's; adaptive: each shape learns how crisp its rim is
     seed        >= 0; the same seed gives the same SVG, whatever the number of threads,
                 except under a time limit
                 (selective placement hardly draws at random: seeds differ little there)
@@ -146,7 +148,7 @@ def vectorize(
     )
     request = Request(
         gaussians, quality, iterations, init, schedule, loss, blend, max_size, palette,
-        stops, decimals, seed, precision, renderer, targets,
+        stops, decimals, seed, precision, falloff, renderer, targets,
     )  # fmt: skip
     tell = progress or (lambda _: None)
 
@@ -192,6 +194,7 @@ def vectorize(
         "schedule": schedule,
         "loss": loss,
         "blend": blend,
+        "falloff": falloff,
         "palette": outcome.svg_options.palette if request.palette_is_counted else None,
         "colors": outcome.svg.count("<radialGradient"),
         "stops": outcome.svg_options.stops,

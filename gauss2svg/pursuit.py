@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
-from gauss2svg.attempt import Attempt, filled, trimmed
+from gauss2svg.attempt import Attempt, trimmed
 from gauss2svg.fit.options import FitProgress, FitResult
 from gauss2svg.fit.rules import FIRST_ROUND, Demand, FixedCount, Rule, SceneDecides, Snapshot
 from gauss2svg.fit.run import Run
@@ -28,7 +28,7 @@ from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.request import Request
 from gauss2svg.roundtrip import RoundTrip, measure_pixels, round_trip
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, write_svg
+from gauss2svg.svg import SvgOptions, recolored, write_svg
 from gauss2svg.targets import TOLERANCE
 
 # Of a file, a Gaussian, palette included: fast writes 0.117, balanced 0.112, mean of the
@@ -116,7 +116,9 @@ class Pursuit:
             fit_deadline = deadline - _RESERVE_SHARE * max(deadline - now, 0.0)
         self._most = 0, "gaussians"
         self._rule = self._rule_asked_for()
-        self._run = Run(working, request.fit_options, self._rule, fit_deadline, self._on_step)
+        self._run = Run(
+            working, request.fit_options, self._rule, fit_deadline, self._on_step, self._recolor
+        )
 
     def run(self) -> Outcome:
         """Fit, then correct until the targets are met or out of reach."""
@@ -133,7 +135,7 @@ class Pursuit:
         return Outcome(
             scene=best.scene,
             svg=best.svg,
-            svg_options=best.options,
+            svg_options=self._request.svg_options(len(best.scene), None),
             fitted=fitted,
             measured=measured,
             corrections=len(self._attempts) - 1,
@@ -176,7 +178,7 @@ class Pursuit:
             refining = now.done > GROWTH_SHARE
             if now.count >= _LEAST_MEASURED and (refining or not self._bytes_known):
                 self._bytes_known = True
-                self._bytes_each = len(self._write(now.scene(), now.psnr)[0]) / now.count
+                self._bytes_each = len(self._write(now.scene(), now.psnr)) / now.count
             if limit * _FILL / self._bytes_each < most:
                 most, named = int(limit * _FILL / self._bytes_each), "max_bytes"
         if self._run.clock.growth_is_late and now.done <= GROWTH_SHARE and now.count < most:
@@ -198,7 +200,7 @@ class Pursuit:
         height, width = self._working.shape[:2]
         begun = time.perf_counter()
         part = scene.select(np.arange(0, len(scene), _SAMPLE))
-        svg = self._write(part, psnr)[0]
+        svg = self._write(part, psnr)
         written = time.perf_counter()
         rasterize(svg, width, height, self._request.renderer)
         drawn = time.perf_counter()
@@ -219,18 +221,23 @@ class Pursuit:
         scaled = scene.scaled(width / self._working.shape[1], height / self._working.shape[0])
         return scaled.replace(width=width, height=height)
 
-    def _write(self, scene: Scene, psnr: float) -> tuple[str, SvgOptions, Scene]:
-        """Text and options of the file of a scene on the working canvas, and it on the photo's."""
+    def _recolor(self, scene: Scene, psnr: float) -> NDArray[np.float64]:
+        return recolored(scene, self._request.svg_options(len(scene), 10 ** (-psnr / 10)))
+
+    def _write(self, scene: Scene, psnr: float) -> str:
+        """The file of a scene on the working canvas, before its colours are settled."""
         options = self._request.svg_options(len(scene), 10 ** (-psnr / 10))
-        scene = self._on_photo(scene)
-        return write_svg(scene, options), options, scene
+        return write_svg(self._on_photo(scene), options)
 
     def _attempt(self) -> Attempt:
         self._tell("write", None)
         height, width = self._working.shape[:2]
         scene = self._run.scene()
         model = metrics.psnr(render(scene), self._working)
-        svg, options, scaled = self._write(scene, model)
+        scaled = self._on_photo(scene)
+        # Its colours are those of the palette already.
+        options = self._request.svg_options(len(scene), None).every_color
+        svg = write_svg(scaled, options)
         error = math.nan
         if self._targets.psnr is not None:
             self._tell("measure", None)
@@ -333,13 +340,11 @@ class Pursuit:
         return max(small, key=self._psnr)
 
     def _within_bytes(self, attempt: Attempt) -> Attempt:
-        """With fewer Gaussians if it is too large; with more colours if bytes are left."""
+        """With fewer Gaussians if it is too large."""
         limit = self._targets.max_bytes
         if limit is None:
             return attempt
-        attempt = trimmed(attempt, limit, self._working)
-        bound = self._rule.stop_reason == "max_bytes" and attempt.size <= _FULL * limit
-        return filled(attempt, limit) if bound and self._request.palette is None else attempt
+        return trimmed(attempt, limit, self._working)
 
     def _measure(self, best: Attempt) -> RoundTrip:
         """At the photo's size; where time is short, at the size that the fit ran on."""

@@ -37,6 +37,7 @@ class Request:
     decimals: int | None
     seed: int
     precision: str
+    falloff: str
     renderer: str
     targets: Targets
 
@@ -96,6 +97,7 @@ class Request:
             loss=self.loss,
             seed=self.seed,
             precision=self.precision,
+            falloff=self.falloff,
         )  # fmt: skip
 
     def svg_options(self, gaussians: int, error: float | None) -> SvgOptions:

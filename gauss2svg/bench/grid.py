@@ -13,7 +13,7 @@ from typing import Any
 
 from gauss2svg.bench.worker import TOOL
 from gauss2svg.errors import InputError
-from gauss2svg.svg.stops import STOP_COUNTS
+from gauss2svg.falloff import FALLOFFS
 from gauss2svg.fit.losses import LOSSES
 from gauss2svg.fit.options import MOST_GAUSSIANS, PRECISIONS
 from gauss2svg.fit.placement import PLACEMENTS
@@ -21,6 +21,7 @@ from gauss2svg.fit.schedule import SCHEDULES
 from gauss2svg.quality import QUALITIES
 from gauss2svg.raster import RENDERERS
 from gauss2svg.scene import BLENDS
+from gauss2svg.svg.stops import STOP_COUNTS
 from gauss2svg.version import __version__
 
 Settings = tuple[tuple[str, Any], ...]  # keywords of `vectorize` and values, sorted by keyword
@@ -78,6 +79,7 @@ AXES: dict[str, Axis] = {
         _words("init", PLACEMENTS),
         _words("schedule", tuple(SCHEDULES)),
         _words("loss", LOSSES),
+        _words("falloff", FALLOFFS),
         _words("precision", PRECISIONS),
         _words("stops", STOP_COUNTS),
         Axis("decimals", (0, 1, 2, 3), _whole(0, 6)),

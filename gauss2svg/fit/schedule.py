@@ -15,6 +15,9 @@ GROWTH_SHARE = 0.3
 # Steps are full until here, then fall to a fiftieth by a cosine.
 DECAY_START = 0.75
 _LAST_RATE = 0.02
+# From here on exponents and colours are those of the file: from 75 % instead of 85 %, three
+# Kodak photos lose 0.02 dB at 1000 and 0.03 at 5000 shapes.
+SETTLED_FROM = 0.85
 # A round runs on a picture reduced until fewer pixels than this are left for each of
 # its Gaussians: with 36, a fifth fewer pixel pairs and +0.02 dB on three Kodak photos.
 _PIXELS_PER_GAUSSIAN = 36

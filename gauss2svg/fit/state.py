@@ -14,6 +14,7 @@ from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import RHO_LIMIT, Scene
 
 PARAMETERS = 10  # shift along the two whitened axes, three of shape, opacity, r, g, b, ln beta
+COLOR_AND_BETA = slice(6, 10)
 
 
 @dataclass
@@ -80,6 +81,14 @@ class State:
         )  # fmt: skip
         pairs = ((getattr(self, f.name), getattr(new, f.name)) for f in dataclasses.fields(self))
         return State(*(np.concatenate(pair) for pair in pairs))
+
+    def settled(self, beta: NDArray[np.float64], color: NDArray[np.float64]) -> State:
+        """With final exponents (n,) and colours (n, 3), which are forgotten by the optimiser."""
+        first, second = self.first.copy(), self.second.copy()
+        first[:, COLOR_AND_BETA], second[:, COLOR_AND_BETA] = 0.0, 0.0
+        return dataclasses.replace(
+            self, raw_beta=np.log(beta), color=color, first=first, second=second
+        )
 
     def scaled(self, scale_x: float, scale_y: float) -> State:
         """The same Gaussians on a working image scaled by scale_x and scale_y."""

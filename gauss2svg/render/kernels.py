@@ -38,7 +38,17 @@ from numba import njit
 
 from gauss2svg.falloff import CUT, RIM
 from gauss2svg.render.powers import LOG2_E, LOGARITHM_FROM, exp2, log
-from gauss2svg.render.simd import LANES, constant, least, load, most, polynomial, splat, store, total
+from gauss2svg.render.simd import (
+    LANES,
+    constant,
+    least,
+    load,
+    most,
+    polynomial,
+    splat,
+    store,
+    total,
+)
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
 
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
@@ -133,9 +143,7 @@ def compose_tile(
         powered = shape[i, 5] != 1.0
         norm = _power_norm(centre) if powered else _norm(centre)
         peak = splat(paint[i, 0] * norm, centre)
-        rim = splat(
-            paint[i, 0] * norm * (_power_rim(centre) if powered else _rim(centre)), centre
-        )
+        rim = splat(paint[i, 0] * norm * (_power_rim(centre) if powered else _rim(centre)), centre)
         c0 = splat(paint[i, 1], centre)
         c1 = splat(paint[i, 2], centre)
         c2 = splat(paint[i, 3], centre)

@@ -12,7 +12,7 @@ are rounded to BETA_CLASSES, a shape's extent with them so that its half-way rim
 
 from __future__ import annotations
 
-import math
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, SceneError
-from gauss2svg.falloff import BETA_CLASSES, cut_radius, nearest_class
-from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
+from gauss2svg.falloff import cut_radius, in_classes, nearest_class
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.palette import quantize
+from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
 
 _DIGITS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _SMALLEST_CANVAS = 0.01
@@ -66,6 +66,11 @@ class SvgOptions:
         whole_number("opacity_decimals", self.opacity_decimals, 1, 6)
         if any(not character.isprintable() for character in self.title):
             raise InputError(f"title is {self.title!r}; needed is text without control characters")
+
+    @property
+    def every_color(self) -> SvgOptions:
+        """The same without a palette: for colours that are of one already."""
+        return dataclasses.replace(self, palette=0, color_error=0.0)
 
 
 @dataclass(frozen=True)
@@ -130,7 +135,8 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
             f"canvas is {scene.width:g}x{scene.height:g} px; an SVG needs at least "
             f"{_SMALLEST_CANVAS} px a side: scale the scene up"
         )
-    scene = in_classes(scene)
+    beta, widened = in_classes(scene.betas)
+    scene = scene.replace(beta=beta, sigma=scene.sigma * widened[:, None])
     palette, entry = _palette(scene, options)
     ids = [short_id(k) for k in range(len(palette))]
     beta_of = np.ones(len(palette))
@@ -159,16 +165,6 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
     )
 
 
-def in_classes(scene: Scene) -> Scene:
-    """The scene with every exponent rounded to BETA_CLASSES, as a file has them.
-
-    Half of a shape's opacity stays where it was: (r^2 / 2)^beta is ln 2 there, about.
-    """
-    beta = np.array(BETA_CLASSES)[nearest_class(scene.betas)]
-    widened = math.log(2) ** (0.5 / scene.betas - 0.5 / beta)
-    return scene.replace(beta=beta, sigma=scene.sigma * widened[:, None])
-
-
 def _stops(count: int, beta: float) -> tuple[tuple[str, str], ...]:
     offsets, values = gradient_stops(count, beta)
     return tuple((number(o, 4), number(v, 3)) for o, v in zip(offsets, values, strict=True))
@@ -194,6 +190,12 @@ def _palette(scene: Scene, options: SvgOptions) -> tuple[NDArray[np.uint8], NDAr
     mass, pixels = visible_mass(scene)
     allowed = options.color_error * 3 * pixels
     return quantize(scene.color, mass, count, allowed, nearest_class(scene.betas))
+
+
+def recolored(scene: Scene, options: SvgOptions) -> NDArray[np.float64]:
+    """(n, 3) colours in 0..1 that the shapes have in a file: those of its palette."""
+    palette, entry = _palette(scene, options)
+    return palette[entry] / 255
 
 
 def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:

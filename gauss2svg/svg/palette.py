@@ -37,7 +37,7 @@ def quantize(
     """
     group = np.zeros(len(color), np.intp) if group is None else group
     # A coordinate that keeps groups apart: colours differ by sqrt 3 at most.
-    color = np.column_stack([color, _APART * group])
+    color = np.column_stack([color, _APART * group]).astype(np.float64)
     count = max(count, len(np.unique(group)))
     exact = _rounded(color)
     distinct = exact[0]
