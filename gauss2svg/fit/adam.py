@@ -36,7 +36,7 @@ class Rates:
     shear: float = 0.15
     opacity: float = 0.15
     color: float = 0.045
-    beta: float = 0.1
+    beta: float = 0.05
 
 
 @dataclass(frozen=True)

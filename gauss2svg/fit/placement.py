@@ -16,11 +16,14 @@ PLACEMENTS = ("selective", "error", "random")
 DEFAULT_PLACEMENT = "selective"
 
 FIRST_OPACITY_LOGIT = 1.0
+# ln beta; starting at 1, 1.5, 2.5 or 3, everywhere or only for components, ends within the
+# scatter of +-0.3 dB on drawings and 0.03 dB on photos.
 FIRST_RAW_BETA = 0.1
 # First sigma as a share of the mean spacing sqrt(area / (pi n)): 0.3 to 0.42 end
 # within 0.08 dB, 0.6 loses 0.7 dB.
 _SIGMA_SHARE = 0.3
 _LEAST_SIGMA = 0.8
+_LEAST_MINOR = 0.6
 _ELONGATION = 0.5  # along an edge sigma is e^0.5 longer, across it as much shorter
 # Flat: gradients under 0.02 a px (5 levels of 255) within some 4 px.
 _FLAT_ENERGY = 0.02**2
@@ -29,6 +32,10 @@ _FLAT_REACH = 4.0
 # cut into this many bins of equal width (LIVE uses a similar quantisation).
 _REJECTED_SHARE = 0.2
 _BINS = 8
+# A component's axes are lengthened no more than this ratio; round starts lose 0.1 to 0.3 dB
+# on drawings of 32 to 512 shapes and 0.03 dB on photos of 1000.
+_MOST_FIRST_ASPECT = 6.0
+_PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
 
 
 @dataclass(frozen=True)
@@ -141,8 +148,9 @@ def _by_component(
     """The largest connected components of the quantised difference, the rest by error.
 
     As in LIVE: the difference summed over channels, small ones rejected, the others cut
-    into bins; each component of one bin proposes its centre of mass and its area A. A
-    disc of area A and a Gaussian agree in variance at sigma = sqrt(A / pi) / 2.
+    into bins; each component of one bin proposes its centre of mass, its area A and the
+    direction and aspect of its second moments. A disc of area A and a Gaussian agree in
+    variance at sigma = sqrt(A / pi) / 2.
     """
     from skimage.measure import label
 
@@ -168,9 +176,17 @@ def _by_component(
         return np.bincount(rank, values, len(order)) / area
 
     sigma = np.maximum(0.5 * np.sqrt(area / np.pi), _LEAST_SIGMA)
+    mx, my = means(x), means(y)
+    xx = means(x * x) - mx * mx + _PIXEL_VARIANCE
+    xy = means(x * y) - mx * my
+    yy = means(y * y) - my * my + _PIXEL_VARIANCE
+    spread = np.hypot(xx - yy, 2 * xy)
+    aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 2 * _PIXEL_VARIANCE))
+    stretch = np.sqrt(np.minimum(aspect, _MOST_FIRST_ASPECT))
+    angle_rad = 0.5 * np.arctan2(2 * xy, xx - yy)
     found = New(
-        mean=np.stack([means(x), means(y)], axis=1) + 0.5,
-        factor=np.stack([sigma, np.zeros_like(sigma), sigma], axis=1),
+        mean=np.stack([mx, my], axis=1) + 0.5,
+        factor=_oriented(sigma * stretch, np.maximum(sigma / stretch, _LEAST_MINOR), angle_rad),
         color=np.stack([means(channel[y, x]) for channel in target.planar], axis=1),
     )
     if len(order) == count:
