@@ -25,6 +25,8 @@ CUT = RADIUS * RADIUS / 2
 RIM = math.exp(-CUT)
 
 LEAST_BETA, MOST_BETA = 0.5, 256.0
+# The width in px over which a large beta's rim falls from 0.9 to 0.1, times beta, at sigma 1 px.
+RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
 
 # What a fit may use: beta = 1 everywhere, as in the paper, or a beta that each shape learns.
 GAUSSIAN, ADAPTIVE = "gaussian", "adaptive"

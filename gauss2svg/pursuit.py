@@ -28,7 +28,7 @@ from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.request import Request
 from gauss2svg.roundtrip import RoundTrip, measure_pixels, round_trip
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, recolored, write_svg
+from gauss2svg.svg import SvgOptions, settled, write_svg
 from gauss2svg.targets import TOLERANCE
 
 # Of a file, a Gaussian, palette included: fast writes 0.117, balanced 0.112, mean of the
@@ -117,7 +117,7 @@ class Pursuit:
         self._most = 0, "gaussians"
         self._rule = self._rule_asked_for()
         self._run = Run(
-            working, request.fit_options, self._rule, fit_deadline, self._on_step, self._recolor
+            working, request.fit_options, self._rule, fit_deadline, self._on_step, self._as_written
         )
 
     def run(self) -> Outcome:
@@ -221,8 +221,10 @@ class Pursuit:
         scaled = scene.scaled(width / self._working.shape[1], height / self._working.shape[0])
         return scaled.replace(width=width, height=height)
 
-    def _recolor(self, scene: Scene, psnr: float) -> NDArray[np.float64]:
-        return recolored(scene, self._request.svg_options(len(scene), 10 ** (-psnr / 10)))
+    def _as_written(self, scene: Scene, psnr: float) -> Scene:
+        options = self._request.svg_options(len(scene), 10 ** (-psnr / 10))
+        photo = settled(self._on_photo(scene), options)
+        return photo.scaled(scene.width / photo.width, scene.height / photo.height)
 
     def _write(self, scene: Scene, psnr: float) -> str:
         """The file of a scene on the working canvas, before its colours are settled."""

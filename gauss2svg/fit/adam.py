@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from gauss2svg.falloff import RIM_WIDTH
 from gauss2svg.fit.state import PARAMETERS, State
 
 
@@ -64,11 +65,6 @@ FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
 LEAST_RAW_BETA = 1e-6
 
 
-# sqrt 2 (x(0.1) - x(0.9)) beta for x = (ln 1 / f)^(1 / 2 beta), large beta: the width of a rim
-# times beta over sigma.
-_RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
-
-
 def gradients(
     moments: NDArray[np.float64],
     opacity: NDArray[np.float64],
@@ -96,7 +92,7 @@ def step(
     )  # fmt: skip
     bounds = np.array([
         limits.least_sigma, limits.most_sigma, limits.most_aspect,
-        math.log(limits.most_beta), _RIM_WIDTH / limits.least_rim,
+        math.log(limits.most_beta), RIM_WIDTH / limits.least_rim,
     ])  # fmt: skip
     _step(
         state.mean, state.factor, state.raw_opacity, state.color, state.raw_beta,

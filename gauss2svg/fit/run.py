@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.falloff import ADAPTIVE, in_classes
+from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit import adam
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
@@ -30,7 +30,7 @@ from gauss2svg.render.cpu import (
 )
 from gauss2svg.scene import Scene
 
-Recolor = Callable[[Scene, float], NDArray[np.float64]]
+AsWritten = Callable[[Scene, float], Scene]
 
 # Under 0.3 px every SVG renderer loses mass: at 0.2 px 85 % of it is drawn, at 0.1 px 35 %.
 LEAST_SIGMA = 0.35
@@ -61,8 +61,8 @@ class Run:
     pixels    (h, w, 3) float32 in 0..1
     rule      how many Gaussians; deadline in s of time.perf_counter, or None
     progress  called once an iteration, from this thread
-    recolor   the colours (n, 3) that a scene of a PSNR in dB has in a file; asked for
-              once, before the last steps, which make up for the difference
+    as_written  the same shapes with the exponents and colours that a file has, from a scene
+              and its PSNR in dB; asked for before the last steps, which make up for the loss
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Run:
         rule: Rule,
         deadline: float | None = None,
         progress: Callable[[FitProgress], None] | None = None,
-        recolor: Recolor | None = None,
+        as_written: AsWritten | None = None,
     ) -> None:
         self.pixels = pixels
         self.options = options
@@ -83,7 +83,7 @@ class Run:
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
         self.pixel_pairs = 0
         self._progress = progress or (lambda _: None)
-        self._recolor = recolor
+        self._as_written = as_written
         self._rng = np.random.default_rng(options.seed)
         self._round_index = 0
         self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
@@ -178,15 +178,10 @@ class Run:
 
     def _settle(self) -> None:
         """Exponents and colours become those of a file, and stay; the rest moves on."""
-        beta, widened = in_classes(np.exp(self.state.raw_beta))
-        self.state = dataclasses.replace(self.state, factor=self.state.factor * widened[:, None])
-        self.state = self.state.settled(beta, self.state.color)
-        frozen = dataclasses.replace(self._rates, beta=0.0)
-        if self._recolor is not None and len(self.state):
-            color = self._recolor(self.scene(), self._recent_psnr())
-            self.state = self.state.settled(beta, color)
-            frozen = dataclasses.replace(frozen, color=0.0)
-        self._rates = frozen
+        if self._as_written is not None and len(self.state):
+            scene = self._as_written(self.scene(), self._recent_psnr())
+            self.state = self.state.settled(scene)
+            self._rates = dataclasses.replace(self._rates, beta=0.0, color=0.0)
 
     def _begin(self, index: int, total: int) -> None:
         """Change to the round's picture and add its Gaussians."""

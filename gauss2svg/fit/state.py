@@ -82,12 +82,18 @@ class State:
         pairs = ((getattr(self, f.name), getattr(new, f.name)) for f in dataclasses.fields(self))
         return State(*(np.concatenate(pair) for pair in pairs))
 
-    def settled(self, beta: NDArray[np.float64], color: NDArray[np.float64]) -> State:
-        """With final exponents (n,) and colours (n, 3), which are forgotten by the optimiser."""
+    def settled(self, scene: Scene) -> State:
+        """With a scene's shapes, exponents and colours; the optimiser forgets the last two."""
+        l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         first, second = self.first.copy(), self.second.copy()
         first[:, COLOR_AND_BETA], second[:, COLOR_AND_BETA] = 0.0, 0.0
         return dataclasses.replace(
-            self, raw_beta=np.log(beta), color=color, first=first, second=second
+            self,
+            factor=np.stack([l11, l21, l22], axis=1),
+            raw_beta=np.log(scene.betas),
+            color=scene.color.copy(),
+            first=first,
+            second=second,
         )
 
     def scaled(self, scale_x: float, scale_y: float) -> State:

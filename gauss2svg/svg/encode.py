@@ -6,71 +6,29 @@ direction; the lower triangular one has c = 0 and is the shortest to write:
 
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
-A gradient is shared by all shapes of one colour of the palette and one exponent; exponents
-are rounded to BETA_CLASSES, a shape's extent with them so that its half-way rim stays.
+A gradient is shared by all shapes of one colour and one exponent. Shapes that a plain
+ellipse draws as well have none, and the radius of plain_radius(beta).
 """
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.checks import whole_number
-from gauss2svg.errors import InputError, SceneError
-from gauss2svg.falloff import cut_radius, in_classes, nearest_class
-from gauss2svg.render.cpu import removal_cost, splats_of
+from gauss2svg.errors import SceneError
+from gauss2svg.falloff import BETA_CLASSES, cut_radius, nearest_class
 from gauss2svg.scene import Scene
-from gauss2svg.svg.palette import quantize
-from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
+from gauss2svg.svg.options import SvgOptions
+from gauss2svg.svg.plain import is_plain, plain_radius
+from gauss2svg.svg.settle import settled
+from gauss2svg.svg.stops import gradient_stops
 
 _DIGITS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _SMALLEST_CANVAS = 0.01
 # Renderers compute in float32, and resvg panics from about 1e9 on.
 LARGEST_NUMBER = 1e7
-# Colours are weighted by what shows of them, measured on a picture of this side.
-_WEIGHING_SIDE = 768
-
-
-@dataclass(frozen=True)
-class SvgOptions:
-    """How a scene is written.
-
-    palette           most gradients, one for each colour and exponent that go together, but at
-                      least one for each exponent; 0 writes every colour
-    color_error       squared error, mean over pixels and channels, that using fewer colours
-                      may add; 0: as many as the palette has
-    stops             gradient stops, one of STOP_COUNTS
-    decimals          of coordinates, 0..6; 1 costs 64 dB, 2 costs 84 dB
-    opacity_decimals  of fill-opacity, 1..6; 2 costs 60 dB, 3 costs 80 dB
-    title             text of the title element
-    """
-
-    palette: int = 1250
-    color_error: float = 0.0
-    stops: int = 6
-    decimals: int = 1
-    opacity_decimals: int = 2
-    title: str = "Vectorised photo"
-
-    def __post_init__(self) -> None:
-        whole_number("palette", self.palette, 0, 2**24)
-        if self.stops not in STOP_COUNTS:
-            known = ", ".join(map(str, STOP_COUNTS))
-            raise InputError(f"stops is {self.stops}; needed is one of {known}")
-        if not 0 <= self.color_error < np.inf:
-            raise InputError(f"color_error is {self.color_error}; needed is a number from 0 on")
-        whole_number("decimals", self.decimals, 0, 6)
-        whole_number("opacity_decimals", self.opacity_decimals, 1, 6)
-        if any(not character.isprintable() for character in self.title):
-            raise InputError(f"title is {self.title!r}; needed is text without control characters")
-
-    @property
-    def every_color(self) -> SvgOptions:
-        """The same without a palette: for colours that are of one already."""
-        return dataclasses.replace(self, palette=0, color_error=0.0)
 
 
 @dataclass(frozen=True)
@@ -84,9 +42,9 @@ class Gradient:
 
 @dataclass(frozen=True)
 class Ellipse:
-    """One Gaussian: its gradient's id, its matrix, its opacity ("" where it is 1)."""
+    """One shape: its fill, a gradient or a colour, its matrix, its opacity ("" where it is 1)."""
 
-    gradient: str
+    fill: str
     matrix: str
     opacity: str
 
@@ -135,26 +93,32 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
             f"canvas is {scene.width:g}x{scene.height:g} px; an SVG needs at least "
             f"{_SMALLEST_CANVAS} px a side: scale the scene up"
         )
-    beta, widened = in_classes(scene.betas)
-    scene = scene.replace(beta=beta, sigma=scene.sigma * widened[:, None])
-    palette, entry = _palette(scene, options)
-    ids = [short_id(k) for k in range(len(palette))]
-    beta_of = np.ones(len(palette))
-    beta_of[entry] = scene.betas
-    factor = scene.factor * cut_radius(scene.betas)[:, None, None]
+    scene = settled(scene, options)
+    plain = is_plain(scene)
+    color = np.round(scene.color * 255).astype(np.uint8)
+    keys = np.column_stack([nearest_class(scene.betas), color])
+    shared, entry = np.unique(keys[~plain], axis=0, return_inverse=True)
+    ids = [short_id(k) for k in range(len(shared))]
+    fills = np.array([_hex(c) for c in color], dtype=object)
+    fills[~plain] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
+    radius = cut_radius(scene.betas)
+    radius[plain] = [plain_radius(beta) for beta in scene.betas[plain]]
+    factor = scene.factor * radius[:, None, None]
     layers: list[tuple[int, tuple[Ellipse, ...]]] = []
-    used: set[int] = set()
     for layer in np.unique(scene.rounds).tolist():
-        ellipses = []
-        for i in np.flatnonzero(scene.rounds == layer).tolist():
-            ellipse = _ellipse(ids[entry[i]], factor[i], scene.mean[i], scene.opacity[i], options)
-            if ellipse is not None:
-                ellipses.append(ellipse)
-                used.add(int(entry[i]))
-        if ellipses:
-            layers.append((layer, tuple(ellipses)))
+        of_layer = np.flatnonzero(scene.rounds == layer).tolist()
+        ellipses = (
+            _ellipse(fills[i], factor[i], scene.mean[i], scene.opacity[i], options)
+            for i in of_layer
+        )
+        drawn = tuple(ellipse for ellipse in ellipses if ellipse is not None)
+        if drawn:
+            layers.append((layer, drawn))
+    used = {ellipse.fill for _, ellipses in layers for ellipse in ellipses}
     gradients = tuple(
-        Gradient(ids[k], _hex(palette[k]), _stops(options.stops, beta_of[k])) for k in sorted(used)
+        Gradient(ids[k], _hex(key[1:]), _stops(options.stops, BETA_CLASSES[key[0]]))
+        for k, key in enumerate(shared)
+        if f"url(#{ids[k]})" in used
     )
     return EncodedScene(
         width=number(scene.width, 3),
@@ -171,7 +135,7 @@ def _stops(count: int, beta: float) -> tuple[tuple[str, str], ...]:
 
 
 def _ellipse(
-    gradient: str,
+    fill: str,
     factor: NDArray[np.float64],
     mean: NDArray[np.float64],
     opacity: float,
@@ -182,33 +146,7 @@ def _ellipse(
     shown = number(opacity, options.opacity_decimals)
     if shown == "0" or texts[0] == "0" or texts[3] == "0":
         return None
-    return Ellipse(gradient, f"matrix({' '.join(texts)})", "" if shown == "1" else shown)
-
-
-def _palette(scene: Scene, options: SvgOptions) -> tuple[NDArray[np.uint8], NDArray[np.intp]]:
-    count = options.palette if options.palette else max(1, len(scene))
-    mass, pixels = visible_mass(scene)
-    allowed = options.color_error * 3 * pixels
-    return quantize(scene.color, mass, count, allowed, nearest_class(scene.betas))
-
-
-def recolored(scene: Scene, options: SvgOptions) -> NDArray[np.float64]:
-    """(n, 3) colours in 0..1 that the shapes have in a file: those of its palette."""
-    palette, entry = _palette(scene, options)
-    return palette[entry] / 255
-
-
-def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:
-    """(n,) sum over the canvas of (alpha transmittance)^2, in px: what shows of a Gaussian.
-
-    Also the pixels of the canvas that it was measured on, reduced where that is large.
-    A change d of a colour changes the summed squared error by visible_mass d^2.
-    """
-    shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
-    width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
-    splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
-    blank = np.zeros((3, height, width), np.float32)
-    return np.maximum(removal_cost(splats, blank)[1][:, 1], 0.0), width * height
+    return Ellipse(fill, f"matrix({' '.join(texts)})", "" if shown == "1" else shown)
 
 
 def short_id(index: int) -> str:

@@ -13,7 +13,8 @@ import svgwrite
 from svgwrite.extensions import Inkscape
 
 from gauss2svg.scene import Scene
-from gauss2svg.svg.encode import EncodedScene, SvgOptions, encode
+from gauss2svg.svg.encode import EncodedScene, encode
+from gauss2svg.svg.options import SvgOptions
 from gauss2svg.version import __version__
 
 
@@ -49,9 +50,7 @@ def _document(encoded: EncodedScene, options: SvgOptions) -> str:
     for index, ellipses in encoded.layers:
         layer = inkscape.layer(label=f"Round {index + 1}: {len(ellipses)} Gaussians")
         for ellipse in ellipses:
-            circle = drawing.circle(
-                r="1", transform=ellipse.matrix, fill=f"url(#{ellipse.gradient})"
-            )
+            circle = drawing.circle(r="1", transform=ellipse.matrix, fill=ellipse.fill)
             if ellipse.opacity:
                 circle["fill-opacity"] = ellipse.opacity
             # Centred on the origin by default; cx and cy would only repeat it.

@@ -1,0 +1,51 @@
+"""How a scene is written."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from gauss2svg.checks import whole_number
+from gauss2svg.errors import InputError
+from gauss2svg.svg.stops import STOP_COUNTS
+
+
+@dataclass(frozen=True)
+class SvgOptions:
+    """How a scene is written.
+
+    palette           most gradients, one for each colour and exponent that go together, but at
+                      least one for each exponent; 0 writes every colour
+    color_error       squared error, mean over pixels and channels, that using fewer colours
+                      may add; 0: as many as the palette has
+    stops             gradient stops, one of STOP_COUNTS
+    decimals          of coordinates, 0..6; 1 costs 64 dB, 2 costs 84 dB
+    opacity_decimals  of fill-opacity, 1..6; 2 costs 60 dB, 3 costs 80 dB
+    title             text of the title element
+    """
+
+    palette: int = 1250
+    color_error: float = 0.0
+    stops: int = 6
+    decimals: int = 1
+    opacity_decimals: int = 2
+    title: str = "Vectorised photo"
+
+    def __post_init__(self) -> None:
+        whole_number("palette", self.palette, 0, 2**24)
+        if self.stops not in STOP_COUNTS:
+            known = ", ".join(map(str, STOP_COUNTS))
+            raise InputError(f"stops is {self.stops}; needed is one of {known}")
+        if not 0 <= self.color_error < np.inf:
+            raise InputError(f"color_error is {self.color_error}; needed is a number from 0 on")
+        whole_number("decimals", self.decimals, 0, 6)
+        whole_number("opacity_decimals", self.opacity_decimals, 1, 6)
+        if any(not character.isprintable() for character in self.title):
+            raise InputError(f"title is {self.title!r}; needed is text without control characters")
+
+    @property
+    def every_color(self) -> SvgOptions:
+        """The same without a palette: for colours that are of one already."""
+        return dataclasses.replace(self, palette=0, color_error=0.0)

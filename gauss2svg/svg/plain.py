@@ -1,0 +1,77 @@
+"""Which shapes are as well drawn by a plain filled ellipse, without a gradient.
+
+A renderer draws the edge of a filled ellipse as the share of each pixel that it covers: a
+ramp one pixel wide. A crisp rim of the falloff looks the same where it is about that wide,
+
+    f(x) = exp(-exp(x ln(ln 0.1 / ln 0.9) / width)),  width = RIM_WIDTH / (beta |grad r|) px,
+
+x being the distance from the rim outwards and |grad r| what the Mahalanobis distance grows by
+in a pixel there. The squared error of the one for the other, integrated along the rim, is
+compared with the shape's own squared mass.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.falloff import RIM_WIDTH, cut_radius, profile
+from gauss2svg.scene import Scene
+
+# Of the squared mass. On five drawings of 32 to 512 shapes 0.003 costs the drawn SVG -0.07 to
+# 0.11 dB (once 0.8, at 49 dB) and saves up to 9 % of its bytes, 0.01 costs up to 1.7 dB and
+# saves up to 27 %.
+_LARGEST_ERROR = 0.003
+# Duller profiles have no flat top.
+_LEAST_BETA = 3.0
+_DIRECTIONS = 64
+_WIDTHS = np.geomspace(0.05, 8, 48)  # px
+
+
+def is_plain(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) whether a plain ellipse errs no more than a small share of a shape's squared mass.
+
+    In pixels of the scene's canvas: on a larger one rims are wider.
+    """
+    plain = scene.betas >= _LEAST_BETA
+    if not plain.any():
+        return plain
+    axes = scene.ellipse_axes[0][plain]
+    beta = scene.betas[plain]
+    angle_rad = (np.arange(_DIRECTIONS) + 0.5) * (2 * np.pi / _DIRECTIONS)
+    along, across = np.cos(angle_rad), np.sin(angle_rad)
+    growth = np.hypot(along / axes[:, :1], across / axes[:, 1:])
+    width = RIM_WIDTH / (beta[:, None] * growth)
+    length = np.hypot(axes[:, :1] * across, axes[:, 1:] * along)
+    length *= math.sqrt(2) * 2 * np.pi / _DIRECTIONS
+    error = (np.interp(np.log(width), np.log(_WIDTHS), _errors()) * length).sum(axis=1)
+    squared_mass = np.array([_integrals(b)[1] for b in np.round(beta, 2)]) * axes.prod(axis=1)
+    plain[plain] = error <= _LARGEST_ERROR * squared_mass
+    return plain
+
+
+def plain_radius(beta: float) -> float:
+    """Mahalanobis radius of the ellipse that covers what a profile sums up to."""
+    return math.sqrt(_integrals(round(beta, 2))[0] / np.pi)
+
+
+@lru_cache(maxsize=1)
+def _errors() -> NDArray[np.float64]:
+    """Integral of the squared difference across the rim in px, for each of _WIDTHS."""
+    x = np.linspace(-12, 12, 4801)
+    step = x[1] - x[0]
+    grade = math.log(math.log(0.1) / math.log(0.9)) / _WIDTHS[:, None]
+    rim = np.exp(-np.exp(np.minimum(grade * x, 30.0)))
+    edge = rim.sum(axis=1, keepdims=True) * step + x[0]  # of equal mass
+    return np.square(rim - np.clip(0.5 - (x - edge), 0, 1)).sum(axis=1) * step
+
+
+@lru_cache(maxsize=4096)
+def _integrals(beta: float) -> tuple[float, float]:
+    """Of f and of f^2 over the plane, in px^2 at sigma 1 px."""
+    r = (np.arange(2000) + 0.5) / 2000 * float(cut_radius(beta))
+    value, area = profile(r, beta), 2 * np.pi * r * (r[1] - r[0])
+    return float(np.sum(value * area)), float(np.sum(value**2 * area))

@@ -1,0 +1,50 @@
+"""What of a scene a file keeps: exponents in classes, colours of a palette, plain ellipses."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.falloff import in_classes, nearest_class
+from gauss2svg.render.cpu import removal_cost, splats_of
+from gauss2svg.scene import Scene
+from gauss2svg.svg.options import SvgOptions
+from gauss2svg.svg.palette import quantize
+from gauss2svg.svg.plain import is_plain
+
+# Colours are weighted by what shows of them, measured on a picture of this side.
+_WEIGHING_SIDE = 768
+
+
+def settled(scene: Scene, options: SvgOptions) -> Scene:
+    """The scene as its file has it, save for the rounding of numbers.
+
+    Gradients are shared by colour and exponent: exponents are rounded to BETA_CLASSES, a
+    shape's extent with them so that its half-way rim stays, and colours to a palette. Plain
+    ellipses need no gradient: they keep both, the colour on 8 bits.
+    """
+    shaded = ~is_plain(scene)
+    beta, sigma, color = scene.betas.copy(), scene.sigma.copy(), np.round(scene.color * 255) / 255
+    beta[shaded], widened = in_classes(beta[shaded])
+    sigma[shaded] *= widened[:, None]
+    if shaded.any():
+        mass, pixels = visible_mass(scene)
+        count = options.palette if options.palette else len(scene)
+        allowed = options.color_error * 3 * pixels
+        group = nearest_class(beta[shaded])
+        palette, entry = quantize(scene.color[shaded], mass[shaded], count, allowed, group)
+        color[shaded] = palette[entry] / 255
+    return scene.replace(beta=beta, sigma=sigma, color=color)
+
+
+def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:
+    """(n,) sum over the canvas of (alpha transmittance)^2, in px: what shows of a shape.
+
+    Also the pixels of the canvas that it was measured on, reduced where that is large.
+    A change d of a colour changes the summed squared error by visible_mass d^2.
+    """
+    shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
+    width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
+    splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
+    blank = np.zeros((3, height, width), np.float32)
+    return np.maximum(removal_cost(splats, blank)[1][:, 1], 0.0), width * height
