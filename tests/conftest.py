@@ -45,9 +45,14 @@ settings.load_profile("repeatable")
 
 
 def random_scene(
-    count: int, width: int = 40, height: int = 30, seed: int = 0, sigma: tuple = (0.5, 8.0)
+    count: int,
+    width: int = 40,
+    height: int = 30,
+    seed: int = 0,
+    sigma: tuple = (0.5, 8.0),
+    beta: tuple = (0.5, 32.0),
 ) -> Scene:
-    """A scene of `count` Gaussians with every parameter drawn over a wide range."""
+    """A scene of `count` shapes, every parameter over a wide range; every other is a Gaussian."""
     rng = np.random.default_rng(seed)
     return Scene(
         width,
@@ -59,6 +64,7 @@ def random_scene(
         opacity=rng.random(count),
         background=rng.random(3),
         round_index=np.sort(rng.integers(0, 3, count)),
+        beta=np.where(np.arange(count) % 2, np.exp(rng.uniform(*np.log(beta), count)), 1.0),
     )
 
 

@@ -1,43 +1,60 @@
 import numpy as np
 import pytest
 
-from gauss2svg.errors import InputError
-from gauss2svg.falloff import RADIUS, STOP_COUNTS, gradient_stops, profile
-
-
-def test_profile_is_one_at_the_mean_and_zero_from_the_cut_on():
-    assert profile(np.array(0.0)) == 1
-    assert (profile(np.array([RADIUS, RADIUS + 1e-9, 100.0])) == 0).all()
-
-
-def test_profile_falls_without_a_step():
-    values = profile(np.linspace(0, RADIUS + 1, 5001))
-    assert (np.diff(values) <= 0).all()
-    assert np.abs(np.diff(values)).max() < 1e-3
-
-
-# (largest error, root mean square over the disc): what gradient stops promise
-@pytest.mark.parametrize(
-    ("count", "largest", "rms"),
-    [(6, 0.025, 0.0042), (8, 0.012, 0.0021), (10, 0.013, 0.0015), (12, 0.0074, 0.0009)],
+from gauss2svg.falloff import (
+    BETA_CLASSES,
+    CUT,
+    LEAST_BETA,
+    MOST_BETA,
+    RADIUS,
+    RIM_WIDTH,
+    cut_radius,
+    in_classes,
+    nearest_class,
+    profile,
 )
-def test_stops_reproduce_the_profile_within_the_stated_error(count, largest, rms):
-    r = np.linspace(0, RADIUS, 3001)
-    offsets, values = gradient_stops(count)
-    error = np.interp(r / RADIUS, offsets, values) - profile(r)
-    assert np.abs(error).max() < largest
-    assert np.sqrt(np.average(error**2, weights=r)) < rms
+
+BETAS = (LEAST_BETA, 0.75, 1.0, 1.7, 6.0, 64.0, MOST_BETA)
 
 
-@pytest.mark.parametrize("count", STOP_COUNTS)
-def test_stops_rise_in_offset_and_fall_in_opacity_from_one_to_zero(count):
-    offsets, values = gradient_stops(count)
-    assert len(offsets) == len(values) == count
-    assert (offsets[0], offsets[-1], values[0], values[-1]) == (0, 1, 1, 0)
-    assert (np.diff(offsets) > 0).all()
-    assert (np.diff(values) < 0).all()
+@pytest.mark.parametrize("beta", BETAS)
+def test_profile_is_one_at_the_mean_and_zero_from_the_cut_on(beta):
+    radius = cut_radius(beta)
+    assert profile(np.array(0.0), beta) == 1
+    assert (profile(np.array([radius, radius + 1e-9, 100.0, 1e6]), beta) == 0).all()
+    assert profile(np.array(0.999 * radius), beta) > 0
 
 
-def test_unknown_stop_count_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="6, 8, 10, 12"):
-        gradient_stops(7)
+@pytest.mark.parametrize("beta", BETAS)
+def test_profile_falls_without_a_step(beta):
+    values = profile(np.linspace(0, cut_radius(beta) + 1, 500001), beta)
+    assert (np.diff(values) <= 0).all()
+    assert np.abs(np.diff(values)).max() < 5e-3
+
+
+def test_support_shrinks_as_beta_grows_towards_the_rim():
+    radii = cut_radius(np.array(BETAS))
+    assert (np.diff(radii) < 0).all()
+    assert cut_radius(1) == pytest.approx(RADIUS)
+    np.testing.assert_allclose((radii**2 / 2) ** np.array(BETAS), CUT)
+    assert np.sqrt(2) < radii[-1] < 1.01 * np.sqrt(2)
+
+
+def test_exponents_are_rounded_to_their_class_and_keep_the_half_way_rim():
+    classes = np.array(BETA_CLASSES)
+    assert (nearest_class(classes) == np.arange(len(classes))).all()
+    beta = np.exp(np.linspace(np.log(LEAST_BETA), np.log(MOST_BETA), 400))
+    rounded, widened = in_classes(beta)
+    distance = np.abs(np.log(beta[:, None] / classes))
+    assert (distance[np.arange(400), nearest_class(beta)] == distance.min(axis=1)).all()
+    half = np.sqrt(2) * np.log(2) ** (0.5 / beta)
+    at_half = profile(half / widened, rounded)
+    np.testing.assert_allclose(at_half, profile(half, beta), atol=1e-9)
+
+
+@pytest.mark.parametrize("beta", [16.0, 64.0])
+def test_rim_width_is_that_from_nine_tenths_to_a_tenth(beta):
+    r = np.linspace(1, 2, 200001)
+    values = np.exp(-((r * r / 2) ** beta))
+    width = np.interp(-0.1, -values, r) - np.interp(-0.9, -values, r)
+    assert width * beta == pytest.approx(RIM_WIDTH, rel=0.06)

@@ -15,6 +15,7 @@ from conftest import random_scene
 from PIL import Image
 
 from gauss2svg import metrics
+from gauss2svg.falloff import BETA_CLASSES
 from gauss2svg.raster import RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.render.reference import render_reference
@@ -23,13 +24,18 @@ from gauss2svg.svg import SvgOptions, write_svg
 
 GOLDEN = Path(__file__).parent / "golden"
 CUT = 3.0
+GAUSSIANS = (1.0, 1.0)
 
 SCENES = {
-    "scattered": random_scene(80, 96, 64, seed=20, sigma=(1.0, 30.0)),
-    "needles": random_scene(40, 96, 64, seed=21, sigma=(0.5, 40.0)).replace(
+    "scattered": random_scene(80, 96, 64, 20, (1.0, 30.0), GAUSSIANS),
+    "needles": random_scene(40, 96, 64, 21, (0.5, 40.0), GAUSSIANS).replace(
         rho=np.tile([0.99, -0.99], 20)
     ),
-    "opaque": random_scene(30, 96, 64, seed=22, sigma=(3.0, 12.0)).replace(opacity=np.ones(30)),
+    "opaque": random_scene(30, 96, 64, 22, (3.0, 12.0), GAUSSIANS).replace(opacity=np.ones(30)),
+    # exponents of a file, rims that are a pixel wide and wider
+    "crisp": random_scene(40, 96, 64, 23, (8.0, 30.0), GAUSSIANS).replace(
+        rho=np.tile([0.5, -0.3], 20), beta=np.resize(BETA_CLASSES[:-1], 40)
+    ),
 }
 
 
@@ -46,9 +52,10 @@ def oracle(scene: Scene) -> np.ndarray:
                 v = (row + 0.5 - scene.mean[k, 1]) / scene.sigma[k, 1]
                 rho = scene.rho[k]
                 q = (u * u - 2 * rho * u * v + v * v) / (1 - rho * rho)
-                if q >= CUT * CUT:
+                power = (q / 2) ** scene.betas[k]
+                if power >= CUT * CUT / 2:
                     continue
-                alpha = scene.opacity[k] * (math.exp(-q / 2) - rim) / (1 - rim)
+                alpha = scene.opacity[k] * (math.exp(-power) - rim) / (1 - rim)
                 pixel = [p + alpha * (c - p) for p, c in zip(pixel, scene.color[k], strict=True)]
             image[row, column] = pixel
     return image

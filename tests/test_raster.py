@@ -7,13 +7,14 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.raster import RENDERERS, cairo, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, write_svg
+from gauss2svg.svg import SvgOptions, settled, write_svg
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_renderer_draws_the_model(renderer):
-    scene = random_scene(60, 200, 150, seed=1, sigma=(2.0, 40.0))
-    svg = write_svg(scene, SvgOptions(palette=0, stops=12, decimals=2))
+    options = SvgOptions(palette=0, stops=12, decimals=2)
+    scene = settled(random_scene(60, 200, 150, 1, (2.0, 40.0), (1.0, 4.0)), options)
+    svg = write_svg(scene, options)
     drawn = rasterize(svg, 200, 150, renderer)
     assert drawn.shape == (150, 200, 3)
     assert metrics.psnr(drawn, render(scene)) > 46
@@ -22,8 +23,9 @@ def test_renderer_draws_the_model(renderer):
 
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_svg_is_drawn_at_any_size(renderer):
-    scene = random_scene(20, 60, 40, seed=2, sigma=(3.0, 20.0))
-    drawn = rasterize(write_svg(scene, SvgOptions(palette=0)), 120, 80, renderer)
+    options = SvgOptions(palette=0)
+    scene = settled(random_scene(20, 60, 40, 2, (3.0, 20.0), (1.0, 4.0)), options)
+    drawn = rasterize(write_svg(scene, options), 120, 80, renderer)
     assert metrics.psnr(drawn, render(scene, 120, 80)) > 44
 
 

@@ -8,7 +8,7 @@ from gauss2svg.errors import InputError, SceneError
 from gauss2svg.render import render
 from gauss2svg.scene import RHO_LIMIT, Scene
 
-ARRAYS = ("mean", "sigma", "rho", "color", "opacity", "background", "round_index")
+ARRAYS = ("mean", "sigma", "rho", "color", "opacity", "background", "beta", "round_index")
 
 
 def test_arrays_cannot_be_written():
@@ -41,7 +41,9 @@ def test_scene_does_not_share_the_arrays_it_was_given():
         ({"height": np.nan}, "height is nan"),
         ({"round_index": np.array([0.0, 1.7])}, "whole numbers"),
         ({"blend": "multiply"}, "blend is 'multiply'"),
-        ({"falloff": "box"}, "falloff is 'box'"),
+        ({"beta": np.ones(3)}, r"beta has shape \(3,\)"),
+        ({"beta": np.array([1, 0.4])}, r"beta\[1\] is 0.4"),
+        ({"beta": np.array([300, 1])}, r"beta\[0\] is 300"),
         ({"color": "red"}, "color cannot be read"),
     ],
 )
@@ -85,7 +87,28 @@ def test_saved_scene_comes_back_to_the_last_bit(tmp_path):
         for name in ARRAYS:
             assert getattr(back, name).tobytes() == getattr(scene, name).tobytes()
         assert (back.width, back.height) == (scene.width, scene.height)
-        assert (back.blend, back.falloff) == (scene.blend, scene.falloff)
+        assert back.blend == scene.blend
+
+
+def test_scene_saved_before_there_were_exponents_is_one_of_gaussians():
+    scene = random_scene(20, seed=5, beta=(1, 1))
+    stream = io.BytesIO()
+    fields = {name: getattr(scene, name) for name in ARRAYS if name != "beta"}
+    np.savez(
+        stream, format_version=1, width=40, height=30, blend="over", falloff="gaussian", **fields
+    )
+    stream.seek(0)
+    back = Scene.load(stream)
+    assert (back.beta == 1).all()
+    assert (render(back) == render(scene)).all()
+
+
+def test_later_format_is_refused_with_the_known_ones():
+    stream = io.BytesIO()
+    np.savez(stream, format_version=3)
+    stream.seek(0)
+    with pytest.raises(InputError, match="version 3; needed is 1 or 2"):
+        Scene.load(stream)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])

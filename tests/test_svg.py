@@ -10,13 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError, SceneError
-from gauss2svg.falloff import RADIUS
+from gauss2svg.falloff import cut_radius
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, write_svg
-from gauss2svg.svg import encode as encode_module
-from gauss2svg.svg.encode import number, short_id, visible_mass
+from gauss2svg.svg import SvgOptions, settled, write_svg
+from gauss2svg.svg import settle as settle_module
+from gauss2svg.svg.encode import number, short_id
 from gauss2svg.svg.palette import quantize
+from gauss2svg.svg.plain import is_plain, plain_radius
+from gauss2svg.svg.settle import visible_mass
 
 SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
@@ -28,12 +30,16 @@ def parse(svg: str) -> ElementTree.Element:
 
 @given(st.integers(0, 1000), st.integers(1, 3))
 def test_file_gives_the_scene_back_within_the_rounding(seed, decimals):
-    scene = random_scene(20, seed=seed)
     options = SvgOptions(palette=0, decimals=decimals, opacity_decimals=3)
+    scene = settled(random_scene(20, seed=seed), options)
     root = parse(write_svg(scene, options))
     colors = {g.get("id"): g[0].get("stop-color") for g in root.iter(SVG + "radialGradient")}
     circles = list(root.iter(SVG + "circle"))
-    factor = scene.factor * RADIUS
+    plain = is_plain(scene)
+    radius = [
+        plain_radius(b) if p else cut_radius(b) for b, p in zip(scene.betas, plain, strict=True)
+    ]
+    factor = scene.factor * np.array(radius)[:, None, None]
     written = factor[:, [0, 1], [0, 1]] > 0.5 * 10.0**-decimals
     drawn = np.flatnonzero(written.all(axis=1) & (scene.opacity >= 0.0005))
     assert len(circles) == len(drawn)
@@ -45,7 +51,9 @@ def test_file_gives_the_scene_back_within_the_rounding(seed, decimals):
         assert c == 0
         np.testing.assert_allclose([e, f], scene.mean[i], atol=step)
         assert float(circle.get("fill-opacity", 1)) == pytest.approx(scene.opacity[i], abs=6e-4)
-        text = colors[circle.get("fill", "")[5:-1]]
+        fill = circle.get("fill", "")
+        assert fill.startswith("#") == plain[i]
+        text = fill if plain[i] else colors[fill[5:-1]]
         digits = text[1:] if len(text) == 7 else "".join(2 * v for v in text[1:])
         levels = [int(digits[k : k + 2], 16) for k in (0, 2, 4)]
         np.testing.assert_allclose(levels, scene.color[i] * 255, atol=0.5 + 1e-9)
@@ -139,12 +147,13 @@ def test_what_lies_beyond_renderers_is_refused(change):
 def test_palette_is_weighted_by_what_shows(monkeypatch):
     scene = random_scene(300, seed=8)
     weights = []
-    real = encode_module.quantize
+    real = settle_module.quantize
     monkeypatch.setattr(
-        encode_module, "quantize", lambda c, w, k, e: (weights.append(w), real(c, w, k, e))[1]
+        settle_module, "quantize", lambda c, w, *rest: (weights.append(w), real(c, w, *rest))[1]
     )
     write_svg(scene, SvgOptions(palette=20))
-    np.testing.assert_array_equal(weights[0], visible_mass(scene)[0])
+    shaded = ~is_plain(scene)
+    np.testing.assert_array_equal(weights[0], visible_mass(scene)[0][shaded])
 
 
 def test_ids_are_distinct_letters():

@@ -1,0 +1,60 @@
+"""Laws of gradient stops: near to the falloff, in order, and no more of them than needed."""
+
+import numpy as np
+import pytest
+
+from gauss2svg.errors import InputError
+from gauss2svg.falloff import BETA_CLASSES, LEAST_BETA, cut_radius, profile
+from gauss2svg.svg.stops import STATED_ERRORS, STOP_COUNTS, gradient_stops
+
+ALL = [(count, beta) for count in STOP_COUNTS for beta in (LEAST_BETA, *BETA_CLASSES)]
+
+
+def error_of(offsets, values, beta: float) -> tuple[float, float, float]:
+    """Integral of the squared error in px^2, root mean square over the disc, largest."""
+    radius = float(cut_radius(beta))
+    x = (np.arange(20000) + 0.5) / 20000
+    error = np.interp(x, offsets, values) - profile(x * radius, beta)
+    integral = np.sum(error**2 * x) * 2 * np.pi * radius**2 / 20000
+    return integral, np.sqrt(np.average(error**2, weights=x)), np.abs(error).max()
+
+
+@pytest.mark.parametrize("count", STOP_COUNTS)
+def test_stops_of_gaussians_err_as_stated(count):
+    _, rms, largest = error_of(*gradient_stops(count), beta=1.0)
+    assert rms < STATED_ERRORS[count][0]
+    assert largest < STATED_ERRORS[count][1]
+
+
+@pytest.mark.parametrize(("count", "beta"), ALL)
+def test_sharper_profiles_err_no_more_than_gaussians_do(count, beta):
+    allowed = error_of(*gradient_stops(count), beta=1.0)[0]
+    stops = gradient_stops(count, beta)
+    assert len(stops[0]) <= count
+    if beta >= 1:
+        assert error_of(*stops, beta)[0] <= 1.25 * allowed
+
+
+@pytest.mark.parametrize(("count", "beta"), ALL)
+def test_stops_rise_in_offset_and_fall_in_opacity_from_one_to_zero(count, beta):
+    offsets, values = gradient_stops(count, beta)
+    assert len(offsets) == len(values)
+    assert (offsets[0], offsets[-1], values[0], values[-1]) == (0, 1, 1, 0)
+    assert (np.diff(offsets) > 0).all()
+    assert (np.diff(values) <= 0).all()
+
+
+@pytest.mark.parametrize("beta", [1.0, 6.0])
+def test_no_knot_can_be_moved_for_the_better(beta):
+    offsets, values = (np.array(v) for v in gradient_stops(8, beta))
+    least = error_of(offsets, values, beta)[0]
+    for k in range(1, len(offsets) - 1):
+        for way in (-0.02, 0.02):
+            moved = offsets.copy()
+            moved[k] += way
+            assert error_of(moved, values, beta)[0] > least
+
+
+def test_unknown_stop_count_is_refused_with_the_known_ones():
+    with pytest.raises(InputError, match="6, 8, 10, 12"):
+        gradient_stops(7)
