@@ -4,9 +4,10 @@
       <stop offset=".." stop-color="#.." stop-opacity=".."/> ...
     <circle r="1" transform="matrix(..)" fill="url(#..)" fill-opacity=".."/>
 
-The focal offset moves resvg to its accurate gradient (36 dB to 49 dB against the
-model) and changes nothing elsewhere. Gradients in objectBoundingBox units, masks,
-rgba() colours and plain href were measured and fail in one renderer or another.
+with radii as gauss2svg.svg.encode explains, and fill="#.." where a plain ellipse will do.
+The focal offset moves resvg to its accurate gradient (36 dB to 49 dB against the model) and
+changes nothing elsewhere. Gradients in objectBoundingBox units, masks, rgba() colours and
+plain href were measured and fail in one renderer or another.
 """
 
 import svgwrite
@@ -39,9 +40,10 @@ def _document(encoded: EncodedScene, options: SvgOptions) -> str:
     )
     for gradient in encoded.gradients:
         element = drawing.radialGradient(
-            center=("0", "0"), r="1", gradientUnits="userSpaceOnUse", id=gradient.id, debug=False
-        )
-        element["fx"] = ".001"
+            center=("0", "0"), r=str(gradient.radius), gradientUnits="userSpaceOnUse",
+            id=gradient.id, debug=False,
+        )  # fmt: skip
+        element["fx"] = ".1" if gradient.radius > 1 else ".001"
         for offset, opacity in gradient.stops:
             element.add_stop_color(offset=offset, color=gradient.color, opacity=opacity)
         drawing.defs.add(element)
@@ -50,7 +52,7 @@ def _document(encoded: EncodedScene, options: SvgOptions) -> str:
     for index, ellipses in encoded.layers:
         layer = inkscape.layer(label=f"Round {index + 1}: {len(ellipses)} Gaussians")
         for ellipse in ellipses:
-            circle = drawing.circle(r="1", transform=ellipse.matrix, fill=ellipse.fill)
+            circle = drawing.circle(r=ellipse.radius, transform=ellipse.matrix, fill=ellipse.fill)
             if ellipse.opacity:
                 circle["fill-opacity"] = ellipse.opacity
             # Centred on the origin by default; cx and cy would only repeat it.
