@@ -1,7 +1,7 @@
 """Measure gauss2svg on photos, beside another fitter run in the same minute.
 
     python examples/measure.py IMAGES... [--gaussians 5000] [--palette N] [--against SCRIPT]
-        [--iterations 300] [--their-iterations 300]
+        [--iterations 300] [--their-iterations 300] [--falloff adaptive]
 
 Prints one line a photo and the means: PSNR of the model, PSNR of the SVG by resvg and
 CairoSVG against the photo and against the model, bytes a Gaussian raw and gzipped, CPU
@@ -21,6 +21,7 @@ import sys
 from pathlib import Path
 
 from gauss2svg import vectorize
+from gauss2svg.fit.options import DEFAULT_FALLOFF
 from gauss2svg.image import load_image
 from gauss2svg.roundtrip import round_trip
 
@@ -34,6 +35,7 @@ def measure(image: Path, options: argparse.Namespace) -> dict[str, float]:
         quality=options.quality,
         init=options.init,
         palette=options.palette,
+        falloff=options.falloff,
         threads=options.threads,
     )
     report = result.report
@@ -77,6 +79,7 @@ def main() -> None:
     parser.add_argument("--quality", default="balanced")
     parser.add_argument("--init", default="selective")
     parser.add_argument("--palette", type=int)
+    parser.add_argument("--falloff", default=DEFAULT_FALLOFF)
     parser.add_argument("--threads", type=int)
     parser.add_argument("--against", type=Path)
     parser.add_argument("--their-iterations", type=int)

@@ -7,7 +7,9 @@ ramp one pixel wide. A crisp rim of the falloff looks the same where it is about
 
 x being the distance from the rim outwards and |grad r| what the Mahalanobis distance grows by
 in a pixel there. The squared error of the one for the other, integrated along the rim, is
-compared with the shape's own squared mass.
+compared with the shape's own squared mass, and with the rim's length. Comparing with the
+profile averaged over a pixel instead lets narrower rims pass, and loses 0.06 dB on drawings
+of 128 shapes and 0.09 on 512.
 """
 
 from __future__ import annotations
@@ -25,6 +27,9 @@ from gauss2svg.scene import Scene
 # 0.11 dB (once 0.8, at 49 dB) and saves up to 9 % of its bytes, 0.01 costs up to 1.7 dB and
 # saves up to 27 %.
 _LARGEST_ERROR = 0.003
+# In px, of the rim's length: what rims of 0.5 and of 1.2 px err. Large soft discs would become
+# visibly crisper without it.
+_LARGEST_ON_RIM = 0.013
 # Duller profiles have no flat top.
 _LEAST_BETA = 3.0
 _DIRECTIONS = 64
@@ -32,7 +37,7 @@ _WIDTHS = np.geomspace(0.05, 8, 48)  # px
 
 
 def is_plain(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a plain ellipse errs no more than a small share of a shape's squared mass.
+    """(n,) whether a plain ellipse errs no more than a small share of squared mass and rim.
 
     In pixels of the scene's canvas: on a larger one rims are wider.
     """
@@ -49,7 +54,8 @@ def is_plain(scene: Scene) -> NDArray[np.bool_]:
     length *= math.sqrt(2) * 2 * np.pi / _DIRECTIONS
     error = (np.interp(np.log(width), np.log(_WIDTHS), _errors()) * length).sum(axis=1)
     squared_mass = np.array([_integrals(b)[1] for b in np.round(beta, 2)]) * axes.prod(axis=1)
-    plain[plain] = error <= _LARGEST_ERROR * squared_mass
+    bound = np.minimum(_LARGEST_ERROR * squared_mass, _LARGEST_ON_RIM * length.sum(axis=1))
+    plain[plain] = error <= bound
     return plain
 
 

@@ -1,0 +1,209 @@
+"""Laws of the falloff exponent: extremes, what a fit does with it, what a file makes of it."""
+
+import numpy as np
+import pytest
+import torch
+from conftest import random_scene
+
+from gauss2svg import metrics, vectorize
+from gauss2svg.errors import InputError
+from gauss2svg.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH
+from gauss2svg.fit import FitOptions, adam, fit
+from gauss2svg.fit.adam import LEAST_RAW_BETA, Limits, Rates
+from gauss2svg.fit.state import State
+from gauss2svg.raster import rasterize
+from gauss2svg.render import render
+from gauss2svg.render.autograd import fast_composite
+from gauss2svg.render.reference import composite, render_reference
+from gauss2svg.scene import Scene
+from gauss2svg.svg import SvgOptions, settled, write_svg
+from gauss2svg.svg.plain import is_plain, plain_radius
+
+QUICK = {"iterations": 60}
+
+
+def drawing(side: int = 96) -> np.ndarray:
+    """A disc and a bar with antialiased edges on a light ground, (side, side, 3) float32."""
+    y, x = (np.mgrid[: 4 * side, : 4 * side] + 0.5) / (4 * side)
+    picture = np.full((4 * side, 4 * side, 3), 0.93)
+    picture[np.hypot(x - 0.4, y - 0.45) < 0.27] = (0.9, 0.6, 0.1)
+    picture[(abs(x - 0.7) < 0.2) & (abs(y - 0.75) < 0.09)] = (0.1, 0.2, 0.5)
+    small = picture.reshape(side, 4, side, 4, 3).mean(axis=(1, 3))
+    return (np.round(small * 255) / 255).astype(np.float32)
+
+
+@pytest.mark.parametrize("beta", [LEAST_BETA, 1 - 1e-9, 1 + 1e-9, 64.0, MOST_BETA])
+@pytest.mark.parametrize("sigma", [1e-6, 1e-3, 0.3, 1e3, 1e6])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_pictures_and_gradients_are_finite_at_the_ends_of_the_domain(beta, sigma, dtype):
+    # one mean on a pixel centre, where r is 0, one on a corner, one far off
+    mean = np.array([[4.5, 3.5], [3.0, 3.0], [1e5, -1e5]])
+    scene = Scene(
+        9, 7, mean, np.full((3, 2), sigma), [0.9, -0.9, 0], np.eye(3), np.full(3, 0.9),
+        beta=np.full(3, beta),
+    )  # fmt: skip
+    image = render(scene, dtype=dtype)
+    np.testing.assert_allclose(image, render_reference(scene).numpy(), atol=1e-4)
+    names = ("mean", "sigma", "rho", "color", "opacity", "background", "beta")
+    for renderer, kind in ((composite, torch.float64), (fast_composite, torch.float32)):
+        tensors = [torch.tensor(getattr(scene, n), dtype=kind).requires_grad_() for n in names]
+        drawn = renderer(*tensors[:6], 7, 9, tensors[6])
+        (drawn**2).sum().backward()
+        assert all(torch.isfinite(t.grad).all() for t in tensors if t.grad is not None)
+
+
+def test_gaussians_are_drawn_to_the_bit_beside_sharp_shapes():
+    soft = random_scene(20, 60, 40, 3, beta=(1, 1))
+    away = random_scene(5, 60, 40, 4).replace(mean=np.full((5, 2), 500.0))
+    assert (render(soft.concatenate(away)) == render(soft)).all()
+
+
+def test_shape_a_hair_from_a_gaussian_is_drawn_as_one():
+    scene = random_scene(30, 60, 40, 5, beta=(1, 1))
+    near = scene.replace(beta=np.full(30, 1 + 1e-9))
+    np.testing.assert_allclose(render(near), render(scene), atol=1e-5)
+
+
+def test_sharp_shapes_fit_a_drawing_that_gaussians_smear():
+    picture = drawing()
+    soft, sharp = (
+        fit(picture, FitOptions(24, 150, falloff=f)).scene for f in ("gaussian", "adaptive")
+    )
+    assert (soft.betas == 1).all()
+    psnr = [metrics.psnr(render(scene), picture) for scene in (soft, sharp)]
+    assert psnr[1] > psnr[0] + 6
+    assert metrics.flat_error(render(sharp), picture) < metrics.flat_error(render(soft), picture)
+    assert np.median(sharp.betas) > 3
+
+
+def test_smooth_scene_keeps_its_gaussians():
+    y, x = np.mgrid[:64, :64] / 63
+    ramp = np.stack([x, 0.5 * (x + y), 1 - y], axis=-1).astype(np.float32)
+    for scene, least in ((ramp, 0.5), (drawing(), 0.0)):
+        betas = vectorize(scene, gaussians=24, **QUICK).scene.betas
+        assert (betas == 1).mean() >= least
+
+
+def test_price_of_leaving_one_keeps_shapes_there(photo, monkeypatch):
+    shares = []
+    for price in (0.0, 0.06, 1.0):
+        monkeypatch.setattr("gauss2svg.fit.run._BETA_PRICE", price)
+        betas = vectorize(photo, gaussians=150, **QUICK).scene.betas
+        shares.append((betas == 1).mean())
+    assert shares[0] < shares[1] < shares[2]
+
+
+def test_rims_stay_as_wide_as_they_must_be_and_exponents_in_their_range():
+    scene = random_scene(300, 80, 60, 6, sigma=(0.4, 40.0), beta=(2, 30))
+    factor = scene.factor[:, [0, 1, 1], [0, 0, 1]]
+    raw_beta = np.log(scene.betas)
+    gaussian = raw_beta == 0
+    assert 100 < gaussian.sum() < 200
+    state = State.empty().append(
+        scene.mean.copy(), factor, np.zeros(300), scene.color.copy(), raw_beta, 0
+    )
+    gradient = np.random.default_rng(0).choice([-1.0, 1.0], (300, 10))
+    limits = Limits(0.35, 50.0, 10.0, most_beta=20.0, least_rim=0.5)
+    for _ in range(60):
+        adam.step(state, gradient, Rates(), limits, 1.0)
+    assert (state.raw_beta[gaussian] == 0).all()  # for good
+    free = state.raw_beta[~gaussian]
+    minor = state.scene(np.ones(3), 80, 60).ellipse_axes[0][~gaussian, 1]
+    assert (free >= LEAST_RAW_BETA).all()
+    assert (free <= np.log(20) + 1e-9).all()
+    sharpest = np.maximum(np.log(RIM_WIDTH * minor / 0.5), LEAST_RAW_BETA)
+    assert (free <= sharpest + 1e-9).all()
+    assert (free > 1).any()
+
+
+@pytest.mark.parametrize("palette", [None, 4, 0])
+def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
+    result = vectorize(drawing(), gaussians=40, palette=palette, **QUICK)
+    scene = result.scene
+    shaded = ~is_plain(scene)
+    nearest = np.abs(scene.betas[shaded, None] / np.array(BETA_CLASSES) - 1).min(axis=1)
+    assert (nearest < 1e-12).all()
+    again = settled(scene, SvgOptions(palette=0))
+    np.testing.assert_allclose(again.color, scene.color, atol=0.5 / 255)
+    np.testing.assert_allclose(again.betas, scene.betas, rtol=1e-12)
+    keys = np.column_stack([scene.betas, np.round(scene.color * 255)])[shaded]
+    distinct = np.unique(np.round(keys, 6), axis=0)
+    assert result.svg.count("<radialGradient") == len(distinct)
+    if palette:
+        assert len(distinct) <= max(palette, len(np.unique(distinct[:, 0])))
+    assert result.report["psnr_roundtrip"] > 44
+
+
+def test_settling_changes_nothing_but_exponents_extents_and_colours():
+    scene = random_scene(60, 120, 90, 7, sigma=(1.0, 20.0))
+    options = SvgOptions(palette=12)
+    once = settled(scene, options)
+    for name in ("mean", "rho", "opacity", "rounds"):
+        assert (getattr(once, name) == getattr(scene, name)).all()
+    shaded = ~is_plain(scene)
+    assert (once.betas[~shaded] == scene.betas[~shaded]).all()
+    assert len(np.unique(np.column_stack([once.betas, once.color])[shaded], axis=0)) <= 12
+    assert metrics.psnr(render(once), render(scene)) > 25
+
+
+def test_colours_of_different_exponents_share_no_gradient():
+    scene = random_scene(40, 60, 40, 8, sigma=(3.0, 9.0)).replace(
+        color=np.tile([[0.2, 0.4, 0.6]], (40, 1)), beta=np.resize([1.0, 3.0], 40)
+    )
+    assert write_svg(scene, SvgOptions(palette=1)).count("<radialGradient") == 2
+
+
+@pytest.mark.parametrize("renderer", ["resvg", "cairo"])
+@pytest.mark.parametrize("beta", [1.7, 6.0, 16.0, 64.0])
+def test_rims_are_drawn_as_the_model_has_them_at_every_size(renderer, beta):
+    # rims of 0.6 px and of 3 px, across the minor axis; not so round that a plain ellipse does
+    for rim in (0.6, 3.0):
+        minor = rim * beta / RIM_WIDTH
+        sigma = [[min(6 * minor, 60), minor]]
+        scene = Scene(150, 150, [[75.3, 74.8]], sigma, [0.3], [[0.1, 0.3, 0.2]], [1.0], beta=[beta])
+        if is_plain(scene)[0]:
+            continue
+        svg = write_svg(scene, SvgOptions(palette=0, stops=12, decimals=3))
+        for scale in (1, 2, 4):
+            size = 150 * scale
+            difference = np.abs(rasterize(svg, size, size, renderer) - render(scene, size, size))
+            assert difference.max() < 12 / 255
+
+
+@pytest.mark.parametrize("renderer", ["resvg", "cairo"])
+def test_plain_ellipses_are_drawn_as_the_model_is_on_average_over_a_pixel(renderer):
+    for sigma, beta in ((4.0, 10.0), (20.0, 64.0), (30.0, 64.0)):
+        scene = Scene(
+            150, 150, [[75.3, 74.8]], [[sigma, sigma]], [0.0], [[0.1, 0.3, 0.2]], [1.0], beta=[beta]
+        )
+        assert is_plain(scene).all()
+        svg = write_svg(scene, SvgOptions(palette=0, decimals=3))
+        assert "radialGradient" not in svg
+        exact = render(scene, 1200, 1200).reshape(150, 8, 150, 8, 3).mean(axis=(1, 3))
+        drawn = rasterize(svg, 150, 150, renderer)
+        assert metrics.psnr(drawn, exact) > 38
+        assert abs(metrics.bias(drawn, exact)) < 0.1
+
+
+def test_plain_ellipse_covers_what_the_profile_sums_up_to():
+    scene = Scene(200, 200, [[100, 100]], [[20, 20]], [0.0], np.zeros((1, 3)), [1.0], beta=[8.0])
+    mass = (1 - render(scene)[:, :, 0]).sum()
+    assert np.pi * (20 * plain_radius(8.0)) ** 2 == pytest.approx(mass, rel=1e-3)
+
+
+def test_plain_are_crisp_shapes_and_no_others():
+    def plain(sigma, beta):
+        n = len(sigma)
+        scene = Scene(
+            99, 99, np.full((n, 2), 50.0), sigma, np.zeros(n), np.zeros((n, 3)), np.ones(n),
+            beta=np.full(n, float(beta)),
+        )  # fmt: skip
+        return is_plain(scene).tolist()
+
+    assert plain([[20, 20], [200, 200], [60, 60], [200, 20]], 64) == [True, False, False, False]
+    assert plain([[1, 1], [5, 5], [20, 20]], 2) == [False, False, False]
+
+
+def test_unknown_falloff_is_refused_with_the_known_ones(photo):
+    with pytest.raises(InputError, match="falloff is 'box'; needed is one of gaussian, adaptive"):
+        vectorize(photo, falloff="box")
