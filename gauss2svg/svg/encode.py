@@ -9,7 +9,7 @@ direction; the lower triangular one has c = 0 and is the shortest to write:
 A gradient is shared by all shapes of one colour and one exponent. Shapes that a plain
 ellipse draws as well have none, and the radius of plain_radius(beta). Crisp rims need two more
 things (examples/rims.py measures both, dB near the rim against the model, mean of what resvg
-and CairoSVG draw at rims of 0.25 / 0.5 / 1 px: with neither 30 / 38 / 47, with both 54 / 54 / 51):
+and CairoSVG draw at rims of 0.25 / 0.5 / 1 px: with neither 30 / 38 / 47, with both 55 / 55 / 50):
 
 - a circle a little larger than its gradient, whose own antialiased edge would clip the rim;
 - for exponents from _LARGE_FROM on a gradient of radius 100 under a matrix of a hundredth, for
@@ -37,8 +37,8 @@ _SMALLEST_CANVAS = 0.01
 _LARGE_FROM, _LARGE = 16.0, 100  # exponent; radius of its gradients
 _CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge
 # px of rim across the minor axis from which the edge does little harm; 5000 shapes, three Kodak
-# photos, raster against model / gzipped bytes: 0 48.4 dB / 95.1 k, 0.7 49.0 / 96.6, 2 49.1 / 98.0
-_SOFT = 0.7
+# photos, raster against model / gzipped bytes: 0 48.4 dB / 95.1 k, 1 49.0 / 97.2, 2 49.1 / 98.0
+_SOFT = 1.0
 # Renderers compute in float32, and resvg panics from about 1e9 on.
 LARGEST_NUMBER = 1e7
 
