@@ -54,10 +54,9 @@ def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.searchsorted(0.5 * (logs[1:] + logs[:-1]), np.log(beta))
 
 
-def in_classes(beta: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Each beta's class, and what to multiply its sigma by; any shape.
+def widening(beta: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What to multiply sigma by so that a shape of another beta ends half-way at the same rim.
 
-    Half of a shape's opacity stays where it was: (r^2 / 2)^beta is ln 2 there, about.
+    (r^2 / 2)^beta is ln 2 there, about; any shape.
     """
-    rounded = np.array(BETA_CLASSES)[nearest_class(beta)]
-    return rounded, math.log(2) ** (0.5 / beta - 0.5 / rounded)
+    return math.log(2) ** (0.5 / beta - 0.5 / other)

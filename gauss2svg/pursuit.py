@@ -236,9 +236,10 @@ class Pursuit:
         height, width = self._working.shape[:2]
         scene = self._run.scene()
         model = metrics.psnr(render(scene), self._working)
-        scaled = self._on_photo(scene)
-        # Its colours are those of the palette already.
-        options = self._request.svg_options(len(scene), None).every_color
+        # Its colours are those of the palette already, save for plain ellipses that no longer are.
+        options = self._request.svg_options(len(scene), None)
+        scaled = settled(self._on_photo(scene), options)
+        options = options.every_color
         svg = write_svg(scaled, options)
         error = math.nan
         if self._targets.psnr is not None:

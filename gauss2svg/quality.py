@@ -21,7 +21,8 @@ class Quality:
     cap         most Gaussians
     color_loss  dB that a palette may cost where the scene decides its size, before the last
                 steps of the fit make up for some of it; 0: all colours
-    colors      palette entries for each Gaussian where their number is given; 0: all colours
+    colors      palette entries, pairs of colour and exponent, for each Gaussian where the
+                number of Gaussians is given; 0: all
     iterations  optimiser steps
     max_size    longest side in px of the picture that the fit runs on
     stops, decimals, opacity_decimals  of gradients, of coordinates, of fill-opacity

@@ -18,6 +18,8 @@ AUTO = "auto"
 # Mean squared error that a palette may add, however bad the rest: 38 dB, some three levels.
 # With eight, which a coarse fit of foliage would allow, sky and leaves change their hue.
 LARGEST_COLOR_ERROR = 1.6e-4
+# dB that a palette of a stated count may cost at once by having fewer colours than that.
+_UNSEEN_COLOR_LOSS = 0.03
 
 
 @dataclass(frozen=True)
@@ -103,14 +105,13 @@ class Request:
     def svg_options(self, gaussians: int, error: float | None) -> SvgOptions:
         """How to write a scene of so many Gaussians and, if known, mean squared error."""
         preset = self.preset
-        colors, color_error = self.palette, 0.0
-        if colors is None and self.scene_decides:
-            colors = 0
-            if error is not None:
-                color_error = error * (10 ** (preset.color_loss / 10) - 1)
-                color_error = min(color_error, LARGEST_COLOR_ERROR)
-        elif colors is None:
-            colors = preset.palette_for(gaussians)
+        colors, loss = self.palette, 0.0
+        if colors is None:
+            colors = 0 if self.scene_decides else preset.palette_for(gaussians)
+            loss = preset.color_loss if self.scene_decides else _UNSEEN_COLOR_LOSS
+        color_error = 0.0
+        if error is not None and self.palette is None:
+            color_error = min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
         return SvgOptions(
             palette=colors,
             color_error=color_error,

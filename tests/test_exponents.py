@@ -130,7 +130,7 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
     distinct = np.unique(np.round(keys, 6), axis=0)
     assert result.svg.count("<radialGradient") == len(distinct)
     if palette:
-        assert len(distinct) <= max(palette, len(np.unique(distinct[:, 0])))
+        assert len(distinct) <= palette
     assert result.report["psnr_roundtrip"] > 44
 
 
@@ -150,7 +150,47 @@ def test_colours_of_different_exponents_share_no_gradient():
     scene = random_scene(40, 60, 40, 8, sigma=(3.0, 9.0)).replace(
         color=np.tile([[0.2, 0.4, 0.6]], (40, 1)), beta=np.resize([1.0, 3.0], 40)
     )
-    assert write_svg(scene, SvgOptions(palette=1)).count("<radialGradient") == 2
+    for palette, gradients in ((0, 2), (2, 2), (1, 1)):
+        svg = write_svg(scene, SvgOptions(palette=palette))
+        assert svg.count("<radialGradient") == gradients
+
+
+# The last steps, before which exponents and colours settle, may not come.
+@pytest.mark.parametrize(
+    "limits",
+    [
+        {"iterations": 1}, {"iterations": 2}, {"iterations": 4}, {"iterations": 7},
+        {"time_limit": 0.2}, {"time_limit": 0.6}, {"time_limit": 1.0, "target_psnr": 26.0},
+        {"max_bytes": 30_000, "iterations": 30},
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("falloff", ["gaussian", "adaptive"])
+def test_palette_holds_however_short_the_fit(photo, limits, falloff):
+    result = vectorize(photo, palette=16, falloff=falloff, **({"gaussians": 300} | limits))
+    assert 1 <= result.svg.count("<radialGradient") <= 16
+    assert result.report["gradients"] == result.svg.count("<radialGradient")
+    if falloff == "gaussian":
+        assert (result.scene.betas == 1).all()
+    classes = np.array(BETA_CLASSES)
+    assert np.isin(result.scene.betas[~is_plain(result.scene)], classes).all()
+    assert (settled(result.scene, SvgOptions(palette=0)).color == result.scene.color).all()
+
+
+@pytest.mark.parametrize("beta", [3.0, 6.0, 16.0, 64.0])
+def test_shapes_too_large_to_be_crisp_are_never_plain(beta):
+    sigma = np.geomspace(0.4 * beta, 1e6, 60)[:, None] * [1, 1]
+    scene = Scene(
+        100, 100, np.full((60, 2), 50.0), sigma, np.zeros(60), np.zeros((60, 3)), np.ones(60),
+        beta=np.full(60, beta),
+    )  # fmt: skip
+    width = RIM_WIDTH * sigma[:, 0] / beta
+    assert not is_plain(scene)[width > 1.3].any()
+
+
+def test_shapes_thinner_than_any_pixel_are_left_out_not_refused():
+    scene = Scene(100, 100, [[50, 50]], [[2e-6, 2e-6]], [0.0], np.zeros((1, 3)), [1.0], beta=[64.0])
+    assert "<circle" not in write_svg(scene, SvgOptions(decimals=4))
+    write_svg(scene, SvgOptions(decimals=6))
 
 
 @pytest.mark.parametrize("renderer", ["resvg", "cairo"])

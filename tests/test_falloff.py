@@ -9,9 +9,9 @@ from gauss2svg.falloff import (
     RADIUS,
     RIM_WIDTH,
     cut_radius,
-    in_classes,
     nearest_class,
     profile,
+    widening,
 )
 
 BETAS = (LEAST_BETA, 0.75, 1.0, 1.7, 6.0, 64.0, MOST_BETA)
@@ -40,15 +40,19 @@ def test_support_shrinks_as_beta_grows_towards_the_rim():
     assert np.sqrt(2) < radii[-1] < 1.01 * np.sqrt(2)
 
 
-def test_exponents_are_rounded_to_their_class_and_keep_the_half_way_rim():
+def test_exponents_are_rounded_to_the_nearest_class_as_ratios_go():
     classes = np.array(BETA_CLASSES)
     assert (nearest_class(classes) == np.arange(len(classes))).all()
     beta = np.exp(np.linspace(np.log(LEAST_BETA), np.log(MOST_BETA), 400))
-    rounded, widened = in_classes(beta)
     distance = np.abs(np.log(beta[:, None] / classes))
-    assert (distance[np.arange(400), nearest_class(beta)] == distance.min(axis=1)).all()
+    nearest = distance[np.arange(400), nearest_class(beta)]
+    np.testing.assert_allclose(nearest, distance.min(axis=1))
+
+
+def test_widened_shape_of_another_exponent_keeps_the_half_way_rim():
+    beta, other = np.array([1.0, 3.0, 0.5, 20.0]), np.array([1.7, 1.0, 64.0, 16.0])
     half = np.sqrt(2) * np.log(2) ** (0.5 / beta)
-    at_half = profile(half / widened, rounded)
+    at_half = profile(half / widening(beta, other), other)
     np.testing.assert_allclose(at_half, profile(half, beta), atol=1e-9)
 
 

@@ -16,7 +16,7 @@ from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgOptions, settled, write_svg
 from gauss2svg.svg import settle as settle_module
 from gauss2svg.svg.encode import number, short_id
-from gauss2svg.svg.palette import quantize
+from gauss2svg.svg.palette import Palette, quantize
 from gauss2svg.svg.plain import is_plain, plain_radius
 from gauss2svg.svg.settle import visible_mass
 
@@ -156,7 +156,9 @@ def test_palette_is_weighted_by_what_shows(monkeypatch):
     weights = []
     real = settle_module.quantize
     monkeypatch.setattr(
-        settle_module, "quantize", lambda c, w, *rest: (weights.append(w), real(c, w, *rest))[1]
+        settle_module,
+        "quantize",
+        lambda c, b, w, *rest: (weights.append(w), real(c, b, w, *rest))[1],
     )
     write_svg(scene, SvgOptions(palette=20))
     shaded = ~is_plain(scene)
@@ -187,21 +189,38 @@ def test_bad_option_is_refused(change, message):
         SvgOptions(**change)
 
 
+def colors_of(color, weight, count: int, allowed: float = 0.0) -> Palette:
+    """The palette of Gaussians."""
+    return quantize(color, np.ones(len(color)), weight, count, allowed)
+
+
+def test_pairs_of_colour_and_exponent_are_told_apart_as_far_as_the_palette_goes():
+    color = np.repeat([[0.2, 0.4, 0.6], [1.0, 0.0, 0.0]], 10, axis=0)
+    beta = np.resize([1.0, 3.2], 20)
+    full = quantize(color, beta, np.ones(20), 4)
+    assert (full.color[full.entry] == np.round(color * 255)).all()
+    assert (full.beta[full.entry] == np.resize([1.0, 3.0], 20)).all()
+    # colours lie further apart than exponents, so that these are given up first
+    half = quantize(color, beta, np.ones(20), 2)
+    assert (half.color[half.entry] == np.round(color * 255)).all()
+    assert len(half.beta) == 2
+
+
 def test_few_colours_are_kept_exactly():
     color = np.repeat([[0.2, 0.4, 0.6], [1.0, 0.0, 0.0]], 10, axis=0)
-    palette, entry = quantize(color, np.ones(20), 2)
-    assert (palette[entry] == np.round(color * 255)).all()
+    palette = colors_of(color, np.ones(20), 2)
+    assert (palette.color[palette.entry] == np.round(color * 255)).all()
 
 
 def test_palette_serves_what_shows_and_never_grows_past_its_size():
     rng = np.random.default_rng(4)
     color = rng.random((3000, 3))
     weight = np.where(np.arange(3000) < 300, 1000.0, 0.1)
-    palette, entry = quantize(color, weight, 64)
-    assert len(palette) <= 64
-    error = np.sum((palette[entry] / 255 - color) ** 2, axis=1)
-    even, even_entry = quantize(color, np.ones(3000), 64)
-    even_error = np.sum((even[even_entry] / 255 - color) ** 2, axis=1)
+    palette, even = colors_of(color, weight, 64), colors_of(color, np.ones(3000), 64)
+    assert len(palette.color) <= 64
+    error, even_error = (
+        np.sum((p.color[p.entry] / 255 - color) ** 2, axis=1) for p in (palette, even)
+    )
     assert error[:300].sum() < 0.8 * even_error[:300].sum()
 
 
@@ -220,22 +239,22 @@ def test_allowed_error_is_kept_with_few_colours():
     color, weight = rng.random((2000, 3)), rng.random(2000) + 0.1
     counts = []
     for allowed in (20.0, 2.0, 0.5):
-        palette, entry = quantize(color, weight, 2000, allowed)
-        error = np.sum(weight * np.sum((palette[entry] / 255 - color) ** 2, axis=1))
-        assert 0.6 * allowed < error <= allowed
-        counts.append(len(palette))
+        palette = colors_of(color, weight, 2000, allowed)
+        missed = palette.color[palette.entry] / 255 - color
+        assert 0.6 * allowed < np.sum(weight[:, None] * missed**2) <= allowed
+        counts.append(len(palette.color))
     assert counts == sorted(counts)
-    assert len(quantize(color, weight, 50, 0.5)[0]) <= 50
+    assert len(colors_of(color, weight, 50, 0.5).color) <= 50
 
 
 def test_allowed_error_under_the_rounding_keeps_every_colour():
     color = np.random.default_rng(6).random((50, 3))
-    palette, entry = quantize(color, np.ones(50), 50, 1e-9)
-    assert (palette[entry] == np.round(color * 255)).all()
+    palette = colors_of(color, np.ones(50), 50, 1e-9)
+    assert (palette.color[palette.entry] == np.round(color * 255)).all()
 
 
 def test_allowed_error_writes_fewer_gradients():
-    scene = random_scene(300, seed=8)
+    scene = random_scene(300, seed=8, beta=(1, 1))
     texts = [write_svg(scene, SvgOptions(color_error=e)) for e in (3e-3, 3e-4, 0.0)]
     gradients = [t.count("<radialGradient") for t in texts]
     assert gradients[0] < gradients[1] < gradients[2]

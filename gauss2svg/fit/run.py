@@ -110,6 +110,8 @@ class Run:
         """Change the number of Gaussians of a finished fit, and refine them again."""
         with self._timed():
             self._change_count(count)
+            if self.options.falloff == ADAPTIVE:
+                self.state.raw_beta = np.maximum(self.state.raw_beta, adam.LEAST_RAW_BETA)
             self._refine(iterations, _RESUME_AT, adjusting=False)
 
     def scene(self) -> Scene:
@@ -174,6 +176,8 @@ class Run:
                 settled = True
                 self._settle()
             self._step(done)
+        if not settled:  # no time or no steps were left for it
+            self._settle()
         self._drop_undrawable()
 
     def _settle(self) -> None:

@@ -16,9 +16,9 @@ from gauss2svg.svg.stops import STOP_COUNTS
 class SvgOptions:
     """How a scene is written.
 
-    palette           most gradients, one for each colour and exponent that go together, but at
-                      least one for each exponent; 0 writes every colour
-    color_error       squared error, mean over pixels and channels, that using fewer colours
+    palette           most gradients, one for each pair of a colour and an exponent; 0 writes
+                      every pair
+    color_error       squared error, mean over pixels and channels, that using fewer of them
                       may add; 0: as many as the palette has
     stops             gradient stops, one of STOP_COUNTS
     decimals          of coordinates, 0..6; 1 costs 64 dB, 2 costs 84 dB

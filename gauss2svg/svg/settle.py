@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.falloff import in_classes, nearest_class
+from gauss2svg.falloff import widening
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.options import SvgOptions
@@ -19,21 +19,24 @@ _WEIGHING_SIDE = 768
 def settled(scene: Scene, options: SvgOptions) -> Scene:
     """The scene as its file has it, save for the rounding of numbers.
 
-    Gradients are shared by colour and exponent: exponents are rounded to BETA_CLASSES, a
-    shape's extent with them so that its half-way rim stays, and colours to a palette. Plain
-    ellipses need no gradient: they keep both, the colour on 8 bits.
+    Gradients are shared by colour and exponent: both become those of a palette, and a shape's
+    extent changes with its exponent so that its half-way rim stays. Plain ellipses need no
+    gradient: they keep both, the colour on 8 bits.
     """
     shaded = ~is_plain(scene)
     beta, sigma, color = scene.betas.copy(), scene.sigma.copy(), np.round(scene.color * 255) / 255
-    beta[shaded], widened = in_classes(beta[shaded])
-    sigma[shaded] *= widened[:, None]
     if shaded.any():
-        mass, pixels = visible_mass(scene)
         count = options.palette if options.palette else len(scene)
-        allowed = options.color_error * 3 * pixels
-        group = nearest_class(beta[shaded])
-        palette, entry = quantize(scene.color[shaded], mass[shaded], count, allowed, group)
-        color[shaded] = palette[entry] / 255
+        weight, pixels = np.ones(len(scene)), 1
+        if options.palette or options.color_error:
+            weight, pixels = visible_mass(scene)
+        palette = quantize(
+            scene.color[shaded], beta[shaded], weight[shaded], count,
+            options.color_error * 3 * pixels,
+        )  # fmt: skip
+        color[shaded] = palette.color[palette.entry] / 255
+        beta[shaded] = palette.beta[palette.entry]
+        sigma *= widening(scene.betas, beta)[:, None]
     return scene.replace(beta=beta, sigma=sigma, color=color)
 
 

@@ -20,7 +20,11 @@ from gauss2svg.version import __version__
 
 
 def write_svg(scene: Scene, options: SvgOptions | None = None) -> str:
-    """The SVG text of a scene; depends on nothing but the scene and the options."""
+    """The SVG text of a scene; depends on nothing but the scene and the options.
+
+    What is drawn is gauss2svg.svg.settled(scene, options): exponents become those of
+    BETA_CLASSES, under 1 too, and colours those of the palette.
+    """
     options = options or SvgOptions()
     return _document(encode(scene, options), options)
 
