@@ -198,8 +198,9 @@ class Pursuit:
     def _seconds_after(self, scene: Scene, psnr: float) -> float:
         """How long writing, drawing and measuring will take, from a part of the Gaussians."""
         height, width = self._working.shape[:2]
-        begun = time.perf_counter()
         part = scene.select(np.arange(0, len(scene), _SAMPLE))
+        self._write(part, psnr)  # stops are computed once, for all
+        begun = time.perf_counter()
         svg = self._write(part, psnr)
         written = time.perf_counter()
         rasterize(svg, width, height, self._request.renderer)
