@@ -7,9 +7,11 @@ from conftest import random_scene
 
 from gauss2svg import metrics, vectorize
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH
+from gauss2svg.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
 from gauss2svg.fit import FitOptions, adam, fit
 from gauss2svg.fit.adam import LEAST_RAW_BETA, Limits, Rates
+from gauss2svg.fit.rules import FixedCount
+from gauss2svg.fit.run import Run
 from gauss2svg.fit.state import State
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
@@ -142,6 +144,8 @@ def test_settling_changes_nothing_but_exponents_extents_and_colours():
         assert (getattr(once, name) == getattr(scene, name)).all()
     shaded = ~is_plain(scene)
     assert (once.betas[~shaded] == scene.betas[~shaded]).all()
+    expected = scene.sigma * widening(scene.betas, once.betas)[:, None]
+    np.testing.assert_allclose(once.sigma, expected)
     assert len(np.unique(np.column_stack([once.betas, once.color])[shaded], axis=0)) <= 12
     assert metrics.psnr(render(once), render(scene)) > 25
 
@@ -174,6 +178,28 @@ def test_palette_holds_however_short_the_fit(photo, limits, falloff):
     classes = np.array(BETA_CLASSES)
     assert np.isin(result.scene.betas[~is_plain(result.scene)], classes).all()
     assert (settled(result.scene, SvgOptions(palette=0)).color == result.scene.color).all()
+
+
+def test_palette_of_the_scenes_own_choice_holds_however_short_the_time(photo):
+    result = vectorize(photo, quality="fast", time_limit=0.3)
+    assert result.svg.count("<radialGradient") < 0.6 * result.report["gaussians"]
+
+
+def test_exponents_and_colours_that_have_settled_stay_to_the_end(photo):
+    seen = []
+
+    def as_written(scene, psnr):
+        seen.append(settled(scene, SvgOptions(palette=8)))
+        return seen[-1]
+
+    rule = FixedCount("exponential", 60, 80)
+    run = Run(photo, FitOptions(60, 80), rule, as_written=as_written)
+    run.fit()
+    assert len(seen) == 1
+    last = run.scene()
+    pairs = [np.column_stack([scene.color, scene.betas]) for scene in (seen[0], last)]
+    assert {tuple(row) for row in pairs[1].round(9)} <= {tuple(row) for row in pairs[0].round(9)}
+    assert not np.isin(last.mean, seen[0].mean).any()  # the rest moved on
 
 
 @pytest.mark.parametrize("beta", [3.0, 6.0, 16.0, 64.0])
