@@ -22,9 +22,9 @@ from gauss2svg.scene import Scene
 seeds = st.integers(0, 2**32 - 1)
 
 # What the fast renderer computes in, and how far pictures and scaled gradients may be off:
-# twenty and more times what is seen.
+# three and more times what is seen with exponents at the ends of their range.
 in_both = pytest.mark.parametrize("dtype", [np.float32, np.float64], ids=["float32", "float64"])
-OFF = {np.float32: 3e-5, np.float64: 2e-13}
+OFF = {np.float32: 3e-5, np.float64: 1e-13}
 GRADIENT_OFF = {np.float32: 1e-3, np.float64: 1e-12}
 TORCH = {np.float32: torch.float32, np.float64: torch.float64}
 

@@ -18,7 +18,7 @@ def render(
 ) -> NDArray[Real]:
     """Image (height, width, 3) in 0..1 of a scene at any size, by default that of its canvas.
 
-    dtype is np.float32, within 3e-5 of the formula, or np.float64, within 2e-14 in twice the time.
+    dtype is np.float32, within 3e-5 of the formula, or np.float64, within 1e-13 in twice the time.
     The scene has no resolution: it is scaled to the output and sampled at pixel centres.
     By the fast CPU renderer; gauss2svg.render.reference.render_reference is its slow twin.
     Raises InputError for a size under one pixel or another dtype.
