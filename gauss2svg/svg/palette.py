@@ -47,11 +47,11 @@ def quantize(
     """At most `count` pairs of a colour and an exponent, and the one that each shape gets.
 
     Weighted k-means on color (n, 3) in 0..1 and _BETA_WEIGHT ln beta (n,): it minimises
-    sum weight |difference|^2, which is the squared error of the picture if weight (n,) >= 0
-    is the squared mass a shape shows. Pairs that are few enough already are kept, colours
-    rounded to 8 bits and exponents to BETA_CLASSES. Where that sum may come to `allowed` > 0,
-    about as few entries are used as that takes. It starts from clusters split again and
-    again; nothing is random.
+    sum weight |difference|^2, whose part by colour is the squared error of the picture if
+    weight (n,) >= 0 is the squared mass a shape shows. Pairs that are few enough already are
+    kept, colours rounded to 8 bits and exponents to BETA_CLASSES. Where that sum may come to
+    `allowed` > 0, about as few entries are used as that takes. It starts from clusters split
+    again and again; nothing is random.
     """
     classes = np.array(BETA_CLASSES)[nearest_class(beta)]
     features = np.column_stack([color, _BETA_WEIGHT * np.log(classes)])
