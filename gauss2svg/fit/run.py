@@ -47,6 +47,8 @@ FLAT_WEIGHT = 8.0
 # 27.42 / 31.77, 27.19 / 31.54 dB.
 _BETA_PRICE = 0.06
 
+_SHARED_RATE = 0.006
+
 _RELOCATION_EVERY = 10
 _RELOCATION_SHARE = 0.08
 _RELOCATION_FROM, _RELOCATION_TO = 0.2, 0.75
@@ -91,6 +93,7 @@ class Run:
         self._targets: dict[int, Target] = {}
         self._target = self._reduced(1)
         self._rates = adam.Rates()
+        self._shared: adam.SharedColors | None = None
         self._wall_s = self._cpu_s = 0.0
 
     @property
@@ -164,7 +167,7 @@ class Run:
         self._errors.clear()
         pending = list(ADJUST_AT) if adjusting else []
         pruned, settled = not adjusting, False
-        self._rates = adam.Rates()
+        self._rates, self._shared = adam.Rates(), None
         while (done := self.clock.refining()) < 1:
             if pending and done >= pending[0]:
                 pending = [at for at in pending if at > done]
@@ -181,11 +184,12 @@ class Run:
         self._drop_undrawable()
 
     def _settle(self) -> None:
-        """Exponents and colours become those of a file, and stay; the rest moves on."""
+        """Exponents become those of a file and stay, colours are shared from here on."""
         if self._as_written is not None and len(self.state):
             scene = self._as_written(self.scene(), self._recent_psnr())
             self.state = self.state.settled(scene)
             self._rates = dataclasses.replace(self._rates, beta=0.0, color=0.0)
+            self._shared = adam.SharedColors(self.state)
 
     def _begin(self, index: int, total: int) -> None:
         """Change to the round's picture and add its Gaussians."""
@@ -270,6 +274,8 @@ class Run:
             least_sigma=LEAST_SIGMA, most_sigma=float(max(target.width, target.height))
         )
         adam.step(self.state, gradient, self._rates, limits, rate(done))
+        if self._shared is not None:
+            self._shared.step(self.state, gradient, _SHARED_RATE * rate(done))
         self.pixel_pairs += rows * 16
         self._errors.append(squares / target.planar.size)
         self.clock.iteration += 1

@@ -14,7 +14,7 @@ from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import RHO_LIMIT, Scene
 
 PARAMETERS = 10  # shift along the two whitened axes, three of shape, opacity, r, g, b, ln beta
-COLOR_AND_BETA = slice(6, 10)
+COLOR, COLOR_AND_BETA = slice(6, 9), slice(6, 10)
 
 
 @dataclass
