@@ -91,7 +91,9 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
 
 def print_check(report: dict[str, Any], svg: str | None) -> None:
     """A few lines: what an SVG has, how large it is, how true."""
-    tags = [f"{count:,} {tag}" for tag, count in report["elements_by_tag"].items()]
+    tags = [
+        f"{count:,} {tag.rpartition('}')[2]}" for tag, count in report["elements_by_tag"].items()
+    ]
     others = f", {len(tags) - _MOST_TAGS} other tags" if len(tags) > _MOST_TAGS else ""
     rows = {
         "SVG": f"{svg or 'standard input'}, {report['svg_width']:g}x{report['svg_height']:g} px",

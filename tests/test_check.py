@@ -72,7 +72,7 @@ def test_large_pictures_have_an_ms_ssim():
 @pytest.mark.parametrize(
     "pack", [lambda b: b, gzip.compress, io.BytesIO, bytes.decode, lambda b: b.decode("utf-8-sig")]
 )
-def test_the_way_that_it_comes_does_not_matter(pack, fitted):
+def test_the_way_that_it_comes_does_not_matter(pack, fitted, in_this_process):
     photo, svg, _ = fitted
     assert gauss2svg.check(photo, pack(svg.read_bytes())).report == (
         gauss2svg.check(photo, str(svg)).report
@@ -102,7 +102,7 @@ def test_any_root_is_stretched_to_the_photo(head, renderer, halves, in_this_proc
     assert checked.psnr == np.inf
 
 
-def test_prefixed_names_are_the_same_names(halves):
+def test_prefixed_names_are_the_same_names(halves, in_this_process):
     svg = HALVES.replace("<rect", "<ns0:rect")
     svg = f'<ns0:svg xmlns:ns0="http://www.w3.org/2000/svg" viewBox="0 0 8 8">{svg}</ns0:svg>'
     checked = gauss2svg.check(halves, svg)
@@ -110,7 +110,7 @@ def test_prefixed_names_are_the_same_names(halves):
     assert checked.psnr == np.inf
 
 
-def test_what_is_transparent_is_white():
+def test_what_is_transparent_is_white(in_this_process):
     checked = gauss2svg.check(np.ones((4, 4, 3)), f'<svg {XMLNS} viewBox="0 0 1 1"/>')
     assert checked.psnr == np.inf
 
@@ -132,7 +132,7 @@ def test_what_has_to_be_known_is_a_note(svg, note, halves, in_this_process):
     assert all(note in told for told in notes)
 
 
-def test_embedded_pictures_are_drawn_and_told(halves):
+def test_embedded_pictures_are_drawn_and_told(halves, in_this_process):
     stream = io.BytesIO()
     Image.fromarray(np.uint8(halves * 255)).save(stream, "PNG")
     data = base64.b64encode(stream.getvalue()).decode()
