@@ -87,7 +87,7 @@ def test_the_way_that_it_comes_does_not_matter(pack, fitted, in_this_process):
         f'<svg {XMLNS} width="8" height="8">',
         f'<svg {XMLNS} width="8px" height="6pt">',
         f'<svg {XMLNS} width="100%" viewBox="0,0,8,8" preserveAspectRatio="xMinYMin">',
-        f'<svg {XMLNS} style="width:8px;height:8px" viewBox="0 0 8 8">',
+        f'<svg {XMLNS} style="width:8px;height:4px" viewBox="0 0 8 8">',
         f"<svg data-x='a > b' {XMLNS}\n  height='40' viewBox='0 0 8 8'>",
         f"<?xml version='1.0' encoding='latin-1'?><!-- <svg viewBox='0 0 1 1'> é --><!DOCTYPE svg "
         f'PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/svg>11.dtd"><svg {XMLNS} '

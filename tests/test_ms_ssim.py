@@ -91,6 +91,9 @@ def test_bands_do_not_change_it(pair, monkeypatch):
 def test_a_negative_film_has_none_of_it(pair):
     image, _ = pair
     assert metrics.ms_ssim(image, 1 - image) == 0
+    # A scale alone is enough: the squares of a checkerboard have their mean at the next one.
+    squares = 0.5 + 0.2 * (np.indices((176, 176)).sum(axis=0)[:, :, None] % 2 - 0.5)
+    assert metrics.ms_ssim(squares, 1 - squares) == 0
 
 
 @pytest.mark.parametrize("size", [(175, 300), (300, 175)])

@@ -36,6 +36,12 @@ def png(width, height):
     )  # fmt: skip
 
 
+def bmp():
+    stream = io.BytesIO()
+    Image.new("RGB", (2, 2)).save(stream, "BMP")
+    return stream.getvalue()
+
+
 NESTED = f'{ROOT}<image href="/etc/hostname" width="8" height="8"/></svg>'.encode()
 REFUSED = {
     "billion laughs": (
@@ -45,6 +51,9 @@ REFUSED = {
     "external entity": (
         f'<!DOCTYPE svg [<!ENTITY x SYSTEM "file:///etc/passwd">]>{ROOT}<desc>&x;</desc></svg>',
         "save it as plain SVG",
+    ),
+    "own attributes": (
+        f'<!DOCTYPE svg [<!ATTLIST g fill CDATA "red">]>{ROOT}<g/></svg>', "type of its own",
     ),
     "undefined entity": (f"{ROOT}<desc>&x;</desc></svg>", "no well-formed XML: undefined entity"),
     "not closed": (f"{ROOT}<g>", "no well-formed XML: no element found"),
@@ -68,6 +77,9 @@ REFUSED = {
     "instruction": (f'<?xml-stylesheet href="x.css"?>{ROOT}</svg>', "@import of a style sheet"),
     "nested svg": (
         f'{ROOT}<image href="{data_of(NESTED)}"/></svg>', "data: in the SVG is no picture",
+    ),
+    "other format": (
+        f'{ROOT}<image href="{data_of(bmp())}"/></svg>', "data: in the SVG is no picture",
     ),
     "nested bomb": (
         f'{ROOT}<image href="{data_of(gzip.compress(NESTED))}"/></svg>',

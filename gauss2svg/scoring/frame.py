@@ -95,15 +95,13 @@ def stretched(text: str, frame: Frame, width: int, height: int) -> str:
     tag = _START_TAG.match(text, begin.end() if begin else 0)
     if tag is None:
         raise InputError("SVG has a root that cannot be read; save it as plain SVG")
-    kept = []
-    for name, quoted in _ATTRIBUTE.findall(tag[2]):
-        if name in ("width", "height", "viewBox", "preserveAspectRatio"):
-            continue
-        value = _STYLED_SIZE.sub("", quoted[1:-1]) if name == "style" else quoted[1:-1]
-        # A > is allowed here, and trips up what looks for the end of the tag.
-        kept.append(f" {name}={quoted[0]}{value.replace('>', '&gt;')}{quoted[0]}")
+    kept = "".join(
+        f" {name}={quoted}"
+        for name, quoted in _ATTRIBUTE.findall(tag[2])
+        if name not in ("width", "height", "viewBox", "preserveAspectRatio")
+    )
     box = " ".join(f"{v!r}" for v in frame.view_box)
     return (
         f'<{tag[1]} width="{width}" height="{height}" preserveAspectRatio="none" '
-        f'viewBox="{box}"{"".join(kept)}{tag[3]}>{text[tag.end() :]}'
+        f'viewBox="{box}"{kept}{tag[3]}>{text[tag.end() :]}'
     )
