@@ -17,14 +17,17 @@ if TYPE_CHECKING:
     )
     from gauss2svg.pipeline import Progress, Result, vectorize
     from gauss2svg.scene import Scene
+    from gauss2svg.scoring import CheckResult, check
     from gauss2svg.svg import SvgOptions, write_svg
 
 _HOMES = {
+    "CheckResult": "scoring",
     "Gauss2SvgError": "errors",
     "InputError": "errors",
     "OutputError": "errors",
     "RendererError": "errors",
     "SceneError": "errors",
+    "check": "scoring",
     "Progress": "pipeline",
     "Result": "pipeline",
     "vectorize": "pipeline",
@@ -34,6 +37,7 @@ _HOMES = {
 }
 
 __all__ = [
+    "CheckResult",
     "Gauss2SvgError",
     "InputError",
     "OutputError",
@@ -44,6 +48,7 @@ __all__ = [
     "SceneError",
     "SvgOptions",
     "__version__",
+    "check",
     "vectorize",
     "write_svg",
 ]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import sys
 import time
 import warnings
@@ -12,13 +10,12 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
-from gauss2svg.errors import Gauss2SvgError, InputError
+from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.version import __version__
 
 _BEGUN = time.perf_counter()
 STATUS_BAD_INPUT = 2
 STATUS_INTERRUPTED = 130  # 128 + SIGINT, as shells count
-_STANDARD_STREAM = "-"
 
 app = App(
     name="gauss2svg",
@@ -31,6 +28,11 @@ app.command(
     "gauss2svg.bench.command:bench_command",
     name="bench",
     help="Vectorise photos by many settings, and write tables and plots of cost and fidelity.",
+)
+app.command(
+    "gauss2svg.scoring.command:check_command",
+    name="check",
+    help="Measure how true any SVG is to a photo.",
 )
 
 
@@ -117,27 +119,29 @@ def vectorize_command(
         No progress and no summary.
 
     """
-    from gauss2svg.atomic import check_writable, write_atomically
+    from gauss2svg.atomic import write_atomically
+    from gauss2svg.outputs import (
+        STANDARD_STREAM,
+        as_json,
+        as_png,
+        check_targets,
+        refuse_option_like,
+        standard_stream,
+    )
     from gauss2svg.pipeline import vectorize
     from gauss2svg.terminal import print_summary, show_progress
 
-    for value in (image, output):
-        if value.startswith("-") and value != _STANDARD_STREAM:
-            raise InputError(
-                f"{value} reads like an option; for a file of that name give ./{value}"
-            )
-    to_stdout = output == _STANDARD_STREAM
+    refuse_option_like(image, output)
+    to_stdout = output == STANDARD_STREAM
     targets = [path for path in (report, preview, save_scene) if path is not None]
     if not to_stdout:
         targets.insert(0, Path(output))
-    _refuse_clashes(image, targets)
-    for target in targets:
-        check_writable(target)  # told now, not after the fit
+    check_targets({image: "the photo"}, targets)
 
     source: Any = image
-    if image == _STANDARD_STREAM:
-        source = _stream(sys.stdin, "input").read()
-    stdout = _stream(sys.stdout, "output") if to_stdout else None
+    if image == STANDARD_STREAM:
+        source = standard_stream(sys.stdin, "input").read()
+    stdout = standard_stream(sys.stdout, "output") if to_stdout else None
     with show_progress(quiet) as progress:
         result = vectorize(
             source,
@@ -168,46 +172,16 @@ def vectorize_command(
     else:
         result.save(output)
     if preview is not None:
-        write_atomically(preview, _png(result.raster))
+        write_atomically(preview, as_png(result.raster))
     if save_scene is not None:
         write_atomically(save_scene, _npz(result.scene))
     if report is not None:
-        write_atomically(
-            report, (json.dumps(result.report, indent=2, allow_nan=False) + "\n").encode()
-        )
+        write_atomically(report, as_json(result.report))
     if quiet:
         for line in result.report["unreached"]:  # bad news is told all the same
             print(f"gauss2svg: {line}", file=sys.stderr)
     else:
         print_summary(result.report, None if to_stdout else output)
-
-
-def _stream(stream: Any, name: str) -> Any:
-    if stream is None:  # what Python makes of a closed descriptor
-        raise InputError(f"standard {name} is closed; give a file name instead of -")
-    return stream.buffer
-
-
-def _refuse_clashes(image: str, targets: list[Path]) -> None:
-    taken = {os.path.realpath(image): "the photo"} if image != _STANDARD_STREAM else {}
-    for target in targets:
-        place = os.path.realpath(target)
-        if place in taken:
-            raise InputError(
-                f"{target} is also {taken[place]}; give each its own name so that nothing is lost"
-            )
-        taken[place] = "another output"
-
-
-def _png(pixels: Any) -> bytes:
-    import io
-
-    import numpy as np
-    from PIL import Image
-
-    stream = io.BytesIO()
-    Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(stream, "PNG")
-    return stream.getvalue()
 
 
 def _npz(scene: Any) -> bytes:
@@ -221,7 +195,7 @@ def _npz(scene: Any) -> bytes:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status: 0, or 2 with one line on standard error.
 
-    1 is that of a benchmark of which a run failed.
+    1 is that of a benchmark of which a run failed, and of a check under its --min-psnr.
     """
     warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
     try:
@@ -233,7 +207,7 @@ def main(arguments: list[str] | None = None) -> int:
     except Gauss2SvgError as error:
         return _refuse(str(error))
     except MemoryError as error:
-        return _refuse(f"out of memory ({error}); try fewer --gaussians or a smaller --max-size")
+        return _refuse(f"out of memory ({error}); try a smaller photo or fewer --gaussians")
     except OSError as error:  # a stream that broke: files are Gauss2SvgErrors already
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except (KeyboardInterrupt, SystemError) as error:

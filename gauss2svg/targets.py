@@ -63,10 +63,10 @@ _LATE_SHARE, _LATE_S = 0.05, 0.25  # over the limit, from which on it is told
 TOLERANCE = 0.05  # dB under the target that still count as reached
 
 
-def size_in_bytes(value: int | str) -> int:
+def size_in_bytes(value: int | str, name: str = "max_bytes") -> int:
     """Bytes of a size: 150000, "150000", "150k", "1.5M", "150 kB"; k, M and G are decimal.
 
-    Raises InputError for anything else, and for less than one byte.
+    Raises InputError that says name for anything else, and for less than one byte.
     """
     if isinstance(value, str):
         match = _SIZE.fullmatch(value.strip())
@@ -74,5 +74,5 @@ def size_in_bytes(value: int | str) -> int:
     else:
         size = value if isinstance(value, int) and not isinstance(value, bool) else 0
     if not 1 <= size < 2**63:
-        raise InputError(f"max_bytes is {value!r}; needed is a size of at least 1: 150k or 1.5M")
+        raise InputError(f"{name} is {value!r}; needed is a size of at least 1: 150k or 1.5M")
     return int(size)

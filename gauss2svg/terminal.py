@@ -33,6 +33,7 @@ _ENDED_BY = {
     "max_bytes": "the limit of bytes",
     "time_limit": "the time limit",
 }
+_MOST_TAGS = 6  # of a checked SVG, the commonest
 
 
 @contextmanager
@@ -71,10 +72,6 @@ def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
 
 def print_summary(report: dict[str, Any], output: str | None) -> None:
     """A few lines: what was written, how large it is, how true, how long it took."""
-    console = Console(stderr=True, highlight=False)
-    table = Table.grid(padding=(0, 2))
-    table.add_column(style="dim")
-    table.add_column()
     rows = {
         "SVG": f"{output or 'standard output'}, {report['width']}x{report['height']} px",
         "Gaussians": f"{report['gaussians']} in {report['rounds']} rounds, "
@@ -88,14 +85,37 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         f"bias {report['bias_roundtrip']:+.2f} of 255; "
         f"the model itself has {decibels(report['psnr_model'])}",
     }
-    for name, text in rows.items():
+    lines = [*rows.items(), *(("not reached", line) for line in report["unreached"])]
+    _print_table([*lines, *(("note", note) for note in report["notes"])])
+
+
+def print_check(report: dict[str, Any], svg: str | None) -> None:
+    """A few lines: what an SVG has, how large it is, how true."""
+    tags = [
+        f"{count:,} {tag.rpartition('}')[2]}" for tag, count in report["elements_by_tag"].items()
+    ]
+    others = f", {len(tags) - _MOST_TAGS} other tags" if len(tags) > _MOST_TAGS else ""
+    rows = {
+        "SVG": f"{svg or 'standard input'}, {report['svg_width']:g}x{report['svg_height']:g} px",
+        "elements": f"{report['elements']:,}: {', '.join(tags[:_MOST_TAGS])}{others}",
+        "bytes": f"{report['svg_bytes']:,} raw, {report['svgz_bytes']:,} gzipped",
+        "against photo": f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])}, "
+        f"MS-SSIM {_ssim(report['ms_ssim_svg'], 176)}, drawn by {report['renderer']} at "
+        f"{report['width']}x{report['height']} px",
+        "errors": f"largest {report['largest_error_svg']:.0f}, "
+        f"bias {report['bias_svg']:+.2f} of 255",
+    }
+    _print_table([*rows.items(), *(("note", note) for note in report["notes"])])
+
+
+def _print_table(rows: list[tuple[str, str]]) -> None:
+    table = Table.grid(padding=(0, 2))
+    table.add_column(style="dim")
+    table.add_column()
+    for name, text in rows:
         table.add_row(name, Text(text))  # as it is: a file name may look like markup
-    for line in report["unreached"]:
-        table.add_row("not reached", Text(line))
-    for note in report["notes"]:
-        table.add_row("note", Text(note))
-    console.print(table)
+    Console(stderr=True, highlight=False).print(table)
 
 
-def _ssim(value: float | None) -> str:
-    return "not defined under 3 px" if value is None else f"{value:.3f}"
+def _ssim(value: float | None, least_side: int = 3) -> str:
+    return f"not defined under {least_side} px" if value is None else f"{value:.3f}"

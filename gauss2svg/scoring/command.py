@@ -1,0 +1,107 @@
+"""The command `gauss2svg check`; the command line loads it only when it is asked for."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from cyclopts import Parameter
+
+STATUS_UNDER = 1
+
+
+def check_command(
+    photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    svg: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    *,
+    renderer: Literal["resvg", "cairo"] = "resvg",
+    heatmap: Path | None = None,
+    preview: Path | None = None,
+    report: Path | None = None,
+    min_psnr: float | None = None,
+    max_svg_bytes: str = "256M",
+    max_elements: int = 1_000_000,
+    draw_timeout: float = 300.0,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Measure how true any SVG is to a photo.
+
+    Parameters
+    ----------
+    photo
+        The photo; - reads standard input.
+    svg
+        The SVG, gzipped or not; - reads standard input. It is stretched to the photo's size.
+    renderer
+        Which renderer draws the SVG.
+    heatmap
+        Write a map of the errors there, as PNG: the largest difference of any channel, black
+        for none, pale yellow for 64 and more levels of 255.
+    preview
+        Write what the renderer drew there, as PNG.
+    report
+        Write all numbers there, as JSON.
+    min_psnr
+        Decibels under which the exit status is 1; the files are written all the same.
+    max_svg_bytes
+        Most bytes of the SVG, gunzipped: 150000, 150k, 1.5M.
+    max_elements
+        Most elements of the SVG.
+    draw_timeout
+        Seconds that the drawing may take.
+    quiet
+        No summary.
+
+    """
+    from gauss2svg.atomic import write_atomically
+    from gauss2svg.errors import InputError
+    from gauss2svg.outputs import (
+        STANDARD_STREAM,
+        as_json,
+        as_png,
+        check_targets,
+        refuse_option_like,
+        standard_stream,
+    )
+    from gauss2svg.scoring.measure import check
+    from gauss2svg.terminal import print_check
+
+    refuse_option_like(photo, svg)
+    if photo == svg == STANDARD_STREAM:
+        raise InputError("both the photo and the SVG are -; give a file name for one of them")
+    if min_psnr is not None and not 0 < min_psnr < math.inf:
+        raise InputError(f"min_psnr is {min_psnr}; needed are finite dB above 0")
+    targets = [path for path in (heatmap, preview, report) if path is not None]
+    check_targets({photo: "the photo", svg: "the SVG"}, targets)
+
+    picture: Any = photo
+    if photo == STANDARD_STREAM:
+        picture = standard_stream(sys.stdin, "input").read()
+    drawing: Any = Path(svg)  # a name, also where it begins with <
+    if svg == STANDARD_STREAM:
+        drawing = standard_stream(sys.stdin, "input")
+    result = check(
+        picture,
+        drawing,
+        renderer=renderer,
+        max_svg_bytes=max_svg_bytes,
+        max_elements=max_elements,
+        draw_timeout=draw_timeout,
+    )
+    if heatmap is not None:
+        write_atomically(heatmap, result.heatmap())
+    if preview is not None:
+        write_atomically(preview, as_png(result.raster))
+    if report is not None:
+        write_atomically(report, as_json(result.report))
+    if not quiet:
+        print_check(result.report, None if svg == STANDARD_STREAM else svg)
+    if min_psnr is not None and result.psnr < min_psnr:
+        print(
+            f"gauss2svg: PSNR is {result.psnr:.2f} dB, under the {min_psnr:g} dB asked for",
+            file=sys.stderr,
+        )
+        return STATUS_UNDER
+    return 0

@@ -1,0 +1,189 @@
+"""How true an SVG is to a photo: the numbers that `vectorize` reports, for any file."""
+
+from __future__ import annotations
+
+import gzip
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg import metrics
+from gauss2svg.checks import whole_number
+from gauss2svg.errors import InputError
+from gauss2svg.image import ImageSource, load_image
+from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
+from gauss2svg.roundtrip import measure_pixels
+from gauss2svg.scoring.drawing import draw
+from gauss2svg.scoring.frame import Frame, frame_of, stretched
+from gauss2svg.scoring.heatmap import heatmap
+from gauss2svg.scoring.source import SvgSource, read_svg
+from gauss2svg.scoring.survey import Survey, survey
+from gauss2svg.targets import size_in_bytes
+
+MOST_SVG_BYTES = 256_000_000
+MOST_ELEMENTS = 1_000_000  # resvg draws no more
+DRAW_TIMEOUT_S = 300.0
+# Elements that a browser shows and the renderers here leave out.
+_LEFT_OUT = ("foreignObject", "script", "animate", "animateTransform", "animateMotion", "set")
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """An SVG against a photo.
+
+    psnr           dB, infinite if equal
+    ssim           -1..1, None under 3 px a side
+    ms_ssim        0..1, None under 176 px a side
+    largest_error  of any channel, bias: mean of SVG - photo; levels of 255
+    svg_bytes      of the file, gunzipped; svgz_bytes: gzipped at level 9
+    survey         the elements that it has; frame: the size that it gives itself
+    renderer       what drew it, with its version
+    raster         (h, w, 3) float32 in 0..1: what it drew; photo: what it is compared with
+    notes          what else has to be known
+    """
+
+    psnr: float
+    ssim: float | None
+    ms_ssim: float | None
+    largest_error: float
+    bias: float
+    svg_bytes: int
+    svgz_bytes: int
+    survey: Survey
+    frame: Frame
+    renderer: str
+    raster: NDArray[np.float32]
+    photo: NDArray[np.float32]
+    notes: tuple[str, ...]
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """The numbers, ready for JSON; see the README for the keys."""
+        height, width = self.photo.shape[:2]
+        return {
+            "width": width,
+            "height": height,
+            "svg_width": self.frame.width,
+            "svg_height": self.frame.height,
+            "view_box": list(self.frame.view_box),
+            "renderer": self.renderer,
+            "psnr_svg": None if math.isinf(self.psnr) else self.psnr,
+            "ssim_svg": self.ssim,
+            "ms_ssim_svg": self.ms_ssim,
+            "largest_error_svg": self.largest_error,
+            "bias_svg": self.bias,
+            "svg_bytes": self.svg_bytes,
+            "svgz_bytes": self.svgz_bytes,
+            "elements": self.survey.elements,
+            "elements_by_tag": dict(self.survey.tags),
+            "groups": self.survey.tags.get("g", 0),
+            "layers": self.survey.layers,
+            "notes": list(self.notes),
+        }
+
+    def heatmap(self) -> bytes:
+        """PNG of where it differs from the photo, on the scale of gauss2svg.scoring.heatmap."""
+        return heatmap(self.raster, self.photo)
+
+    def __repr__(self) -> str:
+        height, width = self.photo.shape[:2]
+        return (
+            f"<gauss2svg.CheckResult {width}x{height}, {self.psnr:.2f} dB, "
+            f"{self.survey.elements} elements, {self.svg_bytes} bytes>"
+        )
+
+
+def check(
+    photo: ImageSource,
+    svg: SvgSource,
+    *,
+    renderer: str = DEFAULT_RENDERER,
+    max_svg_bytes: int | str = MOST_SVG_BYTES,
+    max_elements: int = MOST_ELEMENTS,
+    draw_timeout: float = DRAW_TIMEOUT_S,
+) -> CheckResult:
+    """Draw an SVG at a photo's size, over white, and measure how true it is.
+
+    photo          whatever `vectorize` takes
+    svg            a path, text that begins with <, bytes or a binary file; gzipped or not
+    renderer       resvg or cairo
+    max_svg_bytes  most bytes of it, gunzipped: 256000000, "256M"; max_elements: most elements
+                   of it, >= 1; draw_timeout: seconds that the drawing may take, > 0
+
+    The SVG is not trusted: entities, links to anything outside of it and what passes the
+    limits are refused, and it is drawn in a process of its own, whose memory is not limited.
+    Raises InputError for a photo or an SVG that cannot be used, RendererError for an SVG that
+    cannot be drawn and for a renderer that is missing.
+    """
+    most_bytes = size_in_bytes(max_svg_bytes, "max_svg_bytes")
+    whole_number("max_elements", max_elements, 1, 2**31)
+    if not 0 < draw_timeout < math.inf:
+        raise InputError(f"draw_timeout is {draw_timeout}; needed are finite seconds above 0")
+    drawn_by = renderer_version(renderer)
+    picture = load_image(photo)
+    data, text = read_svg(svg, most_bytes)
+    surveyed = survey(text, max_elements)
+    frame = frame_of(surveyed.root)
+    raster = draw(
+        stretched(text, frame, picture.width, picture.height),
+        picture.width,
+        picture.height,
+        renderer,
+        draw_timeout,
+    )
+    measured = measure_pixels(raster, picture.pixels)
+    measurable = min(picture.width, picture.height) >= metrics.LEAST_SIDE_FOR_MS_SSIM
+    return CheckResult(
+        psnr=measured["psnr_svg"],
+        ssim=measured["ssim_svg"],
+        ms_ssim=metrics.ms_ssim(raster, picture.pixels) if measurable else None,
+        largest_error=measured["largest_error_svg"],
+        bias=measured["bias_svg"],
+        svg_bytes=len(data),
+        svgz_bytes=len(gzip.compress(data, compresslevel=9, mtime=0)),
+        survey=surveyed,
+        frame=frame,
+        renderer=drawn_by,
+        raster=raster,
+        photo=picture.pixels,
+        notes=(
+            *(f"photo {note}" for note in picture.notes),
+            *_notes(surveyed, frame, picture.width, picture.height, renderer),
+        ),
+    )
+
+
+def _notes(surveyed: Survey, frame: Frame, width: int, height: int, renderer: str) -> list[str]:
+    notes = []
+    for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
+        if not _fits(own, (width, height)):
+            notes.append(
+                f"{name} is {own[0]:g}x{own[1]:g}, of other proportions than the photo: stretched "
+                f"to {width}x{height} px"
+            )
+            break  # one distortion is told once
+    if texts := surveyed.tags.get("text", 0):
+        if renderer == "resvg":
+            notes.append(f"text ({texts}) is not drawn: resvg gets no fonts; convert it to paths")
+        else:
+            notes.append(f"text ({texts}) is drawn in the fonts of this machine")
+    if pictures := surveyed.tags.get("image", 0) + surveyed.tags.get("feImage", 0):
+        notes.append(f"embedded pictures ({pictures}) are scored as well: not only shapes")
+    notes += [
+        f"{tag} ({surveyed.tags[tag]}) is left out by the renderer"
+        for tag in _LEFT_OUT
+        if tag in surveyed.tags
+    ]
+    if not surveyed.qualified:
+        notes.append("root has no xmlns of SVG: browsers do not show the file")
+    return notes
+
+
+def _fits(own: tuple[float, ...], size: tuple[int, int]) -> bool:
+    """Whether a size scaled to the same width or the same height is at most a pixel off."""
+    scale = min(size[0] / own[0], size[1] / own[1])
+    return all(side - scale * mine <= 1 for side, mine in zip(size, own, strict=True))

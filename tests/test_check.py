@@ -1,0 +1,267 @@
+"""Laws of `gauss2svg check`: any SVG is scored as our own are, and files are whole or untouched."""
+
+import base64
+import gzip
+import io
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import gauss2svg
+from gauss2svg.cli import main
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.raster import rasterize
+from gauss2svg.scoring.heatmap import colors_of, heatmap
+
+XMLNS = 'xmlns="http://www.w3.org/2000/svg"'
+HALVES = '<rect width="8" height="8" fill="#00f"/><rect width="4" height="8" fill="#f00"/>'
+
+
+@pytest.fixture(scope="module")
+def fitted(photo, tmp_path_factory):
+    """A photo as a file, our SVG of it, and the report of that run."""
+    folder = tmp_path_factory.mktemp("fitted")
+    Image.fromarray(np.round(photo[:96, :64] * 255).astype(np.uint8)).save(folder / "photo.png")
+    result = gauss2svg.vectorize(folder / "photo.png", gaussians=60, iterations=20)
+    result.save(folder / "out.svg")
+    return folder / "photo.png", folder / "out.svg", result
+
+
+@pytest.fixture(scope="module")
+def halves():
+    """Red left, blue right, 16 x 16 px."""
+    picture = np.zeros((16, 16, 3), np.float32)
+    picture[:, :8, 0] = picture[:, 8:, 2] = 1
+    return picture
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Draws without a process of its own, which takes a third of a second."""
+    monkeypatch.setattr("gauss2svg.scoring.measure.draw", lambda *given: rasterize(*given[:4]))
+
+
+def test_our_own_file_has_the_numbers_of_its_report(fitted):
+    photo, svg, result = fitted
+    checked = gauss2svg.check(photo, svg)
+    for key in ("psnr_svg", "ssim_svg", "bias_svg", "largest_error_svg", "svg_bytes", "svgz_bytes"):
+        assert checked.report[key] == pytest.approx(result.report[key], abs=1e-6), key
+    np.testing.assert_allclose(checked.raster, result.raster, atol=1e-6)
+    tags = checked.report["elements_by_tag"]
+    # Shapes that need no gradient are circles too.
+    assert tags["circle"] == result.report["gaussians"] == 60
+    assert tags["radialGradient"] == result.report["gradients"]
+    assert sum(tags.values()) == checked.report["elements"]
+    assert checked.report["layers"] == checked.report["groups"] == result.report["rounds"]
+    assert checked.report["notes"] == []
+    assert checked.report["ms_ssim_svg"] is None  # under 176 px
+    json.dumps(checked.report, allow_nan=False)
+
+
+def test_large_pictures_have_an_ms_ssim():
+    photo = np.random.default_rng(0).random((176, 180, 3))
+    svg = f'<svg {XMLNS} viewBox="0 0 1 1"><rect width="1" height="1" fill="gray"/></svg>'
+    checked = gauss2svg.check(photo, svg)
+    assert checked.ms_ssim == gauss2svg.metrics.ms_ssim(checked.raster, checked.photo)
+
+
+@pytest.mark.parametrize(
+    "pack", [lambda b: b, gzip.compress, io.BytesIO, bytes.decode, lambda b: b.decode("utf-8-sig")]
+)
+def test_the_way_that_it_comes_does_not_matter(pack, fitted, in_this_process):
+    photo, svg, _ = fitted
+    assert gauss2svg.check(photo, pack(svg.read_bytes())).report == (
+        gauss2svg.check(photo, str(svg)).report
+    )
+
+
+@pytest.mark.parametrize("renderer", ["resvg", "cairo"])
+@pytest.mark.parametrize(
+    "head",
+    [
+        f'<svg {XMLNS} viewBox="0 0 8 8">',
+        f'<svg {XMLNS} width="8" height="8">',
+        f'<svg {XMLNS} width="8px" height="6pt">',
+        f'<svg {XMLNS} width="100%" viewBox="0,0,8,8" preserveAspectRatio="xMinYMin">',
+        f'<svg {XMLNS} style="width:8px;height:4px" viewBox="0 0 8 8">',
+        f"<svg data-x='a > b' {XMLNS}\n  height='40' viewBox='0 0 8 8'>",
+        f"<?xml version='1.0' encoding='latin-1'?><!-- <svg viewBox='0 0 1 1'> é --><!DOCTYPE svg "
+        f'PUBLIC "-//W3C//DTD SVG 1.1//EN" "http://www.w3.org/svg>11.dtd"><svg {XMLNS} '
+        'viewBox="0 0 8 8">',
+    ],
+)  # fmt: skip
+def test_any_root_is_stretched_to_the_photo(head, renderer, halves, in_this_process):
+    encoding = "latin-1" if "latin-1" in head else "utf-8"
+    checked = gauss2svg.check(halves, f"{head}{HALVES}</svg>".encode(encoding), renderer=renderer)
+    np.testing.assert_array_equal(checked.raster, halves)
+    assert checked.report["psnr_svg"] is None
+    assert checked.psnr == np.inf
+
+
+def test_prefixed_names_are_the_same_names(halves, in_this_process):
+    svg = HALVES.replace("<rect", "<ns0:rect")
+    svg = f'<ns0:svg xmlns:ns0="http://www.w3.org/2000/svg" viewBox="0 0 8 8">{svg}</ns0:svg>'
+    checked = gauss2svg.check(halves, svg)
+    assert checked.report["elements_by_tag"] == {"rect": 2, "svg": 1}
+    assert checked.psnr == np.inf
+
+
+def test_what_is_transparent_is_white(in_this_process):
+    checked = gauss2svg.check(np.ones((4, 4, 3)), f'<svg {XMLNS} viewBox="0 0 1 1"/>')
+    assert checked.psnr == np.inf
+
+
+@pytest.mark.parametrize(
+    ("svg", "note"),
+    [
+        ('viewBox="0 0 8 8">', None),
+        ('viewBox="0 0 80 82">', None),  # half a pixel at 16 px
+        ('viewBox="0 0 80 88">', "SVG is 80x88, of other proportions"),
+        ('width="8" height="8" viewBox="0 0 8 4">', "viewBox is 8x4, of other proportions"),
+        ('viewBox="0 0 8 8"><text>a</text>', "text (1) is not drawn: resvg gets no fonts"),
+        ('viewBox="0 0 8 8"><foreignObject/>', "foreignObject (1) is left out"),
+    ],
+)
+def test_what_has_to_be_known_is_a_note(svg, note, halves, in_this_process):
+    notes = gauss2svg.check(halves, f"<svg {XMLNS} {svg}</svg>").notes
+    assert len(notes) == (note is not None)
+    assert all(note in told for told in notes)
+
+
+def test_embedded_pictures_are_drawn_and_told(halves, in_this_process):
+    stream = io.BytesIO()
+    Image.fromarray(np.uint8(halves * 255)).save(stream, "PNG")
+    data = base64.b64encode(stream.getvalue()).decode()
+    svg = (
+        f'<svg {XMLNS} viewBox="0 0 16 16"><image width="16" height="16" '
+        f'href="data:image/png;base64,{data}"/></svg>'
+    )
+    checked = gauss2svg.check(halves, svg)
+    assert checked.psnr > 50
+    assert "embedded pictures (1)" in checked.notes[0]
+
+
+def test_same_error_has_the_same_colour_in_two_maps():
+    maps = []
+    for base, error in ((0.2, [9, 0, 0]), (0.7, [-2, 5, -9])):
+        photo = np.full((20, 130, 3), base)
+        drawn = photo.copy()
+        drawn[3, 5] += np.array(error) / 255
+        drawn[4, 5] += np.sign(error) * 70 / 255
+        with Image.open(io.BytesIO(heatmap(drawn, photo))) as picture:
+            maps.append(np.asarray(picture))
+            assert "0 to pale yellow 64" in picture.info["Description"]
+    np.testing.assert_array_equal(*maps)
+    np.testing.assert_array_equal(maps[0][3, 5], colors_of(np.array(9.0)))
+    np.testing.assert_array_equal(maps[0][4, 5], colors_of(np.array(64.0)))  # and above
+    np.testing.assert_array_equal(maps[0][0, 0], colors_of(np.array(0.0)))
+    np.testing.assert_array_equal(maps[0][20, [0, -1]], colors_of(np.array([0.0, 64.0])))
+
+
+def test_colours_of_errors_are_those_of_inferno():
+    matplotlib = pytest.importorskip("matplotlib")
+    levels = np.linspace(0, 64, 256)
+    inferno = np.array(matplotlib.colormaps["inferno"].colors) * 255
+    np.testing.assert_allclose(colors_of(levels), inferno, atol=7)
+
+
+def test_command_writes_what_was_asked_for(fitted, tmp_path, capsys):
+    photo, svg, result = fitted
+    heat, preview, report = (tmp_path / name for name in ("h.png", "p.png", "r.json"))
+    asked = ["--heatmap", heat, "--preview", preview, "--report", report]
+    assert main(["check", *map(str, [photo, svg, *asked])]) == 0
+    out, err = capsys.readouterr()
+    assert out == ""
+    for word in ("out.svg", "circle", "gzipped", "PSNR", "MS-SSIM", "resvg"):
+        assert word in err
+    assert json.loads(report.read_text()) == gauss2svg.check(photo, svg).report
+    with Image.open(preview) as drawn:
+        np.testing.assert_array_equal(np.asarray(drawn), np.round(result.raster * 255))
+    with Image.open(heat) as drawn:
+        assert drawn.width == 64
+        assert drawn.height > 96
+
+
+def test_too_low_a_psnr_is_status_one_and_the_files_are_there(fitted, tmp_path, capsys):
+    photo, svg, result = fitted
+    report = tmp_path / "r.json"
+    arguments = ["check", str(photo), str(svg), "--quiet", "--report", str(report), "--min-psnr"]
+    assert main([*arguments, str(result.report["psnr_svg"] - 0.01)]) == 0
+    assert capsys.readouterr().err == ""
+    report.unlink()
+    assert main([*arguments, "60"]) == 1
+    assert capsys.readouterr().err.count("under the 60 dB asked for\n") == 1
+    assert json.loads(report.read_text())["psnr_svg"] < 60
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_standard_input_is_a_stream(which, fitted):
+    paths = [str(path) for path in fitted[:2]]
+    data = fitted[which].read_bytes()
+    paths[which] = "-"
+    command = [sys.executable, "-m", "gauss2svg", "check", *paths, "--min-psnr", "5", "--quiet"]
+    done = subprocess.run(command, input=data, capture_output=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-", "-"], "both the photo and the svg are -"),
+        (["no.png", "SVG"], "cannot read no.png"),
+        (["PHOTO", "no.svg"], "cannot read no.svg"),
+        (["PHOTO", "PHOTO"], "no text in utf-8"),
+        (["SVG", "SVG"], "is no picture"),
+        (["PHOTO", "SVG", "--report", "SVG"], "is also the svg"),
+        (["PHOTO", "SVG", "--heatmap", "PHOTO"], "is also the photo"),
+        (["PHOTO", "SVG", "--heatmap", "X", "--preview", "X"], "is also another output"),
+        (["PHOTO", "SVG", "--heatmap", "no/such/folder/x"], "cannot write"),
+        (["PHOTO", "SVG", "--min-psnr", "nan"], "min_psnr is nan"),
+        (["PHOTO", "SVG", "--max-svg-bytes", "9k"], "more than 9000 bytes; raise --max-svg-bytes"),
+        (["PHOTO", "SVG", "--max-elements", "9"], "more than 9 elements; raise --max-elements"),
+        (["PHOTO", "SVG", "--draw-timeout", "0"], "draw_timeout is 0"),
+        (["PHOTO", "SVG", "--draw-timeout", "1e-9"], "give a longer --draw-timeout"),
+        (["PHOTO", "SVG", "--renderer", "paint"], "paint"),
+        (["PHOTO"], "svg"),
+    ],
+)
+def test_mistake_is_one_line_status_two_and_no_file(arguments, message, fitted, tmp_path, capsys):
+    names = {"PHOTO": str(fitted[0]), "SVG": str(fitted[1]), "X": str(tmp_path / "x")}
+    before = [path.read_bytes() for path in fitted[:2]]
+    given = [names.get(argument, argument) for argument in arguments]
+    if "--report" not in given:
+        given += ["--report", str(tmp_path / "r.json")]
+    assert main(["check", *given]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err.lower()
+    assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+    assert [path.read_bytes() for path in fitted[:2]] == before
+
+
+@pytest.mark.parametrize(
+    ("root", "message"),
+    [
+        ("", "neither a viewBox nor a width and a height"),
+        ('width="8"', "neither a viewBox nor a width and a height"),
+        ('width="100%" height="100%"', "neither a viewBox nor a width and a height"),
+        ('viewBox="0 0 8"', "viewBox of the SVG is '0 0 8'"),
+        ('viewBox="0 0 8 0"', "needed are x, y, and a width and a height > 0"),
+        ('viewBox="0 0 8 inf"', "viewBox of the SVG"),
+        ('width="0" height="8"', "width of the SVG is 0"),
+    ],
+)
+def test_svg_without_a_size_is_refused(root, message, halves):
+    with pytest.raises(InputError, match=message):
+        gauss2svg.check(halves, f"<svg {XMLNS} {root}/>")
+
+
+def test_crash_of_a_renderer_is_an_error(halves):
+    deep = "<g>" * 20_000 + "</g>" * 20_000
+    with pytest.raises(RendererError, match=r"crashed on the SVG \(SIG"):
+        gauss2svg.check(halves, f'<svg {XMLNS} viewBox="0 0 8 8">{deep}</svg>')

@@ -1,0 +1,182 @@
+"""An SVG from anyone is refused in one line where it would grow, load or read what it must not."""
+
+import base64
+import gzip
+import io
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gauss2svg.cli import main
+from gauss2svg.errors import InputError
+from gauss2svg.scoring import source
+from gauss2svg.scoring.source import read_svg
+from gauss2svg.scoring.survey import survey
+
+ROOT = (
+    '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
+    'xmlns:any="http://www.w3.org/1999/xlink" viewBox="0 0 8 8">'
+)
+LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
+
+
+def data_of(content, kind="image/png"):
+    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+
+def png(width, height):
+    """A PNG that says it is of that size; it is not to be read any further."""
+    header = b"IHDR" + struct.pack(">IIBBBBB", width, height, 1, 0, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + header
+        + struct.pack(">I", zlib.crc32(header)) + bytes(4) + b"IDAT" + bytes(4)
+    )  # fmt: skip
+
+
+def bmp():
+    stream = io.BytesIO()
+    Image.new("RGB", (2, 2)).save(stream, "BMP")
+    return stream.getvalue()
+
+
+NESTED = f'{ROOT}<image href="/etc/hostname" width="8" height="8"/></svg>'.encode()
+REFUSED = {
+    "billion laughs": (
+        f'<!DOCTYPE svg [<!ENTITY l0 "ha">{LAUGHS}]>{ROOT}<desc>&l9;</desc></svg>',
+        "save it as plain SVG",
+    ),
+    "external entity": (
+        f'<!DOCTYPE svg [<!ENTITY x SYSTEM "file:///etc/passwd">]>{ROOT}<desc>&x;</desc></svg>',
+        "save it as plain SVG",
+    ),
+    "own attributes": (
+        f'<!DOCTYPE svg [<!ATTLIST g fill CDATA "red">]>{ROOT}<g/></svg>', "type of its own",
+    ),
+    "undefined entity": (f"{ROOT}<desc>&x;</desc></svg>", "no well-formed XML: undefined entity"),
+    "not closed": (f"{ROOT}<g>", "no well-formed XML: no element found"),
+    "wrong end": (f"{ROOT}<g></svg>", "no well-formed XML: mismatched tag: line 1"),
+    "no svg": ("<html/>", "root element is <html>; needed is <svg>"),
+    "nothing": ("", "is empty"),
+    "odd encoding": (
+        f'<?xml version="1.0" encoding="unicode_escape"?>{ROOT}</svg>', "save it as UTF-8",
+    ),
+    "local picture": (f'{ROOT}<image href="/etc/x.png"/></svg>', "refers to /etc/x.png"),
+    "relative picture": (f'{ROOT}<image xlink:href="x.png"/></svg>', "refers to x.png"),
+    "any prefix": (f'{ROOT}<image any:href="x.png"/></svg>', "refers to x.png"),
+    "remote picture": (f'{ROOT}<image href="https://a/x.png"/></svg>', "refers to https://a/x.png"),
+    "filter": (f'{ROOT}<feImage href="file:///x.png"/></svg>', "refers to file:///x.png"),
+    "use": (f'{ROOT}<use href="other.svg#a"/></svg>', "refers to other.svg#a"),
+    "use of data": (f'{ROOT}<use href="{data_of(NESTED)}"/></svg>', "refers to data:"),
+    "paint": (f'{ROOT}<g fill="url( \'x.svg#a\' )"/></svg>', "refers to url( 'x.svg#a)"),
+    "style": (f'{ROOT}<g style="mask: URL(x.svg#a)"/></svg>', "refers to URL(x.svg#a)"),
+    "style sheet": (f"{ROOT}<style>g {{ mask: url(x.svg) }}</style></svg>", "refers to url(x.svg)"),
+    "import": (f'{ROOT}<style>@IMPORT "x.css";</style></svg>', "@import of a style sheet"),
+    "instruction": (f'<?xml-stylesheet href="x.css"?>{ROOT}</svg>', "@import of a style sheet"),
+    "nested svg": (
+        f'{ROOT}<image href="{data_of(NESTED)}"/></svg>', "data: in the SVG is no picture",
+    ),
+    "other format": (
+        f'{ROOT}<image href="{data_of(bmp())}"/></svg>', "data: in the SVG is no picture",
+    ),
+    "nested bomb": (
+        f'{ROOT}<image href="{data_of(gzip.compress(NESTED))}"/></svg>',
+        "data: in the SVG is no picture",
+    ),
+    "large picture": (
+        f'{ROOT}<image href="{data_of(png(20000, 9500))}"/></svg>',
+        "picture in the SVG is too large",
+    ),
+    "large pictures": (
+        ROOT + f'<image href="{data_of(png(6000, 6000))}"/>' * 3 + "</svg>",
+        "more than 100000000 px together",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_it_is_refused_in_one_line(name, tmp_path, capsys):
+    svg, message = REFUSED[name]
+    (tmp_path / "x.svg").write_text(svg)
+    Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "x.png")
+    before = sorted(tmp_path.iterdir())
+    names = [str(tmp_path / n) for n in ("x.png", "x.svg", "r.json")]
+    assert main(["check", *names[:2], "--report", names[2]]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert message in err
+    assert err.count("\n") == 1
+    assert sorted(tmp_path.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "inner",
+    [
+        '<use href="#a"/>',
+        '<a xlink:href="https://example.com"><g/></a>',
+        '<g fill="url(#a)" style="mask:url(\'#b\')"/>',
+        "<style>@namespace url(http://a); /* url(x) */ g { fill: url(#a) }</style>",
+        "<style>@font-face { src: url(data:font/woff2;base64,AAAA) }</style>",
+        '<image href=""/>',
+        f'<image href="{data_of(png(3, 2))}"/>',
+    ],
+)
+def test_what_stays_within_the_file_is_let_through(inner):
+    assert survey(f"{ROOT}{inner}</svg>", 10).elements > 1
+
+
+def test_gzip_bomb_is_refused_without_being_unpacked(monkeypatch):
+    unpacked = []
+    real = gzip.GzipFile.read
+
+    def counted(self, size=-1):
+        data = real(self, size)
+        unpacked.append(len(data))
+        return data
+
+    monkeypatch.setattr(source.gzip.GzipFile, "read", counted)
+    packer = zlib.compressobj(wbits=31)
+    bomb = b"".join(packer.compress(bytes(1 << 20)) for _ in range(50)) + packer.flush()
+    with pytest.raises(InputError, match="gunzipped, has more than 1000000 bytes"):
+        read_svg(bomb, 1_000_000)
+    assert sum(unpacked) == 1_000_001
+
+
+def test_broken_gzip_is_refused():
+    whole = gzip.compress(f"{ROOT}</svg>".encode())
+    for broken in (whole[:-9], whole[:12] + b"\xff" * 9 + whole[21:]):
+        with pytest.raises(InputError, match="is broken gzip"):
+            read_svg(broken, 1000)
+
+
+def test_endless_stream_is_not_read_to_its_end():
+    class Endless(io.RawIOBase):
+        def read(self, size=-1):
+            assert size >= 0
+            return b"<" * size
+
+    with pytest.raises(InputError, match="more than 1000 bytes"):
+        read_svg(Endless(), 1000)
+
+
+def test_limits_are_the_last_that_is_let_through():
+    svg = f"{ROOT}<g/><g/></svg>"
+    assert survey(svg, 3).tags == {"g": 2, "svg": 1}
+    assert read_svg(svg, len(svg))[1] == svg
+    with pytest.raises(InputError, match="more than 2 elements"):
+        survey(svg, 2)
+    with pytest.raises(InputError, match=f"more than {len(svg) - 1} bytes"):
+        read_svg(svg, len(svg) - 1)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_text_is_read_in_its_encoding(encoding):
+    svg = f"{ROOT}<title>Größe</title></svg>"
+    assert read_svg(svg.encode(encoding), 10_000)[1] == svg
+
+
+def test_declared_encoding_is_believed():
+    svg = f"<?xml version='1.0' encoding='windows-1252'?>{ROOT}<title>10 €</title></svg>"
+    assert read_svg(svg.encode("cp1252"), 10_000)[1] == svg
