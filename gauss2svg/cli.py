@@ -56,7 +56,7 @@ def vectorize_command(
     stops: Literal[6, 8, 10, 12] | None = None,
     decimals: int | None = None,
     seed: int = 0,
-    precision: Literal["float32", "float64"] = "float32",
+    dtype: Literal["float32", "float64"] = "float32",
     threads: int | None = None,
     renderer: Literal["resvg", "cairo"] = "resvg",
     report: Path | None = None,
@@ -103,7 +103,7 @@ def vectorize_command(
         Of coordinates; as many as the quality says if not given.
     seed
         The same seed gives the same file; selective placement hardly draws at random.
-    precision
+    dtype
         Of what the fit computes; float64 takes twice as long and is no truer.
     threads
         CPU threads; one for each core if not given.
@@ -159,7 +159,7 @@ def vectorize_command(
             stops=stops,
             decimals=decimals,
             seed=seed,
-            precision=precision,
+            dtype=dtype,
             falloff=falloff,
             threads=threads,
             renderer=renderer,

@@ -23,7 +23,7 @@ from gauss2svg.atomic import write_atomically
 from gauss2svg.checks import whole_number
 from gauss2svg.fit import FitProgress
 from gauss2svg.fit.losses import DEFAULT_LOSS
-from gauss2svg.fit.options import DEFAULT_FALLOFF, DEFAULT_PRECISION
+from gauss2svg.fit.options import DEFAULT_FALLOFF, DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
 from gauss2svg.image import ImageSource, load_image, shrink
@@ -106,7 +106,7 @@ def vectorize(
     stops: int | None = None,
     decimals: int | None = None,
     seed: int = 0,
-    precision: str = DEFAULT_PRECISION,
+    dtype: str = DEFAULT_DTYPE,
     threads: int | None = None,
     renderer: str = DEFAULT_RENDERER,
     progress: ProgressCallback | None = None,
@@ -130,7 +130,7 @@ def vectorize(
     seed        >= 0; the same seed gives the same SVG, whatever the number of threads,
                 except under a time limit
                 (selective placement hardly draws at random: seeds differ little there)
-    precision   float32 or float64, of what the kernels compute
+    dtype   float32 or float64, of what the kernels compute
     threads     CPU threads, None: one a core; renderer: resvg or cairo, for the measuring
     progress    called with a Progress at every step; nothing is ever printed
     started     time.perf_counter() from which time_limit and total_s count; None: now
@@ -148,7 +148,7 @@ def vectorize(
     )
     request = Request(
         gaussians, quality, iterations, init, schedule, loss, blend, max_size, palette,
-        stops, decimals, seed, precision, falloff, renderer, targets,
+        stops, decimals, seed, dtype, falloff, renderer, targets,
     )  # fmt: skip
     tell = progress or (lambda _: None)
 
@@ -157,7 +157,7 @@ def vectorize(
     width, height = _working_size(photo.width, photo.height, request)
     with _threads(threads) as thread_count:
         tell(Progress("compile"))
-        compile_s = compile_kernels(precision)
+        compile_s = compile_kernels(dtype)
         deadline = None
         if time_limit is not None:
             # A compilation, once in a machine's life, does not count.
@@ -201,7 +201,7 @@ def vectorize(
         "stops": outcome.svg_options.stops,
         "decimals": outcome.svg_options.decimals,
         "seed": seed,
-        "precision": precision,
+        "dtype": dtype,
         "threads": thread_count,
         "stop_reason": fitted.stop_reason,
         "unreached": unreached,

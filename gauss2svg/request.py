@@ -38,7 +38,7 @@ class Request:
     stops: int | None
     decimals: int | None
     seed: int
-    precision: str
+    dtype: str
     falloff: str
     renderer: str
     targets: Targets
@@ -98,7 +98,7 @@ class Request:
             schedule=self.schedule,
             loss=self.loss,
             seed=self.seed,
-            precision=self.precision,
+            dtype=self.dtype,
             falloff=self.falloff,
         )  # fmt: skip
 

@@ -14,7 +14,7 @@ from gauss2svg.fit import FitOptions, adam, fit
 from gauss2svg.fit import run as run_module
 from gauss2svg.fit.adam import Limits, Rates, gradients
 from gauss2svg.fit.losses import LOSSES, image_gradient, structural_similarity
-from gauss2svg.fit.options import PRECISIONS
+from gauss2svg.fit.options import DTYPES
 from gauss2svg.fit.placement import PLACEMENTS, Target, place
 from gauss2svg.fit.rules import FixedCount
 from gauss2svg.fit.run import LEAST_OPACITY, LEAST_SIGMA, Run
@@ -67,9 +67,9 @@ def test_ssim_in_the_loss_raises_ssim(photo):
     assert metrics.ssim(with_ssim, photo) > metrics.ssim(plain, photo) + 0.008
 
 
-@pytest.mark.parametrize("precision", PRECISIONS)
-def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, precision):
-    options = FitOptions(150, 40, seed=3, precision=precision)
+@pytest.mark.parametrize("dtype", DTYPES)
+def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype):
+    options = FitOptions(150, 40, seed=3, dtype=dtype)
     scenes = []
     for threads in sorted({1, numba.config.NUMBA_NUM_THREADS}):
         numba.set_num_threads(threads)
@@ -80,12 +80,12 @@ def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, precision
 
 
 @pytest.mark.parametrize("loss", ["mse", "mse+ssim"])
-def test_precision_changes_the_bits_and_not_the_quality(photo, loss, monkeypatch):
+def test_dtype_changes_the_bits_and_not_the_quality(photo, loss, monkeypatch):
     # Without relocation: one Gaussian moved instead of another is worth 0.2 dB either way.
     monkeypatch.setattr(run_module, "_RELOCATION_SHARE", 0.0)
     single, double = (
-        fit(photo, FitOptions(200, 60, loss=loss, precision=p, falloff="gaussian")).scene
-        for p in PRECISIONS
+        fit(photo, FitOptions(200, 60, loss=loss, dtype=p, falloff="gaussian")).scene
+        for p in DTYPES
     )
     assert not np.array_equal(single.mean, double.mean)
     single_psnr, double_psnr = (metrics.psnr(render(s), photo) for s in (single, double))
@@ -211,7 +211,7 @@ def test_progress_tells_every_iteration_and_ends_with_none_left(photo):
         ({"placement": "grid"}, "init is 'grid'"),
         ({"schedule": "never"}, "schedule is 'never'"),
         ({"loss": "huber"}, "loss is 'huber'"),
-        ({"precision": "float16"}, "precision is 'float16'; needed is one of float32, float64"),
+        ({"dtype": "float16"}, "dtype is 'float16'; needed is one of float32, float64"),
     ],
 )
 def test_bad_option_is_refused_with_its_name(change, message):

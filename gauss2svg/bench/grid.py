@@ -15,7 +15,7 @@ from gauss2svg.bench.worker import TOOL
 from gauss2svg.errors import InputError
 from gauss2svg.falloff import FALLOFFS
 from gauss2svg.fit.losses import LOSSES
-from gauss2svg.fit.options import MOST_GAUSSIANS, PRECISIONS
+from gauss2svg.fit.options import MOST_GAUSSIANS, DTYPES
 from gauss2svg.fit.placement import PLACEMENTS
 from gauss2svg.fit.schedule import SCHEDULES
 from gauss2svg.quality import QUALITIES
@@ -80,7 +80,7 @@ AXES: dict[str, Axis] = {
         _words("schedule", tuple(SCHEDULES)),
         _words("loss", LOSSES),
         _words("falloff", FALLOFFS),
-        _words("precision", PRECISIONS),
+        _words("dtype", DTYPES),
         _words("stops", STOP_COUNTS),
         Axis("decimals", (0, 1, 2, 3), _whole(0, 6)),
         Axis("palette", (64, 256, 1024, 0), _whole(0, 2**24)),

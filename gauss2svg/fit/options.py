@@ -18,8 +18,8 @@ MOST_GAUSSIANS = 10_000_000
 # What the kernels compute in. Neither ends truer: at 200 to 1000 Gaussians they differ by
 # up to 0.2 dB either way, as each does from itself under noise of 1e-6, since another
 # Gaussian is relocated; without relocation by 0.002.
-PRECISIONS = ("float32", "float64")
-DEFAULT_PRECISION = "float32"
+DTYPES = ("float32", "float64")
+DEFAULT_DTYPE = "float32"
 DEFAULT_FALLOFF = ADAPTIVE
 
 
@@ -31,7 +31,7 @@ class FitOptions:
     iterations  optimiser steps, >= 1; None: until the deadline
     placement   one of PLACEMENTS; schedule one of SCHEDULES; loss one of LOSSES
     seed        of the one random generator
-    precision   one of PRECISIONS, of all that the kernels compute
+    dtype   one of DTYPES, of all that the kernels compute
     falloff     one of FALLOFFS: Gaussians, or shapes that each learn an exponent
     """
 
@@ -41,7 +41,7 @@ class FitOptions:
     schedule: str = DEFAULT_SCHEDULE
     loss: str = DEFAULT_LOSS
     seed: int = 0
-    precision: str = DEFAULT_PRECISION
+    dtype: str = DEFAULT_DTYPE
     falloff: str = DEFAULT_FALLOFF
 
     def __post_init__(self) -> None:
@@ -60,9 +60,9 @@ class FitOptions:
         check_loss(self.loss)
         if self.falloff not in FALLOFFS:
             raise InputError(f"falloff is {self.falloff!r}; needed is one of {', '.join(FALLOFFS)}")
-        if self.precision not in PRECISIONS:
+        if self.dtype not in DTYPES:
             raise InputError(
-                f"precision is {self.precision!r}; needed is one of {', '.join(PRECISIONS)}"
+                f"dtype is {self.dtype!r}; needed is one of {', '.join(DTYPES)}"
             )
 
 

@@ -213,7 +213,7 @@ class Run:
         height, width = self.pixels.shape[:2]
         size = max(1, height // factor), max(1, width // factor)
         planar = np.moveaxis(shrink(self.pixels, *size), -1, 0)
-        planar = np.ascontiguousarray(planar, self.options.precision)
+        planar = np.ascontiguousarray(planar, self.options.dtype)
         self._targets[factor] = Target(planar, FLAT_WEIGHT)
         return self._targets[factor]
 
