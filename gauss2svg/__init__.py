@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     )
     from gauss2svg.pipeline import Progress, Result, vectorize
     from gauss2svg.scene import Scene
-    from gauss2svg.svg import SvgOptions, write_svg
+    from gauss2svg.svg import SvgOptions, read_svg, write_svg
 
 _HOMES = {
     "Gauss2SvgError": "errors",
@@ -30,6 +30,7 @@ _HOMES = {
     "vectorize": "pipeline",
     "Scene": "scene",
     "SvgOptions": "svg",
+    "read_svg": "svg",
     "write_svg": "svg",
 }
 
@@ -44,6 +45,7 @@ __all__ = [
     "SceneError",
     "SvgOptions",
     "__version__",
+    "read_svg",
     "vectorize",
     "write_svg",
 ]
