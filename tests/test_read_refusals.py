@@ -25,11 +25,15 @@ from gauss2svg.svg import read_svg
         ('<circle r="5" visibility="hidden"/>', "it is hidden"),
         (f'<g id="o" opacity=".5">{2 * CIRCLE}</g>', '<g id="o">: its opacity is .5 over 2 shapes'),
         ('<rect width="5" height="5"/>', "it covers x 0..5"),
+        ('<rect x="5" width="99" height="99"/>', "it covers x 5..104"),
+        ('<rect width="99" height="29"/>', "it covers x 0..99, y 0..29"),
+        ('<rect x="-99" y="-99" width="300" height="300" transform="rotate(5)"/>', "upright"),
         (CIRCLE + RECT, "over shapes"),
         ('<circle r="nan"/>', "<circle r=\"nan\">: r is 'nan'"),
         ('<circle r="1e999"/>', "finite"),
         ('<circle r="-1"/>', "radii are -1"),
         ('<circle id="z" r="0" fill="red"/>', '<circle id="z">: its extent is 0'),
+        ('<circle r="1" transform="matrix(1 1 1 1 0 0)" fill="red"/>', "its extent is 0"),
         ('<circle r="1" fill="none"/>', "fill is 'none'"),
         ('<circle r="1" fill="#ff00ff80"/>', "opaque colour"),
         ('<circle r="1" transform="matrix(1 2 3)" fill="red"/>', "transform is"),
@@ -97,7 +101,7 @@ def test_canvas_that_is_none_is_refused(root, message):
     ids=str,
 )  # fmt: skip
 def test_what_is_no_svg_is_one_line(source):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=r"is no SVG|cannot read|source is|an <svg>") as caught:
         read_svg(source)
     assert "\n" not in str(caught.value)
 

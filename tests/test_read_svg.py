@@ -156,6 +156,9 @@ def test_stretched_canvas_stretches_shapes():
         'fill="url(#a)"/>',
         '<ellipse cx="20" cy="15" rx="10" ry="7" transform="translate(20 15) matrix(9 2 0 6 0 0) '
         'translate(-20 -15)" fill="url(#moved)"/>',
+        '<path d="M1 0A1 1 0 0 0 0-1A1 1 0 0 0-1 0 1 1 0 0 0 0 1 1 1 0 0 0 1 0z" '
+        'transform="matrix(9 2 0 6 20 15)" fill="url(#a)"/>',
+        '<circle cx="4" r="1" transform="matrix(9 2 0 6 -16 7)" fill="url(#own)"/>',
         '<circle r="1" transform="matrix(9 2 0 6 20 15)" fill="url(#template)"/>',
         '<circle r="1" transform="matrix(9 2 0 6 20 15)" fill="url(#stopless)"/>',
         '<circle cx="0" cy="0" r="1" transform="matrix(9 2 0 6 20 15)" fill="url(#box)"/>',
@@ -168,6 +171,7 @@ def test_same_shape_however_it_is_written(body):
     )
     defs = (
         gradient("moved", more='gradientTransform="translate(20 15)"')
+        + '<radialGradient id="own" xlink:href="#moved" gradientTransform="translate(4 0)"/>'
         + f'<radialGradient id="template" xlink:href="#a">{stops}</radialGradient>'
         + f'<linearGradient id="swatch">{stops}</linearGradient>'
         + '<radialGradient id="half" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1" '
@@ -175,6 +179,23 @@ def test_same_shape_however_it_is_written(body):
         + f'<radialGradient id="box">{stops}</radialGradient>'
     )
     assert_same(read_svg(document(body, defs)), read_svg(document()))
+
+
+def test_tilted_arcs_are_a_turned_ellipse():
+    # as Inkscape 1.2 writes a circle under matrix(50 20 0 200 900 200), made a path and turned
+    path = (
+        '<path fill="#0f0" d="M 967.42679,348.97028 A 49.735632,201.06309 18.489639 0 1 '
+        "858.87853,501.01394 49.735632,201.06309 18.489639 0 1 887.13833,277.18056 "
+        "49.735632,201.06309 18.489639 0 1 995.68659,125.13689 49.735632,201.06309 18.489639 0 1 "
+        '967.42679,348.97028 Z"/>'
+    )
+    ellipse = (
+        '<ellipse fill="#0f0" cx="927.28" cy="313.06" rx="49.735632" ry="201.06309" '
+        'transform="rotate(18.489639 927.28256 313.07541) translate(.00256 .01541)"/>'
+    )
+    scale = '<g transform="scale(.03)">'
+    back, turned = (read_svg(document(f"{scale}{body}</g>")) for body in (path, ellipse))
+    assert_same(back, turned, 1e-5)
 
 
 def test_opacities_multiply_from_group_to_stop():
