@@ -64,8 +64,8 @@ _OPACITIES = 1.0, 0.5
 _MARGIN = 3  # px about a shape
 _LENGTH = 300  # px of rim that a set has at least, if so many shapes are allowed
 _FINE = 8  # samples a side for the mean of a pixel
-_EXACT = SvgOptions(palette=0, stops=8, decimals=6, opacity_decimals=6)
-_WRITTEN = SvgOptions(palette=0, stops=8, decimals=2)
+_EXACT = SvgOptions(palette=0, stops=8, precision=0.001, opacity_decimals=6)
+_WRITTEN = SvgOptions(palette=0, stops=8, precision=0.01)
 _FIT = FitOptions(1000, 200)
 _PROGRAMS = {"librsvg": "rsvg-convert", "chromium": "chromium"}
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gauss2svg.pipeline import Progress, Result, vectorize
     from gauss2svg.scene import Scene
     from gauss2svg.scoring import CheckResult, check
-    from gauss2svg.svg import SvgOptions, write_svg
+    from gauss2svg.svg import SvgOptions, read_svg, write_svg
 
 _HOMES = {
     "CheckResult": "scoring",
@@ -33,6 +33,7 @@ _HOMES = {
     "vectorize": "pipeline",
     "Scene": "scene",
     "SvgOptions": "svg",
+    "read_svg": "svg",
     "write_svg": "svg",
 }
 
@@ -49,6 +50,7 @@ __all__ = [
     "SvgOptions",
     "__version__",
     "check",
+    "read_svg",
     "vectorize",
     "write_svg",
 ]

@@ -53,8 +53,8 @@ def vectorize_command(
     falloff: Literal["gaussian", "adaptive"] = "adaptive",
     max_size: int | None = None,
     palette: int | None = None,
-    stops: Literal[6, 8, 10, 12] | None = None,
-    decimals: int | None = None,
+    stops: Literal[5, 6, 8, 10, 12] | None = None,
+    precision: float | None = None,
     seed: int = 0,
     dtype: Literal["float32", "float64"] = "float32",
     threads: int | None = None,
@@ -99,8 +99,8 @@ def vectorize_command(
         Most colours in the file, 0 for all: fewer make it smaller.
     stops
         Stops of a gradient; as many as the quality says if not given.
-    decimals
-        Of coordinates; as many as the quality says if not given.
+    precision
+        Of coordinates, in pixels, such as 0.05; as fine as the quality says if not given.
     seed
         The same seed gives the same file; selective placement hardly draws at random.
     dtype
@@ -157,7 +157,7 @@ def vectorize_command(
             max_size=max_size,
             palette=palette,
             stops=stops,
-            decimals=decimals,
+            precision=precision,
             seed=seed,
             dtype=dtype,
             falloff=falloff,

@@ -23,7 +23,7 @@ from gauss2svg.atomic import write_atomically
 from gauss2svg.checks import whole_number
 from gauss2svg.fit import FitProgress
 from gauss2svg.fit.losses import DEFAULT_LOSS
-from gauss2svg.fit.options import DEFAULT_FALLOFF, DEFAULT_DTYPE
+from gauss2svg.fit.options import DEFAULT_DTYPE, DEFAULT_FALLOFF
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
 from gauss2svg.image import ImageSource, load_image, shrink
@@ -104,7 +104,7 @@ def vectorize(
     max_size: int | None = None,
     palette: int | None = None,
     stops: int | None = None,
-    decimals: int | None = None,
+    precision: float | None = None,
     seed: int = 0,
     dtype: str = DEFAULT_DTYPE,
     threads: int | None = None,
@@ -122,7 +122,8 @@ def vectorize(
     quality     a preset of gauss2svg.quality: draft, fast, balanced, high, max
     iterations  optimiser steps, >= 1; max_size: longest side in px that the fit runs on,
                 >= 1; palette: most colours in the file, 0 for all; stops: of a gradient,
-                6, 8, 10 or 12; decimals: of coordinates, 0..6; None: the quality's
+                5, 6, 8, 10 or 12; precision: of coordinates in px, 0.001..10;
+                None: the quality's
     init        placement selective, error or random
     schedule    of a given count: exponential, linear or all-at-once
     loss        mse, l1, mse+ssim or l1+ssim; blend: over
@@ -148,7 +149,7 @@ def vectorize(
     )
     request = Request(
         gaussians, quality, iterations, init, schedule, loss, blend, max_size, palette,
-        stops, decimals, seed, dtype, falloff, renderer, targets,
+        stops, precision, seed, dtype, falloff, renderer, targets,
     )  # fmt: skip
     tell = progress or (lambda _: None)
 
@@ -199,7 +200,7 @@ def vectorize(
         "colors": len(np.unique(np.round(outcome.scene.color * 255), axis=0)),
         "gradients": outcome.svg.count("<radialGradient"),
         "stops": outcome.svg_options.stops,
-        "decimals": outcome.svg_options.decimals,
+        "precision": outcome.svg_options.precision,
         "seed": seed,
         "dtype": dtype,
         "threads": thread_count,

@@ -25,7 +25,7 @@ class Quality:
                 number of Gaussians is given; 0: all
     iterations  optimiser steps
     max_size    longest side in px of the picture that the fit runs on
-    stops, decimals, opacity_decimals  of gradients, of coordinates, of fill-opacity
+    stops, precision, opacity_decimals  of gradients, of coordinates in px, of fill-opacity
     """
 
     gain: float
@@ -36,7 +36,7 @@ class Quality:
     iterations: int
     max_size: int
     stops: int
-    decimals: int
+    precision: float
     opacity_decimals: int
 
     def palette_for(self, gaussians: int) -> int:
@@ -51,11 +51,11 @@ class Quality:
 # Palettes, balanced, four Kodak photos and coffee.jpg, at the same bytes raw / gzipped (3 dB a
 # doubling): losses of 0.4, 0.8, 1.2 dB are worth 3.64, 3.95, 4.02 / 12.28, 12.35, 12.33 dB.
 QUALITIES: dict[str, Quality] = {
-    "draft": Quality(0.03, 28, 1000, 1.0, 0.125, 200, 384, 6, 1, 2),
-    "fast": Quality(0.01, 32, 3000, 0.8, 0.125, 120, 768, 6, 1, 2),
-    "balanced": Quality(0.004, 36, 8000, 0.8, 0.125, 200, 1024, 6, 1, 2),
-    "high": Quality(0.0012, 40, 20000, 0.6, 0.125, 500, 1536, 8, 2, 2),
-    "max": Quality(0.0004, 44, 30000, 0.2, 0.0, 800, 2048, 12, 2, 3),
+    "draft": Quality(0.03, 28, 1000, 1.0, 0.154, 200, 384, 5, 0.04, 2),
+    "fast": Quality(0.01, 32, 3000, 0.8, 0.154, 120, 768, 5, 0.04, 2),
+    "balanced": Quality(0.004, 36, 8000, 0.8, 0.154, 200, 1024, 5, 0.04, 2),
+    "high": Quality(0.0012, 40, 20000, 0.6, 0.154, 500, 1536, 6, 0.02, 2),
+    "max": Quality(0.0004, 44, 30000, 0.2, 0.0, 800, 2048, 10, 0.01, 3),
 }
 DEFAULT_QUALITY = "balanced"
 

@@ -36,7 +36,7 @@ class Request:
     max_size: int | None
     palette: int | None
     stops: int | None
-    decimals: int | None
+    precision: float | None
     seed: int
     dtype: str
     falloff: str
@@ -116,6 +116,6 @@ class Request:
             palette=colors,
             color_error=color_error,
             stops=preset.stops if self.stops is None else self.stops,
-            decimals=preset.decimals if self.decimals is None else self.decimals,
+            precision=preset.precision if self.precision is None else self.precision,
             opacity_decimals=preset.opacity_decimals,
         )

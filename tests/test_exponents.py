@@ -216,8 +216,8 @@ def test_shapes_too_large_to_be_crisp_are_never_plain(beta):
 
 def test_shapes_thinner_than_any_pixel_are_left_out_not_refused():
     scene = Scene(100, 100, [[50, 50]], [[2e-6, 2e-6]], [0.0], np.zeros((1, 3)), [1.0], beta=[64.0])
-    assert "<circle" not in write_svg(scene, SvgOptions(decimals=4))
-    write_svg(scene, SvgOptions(decimals=6))
+    assert "<circle" not in write_svg(scene, SvgOptions(precision=0.001))
+    write_svg(scene, SvgOptions(precision=0.001))
 
 
 @pytest.mark.parametrize("renderer", ["resvg", "cairo"])
@@ -230,7 +230,7 @@ def test_rims_are_drawn_as_the_model_has_them_at_every_size(renderer, beta):
         scene = Scene(150, 150, [[75.3, 74.8]], sigma, [0.3], [[0.1, 0.3, 0.2]], [1.0], beta=[beta])
         if is_plain(scene)[0]:
             continue
-        svg = write_svg(scene, SvgOptions(palette=0, stops=12, decimals=3))
+        svg = write_svg(scene, SvgOptions(palette=0, stops=12, precision=0.001))
         for scale in (1, 2, 4):
             size = 150 * scale
             difference = np.abs(rasterize(svg, size, size, renderer) - render(scene, size, size))
@@ -244,7 +244,7 @@ def test_plain_ellipses_are_drawn_as_the_model_is_on_average_over_a_pixel(render
             150, 150, [[75.3, 74.8]], [[sigma, sigma]], [0.0], [[0.1, 0.3, 0.2]], [1.0], beta=[beta]
         )
         assert is_plain(scene).all()
-        svg = write_svg(scene, SvgOptions(palette=0, decimals=3))
+        svg = write_svg(scene, SvgOptions(palette=0, precision=0.001))
         assert "radialGradient" not in svg
         exact = render(scene, 1200, 1200).reshape(150, 8, 150, 8, 3).mean(axis=(1, 3))
         drawn = rasterize(svg, 150, 150, renderer)

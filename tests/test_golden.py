@@ -86,5 +86,5 @@ def test_fast_renderer_draws_the_golden_picture(golden):
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_written_file_draws_the_golden_picture(golden, renderer):
     scene, picture = golden
-    svg = write_svg(scene, SvgOptions(palette=0, stops=12, decimals=2))
+    svg = write_svg(scene, SvgOptions(palette=0, stops=12, precision=0.01))
     assert metrics.psnr(rasterize(svg, 96, 64, renderer), picture) > 41

@@ -12,7 +12,7 @@ from gauss2svg.svg import SvgOptions, settled, write_svg
 
 @pytest.mark.parametrize("renderer", RENDERERS)
 def test_renderer_draws_the_model(renderer):
-    options = SvgOptions(palette=0, stops=12, decimals=2)
+    options = SvgOptions(palette=0, stops=12, precision=0.01)
     scene = settled(random_scene(60, 200, 150, 1, (2.0, 40.0), (1.0, 4.0)), options)
     svg = write_svg(scene, options)
     drawn = rasterize(svg, 200, 150, renderer)

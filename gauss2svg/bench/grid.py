@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -15,12 +16,13 @@ from gauss2svg.bench.worker import TOOL
 from gauss2svg.errors import InputError
 from gauss2svg.falloff import FALLOFFS
 from gauss2svg.fit.losses import LOSSES
-from gauss2svg.fit.options import MOST_GAUSSIANS, DTYPES
+from gauss2svg.fit.options import DTYPES, MOST_GAUSSIANS
 from gauss2svg.fit.placement import PLACEMENTS
 from gauss2svg.fit.schedule import SCHEDULES
 from gauss2svg.quality import QUALITIES
 from gauss2svg.raster import RENDERERS
 from gauss2svg.scene import BLENDS
+from gauss2svg.svg.options import LEAST_PRECISION, MOST_PRECISION
 from gauss2svg.svg.stops import STOP_COUNTS
 from gauss2svg.version import __version__
 
@@ -49,6 +51,16 @@ def _whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
         return int(text)
 
     return parse
+
+
+def _px(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not LEAST_PRECISION <= value <= MOST_PRECISION:
+        raise ValueError(f"needed is a number in {LEAST_PRECISION:g}..{MOST_PRECISION:g}")
+    return value
 
 
 def _count(text: str) -> int | str:
@@ -82,7 +94,7 @@ AXES: dict[str, Axis] = {
         _words("falloff", FALLOFFS),
         _words("dtype", DTYPES),
         _words("stops", STOP_COUNTS),
-        Axis("decimals", (0, 1, 2, 3), _whole(0, 6)),
+        Axis("precision", (0.01, 0.02, 0.05, 0.1), _px),
         Axis("palette", (64, 256, 1024, 0), _whole(0, 2**24)),
         _words("blend", BLENDS),
         _words("renderer", RENDERERS),

@@ -21,7 +21,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from gauss2svg.falloff import RIM_WIDTH
-from gauss2svg.fit.state import COLOR, PARAMETERS, State
+from gauss2svg.fit.state import PARAMETERS, State
 
 
 @dataclass(frozen=True)
@@ -98,36 +98,6 @@ def step(
         state.mean, state.factor, state.raw_opacity, state.color, state.raw_beta,
         state.first, state.second, state.age, gradient, rate * sizes, bounds,
     )  # fmt: skip
-
-
-class SharedColors:
-    """Colours that several shapes share, stepped as one.
-
-    Shapes of one colour and one exponent, as they are when this is made, keep one colour:
-    its gradient is the sum of theirs.
-    """
-
-    def __init__(self, state: State) -> None:
-        keys = np.column_stack([state.color, state.raw_beta])
-        shared, entry = np.unique(keys, axis=0, return_inverse=True)
-        self._color = shared[:, :3].copy()
-        self._entry = entry.reshape(-1)
-        self._first, self._second = np.zeros_like(self._color), np.zeros_like(self._color)
-        self._age = 0
-
-    def step(self, state: State, gradient: NDArray[np.float64], size: float) -> None:
-        """One Adam step of size `size` by the gradient (n, PARAMETERS), into state.color."""
-        columns = gradient[:, COLOR].T
-        count = len(self._color)
-        summed = np.stack([np.bincount(self._entry, column, count) for column in columns], axis=1)
-        self._age += 1
-        self._first += (1 - FIRST_DECAY) * (summed - self._first)
-        self._second += (1 - SECOND_DECAY) * (summed * summed - self._second)
-        first = self._first / (1 - FIRST_DECAY**self._age)
-        second = self._second / (1 - SECOND_DECAY**self._age)
-        moved = self._color - size * first / (np.sqrt(second) + 1e-12)
-        self._color = np.clip(moved, 0.0, 1.0)
-        state.color = self._color[self._entry]
 
 
 @njit(parallel=True, cache=True)

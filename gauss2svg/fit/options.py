@@ -61,9 +61,7 @@ class FitOptions:
         if self.falloff not in FALLOFFS:
             raise InputError(f"falloff is {self.falloff!r}; needed is one of {', '.join(FALLOFFS)}")
         if self.dtype not in DTYPES:
-            raise InputError(
-                f"dtype is {self.dtype!r}; needed is one of {', '.join(DTYPES)}"
-            )
+            raise InputError(f"dtype is {self.dtype!r}; needed is one of {', '.join(DTYPES)}")
 
 
 @dataclass(frozen=True)

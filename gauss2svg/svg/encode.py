@@ -6,10 +6,11 @@ direction; the lower triangular one has c = 0 and is the shortest to write:
 
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
-A gradient is shared by all shapes of one colour and one exponent. Shapes that a plain
-ellipse draws as well have none, and the radius of plain_radius(beta). Crisp rims need two more
-things (examples/rims.py measures both, dB near the rim against the model, mean of what resvg
-and CairoSVG draw at rims of 0.25 / 0.5 / 1 px: with neither 30 / 38 / 47, with both 55 / 55 / 50):
+The user unit is `precision` px, so that all these are whole numbers. A gradient is shared by
+all shapes of one colour and one exponent. Shapes that a plain ellipse draws as well have none,
+and the radius of plain_radius(beta). Crisp rims need two more things (examples/rims.py measures
+both, dB near the rim against the model, mean of what resvg and CairoSVG draw at rims of 0.25 /
+0.5 / 1 px: with neither 30 / 38 / 47, with both 55 / 55 / 50):
 
 - a circle a little larger than its gradient, whose own antialiased edge would clip the rim;
 - for exponents from _LARGE_FROM on a gradient of radius 100 under a matrix of a hundredth, for
@@ -69,10 +70,15 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class EncodedScene:
-    """Everything that the writer puts into elements, as text."""
+    """Everything that the writer puts into elements, as text.
+
+    width, height in px; view_width, view_height in user units
+    """
 
     width: str
     height: str
+    view_width: str
+    view_height: str
     background: str
     gradients: tuple[Gradient, ...]
     layers: tuple[tuple[int, tuple[Ellipse, ...]], ...]
@@ -115,8 +121,10 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
     plain = is_plain(scene)
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.betas), color])
-    shared, entry = np.unique(keys[~plain], axis=0, return_inverse=True)
-    ids = [short_id(k) for k in range(len(shared))]
+    shared, entry, uses = np.unique(keys[~plain], axis=0, return_inverse=True, return_counts=True)
+    # The shortest to those that are used most.
+    order = np.argsort(np.argsort(-uses, kind="stable"), kind="stable")
+    ids = [short_id(k) for k in order.tolist()]
     fills = np.array([_hex(c) for c in color], dtype=object)
     fills[~plain] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
     radius = cut_radius(scene.betas)
@@ -144,9 +152,12 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
         for k, (key, beta) in enumerate((key, BETA_CLASSES[key[0]]) for key in shared)
         if f"url(#{ids[k]})" in used
     )
+
     return EncodedScene(
         width=number(scene.width, 3),
         height=number(scene.height, 3),
+        view_width=number(scene.width / options.precision, 3),
+        view_height=number(scene.height / options.precision, 3),
         background=_hex(np.round(scene.background * 255).astype(np.uint8)),
         gradients=gradients,
         layers=tuple(layers),
@@ -175,9 +186,12 @@ def _ellipse(
     opacity: float,
     options: SvgOptions,
 ) -> Ellipse | None:
-    decimals = options.decimals + round(math.log10(unit))
-    a, b, d = (number(v / unit, decimals) for v in (factor[0, 0], factor[1, 0], factor[1, 1]))
-    texts = [a, b, "0", d, *(number(v, options.decimals) for v in mean)]
+    decimals = round(math.log10(unit))
+    a, b, d = (
+        number(v / (unit * options.precision), decimals)
+        for v in (factor[0, 0], factor[1, 0], factor[1, 1])
+    )
+    texts = [a, b, "0", d, *(number(v / options.precision, 0) for v in mean)]
     shown = number(opacity, options.opacity_decimals)
     if shown == "0" or texts[0] == "0" or texts[3] == "0":
         return None

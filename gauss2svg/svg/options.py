@@ -7,9 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss2svg.checks import whole_number
+from gauss2svg.checks import number_within, whole_number
 from gauss2svg.errors import InputError
 from gauss2svg.svg.stops import STOP_COUNTS
+
+LEAST_PRECISION, MOST_PRECISION = 0.001, 10.0
 
 
 @dataclass(frozen=True)
@@ -21,15 +23,16 @@ class SvgOptions:
     color_error       squared error, mean over pixels and channels, that using fewer of them
                       may add; 0: as many as the palette has
     stops             gradient stops, one of STOP_COUNTS
-    decimals          of coordinates, 0..6; 1 costs 64 dB, 2 costs 84 dB
+    precision         px, LEAST_PRECISION..MOST_PRECISION: the file's user unit. Coordinates are
+                      whole numbers of it; encode.py has what it costs
     opacity_decimals  of fill-opacity, 1..6; 2 costs 60 dB, 3 costs 80 dB
     title             text of the title element
     """
 
     palette: int = 1250
     color_error: float = 0.0
-    stops: int = 6
-    decimals: int = 1
+    stops: int = 5
+    precision: float = 0.04
     opacity_decimals: int = 2
     title: str = "Vectorised photo"
 
@@ -40,7 +43,7 @@ class SvgOptions:
             raise InputError(f"stops is {self.stops}; needed is one of {known}")
         if not 0 <= self.color_error < np.inf:
             raise InputError(f"color_error is {self.color_error}; needed is a number from 0 on")
-        whole_number("decimals", self.decimals, 0, 6)
+        number_within("precision", self.precision, LEAST_PRECISION, MOST_PRECISION)
         whole_number("opacity_decimals", self.opacity_decimals, 1, 6)
         if any(not character.isprintable() for character in self.title):
             raise InputError(f"title is {self.title!r}; needed is text without control characters")

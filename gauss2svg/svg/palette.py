@@ -25,7 +25,7 @@ _LEAST_AIM = 0.1
 # Of ln beta beside colours in 0..1. With 0.3, 0.1, 0.05, 0.03 six pictures of at most 100 kB reach
 # 27.15, 27.46, 27.46, 27.38 dB, of at most 30 kB 23.05, 23.20, 23.52, 23.48 (Gaussians alone 27.05
 # and 22.51); three Kodak photos of 5000 shapes 31.84, 31.84, 31.80, 31.74 dB.
-_BETA_WEIGHT = 0.07
+_BETA_WEIGHT = 0.1
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def _document(encoded: EncodedScene, options: SvgOptions) -> str:
     # the numbers are checked by encode().
     drawing = svgwrite.Drawing(
         size=(encoded.width, encoded.height),
-        viewBox=f"0 0 {encoded.width} {encoded.height}",
+        viewBox=f"0 0 {encoded.view_width} {encoded.view_height}",
         debug=False,
     )
     drawing.set_desc(
@@ -49,7 +49,8 @@ def _document(encoded: EncodedScene, options: SvgOptions) -> str:
         )  # fmt: skip
         element["fx"] = ".1" if gradient.radius > 1 else ".001"
         for offset, opacity in gradient.stops:
-            element.add_stop_color(offset=offset, color=gradient.color, opacity=opacity)
+            shown = None if opacity == "1" else opacity
+            element.add_stop_color(offset=offset, color=gradient.color, opacity=shown)
         drawing.defs.add(element)
     drawing.add(drawing.rect(size=("100%", "100%"), fill=encoded.background))
     inkscape = Inkscape(drawing)
@@ -63,4 +64,7 @@ def _document(encoded: EncodedScene, options: SvgOptions) -> str:
             del circle.attribs["cx"], circle.attribs["cy"]
             layer.add(circle)
         drawing.add(layer)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + drawing.tostring() + "\n"
+    # ElementTree writes a space before "/>", which nothing but the end of a tag can hold.
+    return (
+        '<?xml version="1.0" encoding="utf-8"?>\n' + drawing.tostring().replace(" />", "/>") + "\n"
+    )

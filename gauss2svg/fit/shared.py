@@ -1,0 +1,73 @@
+"""Colours that shapes share once they are those of a file: stepped as one, and exchanged.
+
+What sharing costs, at 5000 shapes of the eight Kodak photos with 770 pairs of a colour and an
+exponent, PSNR of the drawn SVG in dB; with every colour 33.06 is reached:
+
+    colours as the palette had them                   32.87
+    stepped by the sum of their shapes' gradients     32.90
+    and shapes may change to another colour           32.92
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from gauss2svg.fit.adam import FIRST_DECAY, SECOND_DECAY
+from gauss2svg.fit.state import COLOR, State
+
+# Adam's step size; 0.002 to 0.015 end within 0.01 dB.
+_RATE = 0.006
+_APART = 100.0  # between exponents, beside colours in 0..1: none is exchanged for another
+_LEAST_MASS = 1e-3  # px; shapes that show less keep their colour
+
+
+class SharedColors:
+    """The distinct pairs of a colour and an exponent in a state, and which one each shape has."""
+
+    def __init__(self, state: State) -> None:
+        keys = np.column_stack([state.color, state.raw_beta])
+        shared, entry = np.unique(keys, axis=0, return_inverse=True)
+        self._color, self._raw_beta = shared[:, :3].copy(), shared[:, 3]
+        self.entry: NDArray[np.intp] = entry.reshape(-1)
+        self._first, self._second = np.zeros_like(self._color), np.zeros_like(self._color)
+        self._age = 0
+
+    def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
+        """One Adam step by the gradient (n, PARAMETERS), summed over each colour's shapes.
+
+        rate is the share of the full step size; the colours go into state.color.
+        """
+        columns = gradient[:, COLOR].T
+        count = len(self._color)
+        summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
+        self._age += 1
+        self._first += (1 - FIRST_DECAY) * (summed - self._first)
+        self._second += (1 - SECOND_DECAY) * (summed * summed - self._second)
+        first = self._first / (1 - FIRST_DECAY**self._age)
+        second = self._second / (1 - SECOND_DECAY**self._age)
+        moved = self._color - _RATE * rate * first / (np.sqrt(second) + 1e-12)
+        self._color = np.clip(moved, 0.0, 1.0)
+        self.wear(state, self.entry)
+
+    def wear(self, state: State, entry: NDArray[np.intp]) -> None:
+        """Give every shape of the state the shared colour of its entry (n,)."""
+        self.entry = entry
+        state.color = self._color[entry]
+
+    def wanted(
+        self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
+    ) -> NDArray[np.intp]:
+        """(n,) the entry of the same exponent that would leave each shape the least error.
+
+        If all others stay: half the squared error of the picture changes by g d + mass d^2 / 2
+        for a change d of a colour, with its gradient g, columns COLOR of gradient (n, ...), and
+        mass (n,) the sum of the shape's squared weights; so the best is color - g / mass.
+        """
+        shown = np.maximum(mass, _LEAST_MASS)[:, None]
+        best = np.where(mass[:, None] > _LEAST_MASS, gradient[:, COLOR] / shown, 0.0)
+        entries = KDTree(np.column_stack([self._color, _APART * self._raw_beta]))
+        wishes = np.column_stack([state.color - best, _APART * state.raw_beta])
+        distance, entry = entries.query(wishes)
+        return np.where(distance < _APART * 0.1, entry, self.entry)

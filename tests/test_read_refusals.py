@@ -1,0 +1,117 @@
+"""Laws of reading: what a scene cannot hold is refused in one line that names the element."""
+
+import pytest
+from documents import AS_PATH, CIRCLE, RECT, document
+
+from gauss2svg.errors import InputError
+from gauss2svg.svg import read_svg
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ('<text id="t">a</text>', '<text id="t">: needed are ellipses'),
+        ('<image id="i" href="a.png"/>', '<image id="i">'),
+        ('<use id="u" href="#x"/>', "unlink the clone"),
+        ('<path id="p" d="M 0 0 L 9 9 Z" fill="red"/>', '<path id="p">: its d .* no ellipse'),
+        ('<path d="M1 0A1 1 0 0 1 0 1Z" fill="red"/>', "no ellipse"),
+        (f'<path {AS_PATH.replace("-1,0 1", "-2,0 1")} fill="red"/>', "no ellipse"),
+        ('<circle id="c" r="5" stroke="red"/>', '<circle id="c">: its stroke'),
+        ('<circle id="c" r="5" style="stroke:#000"/>', '<circle id="c">: its stroke'),
+        ('<g clip-path="url(#x)"/>', "its clip-path"),
+        ('<circle r="5" mask="url(#x)"/>', "its mask"),
+        ('<g style="mix-blend-mode:screen"/>', "its mix-blend-mode"),
+        (f'<g id="h" style="display:none">{CIRCLE}</g>', '<g id="h">: it is hidden.*skip_hidden'),
+        ('<circle r="5" visibility="hidden"/>', "it is hidden"),
+        (f'<g id="o" opacity=".5">{2 * CIRCLE}</g>', '<g id="o">: its opacity is .5 over 2 shapes'),
+        ('<rect width="5" height="5"/>', "it covers x 0..5"),
+        ('<rect x="5" width="99" height="99"/>', "it covers x 5..104"),
+        ('<rect width="99" height="29"/>', "it covers x 0..99, y 0..29"),
+        ('<rect x="-99" y="-99" width="300" height="300" transform="rotate(5)"/>', "upright"),
+        (CIRCLE + RECT, "over shapes"),
+        ('<circle r="nan"/>', "<circle r=\"nan\">: r is 'nan'"),
+        ('<circle r="1e999"/>', "finite"),
+        ('<circle r="-1"/>', "radii are -1"),
+        ('<circle id="z" r="0" fill="red"/>', '<circle id="z">: its extent is 0'),
+        ('<circle r="1" transform="matrix(1 1 1 1 0 0)" fill="red"/>', "its extent is 0"),
+        ('<circle r="1" fill="none"/>', "fill is 'none'"),
+        ('<circle r="1" fill="#ff00ff80"/>', "opaque colour"),
+        ('<circle r="1" transform="matrix(1 2 3)" fill="red"/>', "transform is"),
+        ('<circle r="1" transform="matrix(1e200 0 0 1e200 0 0) scale(1e200)" fill="red"/>',
+         "beyond numbers"),
+        ('<circle r="1" transform="turn(3)" fill="red"/>', "transform is"),
+        ('<circle r="1" fill="url(#missing)"/>', "gradient 'missing'.*is missing"),
+        ('<circle r="1" fill="url(#loop)"/>', "refers to itself"),
+        ('<circle r="1" fill="url(#cone)"/>', "fit none of the exponents"),
+        ('<circle r="1" fill="url(#two)"/>', "has 2 colours"),
+        ('<circle r="1" fill="url(#line)"/>', "linear"),
+        ('<circle r=".9" transform="scale(9)" fill="url(#a)"/>', "cuts off 0.9 px"),
+        ('<circle r="1" cx=".1" transform="scale(9)" fill="url(#a)"/>', "cuts off 0.9 px"),
+        ('<circle id="b" r="5" fill="red" filter="url(#blur)"/>', '<circle id="b">.*blurred'),
+        ('<circle id="b" r="5" fill="red" filter="url(#a)"/>', "filter"),
+        ('<g filter="url(#blur)"/>', "whole group"),
+        ("<style>circle{fill:red}</style>", "it sets fill"),
+        ("<style>@keyframes a{from{r:0}} circle { opacity : .5 }</style>", "it sets opacity"),
+        ('<circle r="1" style="transform:scale(2)"/>', "its style has a transform"),
+        ('<g id="round-0"/>', "its round is 0"),
+        ("<g>" * 200 + "</g>" * 200, "nested"),
+        ("<svg/>", "needed are ellipses"),
+        ("<script/>", "needed are ellipses"),
+    ],
+)  # fmt: skip
+def test_what_a_scene_cannot_hold_is_refused_by_name(body, message):
+    red, clear = '<stop offset="0" stop-color="red"/>', '<stop offset="1" stop-opacity="0" '
+    defs = (
+        '<radialGradient id="loop" xlink:href="#pool"/><radialGradient id="pool" '
+        f'xlink:href="#loop"/><radialGradient id="two">{red}{clear}/></radialGradient>'
+        f'<radialGradient id="cone">{red}{clear} stop-color="red"/></radialGradient>'
+        '<linearGradient id="line"/><filter id="blur"><feGaussianBlur stdDeviation="2"/></filter>'
+    )
+    with pytest.raises(InputError, match=message) as caught:
+        read_svg(document(body, defs))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("root", "message"),
+    [
+        ('width="x" height="3"', "width is 'x'"),
+        ('width="0" height="3"', "canvas is 0x3"),
+        ('viewBox="0 0 40"', "viewBox is"),
+        ('viewBox="0 0 40 -3"', "viewBox is"),
+        ('width="40" height="31" viewBox="0 0 40 31" data-canvas="40 30"', "page was resized"),
+        ('width="40" height="30" viewBox="0 0 40 30" data-canvas="40"', "data-canvas is"),
+        ('width="40" height="3" viewBox="0 0 40 30" preserveAspectRatio="a"', "preserveAspect"),
+        ("", "canvas|width"),
+    ],
+)
+def test_canvas_that_is_none_is_refused(root, message):
+    with pytest.raises(InputError, match=message):
+        read_svg(document(root=root or "id='x'"))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "<svg", b"\x1f\x8bx", b"\xff\xfe\x00", "<html/>", "<svg/>", b"", "/none/there.svg", 5,
+        '<!DOCTYPE svg [<!ENTITY a "b">]><svg xmlns="http://www.w3.org/2000/svg">&a;</svg>',
+        '<!DOCTYPE svg SYSTEM "file:///etc/passwd"><svg xmlns="http://www.w3.org/2000/svg"/>',
+        b'<?xml version="1.0" encoding="rubbish"?><svg/>',
+    ],
+    ids=str,
+)  # fmt: skip
+def test_what_is_no_svg_is_one_line(source):
+    with pytest.raises(InputError, match=r"is no SVG|cannot read|source is|an <svg>") as caught:
+        read_svg(source)
+    assert "\n" not in str(caught.value)
+
+
+def test_long_rubbish_is_refused_at_once():
+    for rubbish in ("1" * 20000 + "x", "1 " * 20000 + "x", "1e" * 20000, "-" * 20000):
+        for body in (
+            f'<circle r="1" transform="matrix({rubbish})"/>',
+            f'<circle r="{rubbish}"/>',
+            f'<path d="M {rubbish}"/>',
+        ):
+            with pytest.raises(InputError):
+                read_svg(document(body))
