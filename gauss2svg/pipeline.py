@@ -131,7 +131,7 @@ def vectorize(
                 except under a time limit
                 (selective placement hardly draws at random: seeds differ little there)
     precision   float32 or float64, of what the kernels compute
-    threads     CPU threads, None: one a core; renderer: resvg or cairo, for the measuring
+    threads     CPU threads, None: one a core; renderer: one of raster.RENDERERS, for the measuring
     progress    called with a Progress at every step; nothing is ever printed
     started     time.perf_counter() from which time_limit and total_s count; None: now
 

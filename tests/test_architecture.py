@@ -31,6 +31,7 @@ def test_no_file_is_longer_than_400_lines(path):
         ("svgwrite", "svg/write.py"),
         ("resvg_py", "raster/resvg.py"),
         ("matplotlib", "bench/plots.py"),
+        ("playwright", "raster/chromium.py"),
     ],
 )
 def test_only_one_module_knows_the_package(package, home):

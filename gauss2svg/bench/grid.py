@@ -85,7 +85,7 @@ AXES: dict[str, Axis] = {
         Axis("decimals", (0, 1, 2, 3), _whole(0, 6)),
         Axis("palette", (64, 256, 1024, 0), _whole(0, 2**24)),
         _words("blend", BLENDS),
-        _words("renderer", RENDERERS),
+        Axis("renderer", ("resvg", "cairo"), _one_of(*RENDERERS)),  # the others may be missing
         Axis("max_size", (256, 512, 1024), _whole(1)),
     )
 }
