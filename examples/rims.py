@@ -1,9 +1,9 @@
-"""How true four SVG renderers draw crisp rims: gradients, and plain ellipses beside them.
+"""How true SVG renderers draw crisp rims: gradients, and plain ellipses beside them.
 
-    python examples/rims.py [--only gradients plain fits]
+    python examples/rims.py [--only gradients plain fits] [--renderers resvg cairo ...]
 
-Shapes of several exponents, sigmas and aspects are written as any scene is, and drawn by resvg,
-CairoSVG, librsvg (rsvg-convert) and headless Chromium, as far as they are installed. A rim is
+Shapes of several exponents, sigmas and aspects are written as any scene is, and drawn by the
+renderers that are named, or else by all that are installed. A rim is
 2.18 sigma_minor / beta px wide at 1x: there the falloff goes from 0.9 to 0.1. The tables:
 
     gradients  what is drawn at 1x, 2x and 4x against the model at pixel centres, over pixels on
@@ -24,15 +24,11 @@ from __future__ import annotations
 
 import argparse
 import math
-import shutil
-import subprocess
-import tempfile
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import product
-from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
@@ -67,7 +63,6 @@ _FINE = 8  # samples a side for the mean of a pixel
 _EXACT = SvgOptions(palette=0, stops=8, precision=0.001, opacity_decimals=6)
 _WRITTEN = SvgOptions(palette=0, stops=8, precision=0.01)
 _FIT = FitOptions(1000, 200)
-_PROGRAMS = {"librsvg": "rsvg-convert", "chromium": "chromium"}
 
 
 @dataclass(frozen=True)
@@ -130,7 +125,7 @@ def bands(rows: list[Row], pixels: Pixels, scale: int = 1) -> Iterator[tuple[Row
 
 def installed() -> list[str]:
     """Names of renderers; those that are missing are named in a printed line."""
-    missing = [name for name, program in _PROGRAMS.items() if not shutil.which(program)]
+    missing = []
     for name in RENDERERS:
         try:
             renderer_version(name)
@@ -138,29 +133,12 @@ def installed() -> list[str]:
             missing.append(name)
     if missing:
         print(f"not installed, and left out: {', '.join(missing)}")
-    return [name for name in (*RENDERERS, *_PROGRAMS) if name not in missing]
+    return [name for name in RENDERERS if name not in missing]
 
 
 def draw(name: str, svg: str, scene: Scene, scale: int) -> Pixels:
     """What a renderer makes of the SVG of a scene, so many times as large."""
-    width, height = round(scene.width), round(scene.height)
-    if name in RENDERERS:
-        return rasterize(svg, width * scale, height * scale, name)
-    command = f"rsvg-convert -w {width * scale} -h {height * scale} drawn.svg -o drawn.png"
-    if name == "chromium":
-        # A window has a least width, and a bar that the page does not get.
-        command = (
-            "chromium --headless --no-sandbox --hide-scrollbars --force-color-profile=srgb "
-            f"--force-device-scale-factor={scale} --window-size={width + 500},{height + 200} "
-            "--screenshot=drawn.png page.html"
-        )
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        (folder / "drawn.svg").write_text(svg)
-        page = '<body style="margin:0"><img src="drawn.svg" style="display:block">'
-        (folder / "page.html").write_text(page)
-        subprocess.run(command.split(), cwd=folder, check=True, capture_output=True)
-        return load_image(folder / "drawn.png").pixels[: height * scale, : width * scale]
+    return rasterize(svg, round(scene.width) * scale, round(scene.height) * scale, name)
 
 
 def model(scene: Scene, scale: int = 1) -> Pixels:
@@ -264,9 +242,10 @@ def main() -> None:
     """Parse the command line, print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--only", nargs="+", choices=_TABLES, default=list(_TABLES))
-    names = parser.parse_args().only
-    drawers = installed()
-    for name in names:
+    parser.add_argument("--renderers", nargs="+", choices=RENDERERS)
+    arguments = parser.parse_args()
+    drawers = arguments.renderers or installed()
+    for name in arguments.only:
         _TABLES[name](drawers)
 
 

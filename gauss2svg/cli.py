@@ -58,7 +58,7 @@ def vectorize_command(
     seed: int = 0,
     dtype: Literal["float32", "float64"] = "float32",
     threads: int | None = None,
-    renderer: Literal["resvg", "cairo"] = "resvg",
+    renderer: Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"] = "resvg",
     report: Path | None = None,
     preview: Path | None = None,
     save_scene: Path | None = None,
@@ -108,7 +108,7 @@ def vectorize_command(
     threads
         CPU threads; one for each core if not given.
     renderer
-        Which renderer draws the SVG to measure it.
+        Which renderer draws the SVG to measure it; the last four if they are installed.
     report
         Write all numbers of the run there, as JSON.
     preview

@@ -131,8 +131,9 @@ def vectorize(
     seed        >= 0; the same seed gives the same SVG, whatever the number of threads,
                 except under a time limit
                 (selective placement hardly draws at random: seeds differ little there)
-    dtype   float32 or float64, of what the kernels compute
-    threads     CPU threads, None: one a core; renderer: resvg or cairo, for the measuring
+    dtype       float32 or float64, of what the kernels compute
+    threads     CPU threads, None: one a core
+    renderer    one of gauss2svg.raster.RENDERERS, for the measuring
     progress    called with a Progress at every step; nothing is ever printed
     started     time.perf_counter() from which time_limit and total_s count; None: now
 

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from skimage import data
 
 import gauss2svg
+from gauss2svg.errors import RendererError
+from gauss2svg.raster import RENDERERS, renderer_version
 from gauss2svg.scene import Scene
 
 
@@ -72,3 +74,14 @@ def random_scene(
 def photo() -> NDArray[np.float32]:
     """A quarter of the scikit-image astronaut: 128 x 128 px with a face in it."""
     return np.ascontiguousarray(data.astronaut()[:256:2, 128:384:2], np.float32) / 255
+
+
+@pytest.fixture(params=RENDERERS)
+def renderer(request) -> str:
+    """Name of each renderer in turn; those that are no part of the package where installed."""
+    if request.param not in ("resvg", "cairo"):
+        try:
+            renderer_version(request.param)
+        except RendererError as error:
+            pytest.skip(str(error))
+    return request.param

@@ -32,6 +32,7 @@ def test_no_file_is_longer_than_400_lines(path):
         ("defusedxml", "svg/document.py"),
         ("resvg_py", "raster/resvg.py"),
         ("matplotlib", "bench/plots.py"),
+        ("playwright", "raster/chromium.py"),
     ],
 )
 def test_only_one_module_knows_the_package(package, home):

@@ -194,7 +194,7 @@ def test_help_names_every_option(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
     for option in (
-        "gaussians", "target-psnr", "max-bytes", "time-limit", "stops", "decimals",
+        "gaussians", "target-psnr", "max-bytes", "time-limit", "stops", "precision",
         "quality", "iterations", "init", "schedule", "loss", "max-size", "seed",
         "threads", "renderer", "report", "preview", "save-scene", "quiet", "output",
     ):  # fmt: skip

@@ -16,7 +16,7 @@ from PIL import Image
 
 from gauss2svg import metrics
 from gauss2svg.falloff import BETA_CLASSES
-from gauss2svg.raster import RENDERERS, rasterize
+from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
@@ -83,7 +83,6 @@ def test_fast_renderer_draws_the_golden_picture(golden):
     np.testing.assert_allclose(render(scene), picture, atol=4e-5)
 
 
-@pytest.mark.parametrize("renderer", RENDERERS)
 def test_written_file_draws_the_golden_picture(golden, renderer):
     scene, picture = golden
     svg = write_svg(scene, SvgOptions(palette=0, stops=12, precision=0.01))

@@ -4,13 +4,12 @@ from conftest import random_scene
 
 from gauss2svg import metrics
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.raster import RENDERERS, cairo, rasterize, renderer_version
+from gauss2svg.raster import cairo, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgOptions, settled, write_svg
 
 
-@pytest.mark.parametrize("renderer", RENDERERS)
 def test_renderer_draws_the_model(renderer):
     options = SvgOptions(palette=0, stops=12, precision=0.01)
     scene = settled(random_scene(60, 200, 150, 1, (2.0, 40.0), (1.0, 4.0)), options)
@@ -21,7 +20,6 @@ def test_renderer_draws_the_model(renderer):
     assert abs(metrics.bias(drawn, render(scene))) < 0.3
 
 
-@pytest.mark.parametrize("renderer", RENDERERS)
 def test_svg_is_drawn_at_any_size(renderer):
     options = SvgOptions(palette=0)
     scene = settled(random_scene(20, 60, 40, 2, (3.0, 20.0), (1.0, 4.0)), options)
@@ -29,14 +27,12 @@ def test_svg_is_drawn_at_any_size(renderer):
     assert metrics.psnr(drawn, render(scene, 120, 80)) > 44
 
 
-@pytest.mark.parametrize("renderer", RENDERERS)
 def test_background_comes_back_to_the_level(renderer):
     color = np.array([10, 200, 77]) / 255
     drawn = rasterize(write_svg(Scene(7, 5, background=color)), 7, 5, renderer)
     np.testing.assert_allclose(drawn, np.broadcast_to(color, (5, 7, 3)), atol=1e-6)
 
 
-@pytest.mark.parametrize("renderer", RENDERERS)
 def test_broken_file_is_an_error_not_a_blank_picture(renderer):
     with pytest.raises(RendererError, match="cannot draw"):
         rasterize("<svg", 5, 5, renderer)
@@ -68,7 +64,6 @@ def test_missing_cairo_library_is_one_line_that_says_what_to_install(monkeypatch
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("renderer", RENDERERS)
 @pytest.mark.parametrize("size", [(40, 30), (31, 64), (7, 5)])
 def test_any_size_is_filled_whatever_the_proportions(renderer, size):
     svg = (

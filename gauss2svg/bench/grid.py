@@ -97,7 +97,7 @@ AXES: dict[str, Axis] = {
         Axis("precision", (0.01, 0.02, 0.05, 0.1), _px),
         Axis("palette", (64, 256, 1024, 0), _whole(0, 2**24)),
         _words("blend", BLENDS),
-        _words("renderer", RENDERERS),
+        Axis("renderer", ("resvg", "cairo"), _one_of(*RENDERERS)),  # the others may be missing
         Axis("max_size", (256, 512, 1024), _whole(1)),
     )
 }

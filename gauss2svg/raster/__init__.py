@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import re
 from typing import Protocol
 
@@ -12,20 +11,30 @@ from PIL import Image
 
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.image import over_white
-from gauss2svg.raster import cairo, resvg
+from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
+from gauss2svg.raster.support import refuse_unsupported
 
 
 class _Renderer(Protocol):
-    def draw(self, svg: str, width: int, height: int) -> bytes: ...
+    def draw(self, svg: str, width: int, height: int) -> NDArray[np.float32]:
+        """RGBA (height, width, 4) in 0..1, alpha not multiplied in."""
+        ...
 
     def version(self) -> str: ...
 
 
-_RENDERERS: dict[str, _Renderer] = {"resvg": resvg, "cairo": cairo}
+_RENDERERS: dict[str, _Renderer] = {
+    "resvg": resvg,
+    "cairo": cairo,
+    "chromium": chromium,
+    "librsvg": librsvg,
+    "firefox": firefox,
+    "inkscape": inkscape,
+}
 _ROOT = re.compile(r"<svg\b[^>]*>")
 _OWN_SIZE = re.compile(r"""\s(?:width|height|preserveAspectRatio)\s*=\s*("[^"]*"|'[^']*')""")
 RENDERERS = tuple(_RENDERERS)
-DEFAULT_RENDERER = "resvg"  # embedded in a wheel, nothing to install, the most exact of them
+DEFAULT_RENDERER = "resvg"  # embedded in a wheel, nothing to install, quick and exact
 
 
 def _renderer(name: str) -> _Renderer:
@@ -45,11 +54,18 @@ def rasterize(
     """Draw an SVG at width x height px, over white; (height, width, 3) float32 in 0..1.
 
     With a viewBox it is stretched to that size, whatever its own proportions.
-    Raises RendererError if the renderer is missing or fails on the file.
+    Raises RendererError if the renderer is missing, fails on the file, or is known to draw
+    wrongly what the file uses.
     """
-    png = _renderer(renderer).draw(_stretched(svg, width, height), width, height)
-    with Image.open(io.BytesIO(png)) as picture:
-        drawn = np.asarray(picture.convert("RGBA"), np.float32) / np.float32(255)
+    drawer = _renderer(renderer)
+    most = Image.MAX_IMAGE_PIXELS  # of what Pillow decodes without complaint
+    if most is not None and width * height > most:
+        raise RendererError(
+            f"{width}x{height} px are {width * height / 1e6:.0f} million; needed are at most "
+            f"{most / 1e6:.0f}: draw the SVG smaller"
+        )
+    refuse_unsupported(svg, width, height, renderer)
+    drawn = drawer.draw(_stretched(svg, width, height), width, height)
     if drawn.shape[:2] != (height, width):
         raise RendererError(
             f"{renderer} drew {drawn.shape[1]}x{drawn.shape[0]} px; needed is {width}x{height}: "

@@ -1,6 +1,10 @@
 """CairoSVG: draws through the cairo system library."""
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gauss2svg.errors import RendererError
+from gauss2svg.raster.png import from_png
 
 _INSTALL = (
     "renderer cairo needs the cairo system library (apt-get install libcairo2, "
@@ -13,8 +17,8 @@ def version() -> str:
     return f"CairoSVG {_cairosvg().__version__}"
 
 
-def draw(svg: str, width: int, height: int) -> bytes:
-    """PNG of the SVG at width x height px."""
+def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
+    """Pixels (height, width, 4) of the SVG."""
     cairosvg = _cairosvg()
     try:
         png = cairosvg.svg2png(
@@ -24,7 +28,7 @@ def draw(svg: str, width: int, height: int) -> bytes:
         raise RendererError(f"CairoSVG cannot draw the SVG: {error!r}") from error
     if png is None:
         raise RendererError("CairoSVG drew nothing")
-    return png
+    return from_png(png)
 
 
 def _cairosvg():

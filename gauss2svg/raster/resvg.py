@@ -1,8 +1,11 @@
 """resvg, embedded by resvg_py: nothing to install by hand."""
 
+import numpy as np
 import resvg_py
+from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
+from gauss2svg.raster.png import from_png
 
 
 def version() -> str:
@@ -10,10 +13,10 @@ def version() -> str:
     return f"resvg {resvg_py.__resvg_version__}"
 
 
-def draw(svg: str, width: int, height: int) -> bytes:
-    """PNG of the SVG at width x height px."""
+def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
+    """Pixels (height, width, 4) of the SVG."""
     try:
-        return resvg_py.svg_to_bytes(
+        png = resvg_py.svg_to_bytes(
             svg_string=svg, width=width, height=height, skip_system_fonts=True
         )
     except BaseException as error:
@@ -21,3 +24,4 @@ def draw(svg: str, width: int, height: int) -> bytes:
         if isinstance(error, ValueError) or type(error).__name__ == "PanicException":
             raise RendererError(f"resvg cannot draw the SVG: {error}") from error
         raise
+    return from_png(png)

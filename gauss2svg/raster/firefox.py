@@ -1,0 +1,99 @@
+"""Firefox without its window, by its own option to take a screenshot."""
+
+import json
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import RendererError
+from gauss2svg.raster.page import HTML, IMAGE
+from gauss2svg.raster.png import from_png
+from gauss2svg.raster.program import find, run, version_line
+
+_PREFERENCES = {
+    "gfx.color_management.mode": 0,  # numbers in the file are numbers on the screen
+    "gfx.webrender.software": True,  # the same picture whatever the graphics card
+    "layout.css.devPixelsPerPx": "1.0",
+    "network.proxy.type": 1,  # to nobody: what it does by itself stays off the network
+    "network.proxy.http": "127.0.0.1",
+    "network.proxy.http_port": 9,
+    "network.proxy.ssl": "127.0.0.1",
+    "network.proxy.ssl_port": 9,
+    "network.captive-portal-service.enabled": False,
+    "network.connectivity-service.enabled": False,
+}
+# Firefox does not say that a picture is broken, so the page does, in a row under it: black where
+# there is no picture, white where it has its size, red where it has another.
+_VERDICT = """<style>
+html, body {{ background: #000 }}
+body {{ overflow: hidden; height: {height}px; padding-bottom: 1px }}
+img {{ visibility: hidden }}
+</style>
+<script>
+addEventListener("load", () => {{
+  const image = document.images[0];
+  if (!image.naturalWidth) return;
+  const right = image.naturalWidth === {width} && image.naturalHeight === {height};
+  const color = right ? "#fff" : "#f00";
+  document.body.style.background = document.documentElement.style.background = color;
+  if (right) image.style.visibility = "visible";
+}});
+</script>
+"""
+
+
+def version() -> str:
+    """Name and version."""
+    return version_line(_program()).removeprefix("Mozilla ")
+
+
+def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
+    """Pixels (height, width, 4) of the SVG, over white."""
+    with tempfile.TemporaryDirectory(prefix="gauss2svg-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        (folder / IMAGE).write_text(svg, encoding="utf-8")
+        page = folder / "page.html"
+        page.write_text(HTML + _VERDICT.format(width=width, height=height), encoding="utf-8")
+        profile = folder / "profile"
+        profile.mkdir()
+        (profile / "user.js").write_text(_user_js())
+        screenshot = folder / "drawn.png"
+        command = [
+            _program(),
+            "--headless",
+            "--no-remote",  # a Firefox that is open already would take the order, and show it
+            "--profile",
+            str(profile),
+            f"--window-size={width},{height + 1}",
+            "--screenshot",
+            str(screenshot),
+            page.as_uri(),
+        ]
+        run(command, folder=folder, environment={"HOME": name})
+        if not screenshot.exists():
+            raise RendererError("Firefox cannot draw the SVG: it wrote no picture")
+        drawn = from_png(screenshot.read_bytes())
+    verdict = drawn[height:, :width, :3]
+    if drawn.shape[:2] != (height + 1, width):
+        raise RendererError(
+            f"Firefox took a screenshot of {drawn.shape[1]}x{drawn.shape[0]} px; needed is "
+            f"{width}x{height + 1}: draw it smaller, or use another --renderer"
+        )
+    if not verdict.any():
+        raise RendererError("Firefox cannot draw the SVG: no picture that it can read")
+    if (verdict[:, :, 1:] == 0).any():
+        raise RendererError(
+            f"Firefox drew another size; needed is {width}x{height}: give the SVG a viewBox"
+        )
+    return drawn[:height]
+
+
+def _user_js() -> str:
+    lines = (f'user_pref("{name}", {json.dumps(value)});' for name, value in _PREFERENCES.items())
+    return "\n".join(lines)
+
+
+def _program() -> str:
+    return find("firefox", ["firefox", "firefox-esr"], "apt-get install firefox-esr")

@@ -1,0 +1,61 @@
+"""Inkscape without its window: what an editor shows."""
+
+import tempfile
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import RendererError
+from gauss2svg.raster.png import from_png
+from gauss2svg.raster.program import find, run, version_line
+
+# It writes a white picture, and no word of complaint, beyond what a cairo surface can hold.
+_MOST_PX = 32767
+
+
+def version() -> str:
+    """Name and version."""
+    return " ".join(version_line(_program()).split()[:2])
+
+
+def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
+    """Pixels (height, width, 4) of the SVG."""
+    if max(width, height) > _MOST_PX:
+        raise RendererError(
+            f"Inkscape cannot draw {width}x{height} px; needed is at most {_MOST_PX} px a side: "
+            "draw it smaller, or use another --renderer"
+        )
+    _refuse_broken(svg)
+    with tempfile.TemporaryDirectory(prefix="gauss2svg-") as name:
+        folder = Path(name)
+        (folder / "drawing.svg").write_text(svg, encoding="utf-8")
+        command = [
+            _program(),
+            "--export-type=png",
+            "--export-area-page",
+            f"--export-width={width}",
+            f"--export-height={height}",
+            "--export-filename=drawn.png",
+            "drawing.svg",
+        ]
+        # Its own settings could change the picture, and two at once share a profile badly.
+        run(command, folder=folder, environment={"INKSCAPE_PROFILE_DIR": name, "HOME": name})
+        drawn = folder / "drawn.png"
+        # It exits with 0 also where it could not read the file.
+        if not drawn.exists():
+            raise RendererError("Inkscape cannot draw the SVG: it wrote no picture")
+        return from_png(drawn.read_bytes())
+
+
+def _refuse_broken(svg: str) -> None:
+    # It draws what it can make of a broken file, and be it nothing.
+    try:
+        expat.ParserCreate().Parse(svg.encode(), True)
+    except expat.ExpatError as error:
+        raise RendererError(f"Inkscape cannot draw the SVG: {error}") from error
+
+
+def _program() -> str:
+    return find("inkscape", ["inkscape"], "apt-get install inkscape, brew install inkscape")

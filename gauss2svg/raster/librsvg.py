@@ -1,0 +1,24 @@
+"""librsvg, by its program rsvg-convert: what GNOME and many web services draw with."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.raster.png import from_png
+from gauss2svg.raster.program import find, run, version_line
+
+
+def version() -> str:
+    """Name and version."""
+    return f"librsvg {version_line(_program()).split()[-1]}"
+
+
+def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
+    """Pixels (height, width, 4) of the SVG."""
+    # --unlimited: it refuses large files otherwise. Read from standard input a file has no
+    # folder, so it can load nothing beside itself.
+    size = ["--width", str(width), "--height", str(height)]
+    return from_png(run([_program(), "--unlimited", *size, "--format=png"], stdin=svg.encode()))
+
+
+def _program() -> str:
+    return find("librsvg", ["rsvg-convert"], "apt-get install librsvg2-bin, brew install librsvg")

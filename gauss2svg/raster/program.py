@@ -1,0 +1,91 @@
+"""Programs that draw: found on PATH, run in a folder of their own, for so long at most."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+
+from gauss2svg.errors import RendererError
+
+# 12 megapixels of 5000 shapes take the slowest of them 10 s; what takes longer than this hangs.
+TIMEOUT_S = 300
+_VERSION_TIMEOUT_S = 30
+
+
+def find(renderer: str, names: Sequence[str], install: str) -> str:
+    """Path of the first of the programs on PATH; raises RendererError where there is none."""
+    for name in names:
+        path = shutil.which(name)
+        if path:
+            return path
+    raise RendererError(
+        f"renderer {renderer} needs the program {names[0]} ({install}); install it, or use "
+        "--renderer resvg"
+    )
+
+
+@cache
+def version_line(path: str) -> str:
+    """First line that the program prints for --version; asked once."""
+    printed = run([path, "--version"], timeout_s=_VERSION_TIMEOUT_S)
+    lines = printed.decode(errors="replace").strip().splitlines()
+    if not lines:
+        raise RendererError(f"{path} --version printed nothing; install it anew")
+    return lines[0].strip()
+
+
+def run(
+    command: Sequence[str],
+    *,
+    stdin: bytes | None = None,
+    folder: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+    timeout_s: float = TIMEOUT_S,
+) -> bytes:
+    """What the command writes to its standard output.
+
+    Raises RendererError with its last complaint if it fails, or takes longer than timeout_s.
+    """
+    name = Path(command[0]).name
+    try:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL if stdin is None else subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            cwd=folder,
+            env={**os.environ, **(environment or {})},
+            start_new_session=True,  # a group of its own, so that its children end with it
+        )
+    except OSError as error:
+        raise RendererError(f"{command[0]} cannot be started: {error.strerror}") from error
+    with process:
+        try:
+            written, complaint = process.communicate(stdin, timeout_s)
+        except subprocess.TimeoutExpired as error:
+            raise RendererError(
+                f"{name} cannot draw the SVG in {timeout_s:g} s; draw it smaller, or use another "
+                "--renderer"
+            ) from error
+        finally:  # also at an interrupt, which a group of its own does not get
+            _end(process)
+    if process.returncode:
+        lines = complaint.decode(errors="replace").strip().splitlines() or ["no reason given"]
+        raise RendererError(
+            f"{name} cannot draw the SVG: {lines[-1]} (exit status {process.returncode})"
+        )
+    return written
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    if process.returncode is not None:
+        return
+    if os.name == "posix":
+        os.killpg(process.pid, signal.SIGKILL)
+    else:
+        process.kill()
