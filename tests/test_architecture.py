@@ -26,19 +26,19 @@ def test_no_file_is_longer_than_400_lines(path):
 
 
 @pytest.mark.parametrize(
-    ("package", "home"),
+    ("package", "homes"),
     [
-        ("svgwrite", "svg/write.py"),
-        ("defusedxml", "svg/document.py"),
-        ("resvg_py", "raster/resvg.py"),
-        ("matplotlib", "bench/plots.py"),
-        ("playwright", "raster/chromium.py"),
+        ("svgwrite", ["svg/write.py"]),
+        ("defusedxml", ["scoring/survey.py", "svg/document.py"]),
+        ("resvg_py", ["raster/resvg.py"]),
+        ("matplotlib", ["bench/plots.py"]),
+        ("playwright", ["raster/chromium.py"]),
     ],
 )
-def test_only_one_module_knows_the_package(package, home):
+def test_only_its_modules_know_a_package(package, homes):
     importers = [
         path.relative_to(ROOT / "gauss2svg").as_posix()
         for path in SOURCES
         if re.search(rf"^\s*(import|from) {package}\b", path.read_text(), re.MULTILINE)
     ]
-    assert importers == [home]
+    assert importers == homes

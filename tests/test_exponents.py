@@ -186,7 +186,7 @@ def test_palette_of_the_scenes_own_choice_holds_however_short_the_time(photo):
     assert result.svg.count("<radialGradient") < 0.6 * result.report["gaussians"]
 
 
-def test_exponents_and_colours_that_have_settled_stay_to_the_end(photo):
+def test_exponents_stay_and_colours_stay_shared_once_they_have_settled(photo):
     seen = []
 
     def as_written(scene, psnr):
@@ -198,8 +198,13 @@ def test_exponents_and_colours_that_have_settled_stay_to_the_end(photo):
     run.fit()
     assert len(seen) == 1
     last = run.scene()
-    pairs = [np.column_stack([scene.color, scene.betas]) for scene in (seen[0], last)]
-    assert {tuple(row) for row in pairs[1].round(9)} <= {tuple(row) for row in pairs[0].round(9)}
+    pairs = [
+        np.unique(np.column_stack([scene.betas, scene.color]).round(9), axis=0)
+        for scene in (seen[0], last)
+    ]
+    assert len(pairs[1]) <= len(pairs[0])
+    assert set(pairs[1][:, 0]) <= set(pairs[0][:, 0])
+    assert not np.isin(last.color, seen[0].color).all()  # but as one they moved on
     assert not np.isin(last.mean, seen[0].mean).any()  # the rest moved on
 
 

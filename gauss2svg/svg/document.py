@@ -1,4 +1,4 @@
-"""SVG sources as trees of elements; the only module that knows defusedxml.
+"""SVG sources as trees of elements; the module of svg/ that knows defusedxml.
 
 Files come from anywhere: document type declarations are refused, and with them entities that
 multiply or read other files. Neither write_svg nor Inkscape writes one.

@@ -33,6 +33,8 @@ _COMMON = ("gradientUnits", "gradientTransform", "spreadMethod")
 _SAMPLES = 512
 _LARGEST_ERROR = 0.02
 _LARGEST_END = 0.005  # opacity of the last stop, which goes on outside the disc
+# A scale of stops this near to 1 is what piecewise linear profiles have anyway.
+_PEAK_OF_OURS = 0.01
 _LARGEST_FOCUS = 0.01  # of the radius: where the focus changes what is drawn by under a level
 
 
@@ -132,14 +134,18 @@ def _read_stops(stops: list[Any]) -> tuple[Color, float, float]:
 
 @lru_cache(maxsize=64)
 def _exponent(polygon: tuple[tuple[float, float], ...]) -> tuple[float, float]:
-    peak = polygon[0][1]
     # An offset below the one before counts as that one, in every renderer.
     offsets = np.maximum.accumulate([offset for offset, _ in polygon])
-    heights = np.array([height for _, height in polygon]) / (peak or 1.0)
-    drawn = np.interp(_radii(), offsets, heights)
-    error = np.sqrt(np.mean(2 * _radii() * np.square(drawn - _profiles()), axis=1))
+    heights = np.array([height for _, height in polygon])
+    drawn, area = np.interp(_radii(), offsets, heights), 2 * _radii()
+    peaks = (area * drawn * _profiles()).sum(axis=1) / (area * _profiles() ** 2).sum(axis=1)
+    shapes = drawn / np.maximum(peaks, 1e-6)[:, None]
+    error = np.sqrt(np.mean(area * np.square(shapes - _profiles()), axis=1))
     best = int(error.argmin())
-    if error[best] > _LARGEST_ERROR or heights[-1] > _LARGEST_END:
+    peak = float(peaks[best])
+    if abs(peak - 1) < _PEAK_OF_OURS:
+        peak = 1.0
+    if error[best] > _LARGEST_ERROR or heights[-1] > _LARGEST_END * peak:
         known = ", ".join(f"{beta:g}" for beta in BETA_CLASSES)
         raise InputError(
             f"its stops fit none of the exponents {known}: the nearest, {BETA_CLASSES[best]:g}, "
