@@ -73,6 +73,7 @@ class EncodedScene:
     """Everything that the writer puts into elements, as text.
 
     width, height in px; view_width, view_height in user units
+    drawn: index in the scene of each ellipse, in order
     """
 
     width: str
@@ -82,6 +83,7 @@ class EncodedScene:
     background: str
     gradients: tuple[Gradient, ...]
     layers: tuple[tuple[int, tuple[Ellipse, ...]], ...]
+    drawn: tuple[int, ...]
 
 
 def number(value: float, decimals: int) -> str:
@@ -133,6 +135,7 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
     unit = np.where((scene.betas >= _LARGE_FROM) & ~plain, _LARGE, 1)
     circle = unit * _widened(scene, plain)
     layers: list[tuple[int, tuple[Ellipse, ...]]] = []
+    indices: list[int] = []
     for layer in np.unique(scene.rounds).tolist():
         of_layer = np.flatnonzero(scene.rounds == layer).tolist()
         ellipses = (
@@ -141,9 +144,10 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
             )
             for i in of_layer
         )
-        drawn = tuple(ellipse for ellipse in ellipses if ellipse is not None)
-        if drawn:
-            layers.append((layer, drawn))
+        shown = [(i, one) for i, one in zip(of_layer, ellipses, strict=True) if one is not None]
+        if shown:
+            layers.append((layer, tuple(one for _, one in shown)))
+            indices += [i for i, _ in shown]
     used = {ellipse.fill for _, ellipses in layers for ellipse in ellipses}
     gradients = tuple(
         Gradient(
@@ -161,6 +165,7 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
         background=_hex(np.round(scene.background * 255).astype(np.uint8)),
         gradients=gradients,
         layers=tuple(layers),
+        drawn=tuple(indices),
     )
 
 
