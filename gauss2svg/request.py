@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from gauss2svg.checks import whole_number
@@ -11,7 +11,7 @@ from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions
 from gauss2svg.quality import Quality, quality_named
 from gauss2svg.raster import renderer_version
 from gauss2svg.scene import BLENDS
-from gauss2svg.svg import SvgOptions
+from gauss2svg.svg import Page, SvgOptions
 from gauss2svg.targets import Targets
 
 AUTO = "auto"
@@ -42,6 +42,8 @@ class Request:
     falloff: str
     renderer: str
     targets: Targets
+    gzip: bool = False
+    page: Page = field(default_factory=Page)
 
     def __post_init__(self) -> None:
         if isinstance(self.gaussians, str):
@@ -55,6 +57,8 @@ class Request:
             object.__setattr__(self, "gaussians", count)
         if self.blend not in BLENDS:
             raise InputError(f"blend is {self.blend!r}; needed is one of {', '.join(BLENDS)}")
+        if not isinstance(self.gzip, bool):
+            raise InputError(f"gzip is {self.gzip!r}; needed is True or False")
         whole_number("max_size", self.side, 1, 2**31 - 1)
         renderer_version(self.renderer)
         _ = self.fit_options, self.svg_options(0, None)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
 
+DEFAULT_TITLE = "Vectorised photo"
 _UNITS = ("px", "mm", "cm", "in", "pt", "pc")
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(_UNITS)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
@@ -40,7 +41,7 @@ class Page:
     Raises InputError for what is not valid.
     """
 
-    title: str = "Vectorised photo"
+    title: str = DEFAULT_TITLE
     alt: str | None = None
     size: str | None = None
     aspect: str | None = None
