@@ -11,6 +11,7 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from gauss2svg.request import Request
 from gauss2svg.roundtrip import RoundTrip, measure_pixels, round_trip
 from gauss2svg.scene import Scene
 from gauss2svg.svg import arranged, file_bytes, settled, write_svg
-from gauss2svg.svg.layers import layer_order
+from gauss2svg.svg.layers import segment_at
 from gauss2svg.targets import TOLERANCE
 
 # Of a file, a Gaussian, palette included: fast writes 0.117, balanced 0.112, mean of the
@@ -105,7 +106,7 @@ class Pursuit:
         labels = request.page.segments
         self._run = Run(
             working, request.fit_options, self._rule, fit_deadline, self._on_step, self._as_written,
-            order=None if labels is None else lambda scene: layer_order(scene, labels),
+            segment_at=None if labels is None else partial(segment_at, labels),
         )  # fmt: skip
 
     def run(self) -> Outcome:

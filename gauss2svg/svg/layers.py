@@ -16,22 +16,26 @@ from gauss2svg.scene import Scene
 Labels = NDArray[np.integer] | None  # (rows, columns), spread over the canvas
 
 
-def segment_of(scene: Scene, labels: NDArray[np.integer]) -> NDArray[np.intp]:
-    """(n,) label under each shape's centre; a centre off the canvas has that of its edge."""
+def segment_at(labels: NDArray[np.integer], position: NDArray[np.float64]) -> NDArray[np.intp]:
+    """(n,) label under positions (n, 2), which are shares of the canvas; off it, its edge's."""
     rows, columns = labels.shape
-    across = np.clip(scene.mean[:, 0] * (columns / scene.width), 0, columns - 1)
-    down = np.clip(scene.mean[:, 1] * (rows / scene.height), 0, rows - 1)
-    return labels[down.astype(np.intp), across.astype(np.intp)].astype(np.intp)
+    across, down = np.clip(position * [columns, rows], 0, [columns - 1, rows - 1]).astype(np.intp).T
+    return labels[down, across].astype(np.intp)
 
 
-def layer_order(scene: Scene, labels: NDArray[np.integer]) -> NDArray[np.intp]:
-    """(n,) indices of the shapes by round, then by segment, then as they were."""
-    return np.lexsort((segment_of(scene, labels), scene.rounds))
+def segment_of(scene: Scene, labels: NDArray[np.integer]) -> NDArray[np.intp]:
+    """(n,) label under each shape's centre."""
+    return segment_at(labels, scene.mean / [scene.width, scene.height])
 
 
 def arranged(scene: Scene, labels: Labels) -> Scene:
-    """The scene in the order of its file: that of layer_order, or as it is without labels."""
-    return scene if labels is None else scene.select(layer_order(scene, labels))
+    """The scene in the order of its file: by round, by segment, then as it was.
+
+    Without labels it is as it was.
+    """
+    if labels is None:
+        return scene
+    return scene.select(np.lexsort((segment_of(scene, labels), scene.rounds)))
 
 
 def runs(values: Sequence[int]) -> Iterator[tuple[int, slice]]:
