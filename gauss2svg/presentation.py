@@ -57,4 +57,4 @@ def _printed_width(photo: Photo) -> str:
             f"size is {PHOTO_SIZE!r} and the photo's resolution {across:g}x{down:g} dpi, of pixels "
             "that are not square; needed is a width such as 120mm"
         )
-    return f"{photo.width / across * _MM_AN_INCH:.4f}mm"
+    return f"{round(photo.width / across * _MM_AN_INCH, 3):g}mm"
