@@ -68,7 +68,7 @@ def test_size_background_title_and_layers_are_there():
     scene = random_scene(30, width=70, height=50)
     root = parse(write_svg(scene, SvgOptions(title="A <b>&")))
     assert (root.get("width"), root.get("height")) == ("70", "50")
-    assert root.get("viewBox") == "0 0 70 50"
+    assert root.get("viewBox") == "0 0 1750 1250"  # of 0.04 px
     assert root.findtext(SVG + "title") == "A <b>&"
     assert "gauss2svg" in (root.findtext(SVG + "desc") or "")
     layers = root.findall(SVG + "g")
