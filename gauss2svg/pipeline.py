@@ -32,6 +32,7 @@ from gauss2svg.quality import DEFAULT_QUALITY
 from gauss2svg.raster import DEFAULT_RENDERER
 from gauss2svg.request import Request
 from gauss2svg.scene import BLENDS, Scene
+from gauss2svg.svg import GRADIENT
 from gauss2svg.targets import Targets, size_in_bytes
 from gauss2svg.version import __version__
 from gauss2svg.warmup import COMPILED_S, compile_kernels
@@ -102,6 +103,7 @@ def vectorize(
     blend: str = BLENDS[0],
     falloff: str = DEFAULT_FALLOFF,
     max_size: int | None = None,
+    form: str = GRADIENT,
     palette: int | None = None,
     stops: int | None = None,
     precision: float | None = None,
@@ -124,6 +126,8 @@ def vectorize(
                 >= 1; palette: most colours in the file, 0 for all; stops: of a gradient,
                 5, 6, 8, 10 or 12; precision: of coordinates in px, 0.001..10;
                 None: the quality's
+    form        of shapes in the file: gradient, for every renderer; blur or hybrid, for those
+                of gauss2svg.raster.DRAW_TURNED_BLURS
     init        placement selective, error or random
     schedule    of a given count: exponential, linear or all-at-once
     loss        mse, l1, mse+ssim or l1+ssim; blend: over
@@ -149,8 +153,8 @@ def vectorize(
         target_psnr, None if max_bytes is None else size_in_bytes(max_bytes), time_limit
     )
     request = Request(
-        gaussians, quality, iterations, init, schedule, loss, blend, max_size, palette,
-        stops, precision, seed, dtype, falloff, renderer, targets,
+        gaussians, quality, iterations, init, schedule, loss, blend, max_size,
+        form, palette, stops, precision, seed, dtype, falloff, renderer, targets,
     )  # fmt: skip
     tell = progress or (lambda _: None)
 
@@ -197,6 +201,7 @@ def vectorize(
         "loss": loss,
         "blend": blend,
         "falloff": falloff,
+        "form": outcome.svg_options.form,
         "palette": outcome.svg_options.palette if request.palette_is_counted else None,
         "colors": len(np.unique(np.round(outcome.scene.color * 255), axis=0)),
         "gradients": outcome.svg.count("<radialGradient"),
