@@ -53,6 +53,7 @@ def vectorize_command(
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse",
     falloff: Literal["gaussian", "adaptive"] = "adaptive",
     max_size: int | None = None,
+    form: Literal["gradient", "blur", "hybrid"] = "gradient",
     palette: int | None = None,
     stops: Literal[5, 6, 8, 10, 12] | None = None,
     precision: float | None = None,
@@ -104,6 +105,9 @@ def vectorize_command(
         paper.
     max_size
         Longest side in pixels of the picture that the fit runs on.
+    form
+        Of shapes in the file: gradient, for every renderer; blur, smaller, and hybrid, only large
+        shapes blurred, for Chromium, Firefox and Inkscape.
     palette
         Most colours in the file, 0 for all: fewer make it smaller.
     stops
@@ -189,6 +193,7 @@ def vectorize_command(
             schedule=schedule,
             loss=loss,
             max_size=max_size,
+            form=form,
             palette=palette,
             stops=stops,
             precision=precision,

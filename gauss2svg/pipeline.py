@@ -34,7 +34,7 @@ from gauss2svg.quality import DEFAULT_QUALITY
 from gauss2svg.raster import DEFAULT_RENDERER
 from gauss2svg.request import Request
 from gauss2svg.scene import BLENDS, Scene
-from gauss2svg.svg import Page, bytes_by_part, file_bytes, is_svgz, outline_svg
+from gauss2svg.svg import GRADIENT, Page, bytes_by_part, file_bytes, is_svgz, outline_svg
 from gauss2svg.svg.page import DEFAULT_TITLE
 from gauss2svg.targets import Targets, size_in_bytes
 from gauss2svg.version import __version__
@@ -117,6 +117,7 @@ def vectorize(
     blend: str = BLENDS[0],
     falloff: str = DEFAULT_FALLOFF,
     max_size: int | None = None,
+    form: str = GRADIENT,
     palette: int | None = None,
     stops: int | None = None,
     precision: float | None = None,
@@ -146,6 +147,8 @@ def vectorize(
                 >= 1; palette: most colours in the file, 0 for all; stops: of a gradient,
                 5, 6, 8, 10 or 12; precision: of coordinates in px, 0.001..10;
                 None: the quality's
+    form        of shapes in the file: gradient, for every renderer; blur or hybrid, for those
+                of gauss2svg.raster.DRAW_TURNED_BLURS
     init        placement selective, error or random
     schedule    of a given count: exponential, linear or all-at-once
     loss        mse, l1, mse+ssim or l1+ssim; blend: over
@@ -178,8 +181,8 @@ def vectorize(
         target_psnr, None if max_bytes is None else size_in_bytes(max_bytes), time_limit
     )
     request = Request(
-        gaussians, quality, iterations, init, schedule, loss, blend, max_size, palette,
-        stops, precision, seed, dtype, falloff, renderer, targets, gzip,
+        gaussians, quality, iterations, init, schedule, loss, blend, max_size, form,
+        palette, stops, precision, seed, dtype, falloff, renderer, targets, gzip,
     )  # fmt: skip
     tell = progress or (lambda _: None)
 
@@ -233,6 +236,7 @@ def vectorize(
         "loss": loss,
         "blend": blend,
         "falloff": falloff,
+        "form": outcome.svg_options.form,
         "palette": outcome.svg_options.palette if request.palette_is_counted else None,
         "colors": len(np.unique(np.round(outcome.scene.color * 255), axis=0)),
         "gradients": outcome.svg.count("<radialGradient"),

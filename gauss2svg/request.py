@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from gauss2svg.checks import whole_number
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions
 from gauss2svg.quality import Quality, quality_named
-from gauss2svg.raster import renderer_version
+from gauss2svg.raster import DRAW_TURNED_BLURS, renderer_version
 from gauss2svg.scene import BLENDS
-from gauss2svg.svg import Page, SvgOptions
+from gauss2svg.svg import FORMS, Page, SvgOptions
 from gauss2svg.targets import Targets
 
 AUTO = "auto"
@@ -34,6 +34,7 @@ class Request:
     loss: str
     blend: str
     max_size: int | None
+    form: str
     palette: int | None
     stops: int | None
     precision: float | None
@@ -60,6 +61,12 @@ class Request:
         if not isinstance(self.gzip, bool):
             raise InputError(f"gzip is {self.gzip!r}; needed is True or False")
         whole_number("max_size", self.side, 1, 2**31 - 1)
+        if self.form in FORMS[1:] and self.renderer not in DRAW_TURNED_BLURS:
+            raise RendererError(
+                f"{self.renderer} does not draw the form {self.form}, in which turned shapes are "
+                f"blurred; needed is one of {', '.join(DRAW_TURNED_BLURS)}: try --renderer "
+                f"{DRAW_TURNED_BLURS[0]}, or --form {FORMS[0]}"
+            )
         renderer_version(self.renderer)
         _ = self.fit_options, self.svg_options(0, None)
 
@@ -117,6 +124,7 @@ class Request:
         if error is not None and self.palette is None:
             color_error = min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
         return SvgOptions(
+            form=self.form,
             palette=colors,
             color_error=color_error,
             stops=preset.stops if self.stops is None else self.stops,

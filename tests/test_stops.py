@@ -36,10 +36,12 @@ def test_sharper_profiles_err_no_more_than_gaussians_do(count, beta):
 
 
 @pytest.mark.parametrize(("count", "beta"), ALL)
-def test_stops_rise_in_offset_and_fall_in_opacity_from_one_to_zero(count, beta):
+def test_stops_rise_in_offset_and_fall_in_opacity_to_zero(count, beta):
     offsets, values = gradient_stops(count, beta)
     assert len(offsets) == len(values)
-    assert (offsets[0], offsets[-1], values[0], values[-1]) == (0, 1, 1, 0)
+    assert 0 <= offsets[0] < offsets[-1] <= 1
+    assert (0.9 if beta < 1 else 0.98) < values[0] <= 1
+    assert values[-1] == 0
     assert (np.diff(offsets) > 0).all()
     assert (np.diff(values) <= 0).all()
 
@@ -56,5 +58,5 @@ def test_no_knot_can_be_moved_for_the_better(beta):
 
 
 def test_unknown_stop_count_is_refused_with_the_known_ones():
-    with pytest.raises(InputError, match="6, 8, 10, 12"):
+    with pytest.raises(InputError, match="5, 6, 8, 10, 12"):
         gradient_stops(7)

@@ -22,6 +22,7 @@ from gauss2svg.fit.schedule import SCHEDULES
 from gauss2svg.quality import QUALITIES
 from gauss2svg.raster import RENDERERS
 from gauss2svg.scene import BLENDS
+from gauss2svg.svg import FORMS
 from gauss2svg.svg.options import LEAST_PRECISION, MOST_PRECISION
 from gauss2svg.svg.stops import STOP_COUNTS
 from gauss2svg.version import __version__
@@ -93,6 +94,7 @@ AXES: dict[str, Axis] = {
         _words("loss", LOSSES),
         _words("falloff", FALLOFFS),
         _words("dtype", DTYPES),
+        Axis("form", ("gradient",), _one_of(*FORMS)),  # the default renderer draws no other
         _words("stops", STOP_COUNTS),
         Axis("precision", (0.01, 0.02, 0.05, 0.1), _px),
         Axis("palette", (64, 256, 1024, 0), _whole(0, 2**24)),

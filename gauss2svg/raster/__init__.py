@@ -12,7 +12,9 @@ from PIL import Image
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.image import over_white
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
-from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.raster.support import DRAW_TURNED_BLURS, refuse_unsupported
+
+__all__ = ["DEFAULT_RENDERER", "DRAW_TURNED_BLURS", "RENDERERS", "rasterize", "renderer_version"]
 
 
 class _Renderer(Protocol):

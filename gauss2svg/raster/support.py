@@ -23,6 +23,7 @@ from xml.parsers import expat
 from gauss2svg.errors import RendererError
 
 _BROWSERS = ("chromium", "firefox")
+DRAW_TURNED_BLURS = (*_BROWSERS, "inkscape")
 _BLUR_WORDS = ("feGaussianBlur", "feDropShadow", "blur(", "drop-shadow(")
 _FILTERED = re.compile(r"""\bfilter\s*[=:]\s*["']?\s*(?!none\b|inherit\b|initial\b)[a-z]""")
 _BLENDED = re.compile(r"mix-blend-mode\s*:\s*(?!normal\b)[a-z]")
@@ -55,7 +56,7 @@ def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> None
 def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str, ...]]]:
     """What the file uses that some do not draw, and who does; cheap for a file without it."""
     if any(word in svg for word in _BLUR_WORDS):
-        drawn_by = (*_BROWSERS, "inkscape")
+        drawn_by = DRAW_TURNED_BLURS
         turned, sheared = _blurred_matrices(svg, width, height)
         if sheared:
             yield "a blur of turned or sheared shapes", drawn_by

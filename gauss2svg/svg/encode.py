@@ -8,9 +8,10 @@ direction; the lower triangular one has c = 0 and is the shortest to write:
 
 The user unit is `precision` px, so that all these are whole numbers. A gradient is shared by
 all shapes of one colour and one exponent. Shapes that a plain ellipse draws as well have none,
-and the radius of plain_radius(beta). Crisp rims need two more things (examples/rims.py measures
-both, dB near the rim against the model, mean of what resvg and CairoSVG draw at rims of 0.25 /
-0.5 / 1 px: with neither 30 / 38 / 47, with both 55 / 55 / 50):
+and the radius of plain_radius(beta); blurred discs share filters by exponent (blur.py). Crisp
+rims need two more things (examples/rims.py measures both, dB near the rim against the model,
+mean of what resvg and CairoSVG draw at rims of 0.25 / 0.5 / 1 px: with neither 30 / 38 / 47,
+with both 55 / 55 / 50):
 
 - a circle a little larger than its gradient, whose own antialiased edge would clip the rim;
 - for exponents from _LARGE_FROM on a gradient of radius 100 under a matrix of a hundredth, for
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import SceneError
 from gauss2svg.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.scene import Scene
+from gauss2svg.svg.blur import blur_index, blurs
 from gauss2svg.svg.options import SvgOptions
 from gauss2svg.svg.plain import is_plain, plain_radius
 from gauss2svg.svg.settle import settled
@@ -56,16 +58,30 @@ class Gradient:
 
 
 @dataclass(frozen=True)
+class Filter:
+    """One blur of a circle of radius 1: its id, deviation, and what it fills around the circle.
+
+    margin  in diameters
+    """
+
+    id: str
+    deviation: str
+    margin: str
+
+
+@dataclass(frozen=True)
 class Ellipse:
     """One shape: its fill, a gradient or a colour, the circle's radius, its matrix, its opacity.
 
-    The opacity is "" where it is 1.
+    The opacity is "" where it is 1; filter the id of its blur, or ""; index its place in the scene.
     """
 
+    index: int
     fill: str
     radius: str
     matrix: str
     opacity: str
+    filter: str
 
 
 @dataclass(frozen=True)
@@ -73,7 +89,6 @@ class EncodedScene:
     """Everything that the writer puts into elements, as text.
 
     width, height in px; view_width, view_height in user units
-    drawn: index in the scene of each ellipse, in order
     """
 
     width: str
@@ -82,8 +97,8 @@ class EncodedScene:
     view_height: str
     background: str
     gradients: tuple[Gradient, ...]
+    filters: tuple[Filter, ...]
     layers: tuple[tuple[int, tuple[Ellipse, ...]], ...]
-    drawn: tuple[int, ...]
 
 
 def number(value: float, decimals: int) -> str:
@@ -120,89 +135,114 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
             f"{_SMALLEST_CANVAS} px a side: scale the scene up"
         )
     scene = settled(scene, options)
-    plain = is_plain(scene)
+    plain, blur = is_plain(scene), blur_index(scene, options.form)
+    blurred = ~plain & (blur >= 0)
+    shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.betas), color])
-    shared, entry, uses = np.unique(keys[~plain], axis=0, return_inverse=True, return_counts=True)
+    shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
     # The shortest to those that are used most.
-    order = np.argsort(np.argsort(-uses, kind="stable"), kind="stable")
-    ids = [short_id(k) for k in order.tolist()]
-    fills = np.array([_hex(c) for c in color], dtype=object)
-    fills[~plain] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
-    radius = cut_radius(scene.betas)
-    radius[plain] = [plain_radius(beta) for beta in scene.betas[plain]]
-    factor = scene.factor * radius[:, None, None]
-    unit = np.where((scene.betas >= _LARGE_FROM) & ~plain, _LARGE, 1)
-    circle = unit * _widened(scene, plain)
-    layers: list[tuple[int, tuple[Ellipse, ...]]] = []
-    indices: list[int] = []
-    for layer in np.unique(scene.rounds).tolist():
-        of_layer = np.flatnonzero(scene.rounds == layer).tolist()
-        ellipses = (
-            _ellipse(
-                fills[i], unit[i], circle[i], factor[i], scene.mean[i], scene.opacity[i], options
-            )
-            for i in of_layer
-        )
-        shown = [(i, one) for i, one in zip(of_layer, ellipses, strict=True) if one is not None]
-        if shown:
-            layers.append((layer, tuple(one for _, one in shown)))
-            indices += [i for i, _ in shown]
-    used = {ellipse.fill for _, ellipses in layers for ellipse in ellipses}
-    gradients = tuple(
-        Gradient(
-            ids[k], _LARGE if beta >= _LARGE_FROM else 1, _hex(key[1:]), _stops(options.stops, beta)
-        )
-        for k, (key, beta) in enumerate((key, BETA_CLASSES[key[0]]) for key in shared)
-        if f"url(#{ids[k]})" in used
-    )
+    uses = np.append(uses, np.bincount(blur[blurred], minlength=len(blurs())))
+    names = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
+    ids, filter_ids = names[: len(shared)], names[len(shared) :]
 
+    fills = np.array([_hex(c) for c in color], dtype=object)
+    fills[shaded] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
+    filters = np.full(len(scene), "", dtype=object)
+    filters[blurred] = [filter_ids[k] for k in blur[blurred]]
+    radius, opacity = cut_radius(scene.betas), scene.opacity.copy()
+    radius[plain] = [plain_radius(beta) for beta in scene.betas[plain]]
+    radius[blurred] = [blurs()[k].radius for k in blur[blurred]]
+    opacity[blurred] *= [blurs()[k].peak for k in blur[blurred]]
+    unit = np.where((scene.betas >= _LARGE_FROM) & shaded, _LARGE, 1)
+    discs = _Discs(
+        fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
+        scene.factor * radius[:, None, None], scene.mean,
+    )  # fmt: skip
+    layers = _layers(discs, scene.rounds, options)
+    drawn = [ellipse for _, ellipses in layers for ellipse in ellipses]
+    fills_used, filters_used = {e.fill for e in drawn}, {e.filter for e in drawn}
     return EncodedScene(
         width=number(scene.width, 3),
         height=number(scene.height, 3),
         view_width=number(scene.width / options.precision, 3),
         view_height=number(scene.height / options.precision, 3),
         background=_hex(np.round(scene.background * 255).astype(np.uint8)),
-        gradients=gradients,
-        layers=tuple(layers),
-        drawn=tuple(indices),
+        gradients=tuple(
+            _gradient(name, BETA_CLASSES[key[0]], key[1:], options.stops)
+            for name, key in zip(ids, shared, strict=True)
+            if f"url(#{name})" in fills_used
+        ),
+        filters=tuple(
+            Filter(name, number(blur.deviation, 4), number(blur.margin / 2, 2))
+            for name, blur in zip(filter_ids, blurs(), strict=True)
+            if name in filters_used
+        ),
+        layers=layers,
     )
 
 
-def _stops(count: int, beta: float) -> tuple[tuple[str, str], ...]:
-    offsets, values = gradient_stops(count, beta)
-    return tuple((number(o, 4), number(v, 3)) for o, v in zip(offsets, values, strict=True))
+@dataclass(frozen=True)
+class _Discs:
+    """What each of n shapes is drawn by, before it is text.
+
+    fill, filter  (n,) text, "" without a filter
+    unit     (n,) radius of its gradient; circle (n,) radius of the circle that shows it
+    opacity  (n,) in 0..1
+    factor   (n, 2, 2) in px, of the circle of radius `unit`; mean (n, 2) in px
+    """
+
+    fill: NDArray[np.object_]
+    filter: NDArray[np.object_]
+    unit: NDArray[np.intp]
+    circle: NDArray[np.float64]
+    opacity: NDArray[np.float64]
+    factor: NDArray[np.float64]
+    mean: NDArray[np.float64]
 
 
-def _widened(scene: Scene, plain: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """(n,) radius of each shape's circle, as a multiple of its gradient's, on one decimal."""
-    minor = scene.ellipse_axes[0][:, 1]
-    crisp = (scene.betas > 1) & (RIM_WIDTH * minor < _SOFT * scene.betas) & ~plain
-    margin = np.where(crisp, _CLEAR_OF_THE_RIM / (minor * cut_radius(scene.betas)), 0.0)
-    return 1 + np.minimum(np.ceil(10 * margin) / 10, _MOST_MARGIN)
+def _layers(
+    discs: _Discs, rounds: NDArray[np.int32], options: SvgOptions
+) -> tuple[tuple[int, tuple[Ellipse, ...]], ...]:
+    """Rounds that draw something, and what they draw."""
+    layers = []
+    for layer in np.unique(rounds).tolist():
+        ellipses = (_ellipse(discs, i, options) for i in np.flatnonzero(rounds == layer).tolist())
+        drawn = tuple(ellipse for ellipse in ellipses if ellipse is not None)
+        if drawn:
+            layers.append((layer, drawn))
+    return tuple(layers)
 
 
-def _ellipse(
-    fill: str,
-    unit: int,
-    circle: float,
-    factor: NDArray[np.float64],
-    mean: NDArray[np.float64],
-    opacity: float,
-    options: SvgOptions,
-) -> Ellipse | None:
+def _ellipse(discs: _Discs, i: int, options: SvgOptions) -> Ellipse | None:
+    unit, factor = int(discs.unit[i]), discs.factor[i]
     decimals = round(math.log10(unit))
     a, b, d = (
         number(v / (unit * options.precision), decimals)
         for v in (factor[0, 0], factor[1, 0], factor[1, 1])
     )
-    texts = [a, b, "0", d, *(number(v / options.precision, 0) for v in mean)]
-    shown = number(opacity, options.opacity_decimals)
-    if shown == "0" or texts[0] == "0" or texts[3] == "0":
+    e, f = (number(v / options.precision, 0) for v in discs.mean[i])
+    shown = number(discs.opacity[i], options.opacity_decimals)
+    if "0" in (shown, a, d):
         return None
     return Ellipse(
-        fill, number(circle, 1), f"matrix({' '.join(texts)})", "" if shown == "1" else shown
-    )
+        i, discs.fill[i], number(discs.circle[i], 1), f"matrix({a} {b} 0 {d} {e} {f})",
+        "" if shown == "1" else shown, discs.filter[i],
+    )  # fmt: skip
+
+
+def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) -> Gradient:
+    offsets, values = gradient_stops(count, beta)
+    stops = tuple((number(o, 4), number(v, 3)) for o, v in zip(offsets, values, strict=True))
+    return Gradient(name, _LARGE if beta >= _LARGE_FROM else 1, _hex(color), stops)
+
+
+def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(n,) radius of each shape's circle, as a multiple of its gradient's, on one decimal."""
+    minor = scene.ellipse_axes[0][:, 1]
+    crisp = (scene.betas > 1) & (RIM_WIDTH * minor < _SOFT * scene.betas) & shaded
+    margin = np.where(crisp, _CLEAR_OF_THE_RIM / (minor * cut_radius(scene.betas)), 0.0)
+    return 1 + np.minimum(np.ceil(10 * margin) / 10, _MOST_MARGIN)
 
 
 def short_id(index: int) -> str:
@@ -214,7 +254,7 @@ def short_id(index: int) -> str:
     return text
 
 
-def _hex(color: NDArray[np.uint8]) -> str:
+def _hex(color: NDArray[np.integer]) -> str:
     text = "#" + "".join(f"{int(v):02x}" for v in color)
     if text[1] == text[2] and text[3] == text[4] and text[5] == text[6]:
         return "#" + text[1] + text[3] + text[5]

@@ -9,6 +9,7 @@ import numpy as np
 
 from gauss2svg.checks import number_within, whole_number
 from gauss2svg.errors import InputError
+from gauss2svg.svg.blur import FORMS, GRADIENT
 from gauss2svg.svg.stops import STOP_COUNTS
 
 LEAST_PRECISION, MOST_PRECISION = 0.001, 10.0
@@ -18,8 +19,10 @@ LEAST_PRECISION, MOST_PRECISION = 0.001, 10.0
 class SvgOptions:
     """How a scene is written.
 
-    palette           most gradients, one for each pair of a colour and an exponent; 0 writes
-                      every pair
+    form              of shapes that are no plain ellipses: gradient; blur, a disc under
+                      feGaussianBlur, save for small ones; hybrid, blur for large ones alone
+    palette           most gradients, one for each pair of a colour and an exponent, and in
+                      proportion where shapes are blurred; 0 writes every pair
     color_error       squared error, mean over pixels and channels, that using fewer of them
                       may add; 0: as many as the palette has
     stops             gradient stops, one of STOP_COUNTS
@@ -28,6 +31,7 @@ class SvgOptions:
     opacity_decimals  of fill-opacity, 1..6; 2 costs 60 dB, 3 costs 80 dB
     """
 
+    form: str = GRADIENT
     palette: int = 1250
     color_error: float = 0.0
     stops: int = 5
@@ -35,6 +39,8 @@ class SvgOptions:
     opacity_decimals: int = 2
 
     def __post_init__(self) -> None:
+        if self.form not in FORMS:
+            raise InputError(f"form is {self.form!r}; needed is one of {', '.join(FORMS)}")
         whole_number("palette", self.palette, 0, 2**24)
         if self.stops not in STOP_COUNTS:
             known = ", ".join(map(str, STOP_COUNTS))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.falloff import widening
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import Scene
+from gauss2svg.svg.blur import blur_index, blurs
 from gauss2svg.svg.options import SvgOptions
 from gauss2svg.svg.palette import quantize
 from gauss2svg.svg.plain import is_plain
@@ -20,13 +23,18 @@ def settled(scene: Scene, options: SvgOptions) -> Scene:
     """The scene as its file has it, save for the rounding of numbers.
 
     Gradients are shared by colour and exponent: both become those of a palette, and a shape's
-    extent changes with its exponent so that its half-way rim stays. Plain ellipses need no
-    gradient: they keep both, the colour on 8 bits.
+    extent changes with its exponent so that its half-way rim stays. Plain ellipses and blurred
+    discs need no gradient: they keep their colour, on 8 bits, plain ones their exponent as well.
     """
-    shaded = ~is_plain(scene)
+    blur = blur_index(scene, options.form)
+    blurred = blur >= 0
+    shaded = ~is_plain(scene) & ~blurred
     beta, sigma, color = scene.betas.copy(), scene.sigma.copy(), np.round(scene.color * 255) / 255
+    beta[blurred] = [blurs()[k].beta for k in blur[blurred]]
     if shaded.any():
-        count = options.palette if options.palette else len(scene)
+        count = len(scene)
+        if options.palette:
+            count = max(1, math.ceil(options.palette * (1 - blurred.mean())))
         weight, pixels = np.ones(len(scene)), 1
         if options.palette or options.color_error:
             weight, pixels = visible_mass(scene)
@@ -36,7 +44,7 @@ def settled(scene: Scene, options: SvgOptions) -> Scene:
         )  # fmt: skip
         color[shaded] = palette.color[palette.entry] / 255
         beta[shaded] = palette.beta[palette.entry]
-        sigma *= widening(scene.betas, beta)[:, None]
+    sigma *= widening(scene.betas, beta)[:, None]
     return scene.replace(beta=beta, sigma=sigma, color=color)
 
 

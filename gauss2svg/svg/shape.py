@@ -14,10 +14,12 @@ from typing import Any
 from gauss2svg.errors import InputError
 from gauss2svg.falloff import cut_radius
 from gauss2svg.svg.affine import Affine, compose
+from gauss2svg.svg.blur import blur_of, blurs
 from gauss2svg.svg.gradient import SVG, Gradient, Gradients
 from gauss2svg.svg.outline import outline
 from gauss2svg.svg.values import Color, color, numbers, reference
 
+_SAME_RATIO = 0.005  # to a known one: the rounding of a deviation that an editor wrote
 _CLIPPED = 0.05  # canvas px by which an ellipse may cut its gradient off: rounding
 
 
@@ -78,12 +80,13 @@ def _shaded(gradient: Gradient, disc: Affine) -> Shape:
 def blurred_profile(radius: float, deviation: float) -> tuple[float, float, float]:
     """Exponent, radius in sigmas and centre opacity of a circle of `radius`, blurred.
 
-    Both lengths are in user units of the circle.
+    Both lengths are in user units of the circle. Raises InputError for ratios unlike ours.
     """
-    raise InputError(
-        f"it is a circle of radius {radius:g} blurred by {deviation:g}; blurred ellipses cannot "
-        "be read yet: remove the filter, or keep the scene by Scene.save"
-    )
+    ratio = radius / deviation
+    blur = min(blurs(), key=lambda known: abs(math.log(ratio * known.deviation)))
+    if abs(ratio * blur.deviation - 1) > _SAME_RATIO:
+        blur = blur_of(ratio)
+    return blur.beta, blur.radius, 1 / blur.peak
 
 
 def _deviation(blur: Any) -> float:

@@ -1,0 +1,126 @@
+"""Gaussians as blurred discs: a circle under feGaussianBlur, and which shapes may be drawn so.
+
+A disc of radius rho blurred by s has the radial profile
+
+    g(r) = integral over t in 0..rho of t / s^2 exp(-(r^2 + t^2) / 2 s^2) I0(r t / s^2),
+
+variance rho^2 / 4 + s^2 per axis and peak g(0) = 1 - exp(-rho^2 / 2 s^2). For a small rho / s it
+is a Gaussian, but faint; for a large one it has the flat top and crisp rim of a large exponent.
+So every ratio stands for one exponent, and bounds the opacity: with its scale and its peak
+fitted as well, by the least squared error of the picture, root mean square over the disc,
+
+    rho / s           1.4    2      2.6    3.4    5      8      12
+    exponent          1.01   1.15   1.36   1.74   2.61   4.32   6.64
+    largest opacity   0.63   0.86   0.96   1      1      1      1
+    error             .004   .004   .004   .006   .012   .016   .018
+
+tests/test_blur.py derives the table again. Six gradient stops err .003 at exponent 1.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import ive
+
+from gauss2svg.errors import InputError
+from gauss2svg.falloff import profile
+from gauss2svg.scene import Scene
+from gauss2svg.svg.plain import is_plain
+
+GRADIENT, BLUR, HYBRID = "gradient", "blur", "hybrid"
+FORMS = (GRADIENT, BLUR, HYBRID)
+# px from the mean to half the height, across, from which a form blurs a shape.
+_LEAST_HALF_WIDTH = {BLUR: 1.8, HYBRID: 4.0}
+
+_RATIOS = (1.4, 2.0, 2.6, 3.4, 5.0, 8.0, 12.0)
+LEAST_RATIO, MOST_RATIO = 0.5, 16.0  # that are recognised
+_CLEAR = 3.5  # deviations from the disc to the end of what a filter draws
+_OVERFULL = 0.02  # of an opacity over what a disc can have, which is then drawn as that
+
+
+@dataclass(frozen=True)
+class Blur:
+    """How a disc of radius 1 is blurred, and what comes of it.
+
+    deviation  of the blur, in radii of the disc
+    beta       exponent of the profile that it draws
+    radius     of the disc in sigmas of that profile
+    peak       what fill-opacity is, over the opacity
+    """
+
+    deviation: float
+    beta: float
+    radius: float
+    peak: float
+
+    @property
+    def margin(self) -> float:
+        """Radii around the disc that the blur fills."""
+        return _CLEAR * self.deviation
+
+
+@lru_cache(maxsize=1)
+def blurs() -> tuple[Blur, ...]:
+    """Those that files have, the softest first."""
+    return tuple(blur_of(ratio) for ratio in _RATIOS)
+
+
+@lru_cache(maxsize=64)
+def blur_of(ratio: float) -> Blur:
+    """The exponent, scale and peak nearest to a disc of `ratio` deviations' radius, blurred.
+
+    Raises InputError for ratios outside of LEAST_RATIO..MOST_RATIO.
+    """
+    if not LEAST_RATIO <= ratio <= MOST_RATIO:
+        raise InputError(
+            f"it is a circle of {ratio:g} times the radius of its blur's deviation; needed is "
+            f"{LEAST_RATIO:g}..{MOST_RATIO:g}: set its blur again"
+        )
+    r = np.arange(0.5, 500) / 500 * (1 + 6 / ratio)
+    drawn = blurred_disc(r, ratio)
+
+    def fitted(logs: NDArray[np.float64]) -> tuple[float, float]:
+        """Squared error at sigma 1 px, save for a factor, and the peak."""
+        sigma, beta = np.exp(logs)
+        wanted = profile(r / sigma, min(max(beta, 0.5), 256.0))
+        peak = (r * wanted * drawn).sum() / (r * drawn * drawn).sum()
+        return float((r * (peak * drawn - wanted) ** 2).sum() / sigma**2), float(peak)
+
+    # A disc's variance is rho^2 / 4 + s^2; a crisp rim of it lies at sqrt 2 sigma.
+    guess = np.log([math.sqrt(0.25 + ratio**-2), max(1.0, 0.55 * ratio)])
+    best = minimize(
+        lambda logs: fitted(logs)[0], guess, method="Nelder-Mead",
+        options={"xatol": 1e-6, "fatol": 1e-14, "initial_simplex": guess + 0.1 * np.eye(3, 2)},
+    )  # fmt: skip
+    sigma, beta = np.exp(best.x)
+    return Blur(1 / ratio, float(beta), float(1 / sigma), fitted(best.x)[1])
+
+
+def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
+    """(n,) opacity at radii r (n,) of a disc of radius 1, blurred by 1 / ratio."""
+    t = (np.arange(300) + 0.5) / 300
+    exponent = -0.5 * (ratio * (r[:, None] - t)) ** 2
+    return (t * ratio**2 * np.exp(exponent) * ive(0, r[:, None] * t * ratio**2)).mean(axis=1)
+
+
+def blur_index(scene: Scene, form: str) -> NDArray[np.intp]:
+    """(n,) index into blurs() of how a form draws each shape, -1 where it does not blur it.
+
+    The nearest exponent of which a disc can have the shape's opacity. It depends on the half-way
+    rim, which stays when the exponent becomes that one: so the answer stays as well.
+    """
+    index = np.full(len(scene), -1)
+    if form == GRADIENT or not len(scene):
+        return index
+    half_width = scene.ellipse_axes[0][:, 1] * math.sqrt(2) * math.log(2) ** (0.5 / scene.betas)
+    chosen = (half_width >= _LEAST_HALF_WIDTH[form]) & ~is_plain(scene)
+    distance = np.abs(np.log(scene.betas[chosen, None] / [blur.beta for blur in blurs()]))
+    full = np.array([blur.peak for blur in blurs()]) * scene.opacity[chosen, None]
+    index[chosen] = np.where(full <= 1 + _OVERFULL, distance, np.inf).argmin(axis=1)
+    return index
