@@ -1,10 +1,12 @@
 """Laws of animated files: they end as the still one, and renderers show that end."""
 
+import io
 import re
 
 import numpy as np
 import pytest
 from conftest import random_scene
+from PIL import Image
 
 from gauss2svg.errors import RendererError
 from gauss2svg.raster import chromium, rasterize
@@ -88,11 +90,21 @@ class _Page:
         return taken
 
 
+def pixels_of(png: bytes) -> np.ndarray:
+    with Image.open(io.BytesIO(png)) as picture:
+        return np.asarray(picture.convert("RGB"), np.float64)
+
+
 def test_browser_fades_rounds_in_and_ends_with_the_still_picture():
     still = _Page("no-preference").screenshots(STILL, [0])[0]
     begin, middle, end = _Page("no-preference").screenshots(MOVING, [1e-3, 3000, None])
-    assert len({begin, middle, end}) == 3
     assert end == still
+    background, begun, halfway, ended = (
+        np.round(SCENE.background * 255), *(pixels_of(png) for png in (begin, middle, end))
+    )  # fmt: skip
+    assert np.abs(begun - background).max() <= 1
+    assert np.abs(halfway - background).max() > 50
+    assert np.abs(halfway - ended).max() > 50
 
 
 def test_whoever_wants_less_motion_sees_the_end_at_once():

@@ -182,6 +182,17 @@ def test_photo_without_a_resolution_has_no_physical_size(form, photo):
         vectorize(stream.getvalue(), size="photo", **QUICK)
 
 
+def test_resolution_turns_with_the_photo(photo):
+    exif, found = Image.Exif(), []
+    exif[0x011A], exif[0x011B], exif[0x0128] = 100.0, 200.0, 2
+    picture = Image.fromarray(np.round(photo[:48, :64] * 255).astype(np.uint8))
+    for turn in (1, 3, 6, 8):
+        exif[0x0112], stream = turn, io.BytesIO()
+        picture.save(stream, "JPEG", exif=exif)
+        found.append(load_image(stream.getvalue()).dpi)
+    assert found == [(100, 200), (100, 200), (200, 100), (200, 100)]
+
+
 def test_pixels_that_are_not_square_have_no_physical_size(photo):
     stream = io.BytesIO()
     picture = Image.fromarray(np.round(photo[:48, :64] * 255).astype(np.uint8))
