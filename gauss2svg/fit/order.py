@@ -1,4 +1,12 @@
-"""Painter's order by segments of the picture, where a file is to have them as layers."""
+"""Painter's order by segments of the picture, where a file is to have them as layers.
+
+PSNR in dB of the drawn SVG, 2000 shapes of Kodak 04 / 20, 100 superpixels asked for:
+
+    no segments                                             32.03 / 33.38
+    sorted when colours settle and once more at the end     29.36 / 15.77
+    sorted from the start, left ones pulled back at the end 31.98 / 33.03
+    a fit without segments, sorted afterwards               26.81 / 26.97
+"""
 
 from __future__ import annotations
 
