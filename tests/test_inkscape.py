@@ -13,6 +13,7 @@ from documents import assert_same
 from gauss2svg.falloff import BETA_CLASSES
 from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgOptions, read_svg, write_svg
+from gauss2svg.svg.blur import BLUR, GRADIENT
 
 DATA = Path(__file__).parent / "data"
 # What 8 digits leave of a covariance in px^2 and of a mean in px.
@@ -60,20 +61,30 @@ def assert_moved(before: Path, after: Path) -> None:
     shift[old.rounds == 2] = 5, -2
     assert (shift != 0).any(axis=1).sum() > 5
     assert_same(new, old.replace(mean=old.mean + shift), EDITED)
-    assert "<ellipse" in after.read_text()
     assert "<path" in after.read_text()
+    # What it makes of a circle that is moved, unless a filter refers to its units.
+    assert ("<ellipse" in after.read_text()) == ("filter=" not in before.read_text())
 
 
-def test_shapes_moved_in_inkscape_are_moved_and_nothing_else_is(pytestconfig):
+def written(form: str) -> str:
+    return write_svg(edited_scene(), SvgOptions(form=form, palette=0))
+
+
+@pytest.mark.parametrize("form", [GRADIENT, BLUR])
+def test_shapes_moved_in_inkscape_are_moved_and_nothing_else_is(form, pytestconfig):
+    before, after = DATA / f"{form}.svg", DATA / f"{form}_by_inkscape.svg"
     if pytestconfig.getoption("--rewrite-golden"):
-        (DATA / "before.svg").write_text(write_svg(edited_scene(), SvgOptions(palette=0)))
-        saved_by_inkscape(DATA / "before.svg", DATA / "inkscape.svg")
-    assert_moved(DATA / "before.svg", DATA / "inkscape.svg")
-    assert set(BETA_CLASSES) < set(read_svg(DATA / "before.svg").betas)
+        before.write_text(written(form))
+        saved_by_inkscape(before, after)
+    assert_moved(before, after)
+    assert (form == BLUR) == ("filter=" in before.read_text())
+    if form == GRADIENT:
+        assert set(BETA_CLASSES) < set(read_svg(before).betas)
 
 
 @pytest.mark.skipif(shutil.which("inkscape") is None, reason="needs Inkscape on the PATH")
-def test_the_same_by_the_inkscape_that_is_installed(tmp_path):
-    (tmp_path / "before.svg").write_text(write_svg(edited_scene(), SvgOptions(palette=0)))
+@pytest.mark.parametrize("form", [GRADIENT, BLUR])
+def test_the_same_by_the_inkscape_that_is_installed(form, tmp_path):
+    (tmp_path / "before.svg").write_text(written(form))
     saved_by_inkscape(tmp_path / "before.svg", tmp_path / "after.svg")
     assert_moved(tmp_path / "before.svg", tmp_path / "after.svg")

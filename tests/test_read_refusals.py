@@ -47,7 +47,8 @@ from gauss2svg.svg import read_svg
         ('<circle r="1" fill="url(#line)"/>', "linear"),
         ('<circle r=".9" transform="scale(9)" fill="url(#a)"/>', "cuts off 0.9 px"),
         ('<circle r="1" cx=".1" transform="scale(9)" fill="url(#a)"/>', "cuts off 0.9 px"),
-        ('<circle id="b" r="5" fill="red" filter="url(#blur)"/>', '<circle id="b">.*blurred'),
+        ('<circle id="b" r="5" fill="red" filter="url(#faint)"/>',
+         '<circle id="b">.*needed is 0.5..16'),
         ('<circle id="b" r="5" fill="red" filter="url(#a)"/>', "filter"),
         ('<g filter="url(#blur)"/>', "whole group"),
         ("<style>circle{fill:red}</style>", "it sets fill"),
@@ -66,6 +67,7 @@ def test_what_a_scene_cannot_hold_is_refused_by_name(body, message):
         f'xlink:href="#loop"/><radialGradient id="two">{red}{clear}/></radialGradient>'
         f'<radialGradient id="cone">{red}{clear} stop-color="red"/></radialGradient>'
         '<linearGradient id="line"/><filter id="blur"><feGaussianBlur stdDeviation="2"/></filter>'
+        '<filter id="faint"><feGaussianBlur stdDeviation="20"/></filter>'
     )
     with pytest.raises(InputError, match=message) as caught:
         read_svg(document(body, defs))

@@ -1,0 +1,180 @@
+"""Laws of blurred discs: the profile they draw, which shapes are drawn so, and by whom."""
+
+import re
+
+import numpy as np
+import pytest
+from conftest import random_scene
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
+
+from gauss2svg import metrics, vectorize
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.falloff import cut_radius, profile
+from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize, renderer_version
+from gauss2svg.render import render
+from gauss2svg.scene import Scene
+from gauss2svg.svg import FORMS, SvgOptions, read_svg, settled, write_svg
+from gauss2svg.svg.blur import BLUR, GRADIENT, HYBRID, blur_index, blur_of, blurred_disc, blurs
+from gauss2svg.svg.plain import is_plain
+
+FORM = st.sampled_from(FORMS)
+
+
+def large_scene(count: int, seed: int) -> Scene:
+    return random_scene(count, 90, 70, seed, (0.5, 25))
+
+
+@pytest.mark.parametrize("ratio", [1.4, 3.4, 12.0])
+def test_profile_is_that_of_a_picture_of_a_disc_blurred(ratio):
+    disc_px, side = 120, 901
+    y, x = np.indices((side, side)) - side // 2
+    distance = np.hypot(x, y)
+    disc = np.clip(disc_px + 0.5 - distance, 0, 1)
+    blurred = gaussian_filter(disc, disc_px / ratio, truncate=6)
+    across = blurred[side // 2, side // 2 :]
+    r = distance[side // 2, side // 2 :] / disc_px
+    np.testing.assert_allclose(blurred_disc(r, ratio), across, atol=2e-3)
+    assert across[0] == pytest.approx(1 - np.exp(-(ratio**2) / 2), abs=2e-3)
+
+
+def test_table_of_exponents_opacities_and_errors_is_as_stated():
+    stated = {
+        1.4: (1.01, 0.63, 0.004), 2.0: (1.15, 0.86, 0.004), 2.6: (1.36, 0.96, 0.0045),
+        3.4: (1.74, 1.0, 0.0065), 5.0: (2.61, 1.0, 0.012), 8.0: (4.32, 1.0, 0.0165),
+        12.0: (6.64, 1.0, 0.0185),
+    }  # fmt: skip
+    assert len(stated) == len(blurs())
+    for (ratio, (beta, most, error)), blur in zip(stated.items(), blurs(), strict=True):
+        assert blur.deviation == pytest.approx(1 / ratio)
+        assert blur.beta == pytest.approx(beta, abs=0.007)
+        assert min(1, 1 / blur.peak) == pytest.approx(most, abs=0.006)
+        end = float(cut_radius(blur.beta))
+        r = (np.arange(800) + 0.5) / 800 * end  # in sigmas
+        missed = blur.peak * blurred_disc(r / blur.radius, ratio) - profile(r, blur.beta)
+        assert np.sqrt(np.average(missed**2, weights=r)) < error
+
+
+def test_filters_end_where_less_than_half_a_level_is_left():
+    for blur in blurs():
+        end = np.array([1 + blur.margin])
+        assert blur.peak * blurred_disc(end, 1 / blur.deviation)[0] < 0.5 / 255
+
+
+def test_no_other_exponent_scale_or_peak_errs_less():
+    blur = blur_of(2.0)
+    r = (np.arange(1500) + 0.5) / 1500 * 5
+
+    def error(beta, radius, peak):  # per px^2 at sigma 1 px
+        return np.sum(r * (peak * blurred_disc(r / radius, 2.0) - profile(r, beta)) ** 2)
+
+    least = error(blur.beta, blur.radius, blur.peak)
+    for way in (0.98, 1.02):
+        assert error(blur.beta * way, blur.radius, blur.peak) > least
+        assert error(blur.beta, blur.radius * way, blur.peak) > least
+        assert error(blur.beta, blur.radius, blur.peak * way) > least
+
+
+@pytest.mark.parametrize("ratio", [0.4, 17.0])
+def test_ratios_that_no_profile_is_like_are_refused(ratio):
+    with pytest.raises(InputError, match=r"needed is 0\.5\.\.16"):
+        blur_of(ratio)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10**6), FORM, st.sampled_from([0, 12]))
+def test_settled_scenes_stay_as_they_are(seed, form, palette):
+    options = SvgOptions(form=form, palette=palette)
+    scene = settled(large_scene(20, seed), options)
+    again = settled(scene, options.every_color)
+    for name in ("sigma", "betas", "color"):
+        np.testing.assert_allclose(getattr(again, name), getattr(scene, name), rtol=1e-12)
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10**6), FORM)
+def test_forms_blur_large_shapes_and_hybrid_fewer_of_them(seed, form):
+    scene = large_scene(40, seed)
+    plain, index = is_plain(scene), blur_index(scene, form)
+    half = scene.ellipse_axes[0][:, 1] * np.sqrt(2) * np.log(2) ** (0.5 / scene.betas)
+    least = {GRADIENT: np.inf, BLUR: 1.8, HYBRID: 4.0}[form]
+    np.testing.assert_array_equal(index[~plain] >= 0, half[~plain] >= least)
+    full = scene.opacity * [blurs()[k].peak if k >= 0 else 0 for k in index]
+    assert (full <= 1.021).all()
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10**6), st.sampled_from([BLUR, HYBRID]), st.sampled_from([0, 12]))
+def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, form, palette):
+    options = SvgOptions(form=form, palette=palette, precision=0.001, opacity_decimals=4)
+    scene = large_scene(30, seed)
+    svg = write_svg(scene, options)
+    used = re.findall(r'filter="url\(#(\w+)\)"', svg)
+    blurred = blur_index(settled(scene, options), form) >= 0
+    assert len(used) == np.count_nonzero(blurred & ~is_plain(settled(scene, options)))
+    assert set(used) == set(re.findall(r'<filter[^>]* id="(\w+)"', svg))
+    ids = re.findall(r' id="([^"]+)"', svg)
+    assert len(set(ids)) == len(ids)
+    if palette:
+        kept = settled(scene, options).color
+        first = blur_index(scene, form) >= 0
+        np.testing.assert_allclose(kept[first], scene.color[first], atol=0.51 / 255)
+        assert svg.count("<radialGradient") <= palette
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10**6), st.sampled_from([BLUR, HYBRID]))
+def test_scene_of_blurred_shapes_comes_back_within_the_rounding(seed, form):
+    options = SvgOptions(form=form, palette=0, precision=0.001, opacity_decimals=4)
+    scene = settled(large_scene(25, seed), options)
+    scene = scene.select((scene.opacity > 1e-3) & ~is_plain(scene))
+    back = read_svg(write_svg(scene, options))
+    np.testing.assert_allclose(back.betas, scene.betas)
+    np.testing.assert_allclose(back.mean, scene.mean, atol=6e-4)
+    np.testing.assert_allclose(back.factor, scene.factor, atol=1e-3)
+    np.testing.assert_allclose(back.color, scene.color, atol=0.51 / 255)
+    np.testing.assert_allclose(back.opacity, scene.opacity, atol=0.021)  # a disc's largest
+
+
+def test_gradient_form_has_no_filters_and_unknown_forms_are_refused():
+    assert "filter" not in write_svg(large_scene(40, 3))
+    with pytest.raises(InputError, match="form is 'blurred'; needed is one of gradient, blur"):
+        SvgOptions(form="blurred")
+
+
+@pytest.mark.parametrize("renderer", sorted(set(RENDERERS) - set(DRAW_TURNED_BLURS)))
+@pytest.mark.parametrize("form", [BLUR, HYBRID])
+def test_renderer_that_cannot_draw_a_form_is_refused_before_the_fit(form, renderer, photo):
+    steps = []
+    with pytest.raises(RendererError, match=f"form {form}.*--renderer chromium, or --form gra"):
+        vectorize(photo, form=form, renderer=renderer, progress=steps.append)
+    assert not steps
+    with pytest.raises(RendererError, match="needed is one of chromium"):
+        rasterize(write_svg(large_scene(40, 3), SvgOptions(form=form)), 90, 70, renderer)
+
+
+@pytest.mark.parametrize("renderer", DRAW_TURNED_BLURS)
+@pytest.mark.parametrize(("form", "least"), [(BLUR, 37), (HYBRID, 42)])
+def test_blurred_scene_is_drawn_as_the_model_has_it(form, least, renderer):
+    try:
+        renderer_version(renderer)
+    except RendererError as error:
+        pytest.skip(str(error))
+    options = SvgOptions(form=form, palette=0, precision=0.01, opacity_decimals=3)
+    scene = settled(random_scene(60, 200, 160, 4, (1, 40), (0.7, 8)), options)
+    assert (blur_index(scene, form) >= 0).sum() > 20
+    drawn = rasterize(write_svg(scene, options), 200, 160, renderer)
+    assert metrics.psnr(drawn, render(scene)) > least
+
+
+def test_fit_in_the_blur_form_is_measured_as_it_is_drawn(photo):
+    try:
+        renderer_version("chromium")
+    except RendererError as error:
+        pytest.skip(str(error))
+    result = vectorize(photo, gaussians=150, iterations=60, form=BLUR, renderer="chromium")
+    assert result.report["form"] == BLUR
+    assert result.svg.count("filter=") > 20
+    assert result.report["psnr_roundtrip"] > 38
+    assert result.report["psnr_svg"] > result.report["psnr_model"] - 0.3
