@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.finish import Finish
 from gauss2svg.fit.options import FitResult
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.roundtrip import RoundTrip
@@ -43,6 +44,7 @@ class Outcome:
     """A fitted, written and measured scene, on the photo's canvas.
 
     corrections  how often the count was changed after the fit
+    finish       what it brought, None if none was asked for
     """
 
     scene: Scene
@@ -51,6 +53,7 @@ class Outcome:
     fitted: FitResult
     measured: RoundTrip
     corrections: int
+    finish: Finish | None
 
 
 def trimmed(attempt: Attempt, limit: int, picture: NDArray[np.float32]) -> Attempt:

@@ -69,6 +69,7 @@ def vectorize_command(
     animate: float | None = None,
     outline: Path | None = None,
     gzip: Annotated[bool, Parameter(negative="")] = False,
+    finish: Literal["resvg", "cairo", "chromium", "all"] | None = None,
     report: Path | None = None,
     preview: Path | None = None,
     save_scene: Path | None = None,
@@ -140,6 +141,8 @@ def vectorize_command(
         Write the shapes as bare strokes there, as another SVG.
     gzip
         Gzip the SVG, also where its name does not end in .svgz; --max-bytes holds for the file.
+    finish
+        Last changes by what this renderer, or all three, really draws: slow, a little truer.
     report
         Write all numbers of the run there, as JSON.
     preview
@@ -202,6 +205,7 @@ def vectorize_command(
             falloff=falloff,
             threads=threads,
             renderer=renderer,
+            finish=finish,
             title=title,
             alt=alt,
             size=size,

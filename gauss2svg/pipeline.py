@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.atomic import write_atomically
 from gauss2svg.checks import whole_number
+from gauss2svg.finish import Finish
 from gauss2svg.fit import FitProgress
 from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DEFAULT_DTYPE, DEFAULT_FALLOFF
@@ -51,8 +52,8 @@ ProgressCallback = Callable[["Progress"], None]
 class Progress:
     """What `vectorize` is doing: phase, and the state of the fit while that is the phase.
 
-    phase  "read", "compile", "fit", "write", "measure"; with targets "correct" may follow,
-           and the last three again
+    phase  "read", "compile", "fit", "write", "measure"; with targets "correct" may follow, and
+           the last three again; last of all "finish", if it was asked for
     """
 
     phase: str
@@ -125,6 +126,7 @@ def vectorize(
     dtype: str = DEFAULT_DTYPE,
     threads: int | None = None,
     renderer: str = DEFAULT_RENDERER,
+    finish: str | None = None,
     title: str = DEFAULT_TITLE,
     alt: str | None = None,
     size: str | None = None,
@@ -166,6 +168,8 @@ def vectorize(
                 image of the photo's size, or its labels as an array (h, w) of whole numbers
     animate     seconds in which the rounds fade in, where motion is welcome; up to an hour
     gzip        the file is to be gzipped: max_bytes holds for that, and save does it
+    finish      resvg, cairo, chromium or all: last changes by what they really draw, which
+                takes some thirty drawings of each; not with time_limit
     progress    called with a Progress at every step; nothing is ever printed
     started     time.perf_counter() from which time_limit and total_s count; None: now
 
@@ -182,7 +186,7 @@ def vectorize(
     )
     request = Request(
         gaussians, quality, iterations, init, schedule, loss, blend, max_size, form,
-        palette, stops, precision, seed, dtype, falloff, renderer, targets, gzip,
+        palette, stops, precision, seed, dtype, falloff, renderer, finish, targets, gzip,
     )  # fmt: skip
     tell = progress or (lambda _: None)
 
@@ -263,6 +267,9 @@ def vectorize(
             for field in dataclasses.fields(measured)
             if field.name != "raster"
         },
+        "finish": finish,
+        "finish_drawings": outcome.finish.drawings if outcome.finish else None,
+        "finish_gains": _gains(outcome.finish),
         "bytes_by_part": bytes_by_part(outcome.svg),
         "notes": notes,
         "versions": _versions(),
@@ -283,6 +290,13 @@ def _working_size(width: int, height: int, request: Request) -> tuple[int, int]:
 def decibels(value: float | None) -> str:
     """A PSNR of the report as text."""
     return "equal" if value is None else f"{value:.2f} dB"
+
+
+def _gains(finish: Finish | None) -> dict[str, list[float | None]] | None:
+    """PSNR in dB before and after the finish, by renderer."""
+    if finish is None:
+        return None
+    return {name: [_finite(psnr) for psnr in pair] for name, pair in finish.gains.items()}
 
 
 def _finite(value: Any) -> Any:

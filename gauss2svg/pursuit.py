@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from gauss2svg import metrics
 from gauss2svg.attempt import Attempt, Outcome, trimmed
+from gauss2svg.finish import Finish, finished
 from gauss2svg.fit.options import FitProgress
 from gauss2svg.fit.rules import FIRST_ROUND, Demand, FixedCount, Rule, SceneDecides, Snapshot
 from gauss2svg.fit.run import Run
@@ -119,6 +120,10 @@ class Pursuit:
                 if not self._calibrate(best, measured):
                     break
                 best, measured = self._search()
+            finish = None
+            if self._request.finish is not None:
+                best, finish = self._finished(best, self._request.finish)
+                measured = self._measure(best)
         reason = self._stop_reason(best, measured.psnr_svg)
         fitted = dataclasses.replace(self._run.result(), stop_reason=reason)
         return Outcome(
@@ -128,7 +133,15 @@ class Pursuit:
             fitted=fitted,
             measured=measured,
             corrections=len(self._attempts) - 1,
+            finish=finish,
         )
+
+    def _finished(self, best: Attempt, name: str) -> tuple[Attempt, Finish]:
+        self._tell("finish", None)
+        scene, options, page = best.scene, best.options, best.page
+        finish = finished(scene, options, page, self._photo, name, self._request.seed)
+        svg = write_svg(finish.scene, options, page)
+        return self._within_bytes(dataclasses.replace(best, scene=finish.scene, svg=svg)), finish
 
     def _search(self) -> tuple[Attempt, RoundTrip]:
         self._correct()

@@ -7,6 +7,7 @@ from functools import cached_property
 
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, RendererError
+from gauss2svg.finish import FINISHES, renderers_of
 from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions
 from gauss2svg.quality import Quality, quality_named
 from gauss2svg.raster import DRAW_TURNED_BLURS, renderer_version
@@ -42,6 +43,7 @@ class Request:
     dtype: str
     falloff: str
     renderer: str
+    finish: str | None
     targets: Targets
     gzip: bool = False
     page: Page = field(default_factory=Page)
@@ -68,7 +70,26 @@ class Request:
                 f"{DRAW_TURNED_BLURS[0]}, or --form {FORMS[0]}"
             )
         renderer_version(self.renderer)
+        self._check_finish()
         _ = self.fit_options, self.svg_options(0, None)
+
+    def _check_finish(self) -> None:
+        if self.finish is None:
+            return
+        if self.finish not in FINISHES:
+            raise InputError(f"finish is {self.finish!r}; needed is one of {', '.join(FINISHES)}")
+        if self.targets.time_limit_s is not None:
+            raise InputError(
+                "finish and time_limit are both given; needed is one of them, for a fit takes all "
+                "the time that there is: give --iterations in place of the limit"
+            )
+        for name in renderers_of(self.finish):
+            renderer_version(name)
+            if self.form in FORMS[1:] and name not in DRAW_TURNED_BLURS:
+                raise RendererError(
+                    f"finish {self.finish} draws by {name}, which does not draw the form "
+                    f"{self.form}; needed is --finish {DRAW_TURNED_BLURS[0]}, or --form {FORMS[0]}"
+                )
 
     @cached_property
     def preset(self) -> Quality:

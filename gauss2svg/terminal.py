@@ -20,6 +20,7 @@ _PHASES = {
     "fit": "fitting",
     "write": "writing the SVG",
     "measure": "drawing and measuring the SVG",
+    "finish": "finishing by what renderers draw",
 }
 
 
@@ -86,6 +87,10 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         f"bias {report['bias_roundtrip']:+.2f} of 255; "
         f"the model itself has {decibels(report['psnr_model'])}",
     }
+    for name, (before, after) in (report["finish_gains"] or {}).items():
+        rows[f"finish, {name}"] = (
+            f"PSNR {decibels(before)} to {decibels(after)}, {report['finish_drawings']} drawings"
+        )
     lines = [*rows.items(), *(("not reached", line) for line in report["unreached"])]
     _print_table([*lines, *(("note", note) for note in report["notes"])])
 

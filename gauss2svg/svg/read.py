@@ -249,7 +249,8 @@ class _Reader:
             if blur is None or blur.tag != SVG + "filter":
                 raise InputError(f"its filter {attributes['filter']!r} is missing; remove it")
         shape = read_shape(tag, attributes, state.fill, state.onto, self._gradients, blur)
-        opacity = state.opacity * shape.peak * share(state.fill_opacity, "fill-opacity")
+        # A blurred disc may be a little less opaque than its profile, but not more.
+        opacity = min(1.0, state.opacity * shape.peak * share(state.fill_opacity, "fill-opacity"))
         last = self._shapes[-1][2] if self._shapes else 0
         self._shapes.append((shape, opacity, max(last, state.round)))
         self._elements.append(element)

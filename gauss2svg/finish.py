@@ -1,0 +1,231 @@
+"""The finish: last changes by what renderers really draw, so that their rounding is fitted away.
+
+Renderers round to 8 bits after every layer: at 10 000 shapes that costs 0.1 to 0.3 dB. The
+error looks like noise, but most of it stays where shapes change little: after every shape of
+Kodak 04 has moved by 0.04 px, errors before and after correlate by 0.82 in resvg and 0.67 in
+CairoSVG. So, again and again,
+
+- shapes that are clear of one another are each changed in one parameter, a little, against the
+  gradient of the error of the raster;
+- the file is drawn, and each keeps its change if its own pixels came nearer to the photo.
+
+What five drawings bring on Kodak 04, 10 000 shapes, resvg, PSNR of the drawn SVG in dB:
+
+    changes at random                                             0.013
+    against the gradient                                          0.024
+    all parameters at once                                        0.019
+    shapes of which not even the faint rims overlap               0.016
+
+Before, gradient steps of the fit towards target - (raster - model) were tried: at 5000 and
+10 000 shapes the drawn SVG lost 0.03 to 0.2 dB, for the steps undid what they were shown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gauss2svg import metrics
+from gauss2svg.falloff import cut_radius
+from gauss2svg.fit.adam import gradients
+from gauss2svg.fit.run import LEAST_OPACITY, LEAST_SIGMA
+from gauss2svg.raster import rasterize
+from gauss2svg.render.cpu import moments_of_gradient, splats_of
+from gauss2svg.scene import RHO_LIMIT, Scene
+from gauss2svg.svg import Page, SvgOptions, write_svg
+from gauss2svg.svg.layers import segment_of
+
+ALL = "all"
+FINISHES = ("resvg", "cairo", "chromium", ALL)
+
+_DRAWINGS = 32  # at most
+_LEAST_GAIN, _OVER = 0.0005, 4  # dB a drawing, mean of the last few, under which it ends
+_TRUE_EVERY = 8  # drawings; between them the raster is put together from what was kept
+_SHIFT, _STRETCH, _FADE = 0.045, 0.03, 0.01  # px, px, opacity; or a step of the file's numbers
+_OPAQUE = 0.97  # such shapes stay as opaque as they are: many need no number for it
+# Sigmas around a mean that count as a shape's own pixels, and px beyond them.
+_CORE, _MARGIN = 1.7, 0.3
+_LARGEST = 0.005  # of the canvas: larger shapes would leave no place for others
+_NOBODY = -1
+
+_PARAMETERS = ("mean", "sigma", "rho", "opacity")  # what changes
+
+
+@dataclass(frozen=True, eq=False)
+class Finish:
+    """A scene after its finish.
+
+    drawings  how often each renderer drew it
+    gains     PSNR in dB of the drawn SVG before and after, by renderer
+    """
+
+    scene: Scene
+    drawings: int
+    gains: dict[str, tuple[float, float]]
+
+
+def renderers_of(finish: str) -> tuple[str, ...]:
+    """The renderers that a finish, one of FINISHES, compares with."""
+    return FINISHES[:-1] if finish == ALL else (finish,)
+
+
+def finished(
+    scene: Scene,
+    options: SvgOptions,
+    page: Page,
+    photo: NDArray[np.float32],
+    finish: str,
+    seed: int,
+) -> Finish:
+    """Change a settled scene so that what renderers draw of its file is nearer to a photo.
+
+    scene    on the canvas of photo (h, w, 3); options and page write it, in its own colours
+    finish   one of FINISHES; with all the squared errors of the three are summed
+    seed     of the order in which shapes take their turns
+
+    Colours and order stay. The sum of squared errors never grows: the scene itself is returned
+    where nothing was gained. Raises RendererError if a renderer cannot draw.
+    """
+    names = renderers_of(finish)
+    height, width = photo.shape[:2]
+
+    def drawn(one: Scene) -> NDArray[np.float32]:
+        """(renderers, h, w, 3) what each draws, less the photo."""
+        svg = write_svg(one, options, page)
+        return np.stack([rasterize(svg, width, height, name) for name in names]) - photo
+
+    rng = np.random.default_rng(seed)
+    changed, drawings = scene, 1
+    first = missed = drawn(scene)
+    errors = [_squared(first)]
+    while drawings < _DRAWINGS and _is_gaining(errors):
+        owner = claimed(changed, rng.permutation(len(scene)), height, width)
+        tried = _changed(changed, np.unique(owner[owner >= 0]), missed.sum(axis=0), options, rng)
+        new = drawn(tried)
+        gain = (np.square(missed) - np.square(new)).sum(axis=(0, 3)).reshape(-1)
+        kept = np.bincount(owner.reshape(-1) + 1, gain, len(scene) + 1)[1:] > 0
+        if page.segments is not None:  # the layers, and with them the order, stay
+            kept &= segment_of(tried, page.segments) == segment_of(changed, page.segments)
+        changed = _with(changed, tried, kept)
+        missed = np.where(np.append(kept, False)[owner][:, :, None], new, missed)
+        drawings += 1
+        errors.append(_squared(missed))
+        if drawings % _TRUE_EVERY == 0:
+            missed = drawn(changed)
+            drawings += 1
+    last = drawn(changed)
+    if _squared(last) >= _squared(first):
+        changed, last = scene, first
+    gains = {
+        name: (metrics.psnr(before + photo, photo), metrics.psnr(after + photo, photo))
+        for name, before, after in zip(names, first, last, strict=True)
+    }
+    return Finish(changed, drawings + 1, gains)
+
+
+def _squared(missed: NDArray[np.float32]) -> float:
+    return float(np.sum(np.square(missed), dtype=np.float64))
+
+
+def _is_gaining(errors: list[float]) -> bool:
+    if len(errors) <= _OVER:
+        return errors[-1] > 0
+    return 10 * np.log10(errors[-1 - _OVER] / max(errors[-1], 1e-30)) > _OVER * _LEAST_GAIN
+
+
+def claimed(scene: Scene, order: NDArray[np.intp], height: int, width: int) -> NDArray[np.intp]:
+    """(height, width) index of the shape that a pixel is of, -1 where it is of none.
+
+    In the order given, each shape has the pixels within _CORE sigmas of its mean, if none of
+    them is of another yet.
+    """
+    radius = np.minimum(cut_radius(scene.betas), _CORE)
+    sides = np.sqrt(np.diagonal(scene.covariance, axis1=1, axis2=2))
+    most = max(_LARGEST * height * width, 1.0)
+    small = np.pi * radius**2 * scene.ellipse_axes[0].prod(axis=1) <= most
+    owner = np.full((height, width), _NOBODY)
+    _claim(
+        owner, order[small[order]], scene.mean, scene.whitening, radius + _MARGIN,
+        radius[:, None] * sides + _MARGIN,
+    )  # fmt: skip
+    return owner
+
+
+@njit(cache=True)
+def _claim(owner, order, mean, whitening, radius, extent):
+    height, width = owner.shape
+    for i in order:
+        left, right = max(0, int(mean[i, 0] - extent[i, 0])), int(mean[i, 0] + extent[i, 0]) + 1
+        top, bottom = max(0, int(mean[i, 1] - extent[i, 1])), int(mean[i, 1] + extent[i, 1]) + 1
+        free = True
+        for claiming in (False, True):
+            for y in range(top, min(bottom, height)):
+                for x in range(left, min(right, width)):
+                    u, v = x + 0.5 - mean[i, 0], y + 0.5 - mean[i, 1]
+                    across = whitening[i, 1] * u + whitening[i, 2] * v
+                    if (whitening[i, 0] * u) ** 2 + across**2 < radius[i] ** 2:
+                        if claiming:
+                            owner[y, x] = i
+                        elif owner[y, x] >= 0:
+                            free = False
+            if not free:
+                break
+
+
+def _changed(
+    scene: Scene,
+    turn: NDArray[np.intp],
+    missed: NDArray[np.float32],
+    options: SvgOptions,
+    rng: np.random.Generator,
+) -> Scene:
+    """The scene with shapes `turn` moved, stretched or faded, each against its gradient.
+
+    missed  (h, w, 3) what the raster has more than the photo
+    """
+    splats = splats_of(scene)
+    by_image: NDArray[np.float32] = np.ascontiguousarray(np.moveaxis(missed, -1, 0))
+    gradient = gradients(moments_of_gradient(splats, by_image), scene.opacity, scene.betas)
+    which = rng.integers(0, 3, len(turn))
+    mean, factor, opacity = scene.mean.copy(), scene.factor.copy(), scene.opacity.copy()
+
+    k = turn[which == 0]  # by the gradient in px: x = mean + factor t
+    shift = np.linalg.solve(np.swapaxes(factor[k], 1, 2), gradient[k, :2, None])[:, :, 0]
+    mean[k] -= max(_SHIFT, options.precision) * _unit(shift)
+
+    k = turn[which == 1]  # the covariance becomes factor (1 + A)^2 factor^T, A symmetric
+    stretch = gradient[k][:, [2, 3, 3, 4]] * [1, 0.5, 0.5, 1]
+    minor = scene.ellipse_axes[0][k, 1]
+    size = max(_STRETCH, options.precision) * np.minimum(1 / minor, 1.0)
+    stretched = np.eye(2) - (size[:, None] * _unit(stretch)).reshape(-1, 2, 2)
+    factor[k] = factor[k] @ stretched
+
+    k = turn[which == 2]
+    k = k[(opacity[k] < _OPAQUE) & (opacity[k] > LEAST_OPACITY)]
+    fade = max(_FADE, 10.0**-options.opacity_decimals)
+    opacity[k] = np.clip(opacity[k] - fade * np.sign(gradient[k, 5]), LEAST_OPACITY, 1.0)
+
+    covariance = factor @ np.swapaxes(factor, 1, 2)
+    sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+    rho = np.clip(covariance[:, 0, 1] / sigma.prod(axis=1), -RHO_LIMIT, RHO_LIMIT)
+    tried = scene.replace(mean=mean, sigma=sigma, rho=rho, opacity=opacity)
+    # Other renderers, and this one at other sizes, draw thinner ones wrongly.
+    thinner = tried.ellipse_axes[0][:, 1] < np.minimum(LEAST_SIGMA, scene.ellipse_axes[0][:, 1])
+    return _with(tried, scene, thinner)
+
+
+def _unit(vectors: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Vectors (n, k) of length 1; of length 0 where there is no direction."""
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+
+
+def _with(scene: Scene, other: Scene, chosen: NDArray[np.bool_]) -> Scene:
+    """The scene with the parameters of another where chosen (n,)."""
+    changes = {}
+    for name in _PARAMETERS:
+        mine, theirs = getattr(scene, name), getattr(other, name)
+        changes[name] = np.where(chosen.reshape(-1, *[1] * (mine.ndim - 1)), theirs, mine)
+    return scene.replace(**changes)
