@@ -146,10 +146,10 @@ def zoom(fits: Fits, renderers: list[str]) -> list[Row]:
 def seconds(fits: dict[str, Result], renderers: list[str]) -> list[Row]:
     """Draw time: median seconds of three in one run / times the gradient form's.
 
-    Of the first photo at the first count; bytes are a Gaussian's. Chromium stays open, and draws
-    four places to take their mean; librsvg, Firefox and Inkscape start anew for each drawing.
-    "One gradient each" is written with 8 stops and without a palette: shapes share a gradient only
-    if their colours on 8 bits and exponents are the same, and plain ellipses have none.
+    Of the first photo at the first count; bytes are a Gaussian's, dB those of the fit's report.
+    Chromium stays open and draws four places, to take their mean; librsvg, Firefox and Inkscape
+    start anew for each drawing. "One gradient each" has 8 stops and no palette: shapes share one
+    only if exponent and colour on 8 bits are the same, and plain ellipses have none.
     """
     rows: dict[str, Row] = {form: {"form": form} | numbers(fit) for form, fit in fits.items()}
     width, height = (fits[GRADIENT].report[side] for side in ("width", "height"))
@@ -169,7 +169,7 @@ def seconds(fits: dict[str, Result], renderers: list[str]) -> list[Row]:
 
 
 def presets(photos: dict[str, Pixels], count: int | None = None) -> list[Row]:
-    """Presets: the gradient form, drawn by resvg, mean over photos; bytes are a Gaussian's."""
+    """Presets: the gradient form, dB by resvg, mean over photos; bytes are a Gaussian's."""
     rows = []
     for quality in QUALITIES:
         say(f"preset {quality}")
