@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from gauss2svg.pipeline import Progress, Result, vectorize
     from gauss2svg.scene import Scene
     from gauss2svg.scoring import CheckResult, check
-    from gauss2svg.svg import SvgOptions, read_svg, write_svg
+    from gauss2svg.svg import Page, SvgOptions, outline_svg, read_svg, write_svg
 
 _HOMES = {
     "CheckResult": "scoring",
@@ -32,7 +32,9 @@ _HOMES = {
     "Result": "pipeline",
     "vectorize": "pipeline",
     "Scene": "scene",
+    "Page": "svg",
     "SvgOptions": "svg",
+    "outline_svg": "svg",
     "read_svg": "svg",
     "write_svg": "svg",
 }
@@ -42,6 +44,7 @@ __all__ = [
     "Gauss2SvgError",
     "InputError",
     "OutputError",
+    "Page",
     "Progress",
     "RendererError",
     "Result",
@@ -50,6 +53,7 @@ __all__ = [
     "SvgOptions",
     "__version__",
     "check",
+    "outline_svg",
     "read_svg",
     "vectorize",
     "write_svg",

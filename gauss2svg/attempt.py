@@ -1,16 +1,19 @@
-"""A scene as it was written once on the way to its targets, and how its bytes are met."""
+"""A scene as it was written on the way to its targets, how its bytes are met, and the outcome."""
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.fit.options import FitResult
 from gauss2svg.render.cpu import removal_cost, splats_of
+from gauss2svg.roundtrip import RoundTrip
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, write_svg
+from gauss2svg.svg import Page, SvgOptions, file_bytes, write_svg
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +27,30 @@ class Attempt:
     scene: Scene
     svg: str
     options: SvgOptions
+    page: Page
+    gzipped: bool
     model: float
     error: float
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Bytes of the file."""
-        return len(self.svg.encode())
+        return len(file_bytes(self.svg, self.gzipped))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A fitted, written and measured scene, on the photo's canvas.
+
+    corrections  how often the count was changed after the fit
+    """
+
+    scene: Scene
+    svg: str
+    svg_options: SvgOptions
+    fitted: FitResult
+    measured: RoundTrip
+    corrections: int
 
 
 def trimmed(attempt: Attempt, limit: int, picture: NDArray[np.float32]) -> Attempt:
@@ -46,7 +66,6 @@ def trimmed(attempt: Attempt, limit: int, picture: NDArray[np.float32]) -> Attem
         cost = removal_cost(splats, planar)[1][:, 0]
         kept = min(len(scene) - 1, int(len(scene) * limit / attempt.size))
         scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
-        attempt = dataclasses.replace(
-            attempt, scene=scene, svg=write_svg(scene, attempt.options), error=np.nan
-        )
+        svg = write_svg(scene, attempt.options, attempt.page)
+        attempt = dataclasses.replace(attempt, scene=scene, svg=svg, error=np.nan)
     return attempt

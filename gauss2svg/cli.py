@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import time
 import warnings
@@ -60,6 +61,14 @@ def vectorize_command(
     dtype: Literal["float32", "float64"] = "float32",
     threads: int | None = None,
     renderer: Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"] = "resvg",
+    title: str = "Vectorised photo",
+    alt: str | None = None,
+    size: str | None = None,
+    aspect: str | None = None,
+    segments: str | None = None,
+    animate: float | None = None,
+    outline: Path | None = None,
+    gzip: Annotated[bool, Parameter(negative="")] = False,
     report: Path | None = None,
     preview: Path | None = None,
     save_scene: Path | None = None,
@@ -113,6 +122,24 @@ def vectorize_command(
         CPU threads; one for each core if not given.
     renderer
         Which renderer draws the SVG to measure it; the last four if they are installed.
+    title
+        The picture's name, which browsers and screen readers tell.
+    alt
+        What is to be seen in it, for screen readers.
+    size
+        Its width where it is printed or placed, such as 120mm, 5in or 300px; photo: as the photo's
+        resolution says.
+    aspect
+        How it fills a frame of other proportions: preserveAspectRatio, such as 'xMidYMid slice'.
+    segments
+        Layers inside of the rounds: about how many superpixels, or a label image of the photo's
+        size.
+    animate
+        Seconds in which the rounds fade in, where motion is welcome; the end is the still picture.
+    outline
+        Write the shapes as bare strokes there, as another SVG.
+    gzip
+        Gzip the SVG, also where its name does not end in .svgz; --max-bytes holds for the file.
     report
         Write all numbers of the run there, as JSON.
     preview
@@ -133,14 +160,21 @@ def vectorize_command(
         standard_stream,
     )
     from gauss2svg.pipeline import vectorize
+    from gauss2svg.svg import file_bytes, is_svgz
     from gauss2svg.terminal import print_summary, show_progress
 
     refuse_option_like(image, output)
     to_stdout = output == STANDARD_STREAM
-    targets = [path for path in (report, preview, save_scene) if path is not None]
+    targets = [path for path in (outline, report, preview, save_scene) if path is not None]
     if not to_stdout:
         targets.insert(0, Path(output))
-    check_targets({image: "the photo"}, targets)
+    inputs = {image: "the photo"}
+    count = None
+    if segments is not None and re.fullmatch(r"[+-]?\d+", segments):
+        count = int(segments)
+    elif segments is not None:
+        inputs[segments] = "the label image"
+    check_targets(inputs, targets)
 
     source: Any = image
     if image == STANDARD_STREAM:
@@ -168,14 +202,23 @@ def vectorize_command(
             falloff=falloff,
             threads=threads,
             renderer=renderer,
+            title=title,
+            alt=alt,
+            size=size,
+            aspect=aspect,
+            segments=segments if count is None else count,
+            animate=animate,
+            gzip=gzip or is_svgz(output),
             progress=progress,
             started=_BEGUN if time_limit is not None else None,
         )
     if stdout is not None:
-        stdout.write(result.svg.encode())
+        stdout.write(file_bytes(result.svg, gzip))
         stdout.flush()
     else:
         result.save(output)
+    if outline is not None:
+        write_atomically(outline, file_bytes(result.outline(), is_svgz(outline)))
     if preview is not None:
         write_atomically(preview, as_png(result.raster))
     if save_scene is not None:

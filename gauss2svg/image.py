@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
+import math
+import numbers
 import os
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -20,6 +25,7 @@ ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or
 
 # Decoders that are tried; anything else is refused unread.
 FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "GIF", "BMP", "AVIF", "PPM")
+_LEAST_DPI = 1.0  # what says this or less says nothing
 _PROFILE_MODES = {"GRAY": "L", "RGB": "RGB", "CMYK": "CMYK"}  # Pillow's name of a colour space
 
 
@@ -29,10 +35,12 @@ class Photo:
 
     pixels  (height, width, 3) float32 sRGB in 0..1
     notes   what was changed on the way in, for the report
+    dpi     px an inch across and down, by the file's resolution tag; None where it has none
     """
 
     pixels: NDArray[np.float32]
     notes: tuple[str, ...] = ()
+    dpi: tuple[float, float] | None = None
 
     @property
     def width(self) -> int:
@@ -89,11 +97,18 @@ def _decodable() -> tuple[str, ...]:
 
 
 def _decode(file: BinaryIO, name: str) -> Photo:
+    with opened(file, name) as picture:
+        return _from_lazy_pillow(picture, name)
+
+
+@contextmanager
+def opened(file: BinaryIO, name: str) -> Iterator[Image.Image]:
+    """A picture file of one of FORMATS, closed afterwards; raises InputError that names it."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
             with Image.open(file, formats=_decodable()) as picture:
-                return _from_lazy_pillow(picture, name)
+                yield picture
     except UnidentifiedImageError as error:
         known = ", ".join(_decodable())
         raise InputError(
@@ -116,7 +131,28 @@ def _from_lazy_pillow(picture: Image.Image, name: str) -> Photo:
         picture.load()
     except (OSError, SyntaxError, ValueError, EOFError, RuntimeError) as error:
         raise _broken(name, error) from error
-    return _from_pillow(picture, name)
+    return dataclasses.replace(_from_pillow(picture, name), dpi=_resolution(picture))
+
+
+def _resolution(picture: Image.Image) -> tuple[float, float] | None:
+    """Pixels an inch across and down after EXIF orientation; None where no tag says so."""
+    # Pillow makes up 72 for a JPEG and 1 for a TIFF without one, so their tags are asked.
+    stated = picture.info.get("jfif_unit") in (1, 2) or picture.format in ("PNG", "BMP", None)
+    dpi = picture.info.get("dpi") if stated else None
+    exif = picture.getexif()
+    if dpi is None and ExifTags.Base.XResolution in exif and ExifTags.Base.YResolution in exif:
+        inch = {2: 1.0, 3: 2.54}.get(exif.get(ExifTags.Base.ResolutionUnit, 2), 0.0)
+        tags = exif[ExifTags.Base.XResolution], exif[ExifTags.Base.YResolution]
+        dpi = [inch * float(tag) for tag in tags] if all(map(_is_number, tags)) else None
+    if dpi is None or not all(_LEAST_DPI < v < math.inf for v in dpi):
+        return None
+    turned = exif.get(ExifTags.Base.Orientation, 1) in (5, 6, 7, 8)
+    across, down = (float(v) for v in (reversed(dpi) if turned else dpi))
+    return across, down
+
+
+def _is_number(tag: Any) -> bool:
+    return isinstance(tag, numbers.Real)
 
 
 def _from_pillow(picture: Image.Image, name: str) -> Photo:

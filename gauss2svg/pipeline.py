@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import dataclasses
+import html
 import math
 import os
 import platform
@@ -27,12 +28,14 @@ from gauss2svg.fit.options import DEFAULT_DTYPE, DEFAULT_FALLOFF
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
 from gauss2svg.image import ImageSource, load_image, shrink
+from gauss2svg.presentation import page_for
 from gauss2svg.pursuit import Pursuit
 from gauss2svg.quality import DEFAULT_QUALITY
 from gauss2svg.raster import DEFAULT_RENDERER
 from gauss2svg.request import Request
 from gauss2svg.scene import BLENDS, Scene
-from gauss2svg.svg import GRADIENT
+from gauss2svg.svg import GRADIENT, Page, bytes_by_part, file_bytes, is_svgz, outline_svg
+from gauss2svg.svg.page import DEFAULT_TITLE
 from gauss2svg.targets import Targets, size_in_bytes
 from gauss2svg.version import __version__
 from gauss2svg.warmup import COMPILED_S, compile_kernels
@@ -61,24 +64,35 @@ class Result:
     """A vectorised photo; shows itself in a notebook.
 
     svg     the text of the file
-    scene   the fitted Gaussians, on the photo's canvas
+    scene   the fitted Gaussians, on the photo's canvas, in the order of the file
     report  numbers of the run, ready for JSON; see the README for the keys
     raster  (h, w, 3) float32: the SVG as the renderer drew it
+    page    how the file presents the picture
     """
 
     svg: str
     scene: Scene
     report: dict[str, Any]
     raster: NDArray[np.float32]
+    page: Page
 
-    def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the SVG, whole or not at all; raises OutputError if it cannot be written."""
-        write_atomically(path, self.svg.encode())
+    def save(self, path: str | os.PathLike[str], gzip: bool | None = None) -> None:
+        """Write the SVG, whole or not at all; raises OutputError if it cannot be written.
+
+        gzip  None: where the path ends in .svgz, and where `vectorize` was told gzip=True
+        """
+        usual = is_svgz(path) or bool(self.report["gzip"])
+        write_atomically(path, file_bytes(self.svg, usual if gzip is None else gzip))
+
+    def outline(self) -> str:
+        """The SVG text of the shapes as bare strokes; see gauss2svg.svg.outline_svg."""
+        return outline_svg(self.scene, self.page)
 
     def _repr_html_(self) -> str:
         # As an image of its own: inline, the gradient ids of two results would clash.
         data = base64.b64encode(self.svg.encode()).decode()
-        return f'<img alt="vectorised photo" src="data:image/svg+xml;base64,{data}"/>'
+        alt = html.escape(self.page.alt or self.page.title)
+        return f'<img alt="{alt}" src="data:image/svg+xml;base64,{data}"/>'
 
     def __repr__(self) -> str:
         r = self.report
@@ -111,6 +125,13 @@ def vectorize(
     dtype: str = DEFAULT_DTYPE,
     threads: int | None = None,
     renderer: str = DEFAULT_RENDERER,
+    title: str = DEFAULT_TITLE,
+    alt: str | None = None,
+    size: str | None = None,
+    aspect: str | None = None,
+    segments: int | str | os.PathLike[str] | NDArray[np.integer] | None = None,
+    animate: float | None = None,
+    gzip: bool = False,
     progress: ProgressCallback | None = None,
     started: float | None = None,
 ) -> Result:
@@ -138,6 +159,13 @@ def vectorize(
     dtype       float32 or float64, of what the kernels compute
     threads     CPU threads, None: one a core
     renderer    one of gauss2svg.raster.RENDERERS, for the measuring
+    title, alt  name and description of the picture, for screen readers
+    size        width on paper, such as "120mm" or "5in"; "photo": by its resolution tag;
+                None: its px. aspect: preserveAspectRatio, such as "xMidYMid slice"
+    segments    layers inside of the rounds: about how many superpixels, the path of a label
+                image of the photo's size, or its labels as an array (h, w) of whole numbers
+    animate     seconds in which the rounds fade in, where motion is welcome; up to an hour
+    gzip        the file is to be gzipped: max_bytes holds for that, and save does it
     progress    called with a Progress at every step; nothing is ever printed
     started     time.perf_counter() from which time_limit and total_s count; None: now
 
@@ -153,14 +181,20 @@ def vectorize(
         target_psnr, None if max_bytes is None else size_in_bytes(max_bytes), time_limit
     )
     request = Request(
-        gaussians, quality, iterations, init, schedule, loss, blend, max_size,
-        form, palette, stops, precision, seed, dtype, falloff, renderer, targets,
+        gaussians, quality, iterations, init, schedule, loss, blend, max_size, form,
+        palette, stops, precision, seed, dtype, falloff, renderer, targets, gzip,
     )  # fmt: skip
     tell = progress or (lambda _: None)
 
     tell(Progress("read"))
     photo = load_image(image)
     width, height = _working_size(photo.width, photo.height, request)
+    working = shrink(photo.pixels, height, width)
+    page = page_for(
+        photo, working, title=title, alt=alt, size=size, aspect=aspect, segments=segments,
+        animate=animate,
+    )  # fmt: skip
+    request = dataclasses.replace(request, page=page)
     with _threads(threads) as thread_count:
         tell(Progress("compile"))
         compile_s = compile_kernels(dtype)
@@ -170,7 +204,7 @@ def vectorize(
             deadline = begun + time_limit + (compile_s if compile_s > COMPILED_S else 0.0)
         outcome = Pursuit(
             photo.pixels,
-            shrink(photo.pixels, height, width),
+            working,
             request,
             deadline,
             lambda phase, fitting: tell(Progress(phase, fitting)),
@@ -178,7 +212,8 @@ def vectorize(
     fitted, measured = outcome.fitted, outcome.measured
     total_s = time.perf_counter() - begun
     run_s = total_s - (compile_s if compile_s > COMPILED_S else 0.0)
-    unreached = targets.unreached(measured.psnr_svg, measured.svg_bytes, run_s, fitted.stop_reason)
+    size_reached = measured.svgz_bytes if gzip else measured.svg_bytes
+    unreached = targets.unreached(measured.psnr_svg, size_reached, run_s, fitted.stop_reason)
     notes = list(photo.notes)
     measured_height, measured_width = measured.raster.shape[:2]
     if (measured_width, measured_height) != (photo.width, photo.height):
@@ -207,6 +242,13 @@ def vectorize(
         "gradients": outcome.svg.count("<radialGradient"),
         "stops": outcome.svg_options.stops,
         "precision": outcome.svg_options.precision,
+        "title": page.title,
+        "alt": page.alt,
+        "size": page.size,
+        "aspect": page.aspect,
+        "segments": None if page.segments is None else len(np.unique(page.segments)),
+        "animate": page.animate,
+        "gzip": gzip,
         "seed": seed,
         "dtype": dtype,
         "threads": thread_count,
@@ -221,11 +263,12 @@ def vectorize(
             for field in dataclasses.fields(measured)
             if field.name != "raster"
         },
+        "bytes_by_part": bytes_by_part(outcome.svg),
         "notes": notes,
         "versions": _versions(),
         "total_s": total_s,
     }
-    return Result(outcome.svg, outcome.scene, report, measured.raster)
+    return Result(outcome.svg, outcome.scene, report, measured.raster, page)
 
 
 def _working_size(width: int, height: int, request: Request) -> tuple[int, int]:

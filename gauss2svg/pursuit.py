@@ -11,14 +11,14 @@ import dataclasses
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
-from gauss2svg.attempt import Attempt, trimmed
-from gauss2svg.fit.options import FitProgress, FitResult
+from gauss2svg.attempt import Attempt, Outcome, trimmed
+from gauss2svg.fit.options import FitProgress
 from gauss2svg.fit.rules import FIRST_ROUND, Demand, FixedCount, Rule, SceneDecides, Snapshot
 from gauss2svg.fit.run import Run
 from gauss2svg.fit.schedule import GROWTH_SHARE
@@ -28,7 +28,8 @@ from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.request import Request
 from gauss2svg.roundtrip import RoundTrip, measure_pixels, round_trip
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, settled, write_svg
+from gauss2svg.svg import arranged, file_bytes, settled, write_svg
+from gauss2svg.svg.layers import segment_at
 from gauss2svg.targets import TOLERANCE
 
 # Of a file, a Gaussian, palette included: fast writes 0.117, balanced 0.112, mean of the
@@ -42,6 +43,7 @@ _TOO_LITTLE = 0.02  # dB under the target from which some are added
 _TOO_GOOD = 0.35  # dB over the target from which Gaussians are taken away again
 _FILL = 0.975  # share of the bytes allowed that a fit aims at
 _FULL = 0.93  # share from which a file counts as full
+_GZIPPED = 0.17  # share of the bytes that is left then, until a file tells
 _LEAST_MEASURED = 200  # Gaussians from which a file tells the bytes of one
 _CORRECTIONS = 5
 _CALIBRATIONS = 2  # of a search that ran on a smaller picture
@@ -64,21 +66,6 @@ _FEW = 100
 _SAME = 0.004  # a count that differs by a smaller share is the same
 _TELLING = 0.25  # doublings between two attempts that tell a slope
 _SLOPES = 1.5, 6.0  # dB a doubling, the flattest and steepest that are believed
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """A fitted, written and measured scene, on the photo's canvas.
-
-    corrections  how often the count was changed after the fit
-    """
-
-    scene: Scene
-    svg: str
-    svg_options: SvgOptions
-    fitted: FitResult
-    measured: RoundTrip
-    corrections: int
 
 
 class Pursuit:
@@ -106,7 +93,7 @@ class Pursuit:
         self._tell = tell
         self._phase = "fit"
         self._detail = 0.0  # squared error of the photo that the working picture has not
-        self._bytes_each = KILOBYTES_A_GAUSSIAN * 1000
+        self._bytes_each = KILOBYTES_A_GAUSSIAN * 1000 * (_GZIPPED if request.gzip else 1)
         self._bytes_known = False
         self._rehearsed = deadline is None
         self._attempts: list[Attempt] = []
@@ -116,9 +103,11 @@ class Pursuit:
             fit_deadline = deadline - _RESERVE_SHARE * max(deadline - now, 0.0)
         self._most = 0, "gaussians"
         self._rule = self._rule_asked_for()
+        labels = request.page.segments
         self._run = Run(
-            working, request.fit_options, self._rule, fit_deadline, self._on_step, self._as_written
-        )
+            working, request.fit_options, self._rule, fit_deadline, self._on_step, self._as_written,
+            segment_at=None if labels is None else partial(segment_at, labels),
+        )  # fmt: skip
 
     def run(self) -> Outcome:
         """Fit, then correct until the targets are met or out of reach."""
@@ -178,7 +167,8 @@ class Pursuit:
             refining = now.done > GROWTH_SHARE
             if now.count >= _LEAST_MEASURED and (refining or not self._bytes_known):
                 self._bytes_known = True
-                self._bytes_each = len(self._write(now.scene(), now.psnr)) / now.count
+                svg = self._write(now.scene(), now.psnr)
+                self._bytes_each = len(file_bytes(svg, self._request.gzip)) / now.count
             if limit * _FILL / self._bytes_each < most:
                 most, named = int(limit * _FILL / self._bytes_each), "max_bytes"
         if self._run.clock.growth_is_late and now.done <= GROWTH_SHARE and now.count < most:
@@ -230,7 +220,7 @@ class Pursuit:
     def _write(self, scene: Scene, psnr: float) -> str:
         """The file of a scene on the working canvas, before its colours are settled."""
         options = self._request.svg_options(len(scene), 10 ** (-psnr / 10))
-        return write_svg(self._on_photo(scene), options)
+        return write_svg(self._on_photo(scene), options, self._request.page)
 
     def _attempt(self) -> Attempt:
         self._tell("write", None)
@@ -239,15 +229,16 @@ class Pursuit:
         model = metrics.psnr(render(scene), self._working)
         # Its colours are those of the palette already, save for plain ellipses that no longer are.
         options = self._request.svg_options(len(scene), None)
-        scaled = settled(self._on_photo(scene), options)
+        page = self._request.page
+        scaled = arranged(settled(self._on_photo(scene), options), page.segments)
         options = options.every_color
-        svg = write_svg(scaled, options)
+        svg = write_svg(scaled, options, page)
         error = math.nan
         if self._targets.psnr is not None:
             self._tell("measure", None)
             drawn = rasterize(svg, width, height, self._request.renderer)
             error = metrics.mean_squared_error(drawn, self._working)
-        return Attempt(scaled, svg, options, model, error)
+        return Attempt(scaled, svg, options, page, self._request.gzip, model, error)
 
     def _psnr(self, attempt: Attempt) -> float:
         if math.isnan(attempt.error):  # not drawn: nothing is known to be reached

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from gauss2svg.checks import whole_number
@@ -11,7 +11,7 @@ from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions
 from gauss2svg.quality import Quality, quality_named
 from gauss2svg.raster import DRAW_TURNED_BLURS, renderer_version
 from gauss2svg.scene import BLENDS
-from gauss2svg.svg import FORMS, SvgOptions
+from gauss2svg.svg import FORMS, Page, SvgOptions
 from gauss2svg.targets import Targets
 
 AUTO = "auto"
@@ -43,6 +43,8 @@ class Request:
     falloff: str
     renderer: str
     targets: Targets
+    gzip: bool = False
+    page: Page = field(default_factory=Page)
 
     def __post_init__(self) -> None:
         if isinstance(self.gaussians, str):
@@ -56,6 +58,8 @@ class Request:
             object.__setattr__(self, "gaussians", count)
         if self.blend not in BLENDS:
             raise InputError(f"blend is {self.blend!r}; needed is one of {', '.join(BLENDS)}")
+        if not isinstance(self.gzip, bool):
+            raise InputError(f"gzip is {self.gzip!r}; needed is True or False")
         whole_number("max_size", self.side, 1, 2**31 - 1)
         if self.form in FORMS[1:] and self.renderer not in DRAW_TURNED_BLURS:
             raise RendererError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +12,7 @@ from gauss2svg import metrics
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
+from gauss2svg.svg import file_bytes
 
 _LEAST_SIDE_FOR_SSIM = 3
 
@@ -52,7 +52,6 @@ def round_trip(
     raster = rasterize(svg, width, height, renderer)
     # The exact composite lies in 0..1; float32 may pass the ends by a rounding.
     model = np.clip(render(scene, width, height), 0, 1)
-    encoded = svg.encode()
     return RoundTrip(
         raster=raster,
         renderer=renderer_version(renderer),
@@ -61,8 +60,8 @@ def round_trip(
         psnr_roundtrip=metrics.psnr(raster, model),
         largest_error_roundtrip=metrics.largest_error(raster, model),
         bias_roundtrip=metrics.bias(raster, model),
-        svg_bytes=len(encoded),
-        svgz_bytes=len(gzip.compress(encoded, compresslevel=9, mtime=0)),
+        svg_bytes=len(file_bytes(svg, gzipped=False)),
+        svgz_bytes=len(file_bytes(svg, gzipped=True)),
     )
 
 

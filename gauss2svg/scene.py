@@ -183,7 +183,7 @@ class Scene:
         return dataclasses.replace(self, **changes)
 
     def select(self, index: NDArray[Any] | slice) -> Self:
-        """The Gaussians that a mask, slice or ascending index array picks, order kept."""
+        """The Gaussians that a mask, slice or index array picks; rounds must not decrease."""
         return self.replace(**{name: getattr(self, name)[index] for name in _PER_GAUSSIAN})
 
     def concatenate(self, top: Scene) -> Self:

@@ -76,7 +76,8 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         "SVG": f"{output or 'standard output'}, {report['width']}x{report['height']} px",
         "Gaussians": f"{report['gaussians']} in {report['rounds']} rounds, "
         f"{report['iterations']} iterations; ended by {_ENDED_BY[report['stop_reason']]}",
-        "bytes": f"{report['svg_bytes']:,} raw, {report['svgz_bytes']:,} gzipped",
+        "bytes": f"{report['svg_bytes']:,} raw, {report['svgz_bytes']:,} gzipped; "
+        f"{report['bytes_by_part']['gradients'] / report['svg_bytes']:.0%} for gradients",
         "seconds": f"{report['fit_s']:.1f} to fit, {report['total_s']:.1f} in all"
         + (f", {report['compile_s']:.0f} to compile once" if report["compile_s"] > 2 else ""),
         "against photo": f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])}, "

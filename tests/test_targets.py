@@ -9,7 +9,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.request import LARGEST_COLOR_ERROR
-from gauss2svg.svg import SvgOptions, write_svg
+from gauss2svg.svg import Page, SvgOptions, write_svg
 from gauss2svg.targets import Targets, size_in_bytes
 
 QUICK = {"iterations": 80}
@@ -176,7 +176,7 @@ def test_bytes_that_do_not_bind_change_nothing(photo):
 def test_what_is_too_large_is_trimmed_of_what_is_missed_least(photo):
     result = vectorize(photo, gaussians=60, palette=0, **QUICK)
     few = write_svg(result.scene, SvgOptions(palette=5))
-    attempt = Attempt(result.scene, few, SvgOptions(palette=5), 20.0, 0.01)
+    attempt = Attempt(result.scene, few, SvgOptions(palette=5), Page(), False, 20.0, 0.01)
     less = trimmed(attempt, len(few) // 2, photo)
     assert len(few) // 3 < less.size <= len(few) // 2
     kept = metrics.psnr(render(less.scene), photo)

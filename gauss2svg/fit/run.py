@@ -17,6 +17,7 @@ from gauss2svg.fit import adam
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
 from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
+from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import FIRST_OPACITY_LOGIT, FIRST_RAW_BETA, Target, place
 from gauss2svg.fit.rules import ADJUST_AT, Rule, Snapshot
 from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, SETTLED_FROM, rate, reduction
@@ -70,6 +71,7 @@ class Run:
     progress  called once an iteration, from this thread
     as_written  the same shapes with the exponents and colours that a file has, from a scene
               and its PSNR in dB; asked for before the last steps, which make up for the loss
+    segment_at  the segments by which each round's shapes are ordered, or None
     """
 
     def __init__(
@@ -80,6 +82,7 @@ class Run:
         deadline: float | None = None,
         progress: Callable[[FitProgress], None] | None = None,
         as_written: AsWritten | None = None,
+        segment_at: SegmentAt | None = None,
     ) -> None:
         self.pixels = pixels
         self.options = options
@@ -91,6 +94,7 @@ class Run:
         self.pixel_pairs = 0
         self._progress = progress or (lambda _: None)
         self._as_written = as_written
+        self._order = None if segment_at is None else SegmentOrder(segment_at)
         self._rng = np.random.default_rng(options.seed)
         self._round_index = 0
         self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
@@ -190,10 +194,14 @@ class Run:
             self._step(done)
         if not settled:  # no time or no steps were left for it
             self._settle()
+        if self._order is not None:
+            self.state = self._order.kept(self.state, self._target.width, self._target.height)
         self._drop_undrawable()
 
     def _settle(self) -> None:
         """Exponents become those of a file and stay, colours are shared from here on."""
+        if self._order is not None:
+            self.state = self._order.settle(self.state, self._target.width, self._target.height)
         if self._as_written is not None and len(self.state):
             scene = self._as_written(self.scene(), self._recent_psnr())
             self.state = self.state.settled(scene)
@@ -283,6 +291,8 @@ class Run:
         self.state = self.state.append(
             new.mean, new.factor, opacity, new.color, raw_beta, self._round_index
         )
+        if self._order is not None:  # from the start, so that the fit makes up for it
+            self.state = self._order.arranged(self.state, self._target.width, self._target.height)
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one step of the optimiser."""

@@ -60,7 +60,7 @@ class State:
         return len(self.mean)
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
-        """The Gaussians that a mask or an ascending index picks, with their memory."""
+        """The Gaussians that a mask or an index picks, with their memory; rounds never decrease."""
         return State(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
 
     def append(

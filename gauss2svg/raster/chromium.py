@@ -46,8 +46,9 @@ _INSTALL = (
     "renderer chromium needs Playwright (pip install 'gauss2svg[browser]') and a browser "
     "(apt-get install chromium); install them, or use --renderer resvg"
 )
-# Without the profile the colours depend on the machine's screen.
-_FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars")
+# Without the profile the colours depend on the machine's screen. Reduced motion shows animated
+# files as they end; asked for a page alone, it does not reach the picture in it.
+_FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
 _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
 _SITE = "http://gauss2svg.invalid/"  # nothing but the page and the SVG is there, or anywhere
 _PLACE = """([x, y]) => {

@@ -16,6 +16,7 @@ _PREFERENCES = {
     "gfx.color_management.mode": 0,  # numbers in the file are numbers on the screen
     "gfx.webrender.software": True,  # the same picture whatever the graphics card
     "layout.css.devPixelsPerPx": "1.0",
+    "ui.prefersReducedMotion": 1,  # animated files are shown as they end
     "network.proxy.type": 1,  # to nobody: what it does by itself stays off the network
     "network.proxy.http": "127.0.0.1",
     "network.proxy.http_port": 9,

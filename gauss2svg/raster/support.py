@@ -83,7 +83,7 @@ def _blurred_matrices(svg: str, width: int, height: int) -> tuple[bool, bool]:
     stack: list[_Matrix] = [_canvas(svg, width, height)]
     # Then also equal scales along x and y blur differently along them.
     uneven = "objectBoundingBox" in svg or bool(_TWO_DEVIATIONS.search(svg))
-    by_sheet = "<style" in svg
+    by_sheet = any("filter" in rest.partition("</style")[0] for rest in svg.split("<style")[1:])
     turned = sheared = False
 
     def start(name: str, attributes: dict[str, str]) -> None:

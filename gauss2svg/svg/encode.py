@@ -73,14 +73,15 @@ class Filter:
 class Ellipse:
     """One shape: its fill, a gradient or a colour, the circle's radius, its matrix, its opacity.
 
-    The opacity is "" where it is 1; filter the id of its blur, or "".
+    The opacity is "" where it is 1; filter the id of its blur, or ""; index its place in the scene.
     """
 
+    index: int
     fill: str
     radius: str
     matrix: str
     opacity: str
-    filter: str = ""
+    filter: str
 
 
 @dataclass(frozen=True)
@@ -225,7 +226,7 @@ def _ellipse(discs: _Discs, i: int, options: SvgOptions) -> Ellipse | None:
     if "0" in (shown, a, d):
         return None
     return Ellipse(
-        discs.fill[i], number(discs.circle[i], 1), f"matrix({a} {b} 0 {d} {e} {f})",
+        i, discs.fill[i], number(discs.circle[i], 1), f"matrix({a} {b} 0 {d} {e} {f})",
         "" if shown == "1" else shown, discs.filter[i],
     )  # fmt: skip
 

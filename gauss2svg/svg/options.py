@@ -29,7 +29,6 @@ class SvgOptions:
     precision         px, LEAST_PRECISION..MOST_PRECISION: the file's user unit. Coordinates are
                       whole numbers of it; encode.py has what it costs
     opacity_decimals  of fill-opacity, 1..6; 2 costs 60 dB, 3 costs 80 dB
-    title             text of the title element
     """
 
     form: str = GRADIENT
@@ -38,7 +37,6 @@ class SvgOptions:
     stops: int = 5
     precision: float = 0.04
     opacity_decimals: int = 2
-    title: str = "Vectorised photo"
 
     def __post_init__(self) -> None:
         if self.form not in FORMS:
@@ -51,8 +49,6 @@ class SvgOptions:
             raise InputError(f"color_error is {self.color_error}; needed is a number from 0 on")
         number_within("precision", self.precision, LEAST_PRECISION, MOST_PRECISION)
         whole_number("opacity_decimals", self.opacity_decimals, 1, 6)
-        if any(not character.isprintable() for character in self.title):
-            raise InputError(f"title is {self.title!r}; needed is text without control characters")
 
     @property
     def every_color(self) -> SvgOptions:

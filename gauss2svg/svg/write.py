@@ -10,75 +10,173 @@ deviation in the circle's own units, so that all shapes of an exponent share one
 The focal offset moves resvg to its accurate gradient (36 dB to 49 dB against the model) and
 changes nothing elsewhere. Gradients in objectBoundingBox units, masks, rgba() colours and
 plain href were measured and fail in one renderer or another.
+
+The root has role="img", with which Chromium gives a screen reader the title as its name and the
+desc as its description, inline or as a file of its own; aria-labelledby would add nothing.
 """
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
 
 import svgwrite
 from svgwrite.extensions import Inkscape
 
+from gauss2svg.checks import number_within
 from gauss2svg.scene import Scene
-from gauss2svg.svg.encode import EncodedScene, encode, number
+from gauss2svg.svg.canvas import CANVAS
+from gauss2svg.svg.encode import Ellipse, Filter, Gradient, encode, number
+from gauss2svg.svg.layers import Labels, arranged, runs, segment_of
 from gauss2svg.svg.options import SvgOptions
+from gauss2svg.svg.page import Page, round_id
+from gauss2svg.svg.strokes import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, Stroke, stroked
 from gauss2svg.version import __version__
 
 
-def write_svg(scene: Scene, options: SvgOptions | None = None) -> str:
-    """The SVG text of a scene; depends on nothing but the scene and the options.
+def write_svg(scene: Scene, options: SvgOptions | None = None, page: Page | None = None) -> str:
+    """The SVG text of a scene; depends on nothing but the scene, the options and the page.
 
     What is drawn is gauss2svg.svg.settled(scene, options): exponents become those of
-    BETA_CLASSES, under 1 too, and colours those of the palette.
+    BETA_CLASSES, under 1 too, and colours those of the palette. With segments shapes are in the
+    order of gauss2svg.svg.arranged(scene, page.segments).
     """
-    options = options or SvgOptions()
-    return _document(encode(scene, options), options)
+    options, page = options or SvgOptions(), page or Page()
+    scene = arranged(scene, page.segments)
+    encoded = encode(scene, options)
+    ellipses = [ellipse for _, of_round in encoded.layers for ellipse in of_round]
+    drawing = _root(page, scene, (encoded.view_width, encoded.view_height), len(ellipses))
+    for gradient in encoded.gradients:
+        drawing.defs.add(_gradient(drawing, gradient))
+    for blur in encoded.filters:
+        drawing.defs.add(_filter(drawing, blur))
+    _add_style(drawing, page, [index for index, _ in encoded.layers])
+    background = drawing.rect(size=("100%", "100%"), fill=encoded.background, id="background")
+    drawing.add(background)
+    circles = [_circle(drawing, ellipse) for ellipse in ellipses]
+    _add_layers(drawing, circles, scene, [ellipse.index for ellipse in ellipses], page.segments)
+    return _text(drawing)
 
 
-def _document(encoded: EncodedScene, options: SvgOptions) -> str:
-    count = sum(len(ellipses) for _, ellipses in encoded.layers)
+def outline_svg(scene: Scene, page: Page | None = None, stroke_width: float = OUTLINE_WIDTH) -> str:
+    """The SVG text of a scene's shapes as bare strokes, for plotters; without a background.
+
+    Each is an <ellipse> along the contour on which the falloff is half of its height, in the
+    shape's colour, opaque, in layers like those of write_svg. Shapes of no extent or opacity,
+    as written, are left out.
+
+    stroke_width  px, above 0
+    Raises InputError for a width that is none.
+    """
+    page = page or Page()
+    width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
+    scene = arranged(scene, page.segments)
+    strokes = stroked(scene)
+    size = number(scene.width, 3), number(scene.height, 3)
+    drawing = _root(page, scene, size, len(strokes))
+    _add_style(drawing, page, [index for index, _ in runs([one.round for one in strokes])])
+    drawing["fill"], drawing["stroke-width"] = "none", width
+    ellipses = [_outline(drawing, one) for one in strokes]
+    _add_layers(drawing, ellipses, scene, [one.index for one in strokes], page.segments)
+    return _text(drawing)
+
+
+def _root(page: Page, scene: Scene, view: tuple[str, str], count: int) -> Any:
+    """A drawing of `count` shapes with everything but these: size, names, attributes."""
+    canvas = number(scene.width, 3), number(scene.height, 3)
+    sides = page.sides(scene.width, scene.height)
     # debug=True, svgwrite's default, triples the time and still lets NaN through;
     # the numbers are checked by encode().
     drawing = svgwrite.Drawing(
-        size=(encoded.width, encoded.height),
-        viewBox=f"0 0 {encoded.view_width} {encoded.view_height}",
+        size=sides or canvas, viewBox=f"0 0 {view[0]} {view[1]}", debug=False
+    )
+    if page.aspect:
+        drawing["preserveAspectRatio"] = page.aspect
+    if sides:
+        drawing[CANVAS] = " ".join(canvas)
+    drawing["role"] = "img"
+    usual = f"{count} Gaussians, fitted and written by gauss2svg {__version__}"
+    drawing.set_desc(title=page.title, desc=page.alt or usual)
+    return drawing
+
+
+def _gradient(drawing: Any, gradient: Gradient) -> Any:
+    element = drawing.radialGradient(
+        center=("0", "0"), r=str(gradient.radius), gradientUnits="userSpaceOnUse",
+        id=gradient.id, debug=False,
+    )  # fmt: skip
+    element["fx"] = ".1" if gradient.radius > 1 else ".001"
+    for offset, opacity in gradient.stops:
+        shown = None if opacity == "1" else opacity
+        element.add_stop_color(offset=offset, color=gradient.color, opacity=shown)
+    return element
+
+
+def _filter(drawing: Any, blur: Filter) -> Any:
+    element = drawing.filter(
+        start=(f"-{blur.margin}",) * 2,
+        size=(number(1 + 2 * float(blur.margin), 2),) * 2,
+        id=blur.id,
         debug=False,
     )
-    drawing.set_desc(
-        title=options.title,
-        desc=f"{count} Gaussians, fitted and written by gauss2svg {__version__}",
-    )
-    for gradient in encoded.gradients:
-        element = drawing.radialGradient(
-            center=("0", "0"), r=str(gradient.radius), gradientUnits="userSpaceOnUse",
-            id=gradient.id, debug=False,
-        )  # fmt: skip
-        element["fx"] = ".1" if gradient.radius > 1 else ".001"
-        for offset, opacity in gradient.stops:
-            shown = None if opacity == "1" else opacity
-            element.add_stop_color(offset=offset, color=gradient.color, opacity=shown)
-        drawing.defs.add(element)
-    for blur in encoded.filters:
-        element = drawing.filter(
-            start=(f"-{blur.margin}",) * 2,
-            size=(number(1 + 2 * float(blur.margin), 2),) * 2,
-            id=blur.id,
-            debug=False,
-        )
-        # The default, linearRGB, rounds colours once more.
-        element["color-interpolation-filters"] = "sRGB"
-        element.feGaussianBlur(stdDeviation=blur.deviation)
-        drawing.defs.add(element)
-    drawing.add(drawing.rect(size=("100%", "100%"), fill=encoded.background))
+    # The default, linearRGB, rounds colours once more.
+    element["color-interpolation-filters"] = "sRGB"
+    element.feGaussianBlur(stdDeviation=blur.deviation)
+    return element
+
+
+def _circle(drawing: Any, ellipse: Ellipse) -> Any:
+    circle = drawing.circle(r=ellipse.radius, transform=ellipse.matrix, fill=ellipse.fill)
+    if ellipse.opacity:
+        circle["fill-opacity"] = ellipse.opacity
+    if ellipse.filter:
+        circle["filter"] = f"url(#{ellipse.filter})"
+    # Centred on the origin by default; cx and cy would only repeat it.
+    del circle.attribs["cx"], circle.attribs["cy"]
+    return circle
+
+
+def _outline(drawing: Any, one: Stroke) -> Any:
+    element = drawing.ellipse(center=one.center, r=one.radii, stroke=one.color)
+    if one.turn:
+        element["transform"] = one.turn
+    return element
+
+
+def _add_style(drawing: Any, page: Page, rounds: Sequence[int]) -> None:
+    sheet = page.style(rounds)
+    if sheet:
+        drawing.add(drawing.style(sheet))
+
+
+def _add_layers(
+    drawing: Any, elements: Sequence[Any], scene: Scene, indices: Sequence[int], labels: Labels
+) -> None:
+    """Elements as groups, which Inkscape shows as layers; indices say whose of the scene's."""
     inkscape = Inkscape(drawing)
-    for index, ellipses in encoded.layers:
-        layer = inkscape.layer(label=f"Round {index + 1}: {len(ellipses)} Gaussians")
-        for ellipse in ellipses:
-            circle = drawing.circle(r=ellipse.radius, transform=ellipse.matrix, fill=ellipse.fill)
-            if ellipse.opacity:
-                circle["fill-opacity"] = ellipse.opacity
-            if ellipse.filter:
-                circle["filter"] = f"url(#{ellipse.filter})"
-            # Centred on the origin by default; cx and cy would only repeat it.
-            del circle.attribs["cx"], circle.attribs["cy"]
-            layer.add(circle)
+    rounds = scene.rounds[indices].tolist()
+    segments = None if labels is None else segment_of(scene, labels)[indices].tolist()
+    for index, of_round in runs(rounds):
+        key, inside = round_id(index), elements[of_round]
+        layer = inkscape.layer(label=f"Round {index + 1}: {len(inside)} Gaussians", id=key)
+        if segments is None:
+            _add_all(layer, inside)
+        else:
+            for segment, of_segment in runs(segments[of_round]):
+                parts = inside[of_segment]
+                label = f"Segment {segment}: {len(parts)} Gaussians"
+                group = inkscape.layer(label=label, id=f"{key}-segment-{segment}")
+                layer.add(_add_all(group, parts))
         drawing.add(layer)
+
+
+def _add_all(group: Any, elements: Sequence[Any]) -> Any:
+    for element in elements:
+        group.add(element)
+    return group
+
+
+def _text(drawing: Any) -> str:
     # ElementTree writes a space before "/>", which nothing but the end of a tag can hold.
     return (
         '<?xml version="1.0" encoding="utf-8"?>\n' + drawing.tostring().replace(" />", "/>") + "\n"

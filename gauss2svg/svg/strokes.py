@@ -1,0 +1,66 @@
+"""Shapes as bare ellipses: where their falloff is half of its height, as numbers for a stroke."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gauss2svg.falloff import RIM
+from gauss2svg.scene import Scene
+from gauss2svg.svg.encode import number
+
+OUTLINE_WIDTH = 0.5  # px
+STROKE_WIDTHS = 0.01, 100.0
+STROKE_DECIMALS = 2  # px; a turn has as many, in degrees
+_LEAST_OPACITY = 0.005  # less is written as 0
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """One ellipse: its shape's index and round, centre and radii in px, turn, colour; as text.
+
+    turn is a transform, "" where there is none.
+    """
+
+    index: int
+    round: int
+    center: tuple[str, str]
+    radii: tuple[str, str]
+    turn: str
+    color: str
+
+
+def half_radius(beta: ArrayLike) -> NDArray[np.float64]:
+    """Mahalanobis distance at which the profile is 1/2; any shape.
+
+    1.165 at beta = 1; where (r^2 / 2)^beta = -ln((1 + RIM) / 2).
+    """
+    return np.sqrt(2 * (-math.log(0.5 * (1 + RIM))) ** (1 / np.asarray(beta, np.float64)))
+
+
+def stroked(scene: Scene) -> list[Stroke]:
+    """The strokes of a scene in its order, without those of no extent or opacity as written."""
+    axes, angle_rad = scene.ellipse_axes
+    radii = axes * half_radius(scene.betas)[:, None]
+    levels = np.round(scene.color * 255).astype(int).tolist()
+    strokes = []
+    for i in range(len(scene)):
+        rx, ry = (number(v, STROKE_DECIMALS) for v in radii[i])
+        if "0" in (rx, ry) or scene.opacity[i] < _LEAST_OPACITY:
+            continue
+        x, y = (number(v, STROKE_DECIMALS) for v in scene.mean[i])
+        turn = number(math.degrees(angle_rad[i]), STROKE_DECIMALS)
+        strokes.append(
+            Stroke(
+                index=i,
+                round=int(scene.rounds[i]),
+                center=(x, y),
+                radii=(rx, ry),
+                turn="" if turn == "0" or rx == ry else f"rotate({turn} {x} {y})",
+                color="#{:02x}{:02x}{:02x}".format(*levels[i]),
+            )
+        )
+    return strokes

@@ -1,0 +1,112 @@
+"""Laws of animated files: they end as the still one, and renderers show that end."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+from conftest import random_scene
+from PIL import Image
+
+from gauss2svg.errors import RendererError
+from gauss2svg.raster import chromium, rasterize
+from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.svg import Page, SvgOptions, read_svg, write_svg
+
+SCENE = random_scene(30, 60, 45, 7, (2, 9))
+OPTIONS = SvgOptions(palette=0)
+STILL = write_svg(SCENE, OPTIONS)
+MOVING = write_svg(SCENE, OPTIONS, Page(animate=6))
+# Played, paused at a time in ms, or finished; and what the root then looks like.
+AT = """(ms) => document.getAnimations().forEach(
+    a => { if (ms === null) a.finish(); else { a.pause(); a.currentTime = ms; } })"""
+
+
+def test_animation_adds_a_style_sheet_and_nothing_else():
+    assert re.sub(r"<style.*?</style>", "", MOVING, flags=re.DOTALL) == STILL
+    assert "<style" not in STILL
+
+
+def test_rounds_begin_one_after_the_other_and_end_in_time():
+    times = re.findall(r"fade-in ([\d.]+)s ([\d.]+)s backwards", MOVING)
+    begins = [float(delay) for _, delay in times]
+    assert begins == sorted(set(begins))
+    assert begins[0] == 0
+    ends = [float(duration) + float(delay) for duration, delay in times]
+    assert max(ends) == pytest.approx(6, rel=1e-3)
+    assert len(times) == STILL.count('id="round-')
+
+
+def test_every_renderer_draws_the_end(renderer):
+    difference = rasterize(MOVING, 60, 45, renderer) - rasterize(STILL, 60, 45, renderer)
+    assert not difference.any()
+
+
+def test_scene_is_read_back_from_an_animated_file():
+    back, still = read_svg(MOVING), read_svg(STILL)
+    np.testing.assert_array_equal(back.mean, still.mean)
+    np.testing.assert_array_equal(back.opacity, still.opacity)
+    np.testing.assert_array_equal(back.rounds, still.rounds)
+
+
+def test_style_sheet_without_filters_filters_nothing():
+    blurred = (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">{}<filter id="f">'
+        '<feGaussianBlur stdDeviation="1"/></filter><circle r="2" filter="url(#f)"/>'
+        '<circle r="2" transform="matrix(2 1 0 1 3 3)"/></svg>'
+    )
+    sheet = "<style>#a{animation:b 1s}</style>"
+    refuse_unsupported(blurred.format(sheet), 9, 9, "resvg")
+    with pytest.raises(RendererError, match="sheared"):
+        refuse_unsupported(blurred.format("<style>circle{filter:url(#f)}</style>"), 9, 9, "resvg")
+
+
+class _Page:
+    """A page of the browser, by calls into its thread."""
+
+    def __init__(self, motion: str) -> None:
+        self._motion = motion
+
+    def screenshots(self, svg: str, times: list[float | None]) -> list[bytes]:
+        api = pytest.importorskip("playwright.sync_api")
+        try:
+            program = chromium._program()
+        except RendererError as error:
+            pytest.skip(str(error))
+        with api.sync_playwright() as playwright:
+            browser = playwright.chromium.launch(executable_path=program, chromium_sandbox=False)
+            page = browser.new_page(
+                reduced_motion=self._motion, viewport={"width": 60, "height": 45}
+            )
+            page.set_content(
+                f'<!doctype html><body style="margin:0">{svg[svg.index("<svg") :]}</body>'
+            )
+            taken = []
+            for time in times:
+                if time != 0:
+                    page.evaluate(AT, time)
+                taken.append(page.screenshot())
+            browser.close()
+        return taken
+
+
+def pixels_of(png: bytes) -> np.ndarray:
+    with Image.open(io.BytesIO(png)) as picture:
+        return np.asarray(picture.convert("RGB"), np.float64)
+
+
+def test_browser_fades_rounds_in_and_ends_with_the_still_picture():
+    still = _Page("no-preference").screenshots(STILL, [0])[0]
+    begin, middle, end = _Page("no-preference").screenshots(MOVING, [1e-3, 3000, None])
+    assert end == still
+    background, begun, halfway, ended = (
+        np.round(SCENE.background * 255), *(pixels_of(png) for png in (begin, middle, end))
+    )  # fmt: skip
+    assert np.abs(begun - background).max() <= 1
+    assert np.abs(halfway - background).max() > 50
+    assert np.abs(halfway - ended).max() > 50
+
+
+def test_whoever_wants_less_motion_sees_the_end_at_once():
+    still = _Page("reduce").screenshots(STILL, [0])[0]
+    assert _Page("reduce").screenshots(MOVING, [0])[0] == still
