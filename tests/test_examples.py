@@ -1,10 +1,13 @@
-"""The pictures that examples/drawings.py measures on."""
+"""The pictures that examples/drawings.py measures on, and the tables of examples/renderers.py."""
 
 import importlib
+import re
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 
 @pytest.fixture
@@ -25,3 +28,41 @@ def test_drawings_are_ten_pictures_on_8_bits_the_same_every_time(drawings):
         levels = np.round(pixels * 255).astype(np.uint8)
         np.testing.assert_array_equal(pixels, levels / np.float32(255))
         np.testing.assert_array_equal(pixels, second[name])
+
+
+@pytest.fixture
+def renderers(monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "examples")
+    return importlib.import_module("renderers")
+
+
+def test_renderers_writes_its_tables_without_a_browser(renderers, photo, tmp_path, monkeypatch):
+    Image.fromarray(np.uint8(255 * photo[:64, 40:104])).save(tmp_path / "small.png")
+    out = tmp_path / "out.md"
+    command = ["renderers.py", str(tmp_path / "small.png"), "--counts", "60", "-o", str(out)]
+    monkeypatch.setattr(sys, "argv", [*command, "--renderers", "resvg", "librsvg"])
+    monkeypatch.setattr(renderers, "version_of", {"resvg": "resvg"}.get)
+    monkeypatch.setattr(renderers, "QUALITIES", ["draft"])
+    renderers.main()
+    text = out.read_text()
+    assert "the gradient form alone" in text
+    rows = [line for line in text.splitlines() if line.startswith("| ")]
+    drawn = re.fullmatch(r"\| gradient \| 60 \| small \| \S+ \| (\S+) \| not installed \|", rows[2])
+    assert drawn is not None
+    assert float(drawn[1]) > 45
+    # The head, the rule and the rows of each table; resvg alone of those that draw larger.
+    assert len(rows) == (2 + 2) + (2 + 1) + (2 + 2) + (2 + 1)
+
+
+def test_renderers_tells_the_refused_from_the_missing_and_the_drawn(renderers, monkeypatch):
+    blurred = (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"><filter id="a">'
+        '<feGaussianBlur stdDeviation="1"/></filter>'
+        '<g transform="skewX(30)"><circle r="2" cx="4" cy="4" filter="url(#a)"/></g></svg>'
+    )
+    monkeypatch.setattr(renderers, "version_of", {"resvg": "resvg"}.get)
+    white = np.ones((8, 8, 3), np.float32)
+    assert renderers.decibels("resvg", blurred, white, white) == ["refused"] * 2
+    assert renderers.decibels("librsvg", blurred, white) == ["not installed"]
+    plain = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"/>'
+    assert renderers.decibels("resvg", plain, white) == [np.inf]

@@ -1,0 +1,249 @@
+"""How true and how fast each renderer draws each form of a file, and what the files weigh.
+
+    python examples/renderers.py PHOTOS... [--counts 2000,10000] [-o FILE.md]
+        [--renderers resvg cairo ...] [--presets]
+
+Prints Markdown, or writes it to FILE.md as the tables come; without PHOTOS of two pictures that
+scikit-image ships. Above each table stands what it shows, the docstring of its function here.
+Renderers that are missing are shown as that; --renderers leaves others out, such as Inkscape,
+which takes up to a minute for a large file of blurs. --presets adds the presets at 5000 Gaussians.
+"""
+
+from __future__ import annotations
+
+import argparse
+import inspect
+import math
+import platform
+import statistics
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import nullcontext
+from functools import cache, partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage import data
+
+from gauss2svg import __version__, metrics, vectorize
+from gauss2svg.bench.machine import machine
+from gauss2svg.errors import RendererError
+from gauss2svg.image import load_image
+from gauss2svg.pipeline import Result
+from gauss2svg.quality import QUALITIES
+from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize, renderer_version
+from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.render import render
+from gauss2svg.svg import FORMS, GRADIENT
+
+Pixels = NDArray[np.floating]
+Row = dict[str, Any]  # heading to number, text, or a tuple of numbers
+Fits = dict[tuple[str, int], dict[str, Result]]  # form and count to photo to fit
+
+_OWN = "no palette, 8 stops"
+_RUNS = 3
+
+say = partial(print, file=sys.stderr, flush=True)  # how far it is, beside the tables
+
+
+@cache
+def version_of(name: str) -> str | None:
+    """Name and version of a renderer, None if it is not installed."""
+    try:
+        return renderer_version(name)
+    except RendererError:
+        return None
+
+
+def refusal(name: str, svg: str, width: int, height: int) -> str:
+    """Why a renderer is not asked to draw, or ""; one that then fails raises as ever."""
+    try:
+        refuse_unsupported(svg, width, height, name)
+    except RendererError:
+        return "refused" if version_of(name) else "not installed"
+    return "" if version_of(name) else "not installed"
+
+
+def decibels(name: str, svg: str, *truths: Pixels) -> list[float | str]:
+    """PSNR of what a renderer draws against pictures of one size, or why there is none."""
+    height, width = truths[0].shape[:2]
+    if reason := refusal(name, svg, width, height):
+        return [reason] * len(truths)
+    say(f"  {name}, {width}x{height}")
+    drawn = rasterize(svg, width, height, name)
+    return [metrics.psnr(drawn, truth) for truth in truths]
+
+
+def model(result: Result, scale: float = 1) -> Pixels:
+    """The scene at pixel centres, so many times as large."""
+    width, height = (round(side * scale) for side in (result.scene.width, result.scene.height))
+    return np.clip(render(result.scene, width, height), 0, 1)
+
+
+def mean(rows: list[Row]) -> Row:
+    """Means of rows; a column with text in it becomes the first such text."""
+    columns = {heading: [row[heading] for row in rows] for heading in rows[0]}
+    texts = {h: [v for v in column if isinstance(v, str)] for h, column in columns.items()}
+    return {h: texts[h][0] if texts[h] else statistics.fmean(c) for h, c in columns.items()}
+
+
+def numbers(result: Result) -> Row:
+    """What a report has: PSNR, where None is of equal pictures, and bytes a Gaussian."""
+    report = result.report
+    found = {"to photo": report["psnr_svg"], "to model": report["psnr_roundtrip"]}
+    row = {heading: math.inf if value is None else value for heading, value in found.items()}
+    sizes = {"B": report["svg_bytes"], "B gzipped": report["svgz_bytes"]}
+    sizes |= {f"B {part}": size for part, size in report.get("bytes_by_part", {}).items()}
+    per_gaussian = {h: size / max(1, report["gaussians"]) for h, size in sizes.items()}
+    return row | {"gradients": report["gradients"]} | per_gaussian
+
+
+def fidelity(fits: Fits, renderers: list[str]) -> list[Row]:
+    """Raster against model: PSNR in dB at the photo's size, pixel centres of the model.
+
+    Each form is a fit of its own. "To photo" is of the file, by resvg, or where shapes are blurred
+    by the first of Chromium, Firefox and Inkscape that is there.
+    """
+    rows = []
+    for (form, count), results in fits.items():
+        say(f"fidelity: {form}, {count}")
+        found = []
+        for result in results.values():
+            truth = model(result)
+            row = {name: decibels(name, result.svg, truth)[0] for name in renderers}
+            found.append({"to photo": numbers(result)["to photo"]} | row)
+        for photo, row in zip((*results, "**mean**"), (*found, mean(found)), strict=True):
+            rows.append({"form": form, "Gaussians": count, "photo": photo} | row)
+    return rows
+
+
+def zoom(fits: Fits, renderers: list[str]) -> list[Row]:
+    """Zoom: PSNR in dB of what is drawn at 2x and 0.5x, first count, mean over photos.
+
+    The model is taken at pixel centres of each size. At 0.5x these may miss a shape under a pixel,
+    which the means of 2x2 px of the model at 1x have; the last column has no renderer in it.
+    """
+    rows = []
+    first = next(count for _, count in fits)
+    zooming = [name for name in ("chromium", "firefox", "resvg") if name in renderers]
+    for form, name in product(FORMS, zooming):
+        found: list[Row] = []
+        for result in fits.get((form, first), {}).values():
+            full, half, double = (model(result, scale) for scale in (1, 0.5, 2))
+            area = np.mean([full[i::2, k::2] for i, k in product((0, 1), (0, 1))], axis=0)
+            to_half, to_area = decibels(name, result.svg, half, area)
+            row: Row = {"2x to model at 2x": decibels(name, result.svg, double)[0]}
+            row |= {"0.5x to model at 0.5x": to_half, "0.5x to 2x2 means of model": to_area}
+            found.append(row | {"model at 0.5x to 2x2 means": metrics.psnr(half, area)})
+        rows += [{"form": form, "renderer": name} | mean(found)] if found else []
+    return rows
+
+
+def seconds(fits: dict[str, Result], renderers: list[str]) -> list[Row]:
+    """Draw time: median seconds of three in one run / times the gradient form's.
+
+    Of the first photo at the first count; bytes are a Gaussian's, dB those of the fit's report.
+    Chromium stays open and draws four places, to take their mean; librsvg, Firefox and Inkscape
+    start anew for each drawing. Without a palette, as in the prototype, shapes share a gradient
+    only if exponent and colour on 8 bits are the same: 2000 in a Kodak photo have 1350 to 1540.
+    """
+    rows: dict[str, Row] = {form: {"form": form} | numbers(fit) for form, fit in fits.items()}
+    width, height = (fits[GRADIENT].report[side] for side in ("width", "height"))
+    for name in renderers:
+        say(f"seconds: {name}")
+        reasons = {form: refusal(name, fit.svg, width, height) for form, fit in fits.items()}
+        times: dict[str, list[float]] = {form: [] for form in fits if not reasons[form]}
+        # By turns, so that a disturbance is not one form's alone; a browser starts at the first.
+        for form, taken in list(times.items()) * (1 + _RUNS):
+            begun = time.perf_counter()
+            rasterize(fits[form].svg, width, height, name)
+            taken.append(time.perf_counter() - begun)
+        medians = {form: statistics.median(taken[1:]) for form, taken in times.items()}
+        for form, reason in reasons.items():
+            rows[form][name] = reason or (medians[form], medians[form] / medians[GRADIENT])
+    return list(rows.values())
+
+
+def presets(photos: dict[str, Pixels], count: int | None = None) -> list[Row]:
+    """Presets: the gradient form, dB by resvg, mean over photos; bytes are a Gaussian's."""
+    rows = []
+    for quality in QUALITIES:
+        say(f"preset {quality}")
+        fits = [vectorize(p, quality=quality, gaussians=count) for p in photos.values()]
+        counted = [{"Gaussians": len(fit.scene)} | numbers(fit) for fit in fits]
+        rows.append({"quality": quality} | mean(counted))
+    return rows
+
+
+def cell(value: Any) -> str:
+    """A cell of a table: three digits of what is not whole."""
+    if isinstance(value, tuple):
+        return " / ".join(map(cell, value))
+    if isinstance(value, float) and math.isfinite(value):
+        return f"{value:#.3g}".rstrip(".") if abs(value) < 999.5 else f"{value:.0f}"
+    return "equal" if value == math.inf else str(value)
+
+
+def markdown(rows: list[Row]) -> str:
+    """Rows as a table."""
+    lines = [list(rows[0]), ["---"] * len(rows[0]), *([cell(v) for v in r.values()] for r in rows)]
+    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def load(picture: Path | str) -> Pixels:
+    """A photo by its path, or its name in scikit-image, cut to even sides for 2x2 means."""
+    pixels = load_image(picture if isinstance(picture, Path) else getattr(data, picture)()).pixels
+    return pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2]
+
+
+def tables(options: argparse.Namespace) -> Iterator[str]:
+    """What was measured, and on what; then each table with what it shows."""
+    pictures = options.photos or ("astronaut", "coffee")
+    photos = {Path(picture).stem: load(picture) for picture in pictures}
+    counts, renderers = [int(count) for count in options.counts.split(",")], options.renderers
+    judge = next((n for n in DRAW_TURNED_BLURS if n in renderers and version_of(n)), None)
+    here = machine()
+    versions = ", ".join(version_of(name) or f"{name} not installed" for name in renderers)
+    yield f"# Renderers\n\n{', '.join(photos)} by gauss2svg {__version__} and {versions}; Python"
+    yield f"{platform.python_version()}, {here['cpu']}, {here['cores']} cores, {here['platform']}."
+    if judge is None:
+        yield "\nNo renderer that draws turned blurs is here: the gradient form alone."
+
+    def fits_of(form: str, count: int) -> dict[str, Result]:
+        say(f"fits: {form}, {count}")
+        known: dict[str, Row] = {GRADIENT: {}, _OWN: {"palette": 0, "stops": 8}}
+        settings = known.get(form, {"form": form, "renderer": judge})
+        return {p: vectorize(pixels, gaussians=count, **settings) for p, pixels in photos.items()}
+
+    forms = FORMS if judge else (GRADIENT,)
+    fits: Fits = {key: fits_of(*key) for key in product(forms, counts)}
+    timed = {form: fits[form, counts[0]] for form in forms} | {_OWN: fits_of(_OWN, counts[0])}
+    first = {form: next(iter(results.values())) for form, results in timed.items()}
+    yield f"\n{inspect.getdoc(fidelity)}\n\n{markdown(fidelity(fits, renderers))}"
+    yield f"{inspect.getdoc(zoom)}\n\n{markdown(zoom(fits, renderers))}"
+    yield f"{inspect.getdoc(seconds)}\n\n{markdown(seconds(first, renderers))}"
+    yield f"{inspect.getdoc(presets)}\n\n{markdown(presets(photos))}"
+    if options.presets:
+        yield f"The presets with 5000 Gaussians each.\n\n{markdown(presets(photos, 5000))}"
+
+
+def main() -> None:
+    """Parse the command line, print or write the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("photos", nargs="*", type=Path, metavar="PHOTOS")
+    parser.add_argument("--counts", default="2000,10000")
+    parser.add_argument("--renderers", nargs="+", choices=RENDERERS, default=list(RENDERERS))
+    parser.add_argument("--presets", action="store_true")
+    parser.add_argument("-o", "--output", type=Path)
+    options = parser.parse_args()
+    with options.output.open("w") if options.output else nullcontext(sys.stdout) as out:
+        for text in tables(options):
+            print(text, file=out, flush=True)
+
+
+if __name__ == "__main__":
+    main()
