@@ -139,7 +139,7 @@ class Pursuit:
     def _finished(self, best: Attempt, name: str) -> tuple[Attempt, Finish]:
         self._tell("finish", None)
         scene, options, page = best.scene, best.options, best.page
-        finish = finished(scene, options, page, self._photo, name, self._request.seed)
+        finish = finished(scene, options, page, self._photo, name)
         svg = write_svg(finish.scene, options, page)
         return self._within_bytes(dataclasses.replace(best, scene=finish.scene, svg=svg)), finish
 
