@@ -31,7 +31,7 @@ class FitOptions:
     iterations  optimiser steps, >= 1; None: until the deadline
     placement   one of PLACEMENTS; schedule one of SCHEDULES; loss one of LOSSES
     seed        of the one random generator
-    dtype   one of DTYPES, of all that the kernels compute
+    dtype       one of DTYPES, of all that the kernels compute
     falloff     one of FALLOFFS: Gaussians, or shapes that each learn an exponent
     """
 
