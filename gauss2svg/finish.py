@@ -45,7 +45,7 @@ from gauss2svg.svg.layers import segment_of
 ALL = "all"
 FINISHES = ("resvg", "cairo", "chromium", ALL)
 
-_DRAWINGS = 32  # at most
+_DRAWINGS = 32  # at most, and up to two that only make sure
 _LEAST_GAIN, _OVER = 0.0005, 4  # dB a drawing, mean of the last few, under which it ends
 _TRUE_EVERY = 8  # drawings; between them the raster is put together from what was kept
 _SHIFT, _STRETCH, _FADE = 0.045, 0.03, 0.01  # px, px, opacity; or a step of the file's numbers
