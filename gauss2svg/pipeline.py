@@ -57,7 +57,8 @@ class Progress:
     """What `vectorize` is doing: phase, and the state of the fit while that is the phase.
 
     phase  "read", "compile", "fit", "write", "measure"; with targets "correct" may follow, and
-           the last three again; last of all "finish", if it was asked for
+           the last three again; last of all "finish", if it was asked for. fit is there at
+           "fit", "correct" and "finish"
     """
 
     phase: str
