@@ -13,10 +13,12 @@ import pytest
 from conftest import random_scene
 
 from gauss2svg import metrics
+from gauss2svg.cli import vectorize_command
 from gauss2svg.errors import RendererError
 from gauss2svg.raster import RENDERERS, chromium, program, rasterize, renderer_version
-from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.raster.support import BROWSERS, refuse_unsupported
 from gauss2svg.render import render
+from gauss2svg.scoring.command import check_command
 from gauss2svg.svg import SvgOptions, settled, write_svg
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="40" height="30"{}</svg>'
@@ -61,10 +63,9 @@ def test_every_renderer_draws_the_model_at_its_decibels(renderer):
 
 
 def test_the_command_line_knows_every_renderer():
-    from gauss2svg import cli
-
-    functions = [f for f in vars(cli).values() if "renderer" in getattr(f, "__annotations__", {})]
-    assert [get_args(get_type_hints(f)["renderer"]) for f in functions] == [RENDERERS]
+    for function in (vectorize_command, check_command):
+        hint = get_type_hints(function)["renderer"]
+        assert get_args(hint) == RENDERERS
 
 
 def test_nothing_of_the_file_runs_and_nothing_is_loaded(renderer):
@@ -227,11 +228,70 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
         ('><g transform="skewX(9)"><g filter="blur(2px)"/></g>', {"cairo", "librsvg", "resvg"}),
         ('><g id="a"/><use href="#a"/>', {"inkscape"}),
         ('><a href="#a"/>', set()),
+        (' xmlns:x="http://www.w3.org/1999/xlink"><g id="a"/><use x:href="#a"/>', set()),
+        ("><title>No filter: raw photo, blur(2px); mix-blend-mode:screen</title>", set()),
+        ("><style>/* filter:blur(2px) */ g { opacity:1 }</style>", set()),
+        ('><g style="FILTER : Blur(2px)"/>', {"cairo"}),
+        ('><g style="f\\69lter:blur(2px)"/>', {"cairo"}),
+        ('><g style="f&#105;lter:blur(2px)"/>', {"cairo"}),
+        ("><style>circle{-webkit-filter:blur(2px)}</style>", {"cairo"}),
+        ('><g style="color-interpolation-filters:sRGB;backdrop-filter:none"/>', set()),
+        ("><style>g{animation:a 1s}</style>", BROWSERS),
+        ('><g style="animation-name:a"/>', BROWSERS),
+        (
+            "><style>@media (prefers-reduced-motion:no-preference){g{animation:a 1s} g{x:y}}"
+            "g{animation:none}</style>",
+            set(),
+        ),
+        ("><style>@media (prefers-reduced-motion){g{animation:a 1s}}</style>", BROWSERS),
+        ('><g><set attributeName="x" to="1"/></g>', BROWSERS),
+        ('><g><animateTransform attributeName="transform"/></g>', BROWSERS),
+        ("><style>g{transition:fill 1s}</style>", set()),  # nothing changes in a still file
     ],
 )
 def test_what_a_file_uses_is_refused_by_those_who_do_not_draw_it(inside, refused):
     svg = SVG.format(inside)
-    assert {name for name in RENDERERS if refusal(svg, 40, 30, name)} == refused
+    assert {name for name in RENDERERS if refusal(svg, 40, 30, name)} == set(refused)
+
+
+@pytest.mark.parametrize("turn", ["rotate(1e999)", "skewX(-1e999)", "matrix(1 0 0 1e999 0 0)"])
+def test_endless_numbers_in_a_file_of_blurs_are_one_line(turn):
+    svg = SVG.format(f'><g transform="{turn}" style="filter:blur(2px)"/>')
+    with pytest.raises(RendererError, match="needed are finite ones") as caught:
+        rasterize(svg, 40, 30, "resvg")
+    assert "\n" not in str(caught.value)
+    huge = SVG.format('><g transform="matrix(1e200 0 1e200 1e200 0 0)" style="filter:blur(2px)"/>')
+    assert refusal(huge, 40, 30, "resvg")
+
+
+def test_half_a_character_is_refused_at_once(renderer):
+    with pytest.raises(RendererError, match=f"{renderer} cannot draw the SVG: its character"):
+        rasterize(SVG.format("><title>\ud800</title>"), 4, 3, renderer)
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        '<!-- <svg viewBox="0 0 1 1"> -->',
+        '<?xml version="1.0"?><?a <svg viewBox="0 0 1 1"> ?>\n',
+        '<!DOCTYPE svg [<!ENTITY green "#0f0"><!-- "]> <svg viewBox=""> -->]>',
+    ],
+)
+@pytest.mark.parametrize("prefix", ["", "s:"])
+@pytest.mark.parametrize("renderer", ["resvg", "cairo", "librsvg", "chromium"], indirect=True)
+def test_the_root_is_what_is_stretched(before, prefix, renderer):
+    fill = "&green;" if "ENTITY" in before else "#0f0"
+    if "ENTITY" in before and renderer == "cairo":
+        pytest.skip("CairoSVG refuses entities")
+    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:s="http://www.w3.org/2000/svg"'
+    svg = (
+        f'{before}<{prefix}svg {spaces} viewBox="0 0 10 10" style="width:5px; height:7px">'
+        f'<svg viewBox="0 0 1 1" width="5" height="10" preserveAspectRatio="none">'
+        f'<rect width="1" height="1" fill="{fill}"/></svg></{prefix}svg>'
+    )
+    drawn = rasterize(svg, 40, 30, renderer)
+    assert (drawn[:, :20] == [0, 1, 0]).all()
+    assert (drawn[:, 20:] == 1).all()
 
 
 def test_difference_is_drawn_exactly_or_refused(renderer):
