@@ -6,11 +6,12 @@ import os
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
-from conftest import random_scene
+from conftest import needs, random_scene
 
 from gauss2svg import metrics
 from gauss2svg.cli import vectorize_command
@@ -42,14 +43,6 @@ def refusal(svg: str, width: int, height: int, name: str) -> str | None:
     except RendererError as error:
         return str(error)
     return None
-
-
-@pytest.fixture
-def browser():
-    try:
-        renderer_version("chromium")
-    except RendererError as error:
-        pytest.skip(str(error))
 
 
 def test_every_renderer_draws_the_model_at_its_decibels(renderer):
@@ -92,17 +85,13 @@ def test_nothing_of_the_file_runs_and_nothing_is_loaded(renderer):
             'function paint() { document.getElementById("r").setAttribute("fill", "#f00"); '
             f'fetch("{site}/a.js"); }} paint();</script>'
         )
-        try:
-            drawn = rasterize(svg, 40, 30, renderer)
-        except RendererError:
-            drawn = None  # to refuse such a file is as good
+        drawn = rasterize(svg, 40, 30, renderer)
     finally:
         server.shutdown()
         thread.join()
         server.server_close()
     assert asked == []
-    if drawn is not None:
-        assert drawn[2, 2].tolist() == [0, 1, 0]
+    assert drawn[2, 2].tolist() == [0, 1, 0]
 
 
 def test_pictures_that_are_too_large_are_refused_unread():
@@ -119,6 +108,41 @@ def test_a_missing_program_is_one_line_that_says_what_to_do(name, monkeypatch, t
         with pytest.raises(RendererError, match=f"{name} needs .*install.*--renderer resvg") as got:
             ask()
         assert "\n" not in str(got.value)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
+@pytest.mark.parametrize("name", ["chromium", "librsvg", "firefox", "inkscape"])
+def test_a_program_that_cannot_say_its_version_is_one_line(name, monkeypatch, tmp_path):
+    for called in ("chromium", "rsvg-convert", "firefox", "inkscape"):
+        (tmp_path / called).write_text("#!/bin/sh\necho no libfoo.so >&2; exit 127")
+        (tmp_path / called).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.delenv(chromium.PROGRAM_VARIABLE, raising=False)
+    with pytest.raises(RendererError, match=r"cannot say its version: no libfoo\.so .*--renderer"):
+        renderer_version(name)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
+def test_a_chromium_that_does_not_start_is_one_line_with_its_complaint(monkeypatch, tmp_path):
+    pytest.importorskip("playwright")
+    (tmp_path / "chromium").write_text("#!/bin/sh\necho first >&2; echo no libfoo.so >&2; exit 127")
+    (tmp_path / "chromium").chmod(0o755)
+    monkeypatch.setenv(chromium.PROGRAM_VARIABLE, str(tmp_path / "chromium"))
+    monkeypatch.setattr(chromium, "_started", None)
+    try:
+        with pytest.raises(RendererError, match=r"did not start: no libfoo.so; reinstall") as got:
+            rasterize(GREEN, 4, 3, "chromium")
+    finally:
+        chromium._worker().close()
+    assert "\n" not in str(got.value)
+
+
+@pytest.mark.parametrize(("have", "refused"), [("1.57.9", True), ("1.58.0", False), ("2.0", False)])
+def test_playwright_that_hangs_is_refused(have, refused, monkeypatch):
+    pytest.importorskip("playwright")
+    monkeypatch.setattr(chromium.importlib.metadata, "version", lambda _: have)
+    with pytest.raises(RendererError, match=r"needed is 1\.58") if refused else nullcontext():
+        chromium._playwright()
 
 
 def test_missing_playwright_is_one_line_that_says_what_to_install(monkeypatch):
@@ -208,10 +232,7 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
         with pytest.raises(RendererError, match="cannot draw what the SVG uses: a blur"):
             rasterize(svg, 160, 120, name)
         return
-    try:
-        renderer_version(name)
-    except RendererError as error:
-        pytest.skip(str(error))
+    needs(name)
     drawn = rasterize(svg, 160, 120, name)
     assert metrics.psnr(drawn, rasterize(svg, 160, 120, "chromium")) > 44
 

@@ -103,14 +103,24 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_it_is_refused_in_one_line(name, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("renderer", "name"),
+    [("resvg", name) for name in REFUSED]
+    + [
+        (renderer, name)
+        for renderer in ("chromium", "librsvg", "inkscape")
+        for name in ("external entity", "local picture", "picture of an editor", "escaped paint")
+    ],
+    indirect=["renderer"],
+)
+def test_it_is_refused_in_one_line(name, renderer, tmp_path, capsys):
     svg, message = REFUSED[name]
     (tmp_path / "x.svg").write_text(svg)
     Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "x.png")
     before = sorted(tmp_path.iterdir())
     names = [str(tmp_path / n) for n in ("x.png", "x.svg", "r.json")]
-    assert main(["check", *names[:2], "--report", names[2]]) == 2
+    command = ["check", *names[:2], "--report", names[2], "--renderer", renderer]
+    assert main(command) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert message in err
