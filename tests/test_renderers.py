@@ -299,7 +299,6 @@ def test_half_a_character_is_refused_at_once(renderer):
     ],
 )
 @pytest.mark.parametrize("prefix", ["", "s:"])
-@pytest.mark.parametrize("renderer", ["resvg", "cairo", "librsvg", "chromium"], indirect=True)
 def test_the_root_is_what_is_stretched(before, prefix, renderer):
     fill = "&green;" if "ENTITY" in before else "#0f0"
     if "ENTITY" in before and renderer == "cairo":

@@ -11,7 +11,6 @@ _DOCTYPE = rf"<!DOCTYPE(?:{_QUOTED}|\[(?:{_COMMENT}|{_QUOTED}|[^\]\"'])*+\]|[^>\
 _BEFORE = re.compile(rf"\s++|<\?.*?\?>|{_COMMENT}|({_DOCTYPE})", re.DOTALL)
 _START_TAG = re.compile(rf"<([^\s/>]+)((?:{_QUOTED}|[^>\"'/])*+)(/?)>")
 _ATTRIBUTE = re.compile(rf"([^\s=]+)\s*=\s*({_QUOTED})")
-_STYLED_SIZE = re.compile(r"(?:^|(?<=[;\"']))\s*(?:width|height)\s*:[^;\"']*;?", re.IGNORECASE)
 _REPLACED = ("width", "height", "viewBox", "preserveAspectRatio")
 
 
@@ -20,7 +19,8 @@ def stretched(text: str, width: int, height: int, view_box: str | None = None) -
 
     view_box is what of it is shown, the root's own where it is None. The result is None for a
     root that has none either, and for one that cannot be found. What is before the root is left
-    out, but for rules of its own: no renderer needs it, and text has no encoding.
+    out, but for rules of its own: no renderer needs it, and text has no encoding. A width in the
+    root's style changes nothing in any of them.
     """
     at, rules = 1 if text.startswith("\ufeff") else 0, ""
     while before := _BEFORE.match(text, at):
@@ -33,8 +33,6 @@ def stretched(text: str, width: int, height: int, view_box: str | None = None) -
     box = attributes.get("viewBox") if view_box is None else f'"{view_box}"'
     if box is None:
         return None
-    if "style" in attributes:  # its lengths would win over the attributes
-        attributes["style"] = _STYLED_SIZE.sub("", attributes["style"])
     kept = "".join(f" {n}={quoted}" for n, quoted in attributes.items() if n not in _REPLACED)
     return (
         f'{rules}<{tag[1]} width="{width}" height="{height}" preserveAspectRatio="none" '

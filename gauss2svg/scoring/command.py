@@ -50,7 +50,7 @@ def check_command(
     max_elements
         Most elements of the SVG.
     draw_timeout
-        Seconds that the drawing may take, a day at most.
+        Seconds that the drawing may take, up to 86400; the last four renderers end after 300.
     quiet
         No summary.
 
