@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.finish import Finish
-from gauss2svg.fit.options import FitResult
+from gauss2svg.finish import Finish, finished
+from gauss2svg.fit.options import FitProgress, FitResult
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.roundtrip import RoundTrip
 from gauss2svg.scene import Scene
 from gauss2svg.svg import Page, SvgOptions, file_bytes, write_svg
+
+# Of a limit of bytes. Files of 500 to 5000 shapes grew by up to 0.9 %, gzipped, and 0.1 %, plain.
+_ROOM_FOR_A_FINISH = 0.985
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,3 +76,27 @@ def trimmed(attempt: Attempt, limit: int, picture: NDArray[np.float32]) -> Attem
         svg = write_svg(scene, attempt.options, attempt.page)
         attempt = dataclasses.replace(attempt, scene=scene, svg=svg, error=np.nan)
     return attempt
+
+
+def finished_attempt(
+    attempt: Attempt,
+    photo: NDArray[np.float32],
+    working: NDArray[np.float32],
+    name: str,
+    limit: float,
+    tell: Callable[[FitProgress], None],
+) -> tuple[Attempt, Finish]:
+    """The attempt after the finish of that name, in a file of at most `limit` bytes.
+
+    A finish makes numbers a little longer: where there is no room for that, the Gaussians that
+    are missed least make some first. See gauss2svg.finish.finished.
+    """
+    if attempt.size > limit * _ROOM_FOR_A_FINISH:
+        attempt = trimmed(attempt, int(limit * _ROOM_FOR_A_FINISH), working)
+    finish = finished(attempt.scene, attempt.options, attempt.page, photo, name, tell)
+    svg = write_svg(finish.scene, attempt.options, attempt.page)
+    after = dataclasses.replace(attempt, scene=finish.scene, svg=svg)
+    if after.size <= limit:
+        return after, finish
+    gains = {renderer: (before, before) for renderer, (before, _) in finish.gains.items()}
+    return attempt, dataclasses.replace(finish, scene=attempt.scene, gains=gains)

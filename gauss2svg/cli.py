@@ -110,7 +110,7 @@ def vectorize_command(
         Of shapes in the file: gradient, for every renderer; blur, smaller, and hybrid, only large
         shapes blurred, for Chromium, Firefox and Inkscape.
     palette
-        Most colours in the file, 0 for all: fewer make it smaller.
+        Most gradients in the file, 0 for all: fewer make it smaller.
     stops
         Stops of a gradient; as many as the quality says if not given.
     precision
@@ -173,7 +173,7 @@ def vectorize_command(
         targets.insert(0, Path(output))
     inputs = {image: "the photo"}
     count = None
-    if segments is not None and re.fullmatch(r"[+-]?\d+", segments):
+    if segments is not None and re.fullmatch(r"[+-]?[0-9]{1,9}", segments):
         count = int(segments)
     elif segments is not None:
         inputs[segments] = "the label image"

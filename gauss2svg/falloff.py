@@ -48,6 +48,14 @@ def profile(r: NDArray[np.floating], beta: ArrayLike = 1.0) -> NDArray[np.floati
     return np.maximum((np.exp(-power) - RIM) / (1 - RIM), 0.0) * (r < cut_radius(beta))
 
 
+def half_radius(beta: ArrayLike) -> NDArray[np.float64]:
+    """Mahalanobis distance at which the profile is 1/2; any shape.
+
+    1.165 at beta = 1; where (r^2 / 2)^beta = -ln((1 + RIM) / 2).
+    """
+    return np.sqrt(2 * (-math.log(0.5 * (1 + RIM))) ** (1 / np.asarray(beta, np.float64)))
+
+
 def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
     """Index into BETA_CLASSES of the nearest, as ratios go; any shape."""
     logs = np.log(BETA_CLASSES)
@@ -55,8 +63,5 @@ def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def widening(beta: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What to multiply sigma by so that a shape of another beta ends half-way at the same rim.
-
-    (r^2 / 2)^beta is ln 2 there, about; any shape.
-    """
-    return math.log(2) ** (0.5 / beta - 0.5 / other)
+    """What to multiply sigma by so that a shape of another beta is half-way at the same rim."""
+    return half_radius(beta) / half_radius(other)

@@ -26,6 +26,9 @@ Before, gradient steps of the fit towards target - (raster - model) were tried: 
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +38,7 @@ from numpy.typing import NDArray
 from gauss2svg import metrics
 from gauss2svg.falloff import cut_radius
 from gauss2svg.fit.adam import gradients
+from gauss2svg.fit.options import FitProgress
 from gauss2svg.fit.run import LEAST_OPACITY, LEAST_SIGMA
 from gauss2svg.raster import rasterize
 from gauss2svg.render.cpu import moments_of_gradient, splats_of
@@ -45,7 +49,7 @@ from gauss2svg.svg.layers import segment_of
 ALL = "all"
 FINISHES = ("resvg", "cairo", "chromium", ALL)
 
-_DRAWINGS = 32  # at most
+_DRAWINGS = 32  # at most, and up to two that only make sure
 _LEAST_GAIN, _OVER = 0.0005, 4  # dB a drawing, mean of the last few, under which it ends
 _TRUE_EVERY = 8  # drawings; between them the raster is put together from what was kept
 _SHIFT, _STRETCH, _FADE = 0.045, 0.03, 0.01  # px, px, opacity; or a step of the file's numbers
@@ -84,11 +88,13 @@ def finished(
     page: Page,
     photo: NDArray[np.float32],
     finish: str,
+    tell: Callable[[FitProgress], None] | None = None,
 ) -> Finish:
     """Change a settled scene so that what renderers draw of its file is nearer to a photo.
 
     scene    on the canvas of photo (h, w, 3); options and page write it, in its own colours
     finish   one of FINISHES; with all the squared errors of the three are summed
+    tell     is called at every drawing but the first
 
     Colours and order stay. The sum of squared errors never grows: the scene itself is returned
     where nothing was gained. Raises RendererError if a renderer cannot draw.
@@ -102,10 +108,12 @@ def finished(
         return np.stack([rasterize(svg, width, height, name) for name in names]) - photo
 
     failures = np.zeros((len(scene), 3))
-    changed, drawings = scene, 1
+    changed, drawings, begun = scene, 1, time.perf_counter()
     first = missed = drawn(scene)
     errors = [_squared(first)]
     while drawings < _DRAWINGS and _is_gaining(errors):
+        if tell is not None:
+            tell(_progress(len(scene), drawings, errors[-1] / first.size, begun))
         steps = _steps(changed, missed.sum(axis=0), options)
         promise = steps.gain * _AFTER_FAILURE**failures
         kind, order = promise.argmax(axis=1), np.argsort(-promise.max(axis=1), kind="stable")
@@ -133,6 +141,19 @@ def finished(
         for name, before, after in zip(names, first, last, strict=True)
     }
     return Finish(changed, drawings + 1, gains)
+
+
+def _progress(count: int, drawings: int, error: float, begun: float) -> FitProgress:
+    done, elapsed = drawings / _DRAWINGS, time.perf_counter() - begun
+    return FitProgress(
+        round=0,
+        iteration=drawings,
+        done=done,
+        gaussians=count,
+        psnr=-10 * math.log10(error),
+        elapsed_s=elapsed,
+        remaining_s=elapsed / done * (1 - done),
+    )
 
 
 def _squared(missed: NDArray[np.float32]) -> float:

@@ -118,7 +118,7 @@ def opened(file: BinaryIO, name: str) -> Iterator[Image.Image]:
         raise InputError(f"{name} is too large to decode: {error}; shrink it first") from error
     except InputError:
         raise
-    except (OSError, SyntaxError, ValueError, EOFError) as error:
+    except (OSError, SyntaxError, ValueError, EOFError, RuntimeError) as error:
         raise _broken(name, error) from error
 
 

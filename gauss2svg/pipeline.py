@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.atomic import write_atomically
 from gauss2svg.checks import whole_number
+from gauss2svg.errors import InputError
 from gauss2svg.finish import Finish
 from gauss2svg.fit import FitProgress
 from gauss2svg.fit.losses import DEFAULT_LOSS
@@ -36,6 +37,7 @@ from gauss2svg.raster import DEFAULT_RENDERER
 from gauss2svg.request import Request
 from gauss2svg.scene import BLENDS, Scene
 from gauss2svg.svg import GRADIENT, Page, bytes_by_part, file_bytes, is_svgz, outline_svg
+from gauss2svg.svg.encode import LARGEST_NUMBER
 from gauss2svg.svg.page import DEFAULT_TITLE
 from gauss2svg.targets import Targets, size_in_bytes
 from gauss2svg.version import __version__
@@ -44,6 +46,8 @@ from gauss2svg.warmup import COMPILED_S, compile_kernels
 # Under a time limit the fit runs on at most so many pixels for each second of it: drawing and
 # measuring alone take 20 s for 12 megapixels.
 PIXELS_A_SECOND = 150_000
+# Canvases to which a shape may reach: its sigma is bounded by one, its cut lies at three.
+_MOST_REACH = 5
 
 ProgressCallback = Callable[["Progress"], None]
 
@@ -53,7 +57,8 @@ class Progress:
     """What `vectorize` is doing: phase, and the state of the fit while that is the phase.
 
     phase  "read", "compile", "fit", "write", "measure"; with targets "correct" may follow, and
-           the last three again; last of all "finish", if it was asked for
+           the last three again; last of all "finish", if it was asked for. fit is there at
+           "fit", "correct" and "finish"
     """
 
     phase: str
@@ -146,8 +151,8 @@ def vectorize(
     time_limit  seconds for all of it, > 0; the fit takes the time that there is
     quality     a preset of gauss2svg.quality: draft, fast, balanced, high, max
     iterations  optimiser steps, >= 1; max_size: longest side in px that the fit runs on,
-                >= 1; palette: most colours in the file, 0 for all; stops: of a gradient,
-                5, 6, 8, 10 or 12; precision: of coordinates in px, 0.001..10;
+                >= 1; palette: most gradients in the file, 0 for all; stops: of a gradient,
+                5, 6, 8, 10 or 12; precision: of coordinates in px, 0.001..1;
                 None: the quality's
     form        of shapes in the file: gradient, for every renderer; blur or hybrid, for those
                 of gauss2svg.raster.DRAW_TURNED_BLURS
@@ -192,6 +197,7 @@ def vectorize(
 
     tell(Progress("read"))
     photo = load_image(image)
+    _check_precision(max(photo.width, photo.height), request)
     width, height = _working_size(photo.width, photo.height, request)
     working = shrink(photo.pixels, height, width)
     page = page_for(
@@ -276,6 +282,16 @@ def vectorize(
         "total_s": total_s,
     }
     return Result(outcome.svg, outcome.scene, report, measured.raster, page)
+
+
+def _check_precision(side: int, request: Request) -> None:
+    """Refuse a precision at which numbers of the file would be too large, before the fit."""
+    least = side * _MOST_REACH / LARGEST_NUMBER
+    if request.svg_options(0, None).precision < least:
+        raise InputError(
+            f"precision is {request.svg_options(0, None).precision:g} px for a photo of {side} px; "
+            f"needed is at least {least:.4f}"
+        )
 
 
 def _working_size(width: int, height: int, request: Request) -> tuple[int, int]:

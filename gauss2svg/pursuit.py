@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
-from gauss2svg.attempt import Attempt, Outcome, trimmed
-from gauss2svg.finish import Finish, finished
+from gauss2svg.attempt import Attempt, Outcome, finished_attempt, trimmed
+from gauss2svg.finish import Finish
 from gauss2svg.fit.options import FitProgress
 from gauss2svg.fit.rules import FIRST_ROUND, Demand, FixedCount, Rule, SceneDecides, Snapshot
 from gauss2svg.fit.run import Run
@@ -123,6 +123,7 @@ class Pursuit:
             finish = None
             if self._request.finish is not None:
                 best, finish = self._finished(best, self._request.finish)
+                self._tell("measure", None)
                 measured = self._measure(best)
         reason = self._stop_reason(best, measured.psnr_svg)
         fitted = dataclasses.replace(self._run.result(), stop_reason=reason)
@@ -137,11 +138,9 @@ class Pursuit:
         )
 
     def _finished(self, best: Attempt, name: str) -> tuple[Attempt, Finish]:
-        self._tell("finish", None)
-        scene, options, page = best.scene, best.options, best.page
-        finish = finished(scene, options, page, self._photo, name)
-        svg = write_svg(finish.scene, options, page)
-        return self._within_bytes(dataclasses.replace(best, scene=finish.scene, svg=svg)), finish
+        limit = self._targets.max_bytes or math.inf
+        tell = partial(self._tell, "finish")
+        return finished_attempt(best, self._photo, self._working, name, limit, tell)
 
     def _search(self) -> tuple[Attempt, RoundTrip]:
         self._correct()

@@ -12,7 +12,7 @@ from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions
 from gauss2svg.quality import Quality, quality_named
 from gauss2svg.raster import DRAW_TURNED_BLURS, renderer_version
 from gauss2svg.scene import BLENDS
-from gauss2svg.svg import FORMS, Page, SvgOptions
+from gauss2svg.svg import GRADIENT, Page, SvgOptions
 from gauss2svg.targets import Targets
 
 AUTO = "auto"
@@ -63,11 +63,11 @@ class Request:
         if not isinstance(self.gzip, bool):
             raise InputError(f"gzip is {self.gzip!r}; needed is True or False")
         whole_number("max_size", self.side, 1, 2**31 - 1)
-        if self.form in FORMS[1:] and self.renderer not in DRAW_TURNED_BLURS:
+        if self.form != GRADIENT and self.renderer not in DRAW_TURNED_BLURS:
             raise RendererError(
                 f"{self.renderer} does not draw the form {self.form}, in which turned shapes are "
                 f"blurred; needed is one of {', '.join(DRAW_TURNED_BLURS)}: try --renderer "
-                f"{DRAW_TURNED_BLURS[0]}, or --form {FORMS[0]}"
+                f"{DRAW_TURNED_BLURS[0]}, or --form {GRADIENT}"
             )
         renderer_version(self.renderer)
         self._check_finish()
@@ -85,10 +85,10 @@ class Request:
             )
         for name in renderers_of(self.finish):
             renderer_version(name)
-            if self.form in FORMS[1:] and name not in DRAW_TURNED_BLURS:
+            if self.form != GRADIENT and name not in DRAW_TURNED_BLURS:
                 raise RendererError(
                     f"finish {self.finish} draws by {name}, which does not draw the form "
-                    f"{self.form}; needed is --finish {DRAW_TURNED_BLURS[0]}, or --form {FORMS[0]}"
+                    f"{self.form}; needed is --finish {DRAW_TURNED_BLURS[0]}, or --form {GRADIENT}"
                 )
 
     @cached_property

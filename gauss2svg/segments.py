@@ -34,6 +34,11 @@ def labels_of(
         name, labels = os.fspath(segments), _read(Path(segments))
     elif isinstance(segments, np.ndarray):
         name, labels = "segments", segments.astype(np.uint8) if segments.dtype == bool else segments
+    elif isinstance(segments, (list, tuple)):
+        raise InputError(
+            f"segments are a {type(segments).__name__}; needed is a number of superpixels, the "
+            "path of a label image or an array (h, w): make it one by numpy.asarray"
+        )
     else:
         return superpixels(pixels, whole_number("segments", segments, 1, MOST_SEGMENTS))
     if labels.ndim == 2 and labels.shape[::-1] != size:
@@ -41,6 +46,8 @@ def labels_of(
             f"{name} has {labels.shape[1]}x{labels.shape[0]} px and the photo {size[0]}x{size[1]}; "
             "needed is the same size: scale it by nearest neighbour, so that no label is new"
         )
+    if not np.issubdtype(labels.dtype, np.integer):
+        raise InputError(f"{name} has values of type {labels.dtype}; needed are whole numbers")
     count = len(np.unique(labels))
     if count > MOST_SEGMENTS:
         raise InputError(
@@ -81,6 +88,4 @@ def _labels(picture: Image.Image, name: str) -> NDArray[Any]:
         return ranks.reshape(colors.shape) + 1
     if array.dtype == bool:
         return array.astype(np.uint8)
-    if not np.issubdtype(array.dtype, np.integer):
-        raise InputError(f"{name} has values of type {array.dtype}; needed are whole numbers")
     return array

@@ -20,8 +20,8 @@ _PHASES = {
     "fit": "fitting",
     "write": "writing the SVG",
     "measure": "drawing and measuring the SVG",
-    "finish": "finishing by what renderers draw",
 }
+_NAMED = {"correct": "correcting", "finish": "finishing"}  # with numbers as a fit has them
 
 
 _ENDED_BY = {
@@ -60,7 +60,7 @@ def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
                 return
             bar.update(
                 task,
-                description="correcting" if progress.phase == "correct" else f"round {now.round}",
+                description=_NAMED.get(progress.phase, f"round {now.round}"),
                 completed=now.done,
                 total=1.0,
                 state=(

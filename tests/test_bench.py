@@ -191,7 +191,7 @@ def test_pictures_of_one_name_stay_apart(photo, tmp_path, jobs):
         (["--axis", "loss=mse,l3"], "axis loss got 'l3'; needed is one of mse, l1"),
         (["--axis", "gaussians=many"], "axis gaussians got 'many'"),
         (["--axis", "gaussians="], "axis gaussians got ''"),
-        (["--axis", "precision=0"], "axis precision got '0'; needed is a number in 0.001..10"),
+        (["--axis", "precision=0"], "axis precision got '0'; needed is a number in 0.001..1"),
         (["--axis", "init", "--axis", "init=error"], "axis init is given twice"),
         (["--peers", "vtracer,tracer"], "peer is 'tracer'; needed is one of vtracer"),
         (["--peer-timeout", "0"], "peer_timeout is 0"),

@@ -9,6 +9,7 @@ from gauss2svg.falloff import (
     RADIUS,
     RIM_WIDTH,
     cut_radius,
+    half_radius,
     nearest_class,
     profile,
     widening,
@@ -51,9 +52,9 @@ def test_exponents_are_rounded_to_the_nearest_class_as_ratios_go():
 
 def test_widened_shape_of_another_exponent_keeps_the_half_way_rim():
     beta, other = np.array([1.0, 3.0, 0.5, 20.0]), np.array([1.7, 1.0, 64.0, 16.0])
-    half = np.sqrt(2) * np.log(2) ** (0.5 / beta)
-    at_half = profile(half / widening(beta, other), other)
-    np.testing.assert_allclose(at_half, profile(half, beta), atol=1e-9)
+    np.testing.assert_allclose(profile(half_radius(beta), beta), 0.5, atol=1e-9)
+    at_half = profile(half_radius(beta) / widening(beta, other), other)
+    np.testing.assert_allclose(at_half, 0.5, atol=1e-9)
 
 
 @pytest.mark.parametrize("beta", [16.0, 64.0])

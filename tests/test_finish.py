@@ -150,6 +150,7 @@ def test_report_tells_the_finish_and_bytes_stay_within_their_limit(photo):
     assert report["finish_drawings"] > 2
     before, after = report["finish_gains"]["resvg"]
     assert after > before
+    assert report["psnr_svg"] == pytest.approx(after, abs=1e-4)
     plain = vectorize(photo, gaussians=0).report
     assert (plain["finish"], plain["finish_drawings"], plain["finish_gains"]) == (None,) * 3
 

@@ -14,11 +14,11 @@ from PIL import Image
 from gauss2svg import vectorize
 from gauss2svg.cli import main
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import profile
+from gauss2svg.falloff import half_radius, profile
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.svg import Page, outline_svg
-from gauss2svg.svg.strokes import half_radius
+from gauss2svg.svg.values import color
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -36,8 +36,8 @@ def test_every_shape_is_one_stroke_in_its_colour_and_nothing_is_filled():
     scene = random_scene(40, seed=3, sigma=(1, 8)).replace(opacity=np.full(40, 0.5))
     root = parse(outline_svg(scene))
     ellipses = list(root.iter(SVG + "ellipse"))
-    levels = np.round(scene.color * 255).astype(int).tolist()
-    assert [e.get("stroke") for e in ellipses] == ["#{:02x}{:02x}{:02x}".format(*v) for v in levels]
+    drawn = [color(e.get("stroke", ""), "stroke") for e in ellipses]
+    np.testing.assert_allclose(drawn, scene.color, atol=0.51 / 255)
     assert root.get("fill") == "none"
     assert not any("fill" in element.attrib for element in root.iter() if element is not root)
     names = {element.tag.removeprefix(SVG) for element in root.iter()}
@@ -65,7 +65,6 @@ def test_stroke_lies_where_the_falloff_is_half(sigma, rho, beta):
     distance = np.abs(r - radius) / np.maximum(gradient, 1e-9)
     assert distance[ink > 0.5].max() < 0.25 + 0.25
     assert (ink[distance < 0.1] > 0.5).all()
-    assert (profile(r[ink > 0.9], beta).min() > 0.1) or beta > 1
 
 
 def test_width_is_the_same_however_thin_the_ellipse():

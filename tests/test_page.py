@@ -122,7 +122,7 @@ def test_canvas_is_told_in_px_only_where_the_size_does_not_tell_it():
         ({"animate": float("nan")}, "animate is nan"),
         ({"animate": float("inf")}, "animate is inf"),
         ({"animate": True}, "animate is True"),
-        ({"segments": np.zeros((2, 2))}, "segments are float64"),
+        ({"segments": np.zeros((2, 2))}, "of type float64"),
         ({"segments": np.zeros((2, 2, 3), int)}, "of shape"),
         ({"segments": np.array([[-1]])}, r"in -1\.\.-1"),
         ({"segments": "labels.png"}, "needed is an array"),

@@ -254,7 +254,7 @@ def test_tiny_pictures_have_segments(shape):
         (2.5, r"segments is 2\.5"),
         (True, "segments is True"),
         (np.zeros((4, 5), int), r"5x4 px and the photo 128x128; needed is the same size"),
-        (np.zeros((128, 128)), "segments are float64"),
+        (np.zeros((128, 128)), "of type float64"),
         (np.full((128, 128), -2), r"in -2\.\.-2"),
         (np.zeros((128, 128, 3), int), "needed is an array"),
         (np.arange(128 * 128).reshape(128, 128), "16384 different labels"),

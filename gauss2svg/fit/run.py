@@ -203,11 +203,11 @@ class Run:
         if self._order is not None:
             self.state = self._order.settle(self.state, self._target.width, self._target.height)
         if self._as_written is not None and len(self.state):
+            opaque = self.state.raw_opacity > math.log(_OPAQUE_FROM / (1 - _OPAQUE_FROM))
+            self.state.raw_opacity[opaque] = _OPAQUE_LOGIT
             scene = self._as_written(self.scene(), self._recent_psnr())
             self.state = self.state.settled(scene)
             self._rates = dataclasses.replace(self._rates, beta=0.0, color=0.0)
-            opaque = self.state.raw_opacity > math.log(_OPAQUE_FROM / (1 - _OPAQUE_FROM))
-            self.state.raw_opacity[opaque] = _OPAQUE_LOGIT
             self._shared = SharedColors(self.state)
 
     def _exchange(self, shared: SharedColors) -> None:

@@ -29,7 +29,7 @@ from scipy.optimize import minimize
 from scipy.special import ive
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import profile
+from gauss2svg.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
 from gauss2svg.scene import Scene
 from gauss2svg.svg.plain import is_plain
 
@@ -37,6 +37,11 @@ GRADIENT, BLUR, HYBRID = "gradient", "blur", "hybrid"
 FORMS = (GRADIENT, BLUR, HYBRID)
 # px from the mean to half the height, across, from which a form blurs a shape.
 _LEAST_HALF_WIDTH = {BLUR: 1.8, HYBRID: 4.0}
+# Of the full height: what settling may change. Five gradient stops err 0.012 at exponent 1 and
+# 0.024 at 3, and settling 1.3 to the nearest of a gradient's exponents changes 0.05.
+_MOST_DIFFERING = {BLUR: 0.08, HYBRID: 0.05}
+_LOG_STEP = 0.04  # of exponents, on which differences are tabled
+_SAME_BETA = 1e-6
 
 _RATIOS = (1.4, 2.0, 2.6, 3.4, 5.0, 8.0, 12.0)
 LEAST_RATIO, MOST_RATIO = 0.5, 16.0  # that are recognised
@@ -88,7 +93,7 @@ def blur_of(ratio: float) -> Blur:
     def fitted(logs: NDArray[np.float64]) -> tuple[float, float]:
         """Squared error at sigma 1 px, save for a factor, and the peak."""
         sigma, beta = np.exp(logs)
-        wanted = profile(r / sigma, min(max(beta, 0.5), 256.0))
+        wanted = profile(r / sigma, min(max(beta, LEAST_BETA), MOST_BETA))
         peak = (r * wanted * drawn).sum() / (r * drawn * drawn).sum()
         return float((r * (peak * drawn - wanted) ** 2).sum() / sigma**2), float(peak)
 
@@ -109,18 +114,52 @@ def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
     return (t * ratio**2 * np.exp(exponent) * ive(0, r[:, None] * t * ratio**2)).mean(axis=1)
 
 
-def blur_index(scene: Scene, form: str) -> NDArray[np.intp]:
+def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     """(n,) index into blurs() of how a form draws each shape, -1 where it does not blur it.
 
-    The nearest exponent of which a disc can have the shape's opacity. It depends on the half-way
-    rim, which stays when the exponent becomes that one: so the answer stays as well.
+    Of the blurs of which a disc can have the shape's opacity, the one whose exponent is nearest;
+    none where the two profiles differ too much, or the shape is small. A shape that has the
+    exponent of a blur already has been chosen before, and stays: only its opacity may ask for
+    another.
     """
     index = np.full(len(scene), -1)
     if form == GRADIENT or not len(scene):
         return index
-    half_width = scene.ellipse_axes[0][:, 1] * math.sqrt(2) * math.log(2) ** (0.5 / scene.betas)
-    chosen = (half_width >= _LEAST_HALF_WIDTH[form]) & ~is_plain(scene)
-    distance = np.abs(np.log(scene.betas[chosen, None] / [blur.beta for blur in blurs()]))
-    full = np.array([blur.peak for blur in blurs()]) * scene.opacity[chosen, None]
-    index[chosen] = np.where(full <= 1 + _OVERFULL, distance, np.inf).argmin(axis=1)
+    half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.betas)
+    large = (half_width >= _LEAST_HALF_WIDTH[form]) & ~is_plain(scene)
+    before = drawn_blurs(scene) >= 0
+    candidates = large | before
+    beta, opacity = scene.betas[candidates], scene.opacity[candidates]
+    distance = np.abs(np.log(beta[:, None] / [blur.beta for blur in blurs()]))
+    full = np.array([blur.peak for blur in blurs()]) * opacity[:, None]
+    nearest = np.where(full <= 1 + _OVERFULL, distance, np.inf).argmin(axis=1)
+    differing = opacity * [
+        _differing(round(math.log(b) / _LOG_STEP), k) for b, k in zip(beta, nearest, strict=True)
+    ]
+    index[candidates] = np.where(
+        before[candidates] | (differing <= _MOST_DIFFERING[form]), nearest, -1
+    )
     return index
+
+
+def drawn_blurs(scene: Scene) -> NDArray[np.intp]:
+    """(n,) index into blurs() of the one whose exponent a shape has exactly, or -1.
+
+    No exponent of a gradient is one of a blur, so it says how a settled shape is drawn.
+    """
+    ratios = scene.betas[:, None] / [blur.beta for blur in blurs()]
+    same = np.abs(ratios - 1) < _SAME_BETA
+    return np.where(same.any(axis=1), same.argmax(axis=1), -1)
+
+
+@lru_cache(maxsize=4096)
+def _differing(step: int, index: int) -> float:
+    """Largest difference of a blurred disc from a profile of equal half-way radius, 0..1.
+
+    The profile's exponent is exp(step _LOG_STEP).
+    """
+    beta, blur = math.exp(step * _LOG_STEP), blurs()[index]
+    r = np.linspace(0, 4, 400)  # in sigmas of the profile
+    own = r * float(half_radius(blur.beta) / half_radius(beta))
+    drawn = blur.peak * blurred_disc(own / blur.radius, 1 / blur.deviation)
+    return float(np.abs(drawn - profile(r, min(max(beta, LEAST_BETA), MOST_BETA))).max())

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import SceneError
 from gauss2svg.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.scene import Scene
-from gauss2svg.svg.blur import blur_index, blurs
+from gauss2svg.svg.blur import GRADIENT, blurs, drawn_blurs
 from gauss2svg.svg.options import SvgOptions
 from gauss2svg.svg.plain import is_plain, plain_radius
 from gauss2svg.svg.settle import settled
@@ -110,7 +110,8 @@ def number(value: float, decimals: int) -> str:
     if not abs(value) <= LARGEST_NUMBER:
         raise SceneError(
             f"cannot write {value} into an SVG; needed are finite numbers up to "
-            f"{LARGEST_NUMBER:g}: scale the scene, or drop what lies so far off"
+            f"{LARGEST_NUMBER:g}: scale the scene, drop what lies so far off, or take a coarser "
+            "precision"
         )
     text = f"{value:.{decimals}f}"
     if "." in text:
@@ -135,8 +136,8 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
             f"{_SMALLEST_CANVAS} px a side: scale the scene up"
         )
     scene = settled(scene, options)
-    plain, blur = is_plain(scene), blur_index(scene, options.form)
-    blurred = ~plain & (blur >= 0)
+    plain, blur = is_plain(scene), drawn_blurs(scene)
+    blurred = ~plain & (blur >= 0) & (options.form != GRADIENT)
     shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.betas), color])
@@ -146,7 +147,7 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
     names = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     ids, filter_ids = names[: len(shared)], names[len(shared) :]
 
-    fills = np.array([_hex(c) for c in color], dtype=object)
+    fills = np.array([hex_color(c) for c in color], dtype=object)
     fills[shaded] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
     filters = np.full(len(scene), "", dtype=object)
     filters[blurred] = [filter_ids[k] for k in blur[blurred]]
@@ -165,9 +166,9 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
     return EncodedScene(
         width=number(scene.width, 3),
         height=number(scene.height, 3),
-        view_width=number(scene.width / options.precision, 3),
-        view_height=number(scene.height / options.precision, 3),
-        background=_hex(np.round(scene.background * 255).astype(np.uint8)),
+        view_width=number(scene.width / options.precision, 6),
+        view_height=number(scene.height / options.precision, 6),
+        background=hex_color(np.round(scene.background * 255).astype(np.uint8)),
         gradients=tuple(
             _gradient(name, BETA_CLASSES[key[0]], key[1:], options.stops)
             for name, key in zip(ids, shared, strict=True)
@@ -234,7 +235,7 @@ def _ellipse(discs: _Discs, i: int, options: SvgOptions) -> Ellipse | None:
 def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) -> Gradient:
     offsets, values = gradient_stops(count, beta)
     stops = tuple((number(o, 4), number(v, 3)) for o, v in zip(offsets, values, strict=True))
-    return Gradient(name, _LARGE if beta >= _LARGE_FROM else 1, _hex(color), stops)
+    return Gradient(name, _LARGE if beta >= _LARGE_FROM else 1, hex_color(color), stops)
 
 
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -254,7 +255,8 @@ def short_id(index: int) -> str:
     return text
 
 
-def _hex(color: NDArray[np.integer]) -> str:
+def hex_color(color: NDArray[np.integer]) -> str:
+    """#rrggbb of three levels 0..255, or #rgb where that is the same."""
     text = "#" + "".join(f"{int(v):02x}" for v in color)
     if text[1] == text[2] and text[3] == text[4] and text[5] == text[6]:
         return "#" + text[1] + text[3] + text[5]

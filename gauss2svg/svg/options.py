@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-import numpy as np
-
 from gauss2svg.checks import number_within, whole_number
 from gauss2svg.errors import InputError
 from gauss2svg.svg.blur import FORMS, GRADIENT
 from gauss2svg.svg.stops import STOP_COUNTS
 
-LEAST_PRECISION, MOST_PRECISION = 0.001, 10.0
+# Over 1 px thin shapes would be rounded to nothing.
+LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
 
 
 @dataclass(frozen=True)
@@ -27,8 +26,9 @@ class SvgOptions:
                       may add; 0: as many as the palette has
     stops             gradient stops, one of STOP_COUNTS
     precision         px, LEAST_PRECISION..MOST_PRECISION: the file's user unit. Coordinates are
-                      whole numbers of it; encode.py has what it costs
-    opacity_decimals  of fill-opacity, 1..6; 2 costs 60 dB, 3 costs 80 dB
+                      whole numbers of it. Rounding means alone to 0.1, 0.04, 0.01 px leaves
+                      55 to 57, 62 to 64, 74 to 76 dB of Kodak 04 and 20 in 5000 shapes
+    opacity_decimals  of fill-opacity, 1..6; rounding to 2 leaves 69 dB there, to 3 89 dB
     """
 
     form: str = GRADIENT
@@ -45,8 +45,7 @@ class SvgOptions:
         if self.stops not in STOP_COUNTS:
             known = ", ".join(map(str, STOP_COUNTS))
             raise InputError(f"stops is {self.stops}; needed is one of {known}")
-        if not 0 <= self.color_error < np.inf:
-            raise InputError(f"color_error is {self.color_error}; needed is a number from 0 on")
+        number_within("color_error", self.color_error, 0, 1e9)
         number_within("precision", self.precision, LEAST_PRECISION, MOST_PRECISION)
         whole_number("opacity_decimals", self.opacity_decimals, 1, 6)
 

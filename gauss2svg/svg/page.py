@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -118,14 +119,16 @@ def round_id(index: int) -> str:
 
 def _is_between(value: Any, least: float, most: float) -> bool:
     """Whether a value is a number above the one and up to the other."""
-    is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return is_number and least < value <= most
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
+        return False
+    return bool(least < float(value) <= most)
 
 
 def _check_text(name: str, text: Any) -> None:
     if not isinstance(text, str) or not text.strip():
         raise InputError(f"{name} is {text!r}; needed is text, or none at all for the usual one")
-    if any(not character.isprintable() for character in text):
+    # Control characters, lone surrogates, and what XML 1.0 has no place for.
+    if any(unicodedata.category(c) in ("Cc", "Cs") or c in "\ufffe\uffff" for c in text):
         raise InputError(f"{name} is {text!r}; needed is text without control characters")
 
 
@@ -133,9 +136,10 @@ def _check_segments(labels: Any) -> None:
     if not isinstance(labels, np.ndarray) or labels.ndim != 2 or not labels.size:
         got = f"of shape {labels.shape}" if isinstance(labels, np.ndarray) else repr(labels)[:60]
         raise InputError(f"segments are {got}; needed is an array (h, w) of whole numbers")
-    whole = np.issubdtype(labels.dtype, np.integer)
-    if not whole or labels.min() < 0 or labels.max() > _LARGEST_LABEL:
+    if not np.issubdtype(labels.dtype, np.integer):
+        raise InputError(f"segments are of type {labels.dtype}; needed are whole numbers")
+    if labels.min() < 0 or labels.max() > _LARGEST_LABEL:
         raise InputError(
-            f"segments are {labels.dtype} in {labels.min()}..{labels.max()}; needed are whole "
+            f"segments are in {labels.min()}..{labels.max()}; needed are whole "
             f"numbers in 0..{_LARGEST_LABEL}"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -10,13 +11,15 @@ from numpy.typing import NDArray
 from gauss2svg.falloff import widening
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import Scene
-from gauss2svg.svg.blur import blur_index, blurs
+from gauss2svg.svg.blur import GRADIENT, HYBRID, blurs, chosen_blurs, drawn_blurs
 from gauss2svg.svg.options import SvgOptions
 from gauss2svg.svg.palette import quantize
 from gauss2svg.svg.plain import is_plain
 
 # Colours are weighted by what shows of them, measured on a picture of this side.
 _WEIGHING_SIDE = 768
+# Of a file: a gradient without stops, a stop, a shape's reference to a filter.
+_GRADIENT_BYTES, _STOP_BYTES, _REFERENCE_BYTES = 100, 57, 17
 
 
 def settled(scene: Scene, options: SvgOptions) -> Scene:
@@ -26,7 +29,9 @@ def settled(scene: Scene, options: SvgOptions) -> Scene:
     extent changes with its exponent so that its half-way rim stays. Plain ellipses and blurred
     discs need no gradient: they keep their colour, on 8 bits, plain ones their exponent as well.
     """
-    blur = blur_index(scene, options.form)
+    blur = chosen_blurs(scene, options.form)
+    if options.form == HYBRID and not _blurs_save_bytes(scene, options):
+        blur = np.where(drawn_blurs(scene) >= 0, blur, -1)
     blurred = blur >= 0
     shaded = ~is_plain(scene) & ~blurred
     beta, sigma, color = scene.betas.copy(), scene.sigma.copy(), np.round(scene.color * 255) / 255
@@ -46,6 +51,19 @@ def settled(scene: Scene, options: SvgOptions) -> Scene:
         beta[shaded] = palette.beta[palette.entry]
     sigma *= widening(scene.betas, beta)[:, None]
     return scene.replace(beta=beta, sigma=sigma, color=color)
+
+
+def _blurs_save_bytes(scene: Scene, options: SvgOptions) -> bool:
+    """Whether the gradients of fewer shapes are shorter by more than references to filters are."""
+    shaded = drawn_blurs(scene) < 0  # those that are blurred already have paid
+    if not shaded.any():
+        return True
+    by_gradients = settled(scene.select(shaded), dataclasses.replace(options, form=GRADIENT))
+    by_gradients = by_gradients.select(~is_plain(by_gradients))
+    pairs = np.column_stack([by_gradients.color, by_gradients.betas])
+    gradients = len(np.unique(pairs.round(6), axis=0))
+    gradient_bytes = _GRADIENT_BYTES + _STOP_BYTES * options.stops
+    return gradients * gradient_bytes > _REFERENCE_BYTES * len(by_gradients)
 
 
 def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:

@@ -6,16 +6,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.falloff import RIM
+from gauss2svg.falloff import half_radius
 from gauss2svg.scene import Scene
-from gauss2svg.svg.encode import number
+from gauss2svg.svg.encode import hex_color, number
 
 OUTLINE_WIDTH = 0.5  # px
 STROKE_WIDTHS = 0.01, 100.0
 STROKE_DECIMALS = 2  # px; a turn has as many, in degrees
-_LEAST_OPACITY = 0.005  # less is written as 0
+_LEAST_OPACITY = 0.005  # less hardly shows
 
 
 @dataclass(frozen=True)
@@ -33,19 +32,11 @@ class Stroke:
     color: str
 
 
-def half_radius(beta: ArrayLike) -> NDArray[np.float64]:
-    """Mahalanobis distance at which the profile is 1/2; any shape.
-
-    1.165 at beta = 1; where (r^2 / 2)^beta = -ln((1 + RIM) / 2).
-    """
-    return np.sqrt(2 * (-math.log(0.5 * (1 + RIM))) ** (1 / np.asarray(beta, np.float64)))
-
-
 def stroked(scene: Scene) -> list[Stroke]:
     """The strokes of a scene in its order, without those of no extent or opacity as written."""
     axes, angle_rad = scene.ellipse_axes
     radii = axes * half_radius(scene.betas)[:, None]
-    levels = np.round(scene.color * 255).astype(int).tolist()
+    levels = np.round(scene.color * 255).astype(int)
     strokes = []
     for i in range(len(scene)):
         rx, ry = (number(v, STROKE_DECIMALS) for v in radii[i])
@@ -60,7 +51,7 @@ def stroked(scene: Scene) -> list[Stroke]:
                 center=(x, y),
                 radii=(rx, ry),
                 turn="" if turn == "0" or rx == ry else f"rotate({turn} {x} {y})",
-                color="#{:02x}{:02x}{:02x}".format(*levels[i]),
+                color=hex_color(levels[i]),
             )
         )
     return strokes
