@@ -5,8 +5,9 @@
 
 Prints Markdown, or writes it to FILE.md as the tables come; without PHOTOS of two pictures that
 scikit-image ships. Above each table stands what it shows, the docstring of its function here.
-Renderers that are missing are shown as that; --renderers leaves others out, such as Inkscape,
-which takes up to a minute for a large file of blurs. --presets adds the presets at 5000 Gaussians.
+Renderers that are missing, refuse or fail are shown as that; --renderers leaves others out, such as
+Inkscape, which takes up to a minute for a large file of blurs. --presets adds the presets at 5000
+Gaussians.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ Pixels = NDArray[np.floating]
 Row = dict[str, Any]  # heading to number, text, or a tuple of numbers
 Fits = dict[tuple[str, int], dict[str, Result]]  # form and count to photo to fit
 
-_OWN = "own gradients"
+_OWN, _FAILED = "own gradients", "failed"
 _RUNS = 3
 
 say = partial(print, file=sys.stderr, flush=True)  # how far it is, beside the tables
@@ -63,12 +64,21 @@ def version_of(name: str) -> str | None:
 
 
 def refusal(name: str, svg: str, width: int, height: int) -> str:
-    """Why a renderer is not asked to draw, or ""; one that then fails raises as ever."""
+    """Why a renderer is not asked to draw, or ""."""
     try:
         refuse_unsupported(svg, width, height, name)
     except RendererError:
         return "refused" if version_of(name) else "not installed"
     return "" if version_of(name) else "not installed"
+
+
+def drawing(name: str, svg: str, width: int, height: int) -> Pixels | None:
+    """What a renderer draws, None where it fails, which is told and ends no table."""
+    try:
+        return rasterize(svg, width, height, name)
+    except RendererError as error:
+        say(f"  {name} failed: {error}")
+        return None
 
 
 def decibels(name: str, svg: str, *truths: Pixels) -> list[float | str]:
@@ -77,7 +87,9 @@ def decibels(name: str, svg: str, *truths: Pixels) -> list[float | str]:
     if reason := refusal(name, svg, width, height):
         return [reason] * len(truths)
     say(f"  {name}, {width}x{height}")
-    drawn = rasterize(svg, width, height, name)
+    drawn = drawing(name, svg, width, height)
+    if drawn is None:
+        return [_FAILED] * len(truths)
     return [metrics.psnr(drawn, truth) for truth in truths]
 
 
@@ -180,11 +192,14 @@ def seconds(fits: dict[str, Result], renderers: list[str]) -> list[Row]:
         # By turns, so that a disturbance is not one form's alone; a browser starts at the first.
         for form, taken in list(times.items()) * (1 + _RUNS):
             begun = time.perf_counter()
-            rasterize(fits[form].svg, width, height, name)
+            if not reasons[form] and drawing(name, fits[form].svg, width, height) is None:
+                reasons[form] = _FAILED
             taken.append(time.perf_counter() - begun)
         medians = {form: statistics.median(taken[1:]) for form, taken in times.items()}
         for form, reason in reasons.items():
-            rows[form][name] = reason or (medians[form], medians[form] / medians[GRADIENT])
+            # Without the gradient form's there is nothing to compare with.
+            alone = reasons[GRADIENT]
+            rows[form][name] = reason or (medians[form], alone or medians[form] / medians[GRADIENT])
     return list(rows.values())
 
 

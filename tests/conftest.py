@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 from pathlib import Path
 
 # Two threads also on one core, so that the tests of thread counts have two to compare;
@@ -17,7 +18,7 @@ from skimage import data
 
 import gauss2svg
 from gauss2svg.errors import RendererError
-from gauss2svg.raster import RENDERERS, renderer_version
+from gauss2svg.raster import RENDERERS, rasterize
 from gauss2svg.scene import Scene
 
 
@@ -76,12 +77,38 @@ def photo() -> NDArray[np.float32]:
     return np.ascontiguousarray(data.astronaut()[:256:2, 128:384:2], np.float32) / 255
 
 
+NEED_VARIABLE = "GAUSS2SVG_NEED_BROWSER"
+_WHITE_DOT = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
+
+
+@cache
+def why_not(name: str) -> str:
+    """Why a renderer cannot draw here, "" where it draws a pixel."""
+    try:
+        assert (rasterize(_WHITE_DOT, 1, 1, name) == 1).all()
+    except RendererError as error:
+        return str(error)
+    return ""
+
+
+def needs(name: str) -> None:
+    """Skip the test where a renderer cannot draw, or fail it where a browser is asked for."""
+    reason = why_not(name)
+    if reason and name == "chromium" and os.environ.get(NEED_VARIABLE):
+        pytest.fail(f"{NEED_VARIABLE} is set, and {reason}")
+    if reason:
+        pytest.skip(reason)
+
+
 @pytest.fixture(params=RENDERERS)
 def renderer(request) -> str:
-    """Name of each renderer in turn; those that are no part of the package where installed."""
+    """Name of each renderer in turn; those that are no part of the package where they draw."""
     if request.param not in ("resvg", "cairo"):
-        try:
-            renderer_version(request.param)
-        except RendererError as error:
-            pytest.skip(str(error))
+        needs(request.param)
     return request.param
+
+
+@pytest.fixture
+def browser() -> None:
+    """For tests that draw by Chromium."""
+    needs("chromium")

@@ -68,13 +68,9 @@ class _Page:
         self._motion = motion
 
     def screenshots(self, svg: str, times: list[float | None]) -> list[bytes]:
-        api = pytest.importorskip("playwright.sync_api")
-        try:
-            program = chromium._program()
-        except RendererError as error:
-            pytest.skip(str(error))
+        api = chromium._playwright()
         with api.sync_playwright() as playwright:
-            browser = playwright.chromium.launch(executable_path=program, chromium_sandbox=False)
+            browser = chromium.launch(api, playwright, chromium._program(), flags=())
             page = browser.new_page(
                 reduced_motion=self._motion, viewport={"width": 60, "height": 45}
             )
@@ -95,7 +91,7 @@ def pixels_of(png: bytes) -> np.ndarray:
         return np.asarray(picture.convert("RGB"), np.float64)
 
 
-def test_browser_fades_rounds_in_and_ends_with_the_still_picture():
+def test_browser_fades_rounds_in_and_ends_with_the_still_picture(browser):
     still = _Page("no-preference").screenshots(STILL, [0])[0]
     begin, middle, end = _Page("no-preference").screenshots(MOVING, [1e-3, 3000, None])
     assert end == still
@@ -107,6 +103,6 @@ def test_browser_fades_rounds_in_and_ends_with_the_still_picture():
     assert np.abs(halfway - ended).max() > 50
 
 
-def test_whoever_wants_less_motion_sees_the_end_at_once():
+def test_whoever_wants_less_motion_sees_the_end_at_once(browser):
     still = _Page("reduce").screenshots(STILL, [0])[0]
     assert _Page("reduce").screenshots(MOVING, [0])[0] == still

@@ -13,6 +13,8 @@ from gauss2svg.bench.grid import AXES, DEFAULT_GRID, Run, parse_axes, settings_o
 from gauss2svg.bench.rows import RowStore, csv_text
 from gauss2svg.errors import InputError
 from gauss2svg.quality import QUALITIES
+from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS
+from gauss2svg.svg import FORMS
 
 points = st.lists(
     st.tuples(*[st.integers(0, 6).map(float)] * 3), min_size=1, max_size=12
@@ -56,6 +58,20 @@ def test_axes_span_their_product_whatever_their_order():
     for bad in ({"loss": "mse"}, {"loss": ()}, {"loss": ["l3"]}, {"speed": [1]}):
         with pytest.raises(InputError):
             settings_of(bad)
+
+
+@pytest.mark.parametrize("renderer", RENDERERS)
+@pytest.mark.parametrize("form", FORMS)
+def test_forms_that_a_renderer_does_not_draw_are_refused_before_any_run(form, renderer):
+    axes = parse_axes([f"form=gradient,{form}", f"renderer=chromium,{renderer}"])
+    if form == "gradient" or renderer in DRAW_TURNED_BLURS:
+        assert settings_of(axes)
+    else:
+        with pytest.raises(InputError, match=f"form {form} drawn by {renderer}.*axis renderer="):
+            settings_of(axes)
+    if form != "gradient":
+        with pytest.raises(InputError, match="drawn by resvg"):
+            settings_of({"form": [form]})
 
 
 def test_key_knows_all_that_changes_a_row_and_no_path():

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import random_scene
+from conftest import needs, random_scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from gauss2svg import metrics, vectorize
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.falloff import cut_radius, half_radius, profile
-from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize, renderer_version
+from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg import FORMS, SvgOptions, read_svg, settled, write_svg
@@ -221,10 +221,7 @@ def test_renderer_that_cannot_draw_a_form_is_refused_before_the_fit(form, render
 @pytest.mark.parametrize("renderer", DRAW_TURNED_BLURS)
 @pytest.mark.parametrize(("form", "least"), [(BLUR, 37), (HYBRID, 42)])
 def test_blurred_scene_is_drawn_as_the_model_has_it(form, least, renderer):
-    try:
-        renderer_version(renderer)
-    except RendererError as error:
-        pytest.skip(str(error))
+    needs(renderer)
     options = SvgOptions(form=form, palette=0, precision=0.01, opacity_decimals=3)
     scene = settled(random_scene(60, 200, 160, 4, (1, 40), (0.7, 8)), options)
     assert (drawn_blurs(scene) >= 0).sum() > 10
@@ -233,10 +230,7 @@ def test_blurred_scene_is_drawn_as_the_model_has_it(form, least, renderer):
 
 
 def test_fit_in_the_blur_form_is_measured_as_it_is_drawn(photo):
-    try:
-        renderer_version("chromium")
-    except RendererError as error:
-        pytest.skip(str(error))
+    needs("chromium")
     result = vectorize(photo, gaussians=150, iterations=60, form=BLUR, renderer="chromium")
     assert result.report["form"] == BLUR
     assert result.svg.count("filter=") > 20

@@ -4,8 +4,10 @@ import base64
 import gzip
 import io
 import json
+import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -14,7 +16,8 @@ from PIL import Image
 import gauss2svg
 from gauss2svg.cli import main
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.raster import rasterize
+from gauss2svg.raster import program, rasterize
+from gauss2svg.raster.support import BROWSERS
 from gauss2svg.scoring.heatmap import colors_of, heatmap
 
 XMLNS = 'xmlns="http://www.w3.org/2000/svg"'
@@ -79,7 +82,7 @@ def test_the_way_that_it_comes_does_not_matter(pack, fitted, in_this_process):
     )
 
 
-@pytest.mark.parametrize("renderer", ["resvg", "cairo"])
+@pytest.mark.parametrize("renderer", ["resvg", "cairo", "chromium", "librsvg"], indirect=True)
 @pytest.mark.parametrize(
     "head",
     [
@@ -124,12 +127,66 @@ def test_what_is_transparent_is_white(in_this_process):
         ('width="8" height="8" viewBox="0 0 8 4">', "viewBox is 8x4, of other proportions"),
         ('viewBox="0 0 8 8"><text>a</text>', "text (1) is not drawn: resvg gets no fonts"),
         ('viewBox="0 0 8 8"><foreignObject/>', "foreignObject (1) is left out"),
+        ('viewBox="0 0 8 8"><script/>', "script (1) is left out"),
+        ('viewBox="0 0 8 8"><g><animate/></g>', "animate (1) is left out"),
     ],
 )
 def test_what_has_to_be_known_is_a_note(svg, note, halves, in_this_process):
     notes = gauss2svg.check(halves, f"<svg {XMLNS} {svg}</svg>").notes
     assert len(notes) == (note is not None)
     assert all(note in told for told in notes)
+
+
+@pytest.mark.parametrize("renderer", BROWSERS)
+def test_what_browsers_draw_is_not_called_left_out(renderer, halves, monkeypatch):
+    monkeypatch.setattr("gauss2svg.scoring.measure.renderer_version", str)
+    monkeypatch.setattr("gauss2svg.scoring.measure.draw", lambda *_: halves)
+    svg = f'<svg {XMLNS} viewBox="0 0 8 8"><foreignObject/><script/></svg>'
+    assert gauss2svg.check(halves, svg, renderer=renderer).notes == (
+        "script (1) is left out by the renderer", "foreignObject (1) is drawn by browsers alone",
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
+def test_nothing_is_left_of_a_drawing_that_takes_too_long(halves, tmp_path, monkeypatch):
+    fake, begun, left = (tmp_path / name for name in ("rsvg-convert", "begun", "left"))
+    fake.write_text(
+        '#!/bin/sh\n[ "$1" = --version ] && echo fake 1.0 && exit\n'
+        f"touch {begun}; (sleep 4; touch {left}) & sleep 4; touch {left}\n"
+    )
+    fake.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    program.version_line.cache_clear()
+    svg = f'<svg {XMLNS} viewBox="0 0 8 8"/>'
+    try:
+        with pytest.raises(RendererError, match="librsvg has not drawn the SVG in 3 s"):
+            gauss2svg.check(halves, svg, renderer="librsvg", draw_timeout=3)
+    finally:
+        program.version_line.cache_clear()
+    assert begun.exists()
+    time.sleep(4.2)
+    assert not left.exists()
+
+
+def test_drawing_imports_nothing_from_the_current_folder(halves, tmp_path, monkeypatch):
+    (tmp_path / "numpy.py").write_text("raise ValueError('from the current folder')")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend("")
+    assert gauss2svg.check(halves, f'<svg {XMLNS} viewBox="0 0 8 8">{HALVES}</svg>').psnr == np.inf
+
+
+def test_unexpected_failure_names_the_renderer():
+    program = (
+        "import sys; from gauss2svg.scoring import drawing; sys.argv = ['', '8', '8', 'librsvg']\n"
+        "def fail(*_): raise ZeroDivisionError('by\\nnothing')\n"
+        "drawing.rasterize = fail; sys.exit(drawing.main())"
+    )
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, input=b"<svg/>", capture_output=True, check=False)
+    assert (done.returncode, done.stdout) == (2, b"")
+    assert done.stderr.decode().strip() == (
+        "librsvg cannot draw the SVG: ZeroDivisionError: by nothing"
+    )
 
 
 def test_embedded_pictures_are_drawn_and_told(halves, in_this_process):
@@ -224,6 +281,8 @@ def test_standard_input_is_a_stream(which, fitted):
         (["PHOTO", "SVG", "--max-svg-bytes", "9k"], "more than 9000 bytes; raise --max-svg-bytes"),
         (["PHOTO", "SVG", "--max-elements", "9"], "more than 9 elements; raise --max-elements"),
         (["PHOTO", "SVG", "--draw-timeout", "0"], "draw_timeout is 0"),
+        (["PHOTO", "SVG", "--draw-timeout", "1e10"], "seconds above 0, up to 86400"),
+        (["PHOTO", "SVG", "--draw-timeout", "nan"], "draw_timeout is nan"),
         (["PHOTO", "SVG", "--draw-timeout", "1e-9"], "give a longer --draw-timeout"),
         (["PHOTO", "SVG", "--renderer", "paint"], "paint"),
         (["PHOTO"], "svg"),

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from gauss2svg import vectorize
+from gauss2svg.errors import RendererError
+
 
 @pytest.fixture
 def drawings(monkeypatch):
@@ -66,3 +69,24 @@ def test_renderers_tells_the_refused_from_the_missing_and_the_drawn(renderers, m
     assert renderers.decibels("librsvg", blurred, white) == ["not installed"]
     plain = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"/>'
     assert renderers.decibels("resvg", plain, white) == [np.inf]
+
+
+def test_renderers_shows_a_drawing_that_failed_and_goes_on(renderers, monkeypatch, photo):
+    drawn = []
+
+    def fail(svg, width, height, name):
+        drawn.append(name)
+        if name == "librsvg":
+            raise RendererError("out of memory")
+        return np.ones((height, width, 3), np.float32)
+
+    monkeypatch.setattr(renderers, "version_of", str)
+    monkeypatch.setattr(renderers, "rasterize", fail)
+    white = np.ones((8, 8, 3), np.float32)
+    plain = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"/>'
+    assert renderers.decibels("librsvg", plain, white, white) == ["failed"] * 2
+    fits = {"gradient": vectorize(photo[:16, :16], gaussians=3, iterations=2)}
+    (row,) = renderers.seconds(fits, ["librsvg", "resvg"])
+    assert row["librsvg"] == "failed"
+    assert row["resvg"][1] == 1
+    assert drawn.count("librsvg") == 2

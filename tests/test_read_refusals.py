@@ -6,6 +6,11 @@ from documents import AS_PATH, CIRCLE, RECT, document
 from gauss2svg.errors import InputError
 from gauss2svg.svg import read_svg
 
+USER_REGION = (
+    '<filter id="user" filterUnits="userSpaceOnUse" x="-11" y="-11" width="22" height="22">'
+    '<feGaussianBlur stdDeviation="2"/></filter>'
+)
+
 
 @pytest.mark.parametrize(
     ("body", "message"),
@@ -53,6 +58,33 @@ from gauss2svg.svg import read_svg
         ('<g filter="url(#blur)"/>', "whole group"),
         ("<style>circle{fill:red}</style>", "it sets fill"),
         ("<style>@keyframes a{from{r:0}} circle { opacity : .5 }</style>", "it sets opacity"),
+        ("<style>circle{FILL:red}</style>", "it sets fill"),
+        ("<defs><style>circle{fill:red}</style></defs>", "it sets fill"),
+        (f"<g><g>{CIRCLE}<style>*{{opacity:.5}}</style></g></g>", "it sets opacity"),
+        (f"{CIRCLE[:-2]}><style>*{{opacity:.5}}</style></circle>", "it sets opacity"),
+        (r"<style>circle{f\69ll:red}</style>", "it has an escape"),
+        ("<style>rect{width:1px}</style>", "it sets width"),
+        ("<style>@media print{rect{animation:a 1s;width:1px}}</style>", "it sets width"),
+        ("<style>@media print{g{animation:a 1s}circle{r:2}}</style>", "it sets r;"),
+        ("<style>@import 'a.css';</style>", "it has .@import"),
+        ("<style>@supports (r:1){g{animation:a 1s}}</style>", "it has .@supports"),
+        ("<style>g{animation:a 1s forwards}</style>", "its animation is forwards"),
+        ('<g style="animation:a 1s infinite"/>', "its animation is infinite"),
+        ('<circle r="1"><set attributeName="r" to="9"/></circle>', "<set.*changes what is drawn"),
+        ('<circle r="1"><animate attributeName="r" to="9" fill="freeze"/></circle>',
+         "its fill is freeze"),
+        ('<defs><animate repeatCount="indefinite"/></defs>', "its repeatCount is indefinite"),
+        ('<circle r="1" transform-origin="3 3" transform="scale(2)"/>', "its transform-origin"),
+        ('<g style="Rotate:9deg"/>', "its rotate is '9deg'"),
+        ('<g systemLanguage="de"/>', "its systemLanguage"),
+        ('<circle r="1" style="Stroke:red"/>', "its stroke"),
+        ('<circle r="1" style="display:NONE"/>', "it is hidden"),
+        (r'<circle r="1" style="f\69ll:red"/>', "without escapes"),
+        ('<circle r="1" style="fill:red!important;fill:blue"/>', "without !important"),
+        ('<circle r="5" fill="red" filter="url(#narrow)"/>', "x and width end 0.4 of the blur's"),
+        ('<circle r="5" cx="9" fill="red" filter="url(#user)"/>', "x and width end -1.5 of"),
+        ('<circle r="5" fill="red" filter="url(#alpha)"/>', "has in 'SourceAlpha'"),
+        ('<circle r="5" fill="red" filter="url(#cut)"/>', "has x '0'"),
         ('<circle r="1" style="transform:scale(2)"/>', "its style has a transform"),
         ('<g id="round-0"/>', "its round is 0"),
         ("<g>" * 200 + "</g>" * 200, "nested"),
@@ -68,6 +100,9 @@ def test_what_a_scene_cannot_hold_is_refused_by_name(body, message):
         f'<radialGradient id="cone">{red}{clear} stop-color="red"/></radialGradient>'
         '<linearGradient id="line"/><filter id="blur"><feGaussianBlur stdDeviation="2"/></filter>'
         '<filter id="faint"><feGaussianBlur stdDeviation="20"/></filter>'
+        '<filter id="narrow"><feGaussianBlur stdDeviation="2.5"/></filter>'
+        f'{USER_REGION}<filter id="alpha"><feGaussianBlur in="SourceAlpha" stdDeviation="1"/>'
+        '</filter><filter id="cut"><feGaussianBlur x="0" stdDeviation="1"/></filter>'
     )
     with pytest.raises(InputError, match=message) as caught:
         read_svg(document(body, defs))
@@ -103,7 +138,9 @@ def test_canvas_that_is_none_is_refused(root, message):
     ids=str,
 )  # fmt: skip
 def test_what_is_no_svg_is_one_line(source):
-    with pytest.raises(InputError, match=r"is no SVG|cannot read|source is|an <svg>") as caught:
+    with pytest.raises(
+        InputError, match=r"is no SVG|cannot read|source is|an <svg>|gzip"
+    ) as caught:
         read_svg(source)
     assert "\n" not in str(caught.value)
 
@@ -117,3 +154,29 @@ def test_long_rubbish_is_refused_at_once():
         ):
             with pytest.raises(InputError):
                 read_svg(document(body))
+
+
+def test_root_that_is_hidden_or_fades_all_is_refused():
+    size = 'width="40" height="30" viewBox="0 0 40 30"'
+    with pytest.raises(InputError, match=r"<svg.*hidden by its display"):
+        read_svg(document(root=f'{size} display="none"'), skip_hidden=True)
+    with pytest.raises(InputError, match=r"is \.5 over 1 shape and the background together"):
+        read_svg(document(root=f'{size} opacity=".5"'), background=(1, 1, 1))
+    faded = document(f'<g opacity=".5">{RECT}{CIRCLE}</g>', rect="")
+    with pytest.raises(InputError, match=r"is \.5 over 1 shape and the background together"):
+        read_svg(faded, background=(1, 1, 1))
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '<circle r="5" fill="red" filter="url(#user)"/>',
+        '<circle r="1" fill="red"><animate attributeName="r" from="0" to="1" dur="1s"/></circle>',
+        '<style type="text/css">@media print { g { animation: a 1s backwards } }</style>',
+        "<style/>",
+        '<circle r="1" style="Fill:red;/* FILL:none; */-inkscape-stroke:none"/>',
+        f'<g opacity=".5">{CIRCLE}</g>',
+    ],
+)
+def test_what_draws_as_it_is_written_is_read(body):
+    read_svg(document(body, USER_REGION))

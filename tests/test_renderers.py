@@ -6,17 +6,20 @@ import os
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
-from conftest import random_scene
+from conftest import needs, random_scene
 
 from gauss2svg import metrics
+from gauss2svg.cli import vectorize_command
 from gauss2svg.errors import RendererError
 from gauss2svg.raster import RENDERERS, chromium, program, rasterize, renderer_version
-from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.raster.support import BROWSERS, refuse_unsupported
 from gauss2svg.render import render
+from gauss2svg.scoring.command import check_command
 from gauss2svg.svg import SvgOptions, settled, write_svg
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="40" height="30"{}</svg>'
@@ -42,14 +45,6 @@ def refusal(svg: str, width: int, height: int, name: str) -> str | None:
     return None
 
 
-@pytest.fixture
-def browser():
-    try:
-        renderer_version("chromium")
-    except RendererError as error:
-        pytest.skip(str(error))
-
-
 def test_every_renderer_draws_the_model_at_its_decibels(renderer):
     options = SvgOptions(palette=0, stops=12, precision=0.01)
     scene = settled(random_scene(60, 240, 160, 2, (2.0, 40.0), (1.0, 4.0)), options)
@@ -61,10 +56,9 @@ def test_every_renderer_draws_the_model_at_its_decibels(renderer):
 
 
 def test_the_command_line_knows_every_renderer():
-    from gauss2svg import cli
-
-    functions = [f for f in vars(cli).values() if "renderer" in getattr(f, "__annotations__", {})]
-    assert [get_args(get_type_hints(f)["renderer"]) for f in functions] == [RENDERERS]
+    for function in (vectorize_command, check_command):
+        hint = get_type_hints(function)["renderer"]
+        assert get_args(hint) == RENDERERS
 
 
 def test_nothing_of_the_file_runs_and_nothing_is_loaded(renderer):
@@ -91,17 +85,13 @@ def test_nothing_of_the_file_runs_and_nothing_is_loaded(renderer):
             'function paint() { document.getElementById("r").setAttribute("fill", "#f00"); '
             f'fetch("{site}/a.js"); }} paint();</script>'
         )
-        try:
-            drawn = rasterize(svg, 40, 30, renderer)
-        except RendererError:
-            drawn = None  # to refuse such a file is as good
+        drawn = rasterize(svg, 40, 30, renderer)
     finally:
         server.shutdown()
         thread.join()
         server.server_close()
     assert asked == []
-    if drawn is not None:
-        assert drawn[2, 2].tolist() == [0, 1, 0]
+    assert drawn[2, 2].tolist() == [0, 1, 0]
 
 
 def test_pictures_that_are_too_large_are_refused_unread():
@@ -118,6 +108,41 @@ def test_a_missing_program_is_one_line_that_says_what_to_do(name, monkeypatch, t
         with pytest.raises(RendererError, match=f"{name} needs .*install.*--renderer resvg") as got:
             ask()
         assert "\n" not in str(got.value)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
+@pytest.mark.parametrize("name", ["chromium", "librsvg", "firefox", "inkscape"])
+def test_a_program_that_cannot_say_its_version_is_one_line(name, monkeypatch, tmp_path):
+    for called in ("chromium", "rsvg-convert", "firefox", "inkscape"):
+        (tmp_path / called).write_text("#!/bin/sh\necho no libfoo.so >&2; exit 127")
+        (tmp_path / called).chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.delenv(chromium.PROGRAM_VARIABLE, raising=False)
+    with pytest.raises(RendererError, match=r"cannot say its version: no libfoo\.so .*--renderer"):
+        renderer_version(name)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
+def test_a_chromium_that_does_not_start_is_one_line_with_its_complaint(monkeypatch, tmp_path):
+    pytest.importorskip("playwright")
+    (tmp_path / "chromium").write_text("#!/bin/sh\necho first >&2; echo no libfoo.so >&2; exit 127")
+    (tmp_path / "chromium").chmod(0o755)
+    monkeypatch.setenv(chromium.PROGRAM_VARIABLE, str(tmp_path / "chromium"))
+    monkeypatch.setattr(chromium, "_started", None)
+    try:
+        with pytest.raises(RendererError, match=r"did not start: no libfoo.so; reinstall") as got:
+            rasterize(GREEN, 4, 3, "chromium")
+    finally:
+        chromium._worker().close()
+    assert "\n" not in str(got.value)
+
+
+@pytest.mark.parametrize(("have", "refused"), [("1.57.9", True), ("1.58.0", False), ("2.0", False)])
+def test_playwright_that_hangs_is_refused(have, refused, monkeypatch):
+    pytest.importorskip("playwright")
+    monkeypatch.setattr(chromium.importlib.metadata, "version", lambda _: have)
+    with pytest.raises(RendererError, match=r"needed is 1\.58") if refused else nullcontext():
+        chromium._playwright()
 
 
 def test_missing_playwright_is_one_line_that_says_what_to_install(monkeypatch):
@@ -207,10 +232,7 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
         with pytest.raises(RendererError, match="cannot draw what the SVG uses: a blur"):
             rasterize(svg, 160, 120, name)
         return
-    try:
-        renderer_version(name)
-    except RendererError as error:
-        pytest.skip(str(error))
+    needs(name)
     drawn = rasterize(svg, 160, 120, name)
     assert metrics.psnr(drawn, rasterize(svg, 160, 120, "chromium")) > 44
 
@@ -227,11 +249,69 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
         ('><g transform="skewX(9)"><g filter="blur(2px)"/></g>', {"cairo", "librsvg", "resvg"}),
         ('><g id="a"/><use href="#a"/>', {"inkscape"}),
         ('><a href="#a"/>', set()),
+        (' xmlns:x="http://www.w3.org/1999/xlink"><g id="a"/><use x:href="#a"/>', set()),
+        ("><title>No filter: raw photo, blur(2px); mix-blend-mode:screen</title>", set()),
+        ("><style>/* filter:blur(2px) */ g { opacity:1 }</style>", set()),
+        ('><g style="FILTER : Blur(2px)"/>', {"cairo"}),
+        ('><g style="f\\69lter:blur(2px)"/>', {"cairo"}),
+        ('><g style="f&#105;lter:blur(2px)"/>', {"cairo"}),
+        ("><style>circle{-webkit-filter:blur(2px)}</style>", {"cairo"}),
+        ('><g style="color-interpolation-filters:sRGB;backdrop-filter:none"/>', set()),
+        ("><style>g{animation:a 1s}</style>", BROWSERS),
+        ('><g style="animation-name:a"/>', BROWSERS),
+        (
+            "><style>@media (prefers-reduced-motion:no-preference){g{animation:a 1s} g{x:y}}"
+            "g{animation:none}</style>",
+            set(),
+        ),
+        ("><style>@media (prefers-reduced-motion){g{animation:a 1s}}</style>", BROWSERS),
+        ('><g><set attributeName="x" to="1"/></g>', BROWSERS),
+        ('><g><animateTransform attributeName="transform"/></g>', BROWSERS),
+        ("><style>g{transition:fill 1s}</style>", set()),  # nothing changes in a still file
     ],
 )
 def test_what_a_file_uses_is_refused_by_those_who_do_not_draw_it(inside, refused):
     svg = SVG.format(inside)
-    assert {name for name in RENDERERS if refusal(svg, 40, 30, name)} == refused
+    assert {name for name in RENDERERS if refusal(svg, 40, 30, name)} == set(refused)
+
+
+@pytest.mark.parametrize("turn", ["rotate(1e999)", "skewX(-1e999)", "matrix(1 0 0 1e999 0 0)"])
+def test_endless_numbers_in_a_file_of_blurs_are_one_line(turn):
+    svg = SVG.format(f'><g transform="{turn}" style="filter:blur(2px)"/>')
+    with pytest.raises(RendererError, match="needed are finite ones") as caught:
+        rasterize(svg, 40, 30, "resvg")
+    assert "\n" not in str(caught.value)
+    huge = SVG.format('><g transform="matrix(1e200 0 1e200 1e200 0 0)" style="filter:blur(2px)"/>')
+    assert refusal(huge, 40, 30, "resvg")
+
+
+def test_half_a_character_is_refused_at_once(renderer):
+    with pytest.raises(RendererError, match=f"{renderer} cannot draw the SVG: its character"):
+        rasterize(SVG.format("><title>\ud800</title>"), 4, 3, renderer)
+
+
+@pytest.mark.parametrize(
+    "before",
+    [
+        '<!-- <svg viewBox="0 0 1 1"> -->',
+        '<?xml version="1.0"?><?a <svg viewBox="0 0 1 1"> ?>\n',
+        '<!DOCTYPE svg [<!ENTITY green "#0f0"><!-- "]> <svg viewBox=""> -->]>',
+    ],
+)
+@pytest.mark.parametrize("prefix", ["", "s:"])
+def test_the_root_is_what_is_stretched(before, prefix, renderer):
+    fill = "&green;" if "ENTITY" in before else "#0f0"
+    if "ENTITY" in before and renderer == "cairo":
+        pytest.skip("CairoSVG refuses entities")
+    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:s="http://www.w3.org/2000/svg"'
+    svg = (
+        f'{before}<{prefix}svg {spaces} viewBox="0 0 10 10" style="width:5px; height:7px">'
+        f'<svg viewBox="0 0 1 1" width="5" height="10" preserveAspectRatio="none">'
+        f'<rect width="1" height="1" fill="{fill}"/></svg></{prefix}svg>'
+    )
+    drawn = rasterize(svg, 40, 30, renderer)
+    assert (drawn[:, :20] == [0, 1, 0]).all()
+    assert (drawn[:, 20:] == 1).all()
 
 
 def test_difference_is_drawn_exactly_or_refused(renderer):

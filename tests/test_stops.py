@@ -60,3 +60,20 @@ def test_no_knot_can_be_moved_for_the_better(beta):
 def test_unknown_stop_count_is_refused_with_the_known_ones():
     with pytest.raises(InputError, match="5, 6, 8, 10, 12"):
         gradient_stops(7)
+
+
+def test_stops_are_as_near_to_their_own_exponent_and_as_far_from_others_as_is_stated():
+    x = (np.arange(512) + 0.5) / 512
+    known = np.stack([profile(x * cut_radius(beta), beta) for beta in BETA_CLASSES])
+    own, others = [], []
+    for index, beta in enumerate(BETA_CLASSES):
+        for count in STOP_COUNTS:
+            offsets, heights = gradient_stops(count, beta)
+            drawn = np.interp(x, np.maximum.accumulate(offsets), heights)
+            scale = (x * drawn * known).sum(axis=1) / (x * known**2).sum(axis=1)
+            missed = np.square(drawn / scale[:, None] - known)
+            errors = np.sqrt(np.mean(2 * x * missed, axis=1))
+            own.append(errors[index])
+            others.append(np.delete(errors, index).min())
+    assert 0.0078 < max(own) <= 0.0083
+    assert 0.087 <= min(others) < 0.092

@@ -12,13 +12,14 @@ from PIL import Image
 
 from gauss2svg.cli import main
 from gauss2svg.errors import InputError
-from gauss2svg.scoring import source
-from gauss2svg.scoring.source import read_svg
+from gauss2svg.scoring.source import svg_source
 from gauss2svg.scoring.survey import survey
+from gauss2svg.svg import document, read_svg
 
 ROOT = (
     '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
-    'xmlns:any="http://www.w3.org/1999/xlink" viewBox="0 0 8 8">'
+    'xmlns:any="http://www.w3.org/1999/xlink" '
+    'xmlns:s="http://sodipodi.sourceforge.net/DTD/sodipodi-0.dtd" viewBox="0 0 8 8">'
 )
 LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
 
@@ -66,6 +67,10 @@ REFUSED = {
     "local picture": (f'{ROOT}<image href="/etc/x.png"/></svg>', "refers to /etc/x.png"),
     "relative picture": (f'{ROOT}<image xlink:href="x.png"/></svg>', "refers to x.png"),
     "any prefix": (f'{ROOT}<image any:href="x.png"/></svg>', "refers to x.png"),
+    "picture of an editor": (
+        f'{ROOT}<image xlink:href="{data_of(png(3, 2))}" s:absref="/etc/x.png"/></svg>',
+        "refers to /etc/x.png",
+    ),
     "remote picture": (f'{ROOT}<image href="https://a/x.png"/></svg>', "refers to https://a/x.png"),
     "filter": (f'{ROOT}<feImage href="file:///x.png"/></svg>', "refers to file:///x.png"),
     "use": (f'{ROOT}<use href="other.svg#a"/></svg>', "refers to other.svg#a"),
@@ -74,6 +79,8 @@ REFUSED = {
     "style": (f'{ROOT}<g style="mask: URL(x.svg#a)"/></svg>', "refers to URL(x.svg#a)"),
     "style sheet": (f"{ROOT}<style>g {{ mask: url(x.svg) }}</style></svg>", "refers to url(x.svg)"),
     "import": (f'{ROOT}<style>@IMPORT "x.css";</style></svg>', "@import of a style sheet"),
+    "escaped paint": (f"{ROOT}<g style='fill:\\75r\\6c(x.svg)'/></svg>", "refers to url(x.svg)"),
+    "escaped import": (f"{ROOT}<style>@\\69mport 'x.css';</style></svg>", "@import of a style"),
     "instruction": (f'<?xml-stylesheet href="x.css"?>{ROOT}</svg>', "@import of a style sheet"),
     "nested svg": (
         f'{ROOT}<image href="{data_of(NESTED)}"/></svg>', "data: in the SVG is no picture",
@@ -96,14 +103,24 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_it_is_refused_in_one_line(name, tmp_path, capsys):
+@pytest.mark.parametrize(
+    ("renderer", "name"),
+    [("resvg", name) for name in REFUSED]
+    + [
+        (renderer, name)
+        for renderer in ("chromium", "librsvg", "inkscape")
+        for name in ("external entity", "local picture", "picture of an editor", "escaped paint")
+    ],
+    indirect=["renderer"],
+)
+def test_it_is_refused_in_one_line(name, renderer, tmp_path, capsys):
     svg, message = REFUSED[name]
     (tmp_path / "x.svg").write_text(svg)
     Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "x.png")
     before = sorted(tmp_path.iterdir())
     names = [str(tmp_path / n) for n in ("x.png", "x.svg", "r.json")]
-    assert main(["check", *names[:2], "--report", names[2]]) == 2
+    command = ["check", *names[:2], "--report", names[2], "--renderer", renderer]
+    assert main(command) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert message in err
@@ -136,19 +153,25 @@ def test_gzip_bomb_is_refused_without_being_unpacked(monkeypatch):
         unpacked.append(len(data))
         return data
 
-    monkeypatch.setattr(source.gzip.GzipFile, "read", counted)
+    monkeypatch.setattr(gzip.GzipFile, "read", counted)
     packer = zlib.compressobj(wbits=31)
     bomb = b"".join(packer.compress(bytes(1 << 20)) for _ in range(50)) + packer.flush()
     with pytest.raises(InputError, match="gunzipped, has more than 1000000 bytes"):
-        read_svg(bomb, 1_000_000)
+        svg_source(bomb, 1_000_000)
     assert sum(unpacked) == 1_000_001
+    unpacked.clear()
+    monkeypatch.setattr(document, "MOST_BYTES", 2_000_000)
+    with pytest.raises(InputError, match="more than 2000000 bytes, gunzipped") as caught:
+        read_svg(bomb)
+    assert "\n" not in str(caught.value)
+    assert sum(unpacked) == 2_000_001
 
 
 def test_broken_gzip_is_refused():
     whole = gzip.compress(f"{ROOT}</svg>".encode())
     for broken in (whole[:-9], whole[:12] + b"\xff" * 9 + whole[21:]):
         with pytest.raises(InputError, match="is broken gzip"):
-            read_svg(broken, 1000)
+            svg_source(broken, 1000)
 
 
 def test_endless_stream_is_not_read_to_its_end():
@@ -158,25 +181,25 @@ def test_endless_stream_is_not_read_to_its_end():
             return b"<" * size
 
     with pytest.raises(InputError, match="more than 1000 bytes"):
-        read_svg(Endless(), 1000)
+        svg_source(Endless(), 1000)
 
 
 def test_limits_are_the_last_that_is_let_through():
     svg = f"{ROOT}<g/><g/></svg>"
     assert survey(svg, 3).tags == {"g": 2, "svg": 1}
-    assert read_svg(svg, len(svg))[1] == svg
+    assert svg_source(svg, len(svg))[1] == svg
     with pytest.raises(InputError, match="more than 2 elements"):
         survey(svg, 2)
     with pytest.raises(InputError, match=f"more than {len(svg) - 1} bytes"):
-        read_svg(svg, len(svg) - 1)
+        svg_source(svg, len(svg) - 1)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_text_is_read_in_its_encoding(encoding):
     svg = f"{ROOT}<title>Größe</title></svg>"
-    assert read_svg(svg.encode(encoding), 10_000)[1] == svg
+    assert svg_source(svg.encode(encoding), 10_000)[1] == svg
 
 
 def test_declared_encoding_is_believed():
     svg = f"<?xml version='1.0' encoding='windows-1252'?>{ROOT}<title>10 €</title></svg>"
-    assert read_svg(svg.encode("cp1252"), 10_000)[1] == svg
+    assert svg_source(svg.encode("cp1252"), 10_000)[1] == svg

@@ -42,7 +42,7 @@ def bench_command(
         span a grid; without any the presets and a small grid are run.
     peers
         Other tools to measure, by commas, where installed: vtracer, splatthis, primitive, jpeg,
-        webp.
+        webp. Their SVGs are drawn by resvg, whatever the axis renderer says.
     peer_timeout
         Seconds that a run of a peer may take.
     seed

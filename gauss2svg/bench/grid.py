@@ -20,9 +20,9 @@ from gauss2svg.fit.options import DTYPES, MOST_GAUSSIANS
 from gauss2svg.fit.placement import PLACEMENTS
 from gauss2svg.fit.schedule import SCHEDULES
 from gauss2svg.quality import QUALITIES
-from gauss2svg.raster import RENDERERS
+from gauss2svg.raster import DEFAULT_RENDERER, DRAW_TURNED_BLURS, RENDERERS
 from gauss2svg.scene import BLENDS
-from gauss2svg.svg import FORMS
+from gauss2svg.svg import FORMS, GRADIENT
 from gauss2svg.svg.options import LEAST_PRECISION, MOST_PRECISION
 from gauss2svg.svg.stops import STOP_COUNTS
 from gauss2svg.version import __version__
@@ -135,7 +135,8 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
 def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
     """Every combination of the values of the axes, each once; DEFAULT_GRID if there are none.
 
-    Raises InputError for an unknown axis, an impossible value or no value.
+    Raises InputError for an unknown axis, an impossible value or no value, and for a form with
+    a renderer that does not draw it.
     """
     found: dict[Settings, None] = {}  # a set that keeps the order
     for grid in [axes] if axes else DEFAULT_GRID:
@@ -146,7 +147,21 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
                 raise InputError(f"axis {name} got {values!r}; needed is a sequence of values")
             columns.append([(axis.keyword, _checked(axis, str(value))) for value in values])
         found |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
+    for settings in found:
+        _check_drawn(dict(settings))
     return list(found)
+
+
+def _check_drawn(settings: Mapping[str, Any]) -> None:
+    """Raise InputError for a form that the renderer does not draw: every run would fail."""
+    form = settings.get("form", GRADIENT)
+    renderer = settings.get("renderer", DEFAULT_RENDERER)
+    if form != GRADIENT and renderer not in DRAW_TURNED_BLURS:
+        raise InputError(
+            f"axes have form {form} drawn by {renderer}, which does not draw it; needed is one of "
+            f"{', '.join(DRAW_TURNED_BLURS)}: add --axis renderer={DRAW_TURNED_BLURS[0]}, or leave "
+            "the form out"
+        )
 
 
 def _checked(axis: Axis, text: str) -> Any:

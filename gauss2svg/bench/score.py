@@ -6,12 +6,10 @@ import gzip
 from pathlib import Path
 from typing import Any
 
-from gauss2svg import metrics
 from gauss2svg.errors import RendererError
 from gauss2svg.image import load_image
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize, renderer_version
-
-_LEAST_SIDE_FOR_SSIM = 3
+from gauss2svg.roundtrip import measure_pixels
 
 
 def score(drawn: Path, image: str) -> dict[str, Any]:
@@ -33,15 +31,14 @@ def score(drawn: Path, image: str) -> dict[str, Any]:
             raise RendererError(
                 f"picture is {raster.shape[1]}x{raster.shape[0]} px; needed is {width}x{height}"
             )
+    measured = measure_pixels(raster, photo)
     return {
         "width": width,
         "height": height,
         "renderer": renderer,
         "psnr_model": None,
-        "psnr_svg": metrics.psnr(raster, photo),
-        "ssim_svg": (
-            metrics.ssim(raster, photo) if min(height, width) >= _LEAST_SIDE_FOR_SSIM else None
-        ),
+        "psnr_svg": measured["psnr_svg"],
+        "ssim_svg": measured["ssim_svg"],
         "bytes_raw": len(data),
         "bytes_gzipped": len(gzip.compress(data, compresslevel=9, mtime=0)),
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +11,7 @@ from PIL import Image
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.image import over_white
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
+from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import DRAW_TURNED_BLURS, refuse_unsupported
 
 __all__ = ["DEFAULT_RENDERER", "DRAW_TURNED_BLURS", "RENDERERS", "rasterize", "renderer_version"]
@@ -33,8 +33,6 @@ _RENDERERS: dict[str, _Renderer] = {
     "firefox": firefox,
     "inkscape": inkscape,
 }
-_ROOT = re.compile(r"<svg\b[^>]*>")
-_OWN_SIZE = re.compile(r"""\s(?:width|height|preserveAspectRatio)\s*=\s*("[^"]*"|'[^']*')""")
 RENDERERS = tuple(_RENDERERS)
 DEFAULT_RENDERER = "resvg"  # embedded in a wheel, nothing to install, quick and exact
 
@@ -66,21 +64,18 @@ def rasterize(
             f"{width}x{height} px are {width * height / 1e6:.0f} million; needed are at most "
             f"{most / 1e6:.0f}: draw the SVG smaller"
         )
+    try:
+        svg.encode()
+    except UnicodeEncodeError as error:
+        raise RendererError(
+            f"{renderer} cannot draw the SVG: its character {error.start} is half of a pair "
+            "(a lone surrogate), which no file can hold; remove it"
+        ) from error
     refuse_unsupported(svg, width, height, renderer)
-    drawn = drawer.draw(_stretched(svg, width, height), width, height)
+    drawn = drawer.draw(stretched(svg, width, height) or svg, width, height)
     if drawn.shape[:2] != (height, width):
         raise RendererError(
             f"{renderer} drew {drawn.shape[1]}x{drawn.shape[0]} px; needed is {width}x{height}: "
             "give the SVG a viewBox"
         )
     return over_white(drawn[:, :, :3], drawn[:, :, 3:])
-
-
-def _stretched(svg: str, width: int, height: int) -> str:
-    """The SVG with a root that fills width x height px, if it has a viewBox."""
-    root = _ROOT.search(svg)
-    if root is None or "viewBox" not in root[0]:
-        return svg
-    rest = _OWN_SIZE.sub("", root[0][len("<svg") :])
-    size = f'<svg width="{width}" height="{height}" preserveAspectRatio="none"'
-    return svg[: root.start()] + size + rest + svg[root.end() :]

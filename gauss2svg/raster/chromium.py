@@ -23,11 +23,13 @@ and wider colour profiles change no pixel; rasterising by GPU code is up to 0.4 
 from __future__ import annotations
 
 import atexit
+import importlib.metadata
 import io
 import os
 import queue
+import re
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any
@@ -57,6 +59,7 @@ _PLACE = """([x, y]) => {
 }"""
 _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
 _CLOSING_S = 10
+_LEAST_PLAYWRIGHT = (1, 58)  # those before hang on pictures of a few pixels
 
 
 def version() -> str:
@@ -76,6 +79,16 @@ def _playwright() -> Any:
         from playwright import sync_api
     except ImportError as error:
         raise RendererError(_INSTALL) from error
+    try:
+        have = importlib.metadata.version("playwright")
+    except importlib.metadata.PackageNotFoundError:  # a copy beside the installed packages
+        return sync_api
+    if tuple(int(part) for part in re.findall(r"\d+", have)[:2]) < _LEAST_PLAYWRIGHT:
+        raise RendererError(
+            f"renderer chromium got Playwright {have}, which hangs on small pictures; needed is "
+            f"{'.'.join(map(str, _LEAST_PLAYWRIGHT))}: pip install -U 'gauss2svg[browser]', or use "
+            "--renderer resvg"
+        )
     return sync_api
 
 
@@ -89,6 +102,23 @@ def _program() -> str:
             "unset it to have the one on PATH"
         )
     return find("chromium", _PROGRAMS, "apt-get install chromium")
+
+
+def launch(api: Any, playwright: Any, program: str, flags: Sequence[str] = _FLAGS) -> Any:
+    """A browser; raises RendererError with its own last complaint where it does not start."""
+    # As root it does not start with its sandbox; nobody else does without.
+    is_root = hasattr(os, "geteuid") and os.geteuid() == 0
+    try:
+        return playwright.chromium.launch(
+            executable_path=program, args=flags, chromium_sandbox=not is_root
+        )
+    except api.Error as error:
+        said = str(error)
+        complaint = re.findall(r"\[err\] (.*\S)", said) or re.findall(r"<(process did .*)>", said)
+        raise RendererError(
+            f"Chromium did not start: {complaint[-1] if complaint else _reason(error)}; reinstall "
+            f"{program}, or use --renderer resvg"
+        ) from error
 
 
 class _Worker:
@@ -163,11 +193,7 @@ class _Worker:
                 return self._browser.new_context(**options)
         if self._playwright is None:
             self._playwright = api.sync_playwright().start()
-        # As root it does not start with its sandbox; nobody else does without.
-        is_root = hasattr(os, "geteuid") and os.geteuid() == 0
-        self._browser = self._playwright.chromium.launch(
-            executable_path=program, args=_FLAGS, chromium_sandbox=not is_root
-        )
+        self._browser = launch(api, self._playwright, program)
         return self._browser.new_context(**options)
 
 

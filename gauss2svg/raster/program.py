@@ -12,9 +12,10 @@ from pathlib import Path
 
 from gauss2svg.errors import RendererError
 
-# 12 megapixels of 5000 shapes take the slowest of them 10 s; what takes longer than this hangs.
+# Inkscape takes up to a minute for a large file of blurs; what takes longer than this hangs.
 TIMEOUT_S = 300
 _VERSION_TIMEOUT_S = 30
+_DRAWING = "draw the SVG"
 
 
 def find(renderer: str, names: Sequence[str], install: str) -> str:
@@ -32,7 +33,10 @@ def find(renderer: str, names: Sequence[str], install: str) -> str:
 @cache
 def version_line(path: str) -> str:
     """First line that the program prints for --version; asked once."""
-    printed = run([path, "--version"], timeout_s=_VERSION_TIMEOUT_S)
+    try:
+        printed = run([path, "--version"], timeout_s=_VERSION_TIMEOUT_S, task="say its version")
+    except RendererError as error:
+        raise RendererError(f"{error}; install it anew, or use --renderer resvg") from error
     lines = printed.decode(errors="replace").strip().splitlines()
     if not lines:
         raise RendererError(f"{path} --version printed nothing; install it anew")
@@ -46,10 +50,12 @@ def run(
     folder: Path | None = None,
     environment: Mapping[str, str] | None = None,
     timeout_s: float = TIMEOUT_S,
+    task: str = _DRAWING,
 ) -> bytes:
     """What the command writes to its standard output.
 
-    Raises RendererError with its last complaint if it fails, or takes longer than timeout_s.
+    Raises RendererError with its last complaint if it fails, or takes longer than timeout_s;
+    task is what it then says that the program cannot do.
     """
     name = Path(command[0]).name
     try:
@@ -68,17 +74,13 @@ def run(
         try:
             written, complaint = process.communicate(stdin, timeout_s)
         except subprocess.TimeoutExpired as error:
-            raise RendererError(
-                f"{name} cannot draw the SVG in {timeout_s:g} s; draw it smaller, or use another "
-                "--renderer"
-            ) from error
+            advice = "; draw it smaller, or use another --renderer" if task == _DRAWING else ""
+            raise RendererError(f"{name} cannot {task} in {timeout_s:g} s{advice}") from error
         finally:  # also at an interrupt, which a group of its own does not get
             _end(process)
     if process.returncode:
         lines = complaint.decode(errors="replace").strip().splitlines() or ["no reason given"]
-        raise RendererError(
-            f"{name} cannot draw the SVG: {lines[-1]} (exit status {process.returncode})"
-        )
+        raise RendererError(f"{name} cannot {task}: {lines[-1]} (exit status {process.returncode})")
     return written
 
 

@@ -16,7 +16,7 @@ def check_command(
     photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
     svg: Annotated[str, Parameter(allow_leading_hyphen=True)],
     *,
-    renderer: Literal["resvg", "cairo"] = "resvg",
+    renderer: Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"] = "resvg",
     heatmap: Path | None = None,
     preview: Path | None = None,
     report: Path | None = None,
@@ -35,7 +35,7 @@ def check_command(
     svg
         The SVG, gzipped or not; - reads standard input. It is stretched to the photo's size.
     renderer
-        Which renderer draws the SVG.
+        Which renderer draws the SVG; the last four if they are installed.
     heatmap
         Write a map of the errors there, as PNG: the largest difference of any channel, black
         for none, pale yellow for 64 and more levels of 255.
@@ -50,7 +50,7 @@ def check_command(
     max_elements
         Most elements of the SVG.
     draw_timeout
-        Seconds that the drawing may take.
+        Seconds that the drawing may take, up to 86400; the last four renderers end after 300.
     quiet
         No summary.
 

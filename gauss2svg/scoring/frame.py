@@ -1,4 +1,4 @@
-"""The root of an SVG: the size that it gives itself, and how it is stretched to another."""
+"""The root of an SVG: the size and the coordinates that it gives itself."""
 
 from __future__ import annotations
 
@@ -18,13 +18,6 @@ _LENGTH = re.compile(
     r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(px|in|cm|mm|q|pt|pc|)\s*", re.IGNORECASE
 )
 _STYLED_SIZE = re.compile(r"(?:^|(?<=;))\s*(width|height)\s*:\s*([^;]*)", re.IGNORECASE)
-_QUOTED = r"""(?:"[^"]*"|'[^']*')"""
-# Of well-formed XML: declarations, comments, a document type without rules of its own.
-_PROLOG = re.compile(
-    rf"(?:\s++|<\?.*?\?>|<!--.*?-->|<!DOCTYPE(?:{_QUOTED}|[^>\"'])*+>)*+", re.DOTALL
-)
-_START_TAG = re.compile(rf"<([^\s/>]+)((?:{_QUOTED}|[^>\"'/])*+)(/?)>")
-_ATTRIBUTE = re.compile(rf"([^\s=]+)\s*=\s*({_QUOTED})")
 
 
 @dataclass(frozen=True)
@@ -84,24 +77,3 @@ def _view_box(value: str) -> tuple[float, float, float, float]:
             f"viewBox of the SVG is {value[:80]!r}; needed are x, y, and a width and a height > 0"
         )
     return x, y, width, height
-
-
-def stretched(text: str, frame: Frame, width: int, height: int) -> str:
-    """The SVG with a root that fills width x height px; text is well-formed.
-
-    What is before the root is left out: no renderer needs it, and text has no encoding.
-    """
-    begin = _PROLOG.match(text, 1 if text.startswith("\ufeff") else 0)
-    tag = _START_TAG.match(text, begin.end() if begin else 0)
-    if tag is None:
-        raise InputError("SVG has a root that cannot be read; save it as plain SVG")
-    kept = "".join(
-        f" {name}={quoted}"
-        for name, quoted in _ATTRIBUTE.findall(tag[2])
-        if name not in ("width", "height", "viewBox", "preserveAspectRatio")
-    )
-    box = " ".join(f"{v!r}" for v in frame.view_box)
-    return (
-        f'<{tag[1]} width="{width}" height="{height}" preserveAspectRatio="none" '
-        f'viewBox="{box}"{kept}{tag[3]}>{text[tag.end() :]}'
-    )

@@ -16,19 +16,23 @@ from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
 from gauss2svg.image import ImageSource, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
+from gauss2svg.raster.root import stretched
+from gauss2svg.raster.support import BROWSERS
 from gauss2svg.roundtrip import measure_pixels
 from gauss2svg.scoring.drawing import draw
-from gauss2svg.scoring.frame import Frame, frame_of, stretched
+from gauss2svg.scoring.frame import Frame, frame_of
 from gauss2svg.scoring.heatmap import heatmap
-from gauss2svg.scoring.source import SvgSource, read_svg
+from gauss2svg.scoring.source import SvgSource, svg_source
 from gauss2svg.scoring.survey import Survey, survey
 from gauss2svg.targets import size_in_bytes
 
 MOST_SVG_BYTES = 256_000_000
 MOST_ELEMENTS = 1_000_000  # resvg draws no more
 DRAW_TIMEOUT_S = 300.0
-# Elements that a browser shows and the renderers here leave out.
-_LEFT_OUT = ("foreignObject", "script", "animate", "animateTransform", "animateMotion", "set")
+LONGEST_DRAW_TIMEOUT_S = 86400.0
+# Elements that do something in a web page, and nothing in what is measured. Animation is never
+# measured by a browser: gauss2svg.raster.support refuses it.
+_LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +114,7 @@ def check(
 
     photo          whatever `vectorize` takes
     svg            a path, text that begins with <, bytes or a binary file; gzipped or not
-    renderer       resvg or cairo
+    renderer       one of RENDERERS
     max_svg_bytes  most bytes of it, gunzipped: 256000000, "256M"; max_elements: most elements
                    of it, >= 1; draw_timeout: seconds that the drawing may take, > 0
 
@@ -121,20 +125,21 @@ def check(
     """
     most_bytes = size_in_bytes(max_svg_bytes, "max_svg_bytes")
     whole_number("max_elements", max_elements, 1, 2**31)
-    if not 0 < draw_timeout < math.inf:
-        raise InputError(f"draw_timeout is {draw_timeout}; needed are finite seconds above 0")
+    if not 0 < draw_timeout <= LONGEST_DRAW_TIMEOUT_S:
+        raise InputError(
+            f"draw_timeout is {draw_timeout}; needed are seconds above 0, up to "
+            f"{LONGEST_DRAW_TIMEOUT_S:g}"
+        )
     drawn_by = renderer_version(renderer)
     picture = load_image(photo)
-    data, text = read_svg(svg, most_bytes)
+    data, text = svg_source(svg, most_bytes)
     surveyed = survey(text, max_elements)
     frame = frame_of(surveyed.root)
-    raster = draw(
-        stretched(text, frame, picture.width, picture.height),
-        picture.width,
-        picture.height,
-        renderer,
-        draw_timeout,
-    )
+    box = " ".join(f"{v!r}" for v in frame.view_box)
+    sized = stretched(text, picture.width, picture.height, box)
+    if sized is None:
+        raise InputError("SVG has a root that cannot be read; save it as plain SVG")
+    raster = draw(sized, picture.width, picture.height, renderer, draw_timeout)
     measured = measure_pixels(raster, picture.pixels)
     measurable = min(picture.width, picture.height) >= metrics.LEAST_SIDE_FOR_MS_SSIM
     return CheckResult(
@@ -178,6 +183,9 @@ def _notes(surveyed: Survey, frame: Frame, width: int, height: int, renderer: st
         for tag in _LEFT_OUT
         if tag in surveyed.tags
     ]
+    if pages := surveyed.tags.get("foreignObject", 0):
+        how = "drawn by browsers alone" if renderer in BROWSERS else "left out by the renderer"
+        notes.append(f"foreignObject ({pages}) is {how}")
     if not surveyed.qualified:
         notes.append("root has no xmlns of SVG: browsers do not show the file")
     return notes

@@ -13,17 +13,18 @@ from urllib.request import DataHandler, Request
 from PIL import Image
 
 from gauss2svg.errors import InputError
+from gauss2svg.raster.css import plain_css
 
 _PICTURES = ("image", "feImage")
 _FORMATS = ("PNG", "JPEG", "GIF", "WEBP")
 MOST_EMBEDDED_PIXELS = 100_000_000  # of all embedded pictures together
-_NO_LOADS = re.compile(r"/\*.*?\*/|@namespace[^;]*;", re.DOTALL | re.IGNORECASE)
+_NAMESPACE = re.compile(r"@namespace[^;]*;", re.IGNORECASE)  # it has an address, and loads nothing
 _URL = re.compile(r"""url\(\s*["']?\s*([^"')\s]*)""", re.IGNORECASE)
 
 
 def check_css(text: str) -> None:
     """Raise InputError if a style sheet or a property refers to anything outside."""
-    text = _NO_LOADS.sub(" ", text)
+    text = _NAMESPACE.sub(" ", plain_css(text))
     if "@import" in text.lower():
         raise _outside("@import of a style sheet")
     for match in _URL.finditer(text):

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import codecs
-import gzip
-import io
 import os
 import re
-import zlib
 from typing import Any
 
 from gauss2svg.errors import InputError
+from gauss2svg.svg.document import GZIP, gunzipped
 
 SvgSource = Any  # a path, text that begins with <, bytes or a binary file
 
-_GZIP = b"\x1f\x8b"
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
@@ -25,7 +22,7 @@ _DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._
 _ENCODINGS = re.compile(r"utf-8|ascii|iso8859-\d+|cp125\d|koi8-[ru]|shift_jis|gb(k|18030)|big5")
 
 
-def read_svg(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
+def svg_source(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
     """Bytes of an SVG, gunzipped where it was gzipped, and the text that they encode.
 
     source      a path, text that begins with <, bytes or a binary file
@@ -38,8 +35,8 @@ def read_svg(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
         return data, source.removeprefix("\ufeff")
     data, name = _read(source, most_bytes)
     _within(len(data), most_bytes, name)
-    if data.startswith(_GZIP):
-        data = _gunzipped(data, most_bytes, name)
+    if data.startswith(GZIP):
+        data = gunzipped(data, most_bytes, name)
         _within(len(data), most_bytes, f"{name}, gunzipped,")
     if not data.strip():
         raise InputError(f"{name} is empty; needed is an SVG")
@@ -74,15 +71,6 @@ def _within(size: int, most_bytes: int, name: str) -> None:
         raise InputError(
             f"{name} has more than {most_bytes} bytes; raise --max-svg-bytes if it is to be trusted"
         )
-
-
-def _gunzipped(data: bytes, most_bytes: int, name: str) -> bytes:
-    """At most one byte more than most_bytes, however many there would be."""
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
-            return stream.read(most_bytes + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{name} is broken gzip: {error}; save it anew and try again") from error
 
 
 def _decoded(data: bytes, name: str) -> str:

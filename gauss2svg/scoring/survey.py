@@ -16,6 +16,7 @@ from gauss2svg.scoring.references import MOST_EMBEDDED_PIXELS, check_css, check_
 SVG_NAMESPACE = "http://www.w3.org/2000/svg"
 _SVG = f"{{{SVG_NAMESPACE}}}"
 _GROUP_MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
+_LINKS = ("href", "absref")  # the latter of sodipodi, by which Inkscape finds local files
 _PIECE = 1 << 16  # characters that are parsed at a time, so that limits end the parsing early
 
 
@@ -106,9 +107,9 @@ class _Counter:
             self._css = []
         local = name.rpartition("}")[2]
         for key, value in attributes.items():
-            if key.rpartition("}")[2] == "href":
+            if key.rpartition("}")[2] in _LINKS:
                 self._follow(local, value)
-            elif "(" in value and "url(" in value.lower():
+            elif "(" in value and ("\\" in value or "url(" in value.lower()):
                 check_css(value)
 
     def _follow(self, tag: str, target: str) -> None:

@@ -7,6 +7,7 @@ multiply or read other files. Neither write_svg nor Inkscape writes one.
 from __future__ import annotations
 
 import gzip
+import io
 import os
 import zlib
 from pathlib import Path
@@ -16,7 +17,8 @@ from defusedxml.ElementTree import ParseError, fromstring
 
 from gauss2svg.errors import InputError
 
-_GZIP = b"\x1f\x8b"
+GZIP = b"\x1f\x8b"
+MOST_BYTES = 256_000_000  # of a gzipped file unpacked: a bomb has a thousand for each of its own
 
 
 def parse_document(source: str | bytes | os.PathLike[str]) -> Any:
@@ -38,11 +40,30 @@ def parse_document(source: str | bytes | os.PathLike[str]) -> Any:
     else:
         raise InputError(f"source is {type(source).__name__}; needed is a path, text or bytes")
     try:
-        if isinstance(data, bytes) and data.startswith(_GZIP):
-            data = gzip.decompress(data)
+        if isinstance(data, bytes) and data.startswith(GZIP):
+            data = gunzipped(data, MOST_BYTES, name)
+            if len(data) > MOST_BYTES:
+                raise InputError(
+                    f"{name} has more than {MOST_BYTES} bytes, gunzipped; needed is no more: "
+                    "gunzip it first if it is to be trusted"
+                )
         if isinstance(data, str):
             data = data.lstrip("\ufeff \t\r\n")
         return fromstring(data, forbid_dtd=True)
-    except (ParseError, ValueError, LookupError, OSError, EOFError, zlib.error) as error:
+    except InputError:
+        raise
+    except (ParseError, ValueError, LookupError) as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"{name} is no SVG: {what}; needed is a file of write_svg") from None
+
+
+def gunzipped(data: bytes, most_bytes: int, name: str) -> bytes:
+    """At most one byte more than most_bytes, however many there would be.
+
+    Raises InputError for what is no whole gzip.
+    """
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
+            return stream.read(most_bytes + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{name} is broken gzip: {error}; save it anew and try again") from error

@@ -4,9 +4,9 @@ The exponent is that of BETA_CLASSES whose profile the polygon of the stops is n
 
     min over beta of  sqrt(integral (stops(x) - f(x R))^2 2 x dx),  R = cut_radius(beta), x in 0..1,
 
-whatever the number of stops: those of gradient_stops are at most 0.007 from their own exponent
-and at least 0.19 from every other. Attributes and stops come along a chain of references, as
-in SVG 2: those of its own first.
+whatever the number of stops: those of gradient_stops are at most 0.0083 from their own exponent
+and at least 0.087 from every other (tests/test_stops.py). Attributes and stops come along a chain
+of references, as in SVG 2: those of its own first.
 """
 
 from __future__ import annotations

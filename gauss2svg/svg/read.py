@@ -33,14 +33,17 @@ from gauss2svg.svg.document import parse_document
 from gauss2svg.svg.gradient import SVG, Gradients
 from gauss2svg.svg.outline import SHAPES
 from gauss2svg.svg.plain import plain_beta, plain_radius
+from gauss2svg.svg.rules import check_animation, check_sheet, check_smil
 from gauss2svg.svg.shape import Shape, read_shape
 from gauss2svg.svg.values import color, declarations, length, reference, share
 
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
-# They draw nothing by themselves, or what they animate ends as it is written.
+# They draw nothing by themselves; animation ends as the elements are written, by check_smil.
 _SILENT = {"title", "desc", "metadata", "defs", "linearGradient", "radialGradient", "filter"}
-_SILENT |= {"animate", "animateTransform", "animateMotion", "set"}
+_ANIMATIONS = {"animate", "animateTransform", "animateMotion", "animateColor", "set", "discard"}
+_SILENT |= _ANIMATIONS | {"style"}  # which all are read before anything else
+_EVERYWHERE = {SVG + tag for tag in (*_ANIMATIONS, "style")}
 _INHERITED = {"fill": "fill", "fill-opacity": "fill_opacity", "visibility": "visibility"}
 _ADVICE = {
     "use": ", or unlink the clone",
@@ -50,11 +53,9 @@ _ADVICE = {
 }
 # What would draw something else than we read, and the value under which it does not.
 _EFFECTS = {"stroke": "none", "mask": "none", "clip-path": "none", "mix-blend-mode": "normal"}
-_READ = r"fill|fill-opacity|opacity|stroke|mask|clip-path|filter|display|visibility|transform"
-_READ += r"|mix-blend-mode|stop-color|stop-opacity|c[xy]|r[xy]?|d"
-_RULE = re.compile(rf"[{{;\s]({_READ})\s*:")
-_KEYFRAMES = re.compile(r"@(?:-\w+-)?keyframes[^{}]*\{(?:[^{}]*\{[^{}]*\})*[^{}]*\}")
-_COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+# Attributes and properties that move, hide or change a shape, and are not read.
+_UNREAD = ("transform-origin", "transform-box", "translate", "rotate", "scale", "offset-path")
+_UNREAD += ("zoom", "all", "systemLanguage")
 _DEEPEST = 100
 _COVERED = 0.01  # px of the canvas that a background may leave free: rounding
 
@@ -111,17 +112,23 @@ class _Reader:
             key = element.get("id")
             if key is not None:
                 self._by_id.setdefault(key, element)
+            if isinstance(element.tag, str) and element.tag in _EVERYWHERE:
+                with _naming(element):
+                    _check_rules(element)
         self._gradients = Gradients(self._by_id)
         with _naming(root):
             self._width, self._height, onto, self._user_size = read_canvas(root.attrib)
         self._state = _State(onto)
         self._background = None if background is None else np.asarray(background, np.float64)
         self._shapes: list[tuple[Shape, float, int]] = []
+        self._backgrounds = 0
         self._elements: list[Any] = []
 
     def walk_root(self) -> None:
         with _naming(self._root):
             state, attributes = self._inherit(self._root.attrib, self._state)
+            if _is_undisplayed(attributes):
+                raise InputError("all of it is hidden by its display; show it")
         self._group(self._root, attributes, state)
 
     def _visit(self, element: Any, parent: _State) -> None:
@@ -132,14 +139,11 @@ class _Reader:
         if tag in _SILENT:
             return
         with _naming(element):
-            if tag == "style":
-                _check_rules(element.text or "")
-                return
             if tag not in SHAPES and tag not in ("g", "rect"):
                 raise InputError("needed are ellipses alone: delete it" + _ADVICE.get(tag, ""))
             state, attributes = self._inherit(element.attrib, parent)
             hidden = tag != "g" and state.visibility != "visible"
-            if hidden or attributes.get("display") == "none":
+            if hidden or _is_undisplayed(attributes):
                 if self._skip_hidden:
                     return
                 raise InputError(
@@ -164,8 +168,14 @@ class _Reader:
             if "transform" in style:
                 raise InputError("its style has a transform; needed is the attribute")
             attributes = {**own, **style}
+            for name, value in style.items():
+                if "animation" in name:
+                    check_animation(name, value, "remove it")
+        for name in _UNREAD:
+            if name in attributes:
+                raise InputError(f"its {name} is {attributes[name]!r}; needed is none: remove it")
         for name, harmless in _EFFECTS.items():
-            if attributes.get(name, harmless) not in (harmless, "inherit"):
+            if attributes.get(name, harmless).lower() not in (harmless, "inherit"):
                 raise InputError(
                     f"its {name} is {attributes[name]!r}; needed is {harmless}: remove it"
                 )
@@ -192,15 +202,16 @@ class _Reader:
             inside = replace(state, depth=state.depth + 1)
             if number is not None:
                 inside = replace(inside, round=number)
-        before = len(self._shapes)
+        before, beneath = len(self._shapes), self._backgrounds
         for child in element:
             self._visit(child, inside)
-        over = len(self._shapes) - before
+        over, beneath = len(self._shapes) - before, self._backgrounds - beneath
         with _naming(element):
-            if over > 1 and share(attributes.get("opacity", "1"), "opacity") < 1:
+            if over + beneath > 1 and share(attributes.get("opacity", "1"), "opacity") < 1:
+                shapes = f"{over} shape{'s' * (over != 1)}" + " and the background" * bool(beneath)
                 raise InputError(
-                    f"its opacity is {attributes['opacity']} over {over} shapes together, which is "
-                    "no painting of one over another; set it to 1, or that of each shape"
+                    f"its opacity is {attributes['opacity']} over {shapes} together, which is no "
+                    "painting of one over another; set it to 1, or that of each shape"
                 )
 
     def _rectangle(self, attributes: dict[str, str], state: _State) -> None:
@@ -232,6 +243,7 @@ class _Reader:
             )
         if state.fill == "none":
             return
+        self._backgrounds += 1
         paint = np.array(color(state.fill, "fill"))
         alpha = state.opacity * share(state.fill_opacity, "fill-opacity")
         if alpha < 1 and self._background is None:
@@ -307,14 +319,17 @@ def _round_of(group: Any) -> int | None:
     return int(match[1]) - 1
 
 
-def _check_rules(sheet: str) -> None:
-    """Raise InputError for a style sheet that changes, outside of keyframes, what is read."""
-    rule = _RULE.search(_KEYFRAMES.sub("", _COMMENT.sub("", sheet)))
-    if rule:
-        raise InputError(
-            f"it sets {rule[1]}; needed are style sheets that animate only: write "
-            "that into the elements"
-        )
+def _check_rules(element: Any) -> None:
+    """Raise InputError for a style sheet or an animation that changes what is read."""
+    tag = element.tag[len(SVG) :]
+    if tag == "style":
+        check_sheet("".join(element.itertext()))
+    else:
+        check_smil(tag, element.attrib)
+
+
+def _is_undisplayed(attributes: dict[str, str]) -> bool:
+    return attributes.get("display", "").strip().lower() == "none"
 
 
 @contextmanager

@@ -17,9 +17,14 @@ from gauss2svg.svg.affine import Affine, compose
 from gauss2svg.svg.blur import blur_of, blurs
 from gauss2svg.svg.gradient import SVG, Gradient, Gradients
 from gauss2svg.svg.outline import outline
-from gauss2svg.svg.values import Color, color, numbers, reference
+from gauss2svg.svg.values import Color, color, length, numbers, reference
 
 _SAME_RATIO = 0.005  # to a known one: the rounding of a deviation that an editor wrote
+# Deviations around a circle that the region of its filter has at least: write_svg writes 3.5, of
+# which Inkscape leaves 2.4, and so two levels at the end.
+_REACH = 2.3
+# What a blur may say of itself: the picture is the circle, whole, and nothing is around it.
+_STEP = {"in": "SourceGraphic", "edgeMode": "none", "x": "", "y": "", "width": "", "height": ""}
 _CLIPPED = 0.05  # canvas px by which an ellipse may cut its gradient off: rounding
 
 
@@ -56,7 +61,9 @@ def read_shape(
     if blur is not None:
         if key is not None or edge[0] != edge[3] or edge[1] or edge[2]:
             raise InputError("it is blurred; needed are a plain colour and a circle for that")
-        beta, radius, peak = blurred_profile(edge[0], _deviation(blur))
+        deviation = _deviation(blur)
+        beta, radius, peak = blurred_profile(edge[0], deviation)
+        _check_region(blur, edge, deviation)
         return Shape(color(fill, "fill"), compose(onto, edge), beta, radius, peak)
     if key is None:
         return Shape(color(fill, "fill"), compose(onto, edge), None, None)
@@ -96,10 +103,37 @@ def _deviation(blur: Any) -> float:
         raise InputError("its filter is no single feGaussianBlur; needed is no filter: remove it")
     if blur.get("primitiveUnits", "userSpaceOnUse") != "userSpaceOnUse":
         raise InputError(f"its filter has primitiveUnits {blur.get('primitiveUnits')!r}; remove it")
+    for name, needed in _STEP.items():
+        if steps[0].get(name, needed) != needed:
+            raise InputError(
+                f"its blur has {name} {steps[0].get(name)!r}; needed is {needed or 'none'}: remove "
+                "its filter"
+            )
     deviation = set(numbers(steps[0].get("stdDeviation", ""), "stdDeviation"))
     if len(deviation) != 1 or min(deviation) <= 0:
         raise InputError("its stdDeviation is not one number above 0; remove its filter")
     return deviation.pop()
+
+
+def _check_region(blur: Any, edge: Affine, deviation: float) -> None:
+    """Raise InputError for a filter region that cuts the blur of a circle off."""
+    radius, center = abs(edge[0]), edge[4:]
+    units = blur.get("filterUnits", "objectBoundingBox")
+    in_box = units == "objectBoundingBox"
+    whole = 1.0 if in_box else None  # a percentage of the viewport is nothing we write
+    for axis, (start, extent) in enumerate((("x", "width"), ("y", "height"))):
+        low, size = (
+            length(blur.get(name, usual), name, whole)
+            for name, usual in ((start, "-10%"), (extent, "120%"))
+        )
+        if in_box:
+            low, size = center[axis] + (2 * low - 1) * radius, 2 * radius * size
+        beyond = min(center[axis] - low, low + size - center[axis]) - radius
+        if beyond < _REACH * deviation:
+            raise InputError(
+                f"its filter's {start} and {extent} end {beyond / deviation:.2g} of the blur's "
+                f"deviations from the circle; needed are {_REACH:g}: enlarge them"
+            )
 
 
 def _check_cover(edge: Affine, disc: Affine) -> None:

@@ -24,6 +24,7 @@ _ONE = re.compile(NUMBER)
 # CSS: 96 px an inch.
 _UNITS = {"": 1.0, "px": 1.0, "in": 96.0, "pt": 4 / 3, "pc": 16.0}
 _UNITS |= {"mm": 96 / 25.4, "cm": 96 / 2.54, "q": 96 / 101.6}
+_COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)", re.DOTALL)
 _REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
 
 
@@ -70,9 +71,22 @@ def reference(text: str) -> str | None:
 
 
 def declarations(style: str) -> dict[str, str]:
-    """Properties of a style attribute; a later one wins."""
-    pairs = (part.split(":", 1) for part in style.split(";") if ":" in part)
-    return {name.strip(): value.strip() for name, value in pairs}
+    """Properties of a style attribute by their names in lower case; a later one wins.
+
+    Raises InputError for escapes in names and for what is !important.
+    """
+    if "/*" in style:
+        style = _COMMENT.sub(" ", style)
+    found: dict[str, str] = {}
+    for name, colon, value in (part.partition(":") for part in style.split(";")):
+        if "\\" in name or "!" in value:
+            raise InputError(
+                f"its style has {_short((name + colon + value).strip())}; needed are declarations "
+                "without escapes and without !important"
+            )
+        if colon:
+            found[name.strip().lower()] = value.strip()
+    return found
 
 
 def _finite(text: str, name: str) -> float:
