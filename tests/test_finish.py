@@ -13,7 +13,7 @@ from gauss2svg import metrics, vectorize
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.falloff import cut_radius
 from gauss2svg.finish import ALL, FINISHES, claimed, finished, renderers_of
-from gauss2svg.raster import chromium, rasterize, renderer_version
+from gauss2svg.raster import chromium, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg import Page, SvgOptions, write_svg
@@ -163,11 +163,7 @@ def test_hardly_any_shapes_can_be_finished(count, photo):
     assert after >= before
 
 
-def test_finish_for_all_gains_in_sum(fitted, photo, monkeypatch):
-    try:
-        renderer_version("chromium")
-    except RendererError as error:
-        pytest.skip(str(error))
+def test_finish_for_all_gains_in_sum(fitted, photo, monkeypatch, browser):
     monkeypatch.setattr(finish_module, "_DRAWINGS", 4)
     gains = finished(fitted, OPTIONS, Page(), photo, ALL).gains
     assert tuple(gains) == renderers_of(ALL) == FINISHES[:-1]
@@ -196,11 +192,7 @@ def test_finish_needs_its_renderers_before_the_fit(finish, photo, monkeypatch):
     assert not steps
 
 
-def test_finish_does_not_draw_a_form_by_those_who_cannot(photo):
-    try:
-        renderer_version("chromium")
-    except RendererError as error:
-        pytest.skip(str(error))
+def test_finish_does_not_draw_a_form_by_those_who_cannot(photo, browser):
     with pytest.raises(RendererError, match=r"finish all draws by resvg.*--finish chromium"):
         vectorize(photo, form="blur", renderer="chromium", finish=ALL)
 
