@@ -110,10 +110,10 @@ def finished(
     failures = np.zeros((len(scene), 3))
     changed, drawings, begun = scene, 1, time.perf_counter()
     first = missed = drawn(scene)
-    errors = [_squared(first)]
-    while drawings < _DRAWINGS and _is_gaining(errors):
+    error, gained = _squared(first), []  # dB of each drawing
+    while drawings < _DRAWINGS and error > 0 and _is_gaining(gained):
         if tell is not None:
-            tell(_progress(len(scene), drawings, errors[-1] / first.size, begun))
+            tell(_progress(len(scene), drawings, error / first.size, begun))
         steps = _steps(changed, missed.sum(axis=0), options)
         promise = steps.gain * _AFTER_FAILURE**failures
         kind, order = promise.argmax(axis=1), np.argsort(-promise.max(axis=1), kind="stable")
@@ -129,9 +129,11 @@ def finished(
         changed = _with(changed, tried, kept)
         missed = np.where(np.append(kept, False)[owner][:, :, None], new, missed)
         drawings += 1
-        errors.append(_squared(missed))
+        before, error = error, _squared(missed)
+        gained.append(10 * math.log10(before / error) if error else math.inf)
         if drawings % _TRUE_EVERY == 0:
             missed = drawn(changed)
+            error = _squared(missed)
             drawings += 1
     last = drawn(changed)
     if _squared(last) >= _squared(first):
@@ -160,10 +162,8 @@ def _squared(missed: NDArray[np.float32]) -> float:
     return float(np.sum(np.square(missed), dtype=np.float64))
 
 
-def _is_gaining(errors: list[float]) -> bool:
-    if len(errors) <= _OVER:
-        return errors[-1] > 0
-    return 10 * np.log10(errors[-1 - _OVER] / max(errors[-1], 1e-30)) > _OVER * _LEAST_GAIN
+def _is_gaining(gained: list[float]) -> bool:
+    return len(gained) < _OVER or sum(gained[-_OVER:]) > _OVER * _LEAST_GAIN
 
 
 def claimed(scene: Scene, order: NDArray[np.intp], height: int, width: int) -> NDArray[np.intp]:

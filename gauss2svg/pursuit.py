@@ -33,8 +33,8 @@ from gauss2svg.svg import arranged, file_bytes, settled, write_svg
 from gauss2svg.svg.layers import segment_at
 from gauss2svg.targets import TOLERANCE
 
-# Of a file, a Gaussian, palette included: fast writes 0.117, balanced 0.112, mean of the
-# development photos; draft 0.144, its palette being a larger share. Replaced by the
+# Of a file, a Gaussian, palette included: fast writes 0.116, balanced 0.106, draft 0.189, its
+# palette being a larger share (mean of three photos, examples/renderers.py). Replaced by the
 # file's own where bytes are limited.
 KILOBYTES_A_GAUSSIAN = 0.12
 # A target of PSNR lifts the quality's cap to this.
