@@ -44,8 +44,8 @@ class Quality:
         return max(_FEWEST_COLORS, math.ceil(gaussians * self.colors)) if self.colors else 0
 
 
-# What writing more exactly buys at 5000 Gaussians, mean of eight Kodak photos, PSNR of the drawn SVG
-# in dB and bytes a Gaussian, raw / gzipped: 5 stops, 0.04 px 32.915, 147.7 / 20.6; 0.02 px 32.924,
+# What writing more exactly buys at 5000 Gaussians, mean of eight Kodak photos, PSNR of the drawn
+# SVG in dB and bytes a Gaussian, raw / gzipped: 5 stops, 0.04 px 32.915, 147.7 / 20.6; 0.02 px 32.924,
 # 149.5 / 21.6; 8 stops, 0.02 px 32.937, 176 / 22.8; 10 stops, 0.01 px 32.941, 194 / 24.8; 12 stops,
 # 0.002 px and every colour 33.059, 676 / 52.0.
 # Palettes, balanced, four Kodak photos and coffee.jpg, at the same bytes raw / gzipped (3 dB a
