@@ -45,9 +45,9 @@ class Quality:
 
 
 # What writing more exactly buys at 5000 Gaussians, mean of eight Kodak photos, PSNR of the drawn
-# SVG in dB and bytes a Gaussian, raw / gzipped: 5 stops, 0.04 px 32.915, 147.7 / 20.6; 0.02 px 32.924,
-# 149.5 / 21.6; 8 stops, 0.02 px 32.937, 176 / 22.8; 10 stops, 0.01 px 32.941, 194 / 24.8; 12 stops,
-# 0.002 px and every colour 33.059, 676 / 52.0.
+# SVG in dB and bytes a Gaussian, raw / gzipped: 5 stops, 0.04 px 32.915, 147.7 / 20.6; 0.02 px
+# 32.924, 149.5 / 21.6; 8 stops, 0.02 px 32.937, 176 / 22.8; 10 stops, 0.01 px 32.941, 194 / 24.8;
+# 12 stops, 0.002 px and every colour 33.059, 676 / 52.0.
 # Palettes, balanced, four Kodak photos and coffee.jpg, at the same bytes raw / gzipped (3 dB a
 # doubling): losses of 0.4, 0.8, 1.2 dB are worth 3.64, 3.95, 4.02 / 12.28, 12.35, 12.33 dB.
 QUALITIES: dict[str, Quality] = {
