@@ -38,7 +38,7 @@ FORMS = (GRADIENT, BLUR, HYBRID)
 # px from the mean to half the height, across, from which a form blurs a shape.
 _LEAST_HALF_WIDTH = {BLUR: 1.8, HYBRID: 4.0}
 # Of the full height: what settling may change. Five gradient stops err 0.012 at exponent 1 and
-# 0.024 at 3, and settling 1.3 to the nearest of a gradient's exponents changes 0.05.
+# 0.024 at 3, and settling 1.3 to the nearest of a gradient's exponents changes 0.08.
 _MOST_DIFFERING = {BLUR: 0.08, HYBRID: 0.05}
 _LOG_STEP = 0.04  # of exponents, on which differences are tabled
 _SAME_BETA = 1e-6
