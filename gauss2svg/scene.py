@@ -14,7 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from gauss2svg.errors import Gauss2SvgError, InputError, SceneError
 from gauss2svg.falloff import LEAST_BETA, MOST_BETA
 
-BLENDS = ("over",)
+OVER, ADD = "over", "add"
+BLENDS = (OVER, ADD)
+# Of a signed colour, either way: more is no picture, and sums of 8-bit renderers would drown in it.
+MOST_SIGNED = 100.0
 # rho is kept this far from +-1, so that 1 - rho^2 is a normal number in float64.
 RHO_LIMIT = 1 - 1e-12
 
@@ -35,13 +38,17 @@ class Scene:
     mean           (n, 2) x, y in px; pixel centres lie at +0.5
     sigma          (n, 2) standard deviations along x and y in px, > 0
     rho            (n,) correlation, |rho| <= RHO_LIMIT
-    color          (n, 3) sRGB in 0..1
-    opacity        (n,) in 0..1
+    color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, where blend is "add"
+    opacity        (n,) in 0..1; all 1 where blend is "add"
     background     (3,) sRGB in 0..1
     round_index    (n,) round of the fit in which each was added, never decreasing
-    blend          "over": source-over in sRGB, what every SVG renderer does
+    blend          "over": source-over in sRGB, what every SVG renderer does; "add": the paper's,
+                   image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
     beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian: see
-                   gauss2svg.falloff; None for all 1
+                   gauss2svg.falloff; None for all 1, which they are where blend is "add"
+
+    A signed colour is what its Gaussian adds at its mean. The paper has coefficients of normal
+    densities instead: see `densities` and `peaks_of`.
 
     Arrays are converted to float64 (round_index to int32) and made read-only.
     Raises SceneError naming the field, what was got and what is needed.
@@ -69,7 +76,10 @@ class Scene:
         self._freeze("mean", (count, 2), -np.inf, np.inf)
         self._freeze("sigma", (count, 2), np.nextafter(0, 1), np.inf)
         self._freeze("rho", (count,), -RHO_LIMIT, RHO_LIMIT)
-        self._freeze("color", (count, 3), 0, 1)
+        if self.blend not in BLENDS:
+            raise SceneError(f"scene blend is {self.blend!r}; needed is one of {BLENDS}")
+        low, high = (-MOST_SIGNED, MOST_SIGNED) if self.blend == ADD else (0, 1)
+        self._freeze("color", (count, 3), low, high)
         self._freeze("opacity", (count,), 0, 1)
         self._freeze("background", (3,), 0, 1)
         if self.beta is None:
@@ -82,8 +92,11 @@ class Scene:
             raise SceneError(
                 "scene round_index decreases; needed is painter's order with later rounds on top"
             )
-        if self.blend not in BLENDS:
-            raise SceneError(f"scene blend is {self.blend!r}; needed is one of {BLENDS}")
+        if self.blend == ADD and ((self.opacity != 1).any() or (self.betas != 1).any()):
+            raise SceneError(
+                "scene blend is 'add', with an opacity or a beta that is not 1; needed are "
+                "Gaussians of eight parameters: fold the opacity into the colour"
+            )
 
     def _freeze(
         self, name: str, shape: tuple[int, ...], low: float, high: float, dtype: Any = np.float64
@@ -161,6 +174,15 @@ class Scene:
         conic[:, 0, 1] = conic[:, 1, 0] = w21 * w22
         conic[:, 1, 1] = w22 * w22
         return conic
+
+    @property
+    def densities(self) -> NDArray[np.float64]:
+        """(n, 3) coefficients of the paper's normal densities, in px^2: 2 pi sqrt(det Sigma) color.
+
+        phi(x) = exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) times these is color exp(-r^2 / 2).
+        """
+        root = self.factor[:, 0, 0] * self.factor[:, 1, 1]
+        return self.color * (2 * np.pi * root)[:, None]
 
     @property
     def ellipse_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -244,3 +266,15 @@ class Scene:
             raise InputError(f"not a scene written by Scene.save: {error}") from error
         values["blend"] = str(values["blend"])
         return cls(**values)
+
+
+def peaks_of(
+    densities: NDArray[np.float64], sigma: NDArray[np.float64], rho: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n, 3) colours at the mean of normal densities with these coefficients (n, 3).
+
+    densities / (2 pi sx sy sqrt(1 - rho^2)), for sigma (n, 2) in px and rho (n,): what a scene
+    that blends as "add" has for `color`; the inverse of Scene.densities.
+    """
+    root = sigma.prod(axis=1) * np.sqrt((1 - rho) * (1 + rho))
+    return densities / (2 * np.pi * root)[:, None]

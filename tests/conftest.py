@@ -112,3 +112,10 @@ def renderer(request) -> str:
 def browser() -> None:
     """For tests that draw by Chromium."""
     needs("chromium")
+
+
+def random_sum(count: int, width: int, height: int, seed: int) -> Scene:
+    """A random scene whose Gaussians have signed colours and are summed."""
+    scene = random_scene(count, width, height, seed)
+    color = np.random.default_rng(seed).uniform(-0.6, 0.6, (count, 3))
+    return scene.replace(blend="add", color=color, opacity=np.ones(count), beta=np.ones(count))

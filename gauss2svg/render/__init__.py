@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
 from gauss2svg.render.cpu import Real, render_planar, splats_of
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ADD, Scene
 
 
 def render(
@@ -29,4 +29,6 @@ def render(
         raise InputError(f"output size is {width}x{height}; needed is at least 1x1 px")
     shown = scene.scaled(width / scene.width, height / scene.height)
     planar = render_planar(splats_of(shown), height, width, dtype)
+    if scene.blend == ADD:
+        planar = np.clip(planar, 0, 1)
     return np.ascontiguousarray(np.moveaxis(planar, 0, -1))

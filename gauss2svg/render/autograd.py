@@ -21,9 +21,10 @@ _LEAST_OPACITY = {np.float32: 1e-7, np.float64: 1e-15}
 class _FastRender(torch.autograd.Function):
     @staticmethod
     def forward(ctx: Any, *arguments: Any) -> torch.Tensor:
-        *tensors, height, width = arguments
+        *tensors, height, width, ctx.additive = arguments
         ctx.save_for_backward(*tensors)
-        image = render_planar(_splats(*tensors), height, width, _precision(tensors))
+        splats = _splats(*tensors)._replace(additive=ctx.additive)
+        image = render_planar(splats, height, width, _precision(tensors))
         return torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, 0, -1)))
 
     @staticmethod
@@ -39,6 +40,7 @@ class _FastRender(torch.autograd.Function):
         if ctx.needs_input_grad[6]:
             near = torch.where(near == 1, np.nextafter(1, 2), near)
         splats = _splats(mean, sigma, rho, color, seen, background, near)
+        splats = splats._replace(additive=ctx.additive)
         gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
         by_opacity = moments[:, 5] / seen
@@ -52,7 +54,7 @@ class _FastRender(torch.autograd.Function):
             -moments[:, 9],
         )
         typed = (g.to(t.dtype) for g, t in zip(wanted, ctx.saved_tensors, strict=True))
-        return (*typed, None, None)
+        return (*typed, None, None, None)
 
 
 def _precision(tensors: Sequence[torch.Tensor]) -> type[np.floating]:
@@ -89,6 +91,8 @@ def _by_shape(
 
 def _by_background(splats: Splats, gradient: NDArray[np.floating]) -> NDArray[np.float64]:
     """The background shows through the transmittance: white under black Gaussians."""
+    if splats.additive:
+        return gradient.sum(axis=(1, 2), dtype=np.float64)
     black = splats._replace(paint=splats.paint * [1.0, 0.0, 0.0, 0.0], background=np.ones(3))
     _, height, width = gradient.shape
     transmittance = render_planar(black, height, width, gradient.dtype.type)
@@ -114,7 +118,27 @@ def fast_composite(
     gradients of beta < 1, which grow with r^(2 beta - 1) or faster, end.
     """
     beta = torch.ones_like(rho) if beta is None else beta
-    arguments = (mean, sigma, rho, color, opacity, background, beta, height, width)
+    arguments = (mean, sigma, rho, color, opacity, background, beta, height, width, False)
+    image = _FastRender.apply(*arguments)
+    assert isinstance(image, torch.Tensor)
+    return image
+
+
+def fast_accumulate(
+    mean: torch.Tensor,
+    sigma: torch.Tensor,
+    rho: torch.Tensor,
+    color: torch.Tensor,
+    background: torch.Tensor,
+    height: int,
+    width: int,
+) -> torch.Tensor:
+    """The same as gauss2svg.render.reference.accumulate, by the numba kernels.
+
+    Tensors and gradients as those of fast_composite.
+    """
+    one = torch.ones_like(rho)
+    arguments = (mean, sigma, rho, color, one, background, one, height, width, True)
     image = _FastRender.apply(*arguments)
     assert isinstance(image, torch.Tensor)
     return image

@@ -98,6 +98,20 @@ def _exp_half(q):
 
 
 @njit(inline="always")
+def falloff_row(q):
+    """A Gaussian's falloff f(r) lane by lane for q = r^2 >= 0, exactly 0 from the cut on."""
+    norm = splat(_norm(q), q)
+    bell = _exp_half(least(q, splat(_CUT, q)))
+    return most(norm * bell - norm * splat(_rim(q), q), splat(0.0, q))
+
+
+@njit(inline="always")
+def rim_of_gaussians(like):
+    """Lanes of rim / (1 - rim), which f(r) lacks to be proportional to its own bell."""
+    return splat(_norm(like) * _rim(like), like)
+
+
+@njit(inline="always")
 def _layer(j, at, a, c0, c1, c2, alpha, trans, acc, left):
     """Put alpha a in a tile's row at j behind what is there; returns the next free `at`."""
     t = load(left, j)

@@ -3,6 +3,10 @@
     C(x) = sum_k w_k c_k + T_end background,  w_k = alpha_k prod_{j in front} (1 - alpha_j),
     alpha_k(x) = opacity_k f(|W_k (x - mean_k)|; beta_k)
 
+or, where a scene blends as "add",
+
+    C(x) = background + sum_k f(|W_k (x - mean_k)|) c_k
+
 sampled at pixel centres. Differentiable by autograd, no tiles, no tricks: memory and
 time grow with Gaussians times pixels, so keep it to small pictures.
 """
@@ -13,7 +17,7 @@ import torch
 
 from gauss2svg.errors import InputError
 from gauss2svg.falloff import CUT, RIM
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ADD, Scene
 
 
 def composite(
@@ -34,23 +38,56 @@ def composite(
     image shares.
     """
     beta = torch.ones_like(rho) if beta is None else beta
-    y = torch.arange(height, dtype=mean.dtype, device=mean.device) + 0.5
-    x = torch.arange(width, dtype=mean.dtype, device=mean.device) + 0.5
     image = background.expand(height, width, 3)
     for k in range(len(mean)):
-        z1 = (x - mean[k, 0]) / sigma[k, 0]
-        v = (y - mean[k, 1]) / sigma[k, 1]
-        z2 = (v[:, None] - rho[k] * z1) / torch.sqrt((1 - rho[k]) * (1 + rho[k]))
-        half = 0.5 * (z1 * z1 + z2 * z2)
-        inside = half < CUT ** (1 / beta[k])
-        # Masked before the power, so that no infinity can meet a zero in the backward pass:
-        # at the mean itself, where ln 0 is, the falloff is 1 whatever the shape.
-        seen = inside & (half > 0)
-        power = torch.where(seen, half, torch.ones_like(half)) ** beta[k]
-        bell = torch.exp(-torch.where(seen, power, torch.zeros_like(power)))
-        alpha = torch.where(inside, opacity[k] * (bell - RIM) / (1 - RIM), torch.zeros_like(bell))
+        alpha = opacity[k] * _falloff(mean[k], sigma[k], rho[k], beta[k], height, width)
         image = image + alpha[:, :, None] * (color[k] - image)
     return image
+
+
+def accumulate(
+    mean: torch.Tensor,
+    sigma: torch.Tensor,
+    rho: torch.Tensor,
+    color: torch.Tensor,
+    background: torch.Tensor,
+    height: int,
+    width: int,
+) -> torch.Tensor:
+    """Sum (height, width, 3) of n Gaussians of signed colour (n, 3) and the background, unclipped.
+
+    Shapes, dtype and device as those of composite; the order does not matter.
+    """
+    image = background.expand(height, width, 3)
+    one = torch.ones((), dtype=mean.dtype, device=mean.device)
+    for k in range(len(mean)):
+        bell = _falloff(mean[k], sigma[k], rho[k], one, height, width)
+        image = image + bell[:, :, None] * color[k]
+    return image
+
+
+def _falloff(
+    mean: torch.Tensor,
+    sigma: torch.Tensor,
+    rho: torch.Tensor,
+    beta: torch.Tensor,
+    height: int,
+    width: int,
+) -> torch.Tensor:
+    """(height, width) falloff of one shape, by the formula of gauss2svg.falloff."""
+    y = torch.arange(height, dtype=mean.dtype, device=mean.device) + 0.5
+    x = torch.arange(width, dtype=mean.dtype, device=mean.device) + 0.5
+    z1 = (x - mean[0]) / sigma[0]
+    v = (y - mean[1]) / sigma[1]
+    z2 = (v[:, None] - rho * z1) / torch.sqrt((1 - rho) * (1 + rho))
+    half = 0.5 * (z1 * z1 + z2 * z2)
+    inside = half < CUT ** (1 / beta)
+    # Masked before the power, so that no infinity can meet a zero in the backward pass:
+    # at the mean itself, where ln 0 is, the falloff is 1 whatever the shape.
+    seen = inside & (half > 0)
+    power = torch.where(seen, half, torch.ones_like(half)) ** beta
+    bell = torch.exp(-torch.where(seen, power, torch.zeros_like(power)))
+    return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell))
 
 
 def render_reference(
@@ -77,4 +114,6 @@ def render_reference(
         torch.tensor(array, dtype=dtype, device=device) for array in arrays
     )
     with torch.no_grad():
+        if scene.blend == ADD:
+            return accumulate(mean, sigma, rho, color, background, height, width).clamp(0, 1)
         return composite(mean, sigma, rho, color, opacity, background, height, width, beta)

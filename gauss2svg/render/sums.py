@@ -1,0 +1,135 @@
+"""One tile of Gaussians that are summed: forward, backward and removal, on sixteen lanes at a time.
+
+    C = background + sum a_k c_k,  a_k = f(r_k),
+
+with signed colours and in any order, so that what the backward pass needs is local:
+
+    dL/da_k = g . c_k,  dL/dc_k = sum a_k g.
+
+Lanes, buffers, shapes and moments are those of gauss2svg.render.kernels, with an opacity of 1
+and all exponents 1. A pair costs TODO.
+"""
+
+# pyright: reportCallIssue=false
+# The intrinsics of simd.py take a typing context that only numba sees.
+
+from numba import njit
+
+from gauss2svg.render.kernels import PLANE, falloff_row, rim_of_gaussians
+from gauss2svg.render.simd import least, load, splat, store, total
+from gauss2svg.render.tiles import TILE_WIDTH
+
+
+@njit(cache=True)
+def sum_tile(pairs, x0, y0, column, inside, shape, paint, gaussian, rows, alpha, acc):
+    """Sum the pairs of one tile into acc (3, TILE_HEIGHT, 16), falloffs into alpha.
+
+    Arguments as those of gauss2svg.render.kernels.compose_tile.
+    """
+    centre = load(column, 0)
+    mask = load(inside, 0)
+    zero = splat(0.0, centre)
+    for j in range(0, 3 * PLANE, TILE_WIDTH):
+        store(acc, j, zero)
+    at = 0
+    for k in range(pairs.shape[0]):
+        p = pairs[k]
+        i = gaussian[p]
+        c0 = splat(paint[i, 1], centre)
+        c1 = splat(paint[i, 2], centre)
+        c2 = splat(paint[i, 3], centre)
+        u = centre + splat(x0 + 0.5 - shape[i, 0], centre)
+        v = y0 + 0.5 - shape[i, 1]
+        z1 = splat(shape[i, 2], centre) * u
+        z1 = z1 * z1
+        slope = splat(shape[i, 3], centre) * u
+        w22 = shape[i, 4]
+        for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+            z2 = slope + splat(w22 * (v + y), centre)
+            a = falloff_row(z1 + z2 * z2) * mask
+            store(alpha, at, a)
+            at += TILE_WIDTH
+            j = y * TILE_WIDTH
+            store(acc, j, load(acc, j) + a * c0)
+            store(acc, j + PLANE, load(acc, j + PLANE) + a * c1)
+            store(acc, j + 2 * PLANE, load(acc, j + 2 * PLANE) + a * c2)
+
+
+@njit(cache=True)
+def backpropagate_sum_tile(
+    pairs, x0, y0, column, shape, paint, gaussian, rows, alpha, g, moments
+):  # fmt: skip
+    """Moments (p, MOMENTS) of every pair of a summed tile; g (3, TILE_HEIGHT, 16) dL/dpixel."""
+    centre = load(column, 0)
+    zero = splat(0.0, centre)
+    rim = rim_of_gaussians(centre)
+    large = splat(1e30, centre)
+    row = 0
+    for k in range(pairs.shape[0]):
+        p = pairs[k]
+        i = gaussian[p]
+        c0 = splat(paint[i, 1], centre)
+        c1 = splat(paint[i, 2], centre)
+        c2 = splat(paint[i, 3], centre)
+        u = centre + splat(x0 + 0.5 - shape[i, 0], centre)
+        v = y0 + 0.5 - shape[i, 1]
+        slope = splat(shape[i, 3], centre) * u
+        w22 = shape[i, 4]
+        z1 = splat(shape[i, 2], centre) * u
+        s0 = s1 = s2 = so = h0 = h2 = h22 = zero
+        for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+            j = y * TILE_WIDTH
+            a = load(alpha, row)
+            row += TILE_WIDTH
+            g0 = load(g, j)
+            g1 = load(g, j + PLANE)
+            g2 = load(g, j + 2 * PLANE)
+            z2 = slope + splat(w22 * (v + y), centre)
+            d = g0 * c0 + g1 * c1 + g2 * c2
+            s0 = s0 + a * g0
+            s1 = s1 + a * g1
+            s2 = s2 + a * g2
+            so = so + a * d
+            # rim where alpha > 0, 0 where it is 0, without a branch
+            h = (a + least(rim, a * large)) * d
+            hz = h * z2
+            h0 = h0 + h
+            h2 = h2 + hz
+            h22 = h22 + hz * z2
+        h1 = h0 * z1
+        moments[p, 0] = total(h1)
+        moments[p, 1] = total(h2)
+        moments[p, 2] = total(h1 * z1)
+        moments[p, 3] = total(h2 * z1)
+        moments[p, 4] = total(h22)
+        moments[p, 5] = total(so)
+        moments[p, 6] = total(s0)
+        moments[p, 7] = total(s1)
+        moments[p, 8] = total(s2)
+        moments[p, 9] = 0.0
+
+
+@njit(cache=True)
+def removal_sum_tile(pairs, y0, paint, gaussian, rows, alpha, error, cost):
+    """Change of the summed squared error if a pair's Gaussian alone were taken away.
+
+    Its pixels change by d = -a c, the sum by d.(d + 2 error). cost (p, 2): that, and the sum of
+    a^2, written; error (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image.
+    """
+    zero = splat(0.0, error)
+    row = 0
+    for k in range(pairs.shape[0]):
+        p = pairs[k]
+        i = gaussian[p]
+        change = zero
+        mass = zero
+        for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+            a = load(alpha, row)
+            row += TILE_WIDTH
+            mass = mass + a * a
+            for channel in range(3):
+                d = a * splat(-paint[i, 1 + channel], error)
+                e = load(error, channel * PLANE + y * TILE_WIDTH)
+                change = change + d * (d + e + e)
+        cost[p, 0] = total(change)
+        cost[p, 1] = total(mass)
