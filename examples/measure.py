@@ -21,7 +21,6 @@ import sys
 from pathlib import Path
 
 from gauss2svg import vectorize
-from gauss2svg.fit.options import DEFAULT_FALLOFF
 from gauss2svg.image import load_image
 from gauss2svg.roundtrip import round_trip
 
@@ -36,6 +35,7 @@ def measure(image: Path, options: argparse.Namespace) -> dict[str, float]:
         init=options.init,
         palette=options.palette,
         falloff=options.falloff,
+        blend=options.blend,
         threads=options.threads,
     )
     report = result.report
@@ -79,7 +79,8 @@ def main() -> None:
     parser.add_argument("--quality", default="balanced")
     parser.add_argument("--init", default="selective")
     parser.add_argument("--palette", type=int)
-    parser.add_argument("--falloff", default=DEFAULT_FALLOFF)
+    parser.add_argument("--falloff")
+    parser.add_argument("--blend", default="over")
     parser.add_argument("--threads", type=int)
     parser.add_argument("--against", type=Path)
     parser.add_argument("--their-iterations", type=int)

@@ -26,7 +26,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.finish import Finish
 from gauss2svg.fit import FitProgress
 from gauss2svg.fit.losses import DEFAULT_LOSS
-from gauss2svg.fit.options import DEFAULT_DTYPE, DEFAULT_FALLOFF
+from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
 from gauss2svg.image import ImageSource, load_image, shrink
@@ -121,7 +121,7 @@ def vectorize(
     schedule: str = DEFAULT_SCHEDULE,
     loss: str = DEFAULT_LOSS,
     blend: str = BLENDS[0],
-    falloff: str = DEFAULT_FALLOFF,
+    falloff: str | None = None,
     max_size: int | None = None,
     form: str = GRADIENT,
     palette: int | None = None,
@@ -245,7 +245,7 @@ def vectorize(
         "schedule": schedule,
         "loss": loss,
         "blend": blend,
-        "falloff": falloff,
+        "falloff": request.fit_options.falloff,
         "form": outcome.svg_options.form,
         "palette": outcome.svg_options.palette if request.palette_is_counted else None,
         "colors": len(np.unique(np.round(outcome.scene.color * 255), axis=0)),

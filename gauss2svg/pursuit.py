@@ -151,7 +151,9 @@ class Pursuit:
     def _rule_asked_for(self) -> Rule:
         request, options = self._request, self._request.fit_options
         if request.count is not None and not request.scene_decides:
-            return FixedCount(request.schedule, request.count, options.iterations)
+            return FixedCount(
+                request.schedule, request.count, options.iterations, options.per_round
+            )
         preset, height, width = request.preset, *self._working.shape[:2]
         # Nine numbers a Gaussian, three a pixel: more would be no model of the picture.
         cap = min(preset.cap, max(1, width * height // 3))

@@ -41,7 +41,7 @@ class Request:
     precision: float | None
     seed: int
     dtype: str
-    falloff: str
+    falloff: str | None
     renderer: str
     finish: str | None
     targets: Targets
@@ -132,6 +132,7 @@ class Request:
             seed=self.seed,
             dtype=self.dtype,
             falloff=self.falloff,
+            blend=self.blend,
         )  # fmt: skip
 
     def svg_options(self, gaussians: int, error: float | None) -> SvgOptions:

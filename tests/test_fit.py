@@ -13,6 +13,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import FitOptions, adam, fit
 from gauss2svg.fit import run as run_module
 from gauss2svg.fit.adam import Limits, Rates, gradients
+from gauss2svg.fit.blending import blending
 from gauss2svg.fit.losses import LOSSES, image_gradient, structural_similarity
 from gauss2svg.fit.options import DTYPES
 from gauss2svg.fit.placement import PLACEMENTS, Target, place
@@ -24,6 +25,8 @@ from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost, squared_error
 from gauss2svg.render.reference import composite
 from gauss2svg.scene import Scene
+
+OVER = blending("over")
 
 
 def quality_of(pixels, **options) -> float:
@@ -182,7 +185,7 @@ def test_new_gaussians_lie_along_the_edge():
     target = Target(planar)
     blank = np.full_like(planar, 0.5)
     blank[:, :, 28:32] = 0.0
-    new = place("error", target, blank, 20, 20, np.random.default_rng(0))
+    new = place("error", target, blank, 20, 20, np.random.default_rng(0), OVER)
     near = np.abs(new.mean[:, 0] - 30) < 3
     assert near.any()
     assert (new.factor[near, 2] > 1.5 * new.factor[near, 0]).all()
@@ -310,7 +313,7 @@ def test_step_keeps_every_shape_within_its_limits(size):
 def test_new_gaussians_lie_on_the_canvas_with_valid_shapes(photo, placement):
     target = Target(np.ascontiguousarray(np.moveaxis(photo, -1, 0)))
     blank = np.zeros_like(target.planar)
-    new = place(placement, target, blank, 77, 100, np.random.default_rng(0))
+    new = place(placement, target, blank, 77, 100, np.random.default_rng(0), OVER)
     assert new.mean.shape == (77, 2)
     assert ((new.mean >= 0) & (new.mean <= [target.width, target.height])).all()
     assert (new.factor[:, [0, 2]] > 0).all()
@@ -322,7 +325,7 @@ def test_new_gaussians_go_where_the_error_is(placement):
     planar = np.zeros((3, 40, 60), np.float32)
     planar[:, 10:20, 30:45] = 1
     target = Target(planar)
-    new = place(placement, target, np.zeros_like(planar), 1, 1, np.random.default_rng(0))
+    new = place(placement, target, np.zeros_like(planar), 1, 1, np.random.default_rng(0), OVER)
     x, y = new.mean[0]
     assert 26 < x < 49
     assert 6 < y < 24
@@ -332,7 +335,7 @@ def test_selective_finds_the_centre_the_area_and_the_colour():
     planar = np.zeros((3, 40, 60), np.float32)
     planar[1, 10:20, 30:45] = 0.75
     blank = np.zeros_like(planar)
-    new = place("selective", Target(planar), blank, 1, 1, np.random.default_rng(0))
+    new = place("selective", Target(planar), blank, 1, 1, np.random.default_rng(0), OVER)
     np.testing.assert_allclose(new.mean[0], [37.5, 15])
     # 15 x 10 px: area and aspect of the rectangle, lying along x
     sigma = 0.5 * np.sqrt(150 / np.pi) * np.sqrt([1.5, 1 / 1.5])

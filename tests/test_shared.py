@@ -5,6 +5,7 @@ import pytest
 from conftest import random_scene
 
 from gauss2svg.fit.adam import gradients
+from gauss2svg.fit.blending import blending
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.rules import FixedCount
 from gauss2svg.fit.run import Run
@@ -43,7 +44,7 @@ def target():
 
 def test_step_keeps_shared_colours_shared_and_goes_down(shared_state, target):
     state, background = shared_state, np.full(3, 0.5)
-    shared = SharedColors(state)
+    shared = SharedColors(state, blending("over"))
     before = state.color.copy()
     error = squared_error(state.splats(background), target)[1]
     for _ in range(10):
@@ -59,7 +60,7 @@ def test_step_keeps_shared_colours_shared_and_goes_down(shared_state, target):
 
 def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, target):
     state, background = shared_state, np.full(3, 0.5)
-    shared = SharedColors(state)
+    shared = SharedColors(state, blending("over"))
     splats = state.splats(background)
     moments = squared_error(splats, target)[2]
     mass = removal_cost(splats, target)[1][:, 1]
@@ -87,10 +88,11 @@ def test_exchange_never_makes_the_picture_worse_and_helps_this_one(shared_state,
     pixels = np.ascontiguousarray(np.moveaxis(target, 0, -1))
     run = Run(pixels, FitOptions(COUNT, 10), FixedCount("exponential", COUNT, 10))
     run.state = shared_state
-    shared = SharedColors(run.state)
+    shared = SharedColors(run.state, blending("over"))
     errors = [squared_error(run.state.splats(run.background), target)[1]]
+    rng = np.random.default_rng(0)
     for _ in range(4):
-        run._exchange(shared)
+        shared.exchange(run.state, run._splats, target, rng)
         errors.append(squared_error(run.state.splats(run.background), target)[1])
     assert (np.diff(errors) <= 1e-6).all()
     assert errors[-1] < errors[0]
@@ -112,7 +114,7 @@ def test_nearly_opaque_shapes_become_opaque_when_they_settle(photo):
 
 def test_weights_of_a_colour_sum_over_its_shapes(shared_state):
     state = shared_state
-    shared = SharedColors(state)
+    shared = SharedColors(state, blending("over"))
     gradient = np.zeros((COUNT, 10))
     chosen = int(np.bincount(shared.entry).argmax())
     members = np.flatnonzero(shared.entry == chosen)

@@ -51,6 +51,7 @@ class Limits:
                   three Kodak photos lose 0.04 or 0.07 dB at 5000 shapes
     least_rim     px of the working image in which a rim across the minor axis falls from
                   0.9 to 0.1: sharper ones are not sampled alike by renderers
+    least_color, most_color  of each channel
     """
 
     least_sigma: float
@@ -58,6 +59,8 @@ class Limits:
     most_aspect: float = 30.0
     most_beta: float = 128.0
     least_rim: float = 0.5
+    least_color: float = 0.0
+    most_color: float = 1.0
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
@@ -93,6 +96,7 @@ def step(
     bounds = np.array([
         limits.least_sigma, limits.most_sigma, limits.most_aspect,
         math.log(limits.most_beta), RIM_WIDTH / limits.least_rim,
+        limits.least_color, limits.most_color,
     ])  # fmt: skip
     _step(
         state.mean, state.factor, state.raw_opacity, state.color, state.raw_beta,
@@ -102,7 +106,7 @@ def step(
 
 @njit(parallel=True, cache=True)
 def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradient, sizes, bounds):
-    least, most, aspect, sharpest, rim = bounds
+    least, most, aspect, sharpest, rim, darkest, brightest = bounds
     for i in prange(mean.shape[0]):
         age[i] += 1
         correct1 = 1 - FIRST_DECAY ** age[i]
@@ -147,7 +151,7 @@ def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradie
         factor[i, 2] = np.sqrt(max(xx * yy - xy * xy, 0.0)) / l11
         raw_opacity[i] = min(max(raw_opacity[i] + d[5], -8.0), 12.0)
         for k in range(3):
-            color[i, k] = min(max(color[i, k] + d[6 + k], 0.0), 1.0)
+            color[i, k] = min(max(color[i, k] + d[6 + k], darkest), brightest)
         if raw_beta[i] != 0.0 and sizes[9] != 0.0:
             bound = min(max(np.log(rim * new_minor), LEAST_RAW_BETA), sharpest)
             raw_beta[i] = min(max(raw_beta[i] + d[9], LEAST_RAW_BETA), bound)

@@ -16,13 +16,21 @@ class Clock:
 
     iterations  of both stages, or None for as many as the time allows
     deadline    as time.perf_counter() counts, in s, or None; may be moved
+    round_iterations  of each round of growth; None: growth has GROWTH_SHARE of all
     """
 
-    def __init__(self, iterations: int | None, rounds: int, deadline: float | None) -> None:
+    def __init__(
+        self,
+        iterations: int | None,
+        rounds: int,
+        deadline: float | None,
+        round_iterations: int | None = None,
+    ) -> None:
         self.iterations = iterations
         self.deadline = deadline
         self.iteration = 0
         self._rounds = max(rounds, 1)
+        self._round_iterations = round_iterations
         self._begun = self._stage_begun = time.perf_counter()
         self._stage_first = 0
         self._stage_steps: int | None = None
@@ -38,7 +46,9 @@ class Clock:
         """Whether round `index` (0, 1, ...) of growth has had its steps or its time."""
         share = (index + 1) / self._rounds
         steps = _MOST_STEPS_A_ROUND * (index + 1)
-        if self.iterations is not None:
+        if self._round_iterations is not None:
+            steps = self._round_iterations * (index + 1)
+        elif self.iterations is not None:
             steps = int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds
         return self.iteration >= steps or self._time_share() >= GROWTH_SHARE * share
 

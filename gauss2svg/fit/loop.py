@@ -82,7 +82,9 @@ def fit(
     """
     options = options or FitOptions()
     with kernel_lock:
-        rule = FixedCount(options.schedule, options.gaussians, options.iterations)
+        rule = FixedCount(
+            options.schedule, options.gaussians, options.iterations, options.per_round
+        )
         run = Run(pixels, options, rule, progress=progress)
         run.fit()
         return run.result()

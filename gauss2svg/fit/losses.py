@@ -27,12 +27,16 @@ def check_loss(loss: str) -> None:
 
 
 def image_gradient(
-    loss: str, rendered: NDArray[np.floating], target: NDArray[np.floating]
+    loss: str,
+    rendered: NDArray[np.floating],
+    target: NDArray[np.floating],
+    ssim_weight: float = SSIM_WEIGHT,
 ) -> tuple[float, NDArray[np.floating]]:
     """Loss value and its gradient (3, h, w) with respect to rendered (3, h, w), by torch.
 
-    mse: mean (r - t)^2; l1: mean |r - t|; with +ssim: 0.8 of it + 0.2 (1 - SSIM). The
-    gradient is times the number of values, so that its scale does not depend on the size.
+    mse: mean (r - t)^2; l1: mean |r - t|; with +ssim: (1 - w) of it + w (1 - SSIM) for w =
+    ssim_weight in 0..1. The gradient is times the number of values, so that its scale does not
+    depend on the size.
     """
     import torch
 
@@ -42,7 +46,8 @@ def image_gradient(
     pixel = torch.nn.functional.l1_loss if loss.startswith("l1") else torch.nn.functional.mse_loss
     value = pixel(image, wanted)
     if loss.endswith("+ssim"):
-        value = (1 - SSIM_WEIGHT) * value + SSIM_WEIGHT * (1 - structural_similarity(image, wanted))
+        missing = 1 - structural_similarity(image, wanted)
+        value = (1 - ssim_weight) * value + ssim_weight * missing
     value.backward()
     assert image.grad is not None  # the loss depends on the image
     return float(value.detach()), (image.grad * image.numel()).numpy()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gauss2svg.checks import whole_number
+from gauss2svg.checks import number_within, whole_number
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import ADAPTIVE, FALLOFFS
-from gauss2svg.fit.losses import DEFAULT_LOSS, check_loss
+from gauss2svg.falloff import ADAPTIVE, FALLOFFS, GAUSSIAN
+from gauss2svg.fit.losses import DEFAULT_LOSS, SSIM_WEIGHT, check_loss
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT, PLACEMENTS
-from gauss2svg.fit.schedule import DEFAULT_SCHEDULE, SCHEDULES
-from gauss2svg.scene import Scene
+from gauss2svg.fit.schedule import DEFAULT_SCHEDULE, GROWTH_SHARE, SCHEDULES, totals
+from gauss2svg.scene import ADD, BLENDS, OVER, Scene
 
 # 228 bytes of optimiser state each: over 2 GB.
 MOST_GAUSSIANS = 10_000_000
@@ -20,7 +20,12 @@ MOST_GAUSSIANS = 10_000_000
 # Gaussian is relocated; without relocation by 0.002.
 DTYPES = ("float32", "float64")
 DEFAULT_DTYPE = "float32"
-DEFAULT_FALLOFF = ADAPTIVE
+
+
+def check_blend(blend: str) -> None:
+    """Raise InputError unless it is one of BLENDS."""
+    if blend not in BLENDS:
+        raise InputError(f"blend is {blend!r}; needed is one of {', '.join(BLENDS)}")
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,14 @@ class FitOptions:
     placement   one of PLACEMENTS; schedule one of SCHEDULES; loss one of LOSSES
     seed        of the one random generator
     dtype       one of DTYPES, of all that the kernels compute
-    falloff     one of FALLOFFS: Gaussians, or shapes that each learn an exponent
+    falloff     one of FALLOFFS: Gaussians, or shapes that each learn an exponent; None: the
+                latter, save where they are summed
+    blend       one of gauss2svg.scene.BLENDS: painted over each other, or summed
+    per_round   of growth to a given count, the paper's k or m: exponential rounds i = 0, 1, ..
+                add min(2^i, per_round), linear ones per_round each; None: six rounds
+    round_iterations  of each round; None: all rounds together have 30 % of the iterations
+    ssim_weight  of 1 - SSIM in the losses that have it, 0..1; the rest is the pixel term's
+    relocate    whether those that are missed least are placed anew on the way
     """
 
     gaussians: int = 5000
@@ -42,7 +54,12 @@ class FitOptions:
     loss: str = DEFAULT_LOSS
     seed: int = 0
     dtype: str = DEFAULT_DTYPE
-    falloff: str = DEFAULT_FALLOFF
+    falloff: str | None = None
+    blend: str = OVER
+    per_round: int | None = None
+    round_iterations: int | None = None
+    ssim_weight: float = SSIM_WEIGHT
+    relocate: bool = True
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
@@ -58,10 +75,43 @@ class FitOptions:
                 f"schedule is {self.schedule!r}; needed is one of {', '.join(SCHEDULES)}"
             )
         check_loss(self.loss)
+        check_blend(self.blend)
+        if self.falloff is None:
+            falloff = GAUSSIAN if self.blend == ADD else ADAPTIVE
+            object.__setattr__(self, "falloff", falloff)
         if self.falloff not in FALLOFFS:
             raise InputError(f"falloff is {self.falloff!r}; needed is one of {', '.join(FALLOFFS)}")
+        if self.blend == ADD and self.falloff != GAUSSIAN:
+            raise InputError(
+                f"falloff is {self.falloff!r} with blend 'add', of Gaussians of eight parameters; "
+                f"needed is {GAUSSIAN}, or blend {OVER!r}"
+            )
+        number_within("ssim_weight", self.ssim_weight, 0, 1)
+        self._check_rounds()
         if self.dtype not in DTYPES:
             raise InputError(f"dtype is {self.dtype!r}; needed is one of {', '.join(DTYPES)}")
+
+    @property
+    def totals(self) -> list[int]:
+        """Ascending totals of the rounds in which the Gaussians asked for are added."""
+        return totals(self.schedule, self.gaussians, self.iterations, self.per_round)
+
+    def _check_rounds(self) -> None:
+        if self.per_round is not None:
+            whole_number("per_round", self.per_round, 1, MOST_GAUSSIANS)
+        if self.round_iterations is not None:
+            whole_number("round_iterations", self.round_iterations, 1, 10**9)
+        rounds = len(self.totals)
+        by_default = self.per_round is None and self.round_iterations is None
+        if self.iterations is None or by_default:
+            return
+        each = self.round_iterations or 1
+        room = self.iterations if self.round_iterations else int(self.iterations * GROWTH_SHARE)
+        if rounds * each > room:
+            raise InputError(
+                f"{rounds} rounds of {each} iterations or more are asked for, with room for "
+                f"{room}; needed are more iterations, or a larger per_round"
+            )
 
 
 @dataclass(frozen=True)

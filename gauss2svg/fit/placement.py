@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,17 +12,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from gauss2svg.errors import InputError
+from gauss2svg.fit.blending import Blending
 
-PLACEMENTS = ("selective", "error", "random")
+PLACEMENTS = ("selective", "error", "random", "live")
 DEFAULT_PLACEMENT = "selective"
 
-FIRST_OPACITY_LOGIT = 1.0
 # ln beta; starting at 1, 1.5, 2.5 or 3, everywhere or only for components, ends within the
 # scatter of +-0.3 dB on drawings and 0.03 dB on photos.
 FIRST_RAW_BETA = 0.1
-# First sigma as a share of the mean spacing sqrt(area / (pi n)): 0.3 to 0.42 end
-# within 0.08 dB, 0.6 loses 0.7 dB.
-_SIGMA_SHARE = 0.3
 _LEAST_SIGMA = 0.8
 _LEAST_MINOR = 0.6
 _ELONGATION = 0.5  # along an edge sigma is e^0.5 longer, across it as much shorter
@@ -36,15 +34,33 @@ _BINS = 8
 # on drawings of 32 to 512 shapes and 0.03 dB on photos of 1000.
 _MOST_FIRST_ASPECT = 6.0
 _PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
+# live: sigma = sqrt(A / (r s^2)) of the grid's units for a component of A px and a kernel of
+# s samples; the grid reaches from -5 to 5, so that a unit is s / 10 px and s cancels:
+# sigma = sqrt(A / 7) px, 1.3 times that of a disc of area A.
+_LIVE_R, _GRID_UNITS = 0.07, 10
 
 
 @dataclass(frozen=True)
 class New:
-    """n Gaussians to add: mean (n, 2), Cholesky factor (n, 3), color (n, 3); float64."""
+    """n Gaussians to add: mean (n, 2), Cholesky factor (n, 3), color (n, 3); float64.
+
+    color is the target's there, or what the target has more than the picture so far.
+    """
 
     mean: NDArray[np.float64]
     factor: NDArray[np.float64]
     color: NDArray[np.float64]
+
+    def with_more(self, others: Callable[[int], New], count: int) -> New:
+        """These and as many others as are missing to `count`."""
+        if len(self.mean) == count:
+            return self
+        more = others(count - len(self.mean))
+        return New(
+            np.concatenate([self.mean, more.mean]),
+            np.concatenate([self.factor, more.factor]),
+            np.concatenate([self.color, more.color]),
+        )
 
 
 class Target:
@@ -90,42 +106,161 @@ def place(
     count: int,
     total: int,
     rng: np.random.Generator,
+    manner: Blending,
 ) -> New:
     """New Gaussians, `count` of them, for a scene that has `total` with them.
 
-    rendered is the scene so far, (3, h, w). Raises InputError for an unknown placement.
+    rendered is the scene so far, (3, h, w).
+    Raises InputError for an unknown placement.
     """
+    placing = _Placing(target, rendered, target.spacing(total), rng, manner)
     if placement == "error":
-        return _by_error(target, rendered, count, target.spacing(total), rng)
+        return placing.by_error(count)
     if placement == "selective":
-        return _by_component(target, rendered, count, target.spacing(total), rng)
+        return placing.by_component(count)
+    if placement == "live":
+        return placing.as_in_live(count)
     if placement == "random":
-        return _at_random(target, count, target.spacing(total), rng)
+        return placing.at_random(count)
     raise InputError(f"init is {placement!r}; needed is one of {', '.join(PLACEMENTS)}")
 
 
-def _by_error(
-    target: Target,
-    rendered: NDArray[np.floating],
-    count: int,
-    spacing: float,
-    rng: np.random.Generator,
-) -> New:
-    """Drawn in proportion to the squared error, one from each of `count` equal parts of it."""
-    error = np.square(rendered - target.planar).sum(axis=0)
-    smooth = gaussian_filter(error, min(max(0.5 * spacing, 0.5), 4.0))
-    chance = np.cumsum(smooth.ravel(), dtype=np.float64)
-    drawn = (np.arange(count) + rng.random(count)) / count * chance[-1]
-    pixel = np.minimum(np.searchsorted(chance, drawn), chance.size - 1)
-    if not chance[-1] > 0:  # already exact everywhere
-        pixel = rng.integers(chance.size, size=count)
-    y, x = np.divmod(pixel, target.width)
-    sigma = max(spacing * _SIGMA_SHARE, _LEAST_SIGMA)
-    along, coherence = target.edges
-    stretch = np.exp(_ELONGATION * coherence[y, x])
-    color = target.planar[:, y, x].T.astype(np.float64)
-    factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
-    return New(np.stack([x + 0.5, y + 0.5], axis=1), factor, color)
+class _Placing:
+    """What new Gaussians are placed by; spacing in px is the radius of each one's share."""
+
+    def __init__(
+        self,
+        target: Target,
+        rendered: NDArray[np.floating],
+        spacing: float,
+        rng: np.random.Generator,
+        manner: Blending,
+    ) -> None:
+        self._target = target
+        self._missed = target.planar - rendered
+        self._paint = self._missed if manner.by_residual else target.planar
+        self._spacing = spacing
+        self._rng = rng
+        self._sigma_share = manner.sigma_share
+
+    def by_error(self, count: int) -> New:
+        """Drawn in proportion to the squared error, one from each of `count` equal parts of it."""
+        error = np.square(self._missed).sum(axis=0)
+        smooth = gaussian_filter(error, min(max(0.5 * self._spacing, 0.5), 4.0))
+        chance = np.cumsum(smooth.ravel(), dtype=np.float64)
+        drawn = (np.arange(count) + self._rng.random(count)) / count * chance[-1]
+        pixel = np.minimum(np.searchsorted(chance, drawn), chance.size - 1)
+        if not chance[-1] > 0:  # already exact everywhere
+            pixel = self._rng.integers(chance.size, size=count)
+        y, x = np.divmod(pixel, self._target.width)
+        sigma = max(self._spacing * self._sigma_share, _LEAST_SIGMA)
+        along, coherence = self._target.edges
+        stretch = np.exp(_ELONGATION * coherence[y, x])
+        factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
+        return New(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._paint_at(x, y))
+
+    def by_component(self, count: int) -> New:
+        """The largest connected components of the quantised difference, the rest by error.
+
+        As in LIVE, but each proposes its mean colour and the direction and aspect of its second
+        moments too. A disc of area A and a Gaussian agree in variance at sigma =
+        sqrt(A / pi) / 2.
+        """
+        parts = self._components(count)
+        if parts is None:
+            return self.by_error(count)
+        sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), _LEAST_SIGMA)
+        xx, xy, yy = parts.moments()
+        spread = np.hypot(xx - yy, 2 * xy)
+        aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 2 * _PIXEL_VARIANCE))
+        stretch = np.sqrt(np.minimum(aspect, _MOST_FIRST_ASPECT))
+        angle_rad = 0.5 * np.arctan2(2 * xy, xx - yy)
+        minor = np.maximum(sigma / stretch, _LEAST_MINOR)
+        found = New(
+            mean=parts.center() + 0.5,
+            factor=_oriented(sigma * stretch, minor, angle_rad),
+            color=np.stack([parts.means(c[parts.y, parts.x]) for c in self._paint], axis=1),
+        )
+        return found.with_more(self.by_error, count)
+
+    def as_in_live(self, count: int) -> New:
+        """The same to the paper's letter: sigma = sqrt(A / (r s^2)), rho = 0, the rest random.
+
+        Colours are what is missing, or the target's, at the centre of mass.
+        """
+        parts = self._components(count)
+        if parts is None:
+            return self.at_random(count)
+        sigma = np.maximum(np.sqrt(parts.area / (_LIVE_R * _GRID_UNITS**2)), _LEAST_SIGMA)
+        center = parts.center()
+        x, y = np.round(center).astype(np.intp).T
+        factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
+        return New(center + 0.5, factor, self._paint_at(x, y)).with_more(self.at_random, count)
+
+    def at_random(self, count: int) -> New:
+        """Means over the whole canvas, sigma in (0, 1) spacings, rho in (-1, 1)."""
+        target, rng = self._target, self._rng
+        mean = rng.random((count, 2)) * [target.width, target.height]
+        sigma = np.maximum(rng.random((count, 2)) * self._spacing, _LEAST_SIGMA)
+        rho = rng.uniform(-1, 1, count) * 0.95  # nearer to 1 it would start as a needle
+        x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T
+        rest = np.sqrt(1 - rho**2)
+        factor = np.stack([sigma[:, 0], rho * sigma[:, 1], rest * sigma[:, 1]], axis=1)
+        return New(mean, factor, self._paint_at(x, y))
+
+    def _paint_at(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float64]:
+        return self._paint[:, y, x].T.astype(np.float64)
+
+    def _components(self, count: int) -> _Components | None:
+        """The largest `count` components, or as many as there are; None without any error.
+
+        The difference is summed over channels, small ones are rejected, the others cut into bins
+        spread evenly between 0 and the largest.
+        """
+        from skimage.measure import label
+
+        difference = np.abs(self._missed).sum(axis=0)
+        largest = float(difference.max())
+        if largest <= 0:
+            return None
+        bins = np.ceil(difference / largest * _BINS).astype(np.int32)
+        bins[difference < _REJECTED_SHARE * largest] = 0
+        components = np.asarray(label(bins, background=0, connectivity=2)).ravel()
+        area = np.bincount(components)
+        area[0] = 0  # what was rejected
+        order = np.argsort(-area, kind="stable")[: min(count, len(area) - 1)]
+        rank = np.full(components.max() + 1, -1)
+        rank[order] = np.arange(len(order))
+        rank = rank[components]
+        pixel = np.flatnonzero(rank >= 0)
+        y, x = np.divmod(pixel, self._target.width)
+        return _Components(area[order], rank[pixel], x, y)
+
+
+@dataclass(frozen=True)
+class _Components:
+    """k connected components: area (k,) in px; pixels x, y and of which component, rank (p,)."""
+
+    area: NDArray[np.intp]
+    rank: NDArray[np.intp]
+    x: NDArray[np.intp]
+    y: NDArray[np.intp]
+
+    def means(self, values: NDArray[np.number]) -> NDArray[np.float64]:
+        """(k,) mean of values (p,) over each component."""
+        return np.bincount(self.rank, values, len(self.area)) / self.area
+
+    def center(self) -> NDArray[np.float64]:
+        """(k, 2) centre of mass, in whole pixels from 0."""
+        return np.stack([self.means(self.x), self.means(self.y)], axis=1)
+
+    def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Central second moments xx, xy, yy (k,) in px^2, of the pixels with their extent."""
+        x, y = self.x, self.y
+        mx, my = self.center().T
+        xx = self.means(x * x) - mx * mx + _PIXEL_VARIANCE
+        yy = self.means(y * y) - my * my + _PIXEL_VARIANCE
+        return xx, self.means(x * y) - mx * my, yy
 
 
 def _oriented(
@@ -136,74 +271,3 @@ def _oriented(
     l11 = np.hypot(co * major, si * minor)
     l21 = co * si * (np.square(major) - np.square(minor)) / l11
     return np.stack([l11, l21, major * minor / l11], axis=1).astype(np.float64)
-
-
-def _by_component(
-    target: Target,
-    rendered: NDArray[np.floating],
-    count: int,
-    spacing: float,
-    rng: np.random.Generator,
-) -> New:
-    """The largest connected components of the quantised difference, the rest by error.
-
-    As in LIVE: the difference summed over channels, small ones rejected, the others cut
-    into bins; each component of one bin proposes its centre of mass, its area A and the
-    direction and aspect of its second moments. A disc of area A and a Gaussian agree in
-    variance at sigma = sqrt(A / pi) / 2.
-    """
-    from skimage.measure import label
-
-    difference = np.abs(rendered - target.planar).sum(axis=0)
-    largest = float(difference.max())
-    if largest <= 0:
-        return _by_error(target, rendered, count, spacing, rng)
-    bins = np.ceil(difference / largest * _BINS).astype(np.int32)
-    bins[difference < _REJECTED_SHARE * largest] = 0
-    components = np.asarray(label(bins, background=0, connectivity=2)).ravel()
-    area = np.bincount(components)
-    area[0] = 0  # what was rejected
-    order = np.argsort(-area, kind="stable")[: min(count, len(area) - 1)]
-    area = area[order]
-    rank = np.full(components.max() + 1, -1)
-    rank[order] = np.arange(len(order))
-    rank = rank[components]
-    pixel = np.flatnonzero(rank >= 0)
-    rank = rank[pixel]
-    y, x = np.divmod(pixel, target.width)
-
-    def means(values: NDArray[np.number]) -> NDArray[np.float64]:
-        return np.bincount(rank, values, len(order)) / area
-
-    sigma = np.maximum(0.5 * np.sqrt(area / np.pi), _LEAST_SIGMA)
-    mx, my = means(x), means(y)
-    xx = means(x * x) - mx * mx + _PIXEL_VARIANCE
-    xy = means(x * y) - mx * my
-    yy = means(y * y) - my * my + _PIXEL_VARIANCE
-    spread = np.hypot(xx - yy, 2 * xy)
-    aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 2 * _PIXEL_VARIANCE))
-    stretch = np.sqrt(np.minimum(aspect, _MOST_FIRST_ASPECT))
-    angle_rad = 0.5 * np.arctan2(2 * xy, xx - yy)
-    found = New(
-        mean=np.stack([mx, my], axis=1) + 0.5,
-        factor=_oriented(sigma * stretch, np.maximum(sigma / stretch, _LEAST_MINOR), angle_rad),
-        color=np.stack([means(channel[y, x]) for channel in target.planar], axis=1),
-    )
-    if len(order) == count:
-        return found
-    rest = _by_error(target, rendered, count - len(order), spacing, rng)
-    return New(
-        np.concatenate([found.mean, rest.mean]),
-        np.concatenate([found.factor, rest.factor]),
-        np.concatenate([found.color, rest.color]),
-    )
-
-
-def _at_random(target: Target, count: int, spacing: float, rng: np.random.Generator) -> New:
-    """Means over the whole canvas, sigma in (0, 1) spacings, rho in (-1, 1), target's colour."""
-    mean = rng.random((count, 2)) * [target.width, target.height]
-    sigma = np.maximum(rng.random((count, 2)) * spacing, _LEAST_SIGMA)
-    rho = rng.uniform(-1, 1, count) * 0.95  # nearer to 1 it would start as a needle
-    x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T
-    factor = np.stack([sigma[:, 0], rho * sigma[:, 1], np.sqrt(1 - rho**2) * sigma[:, 1]], axis=1)
-    return New(mean, factor, target.planar[:, y, x].T.astype(np.float64))

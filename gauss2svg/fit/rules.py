@@ -81,8 +81,14 @@ class Rule(Protocol):
 class FixedCount:
     """A count asked for, reached by a schedule of gauss2svg.fit.schedule."""
 
-    def __init__(self, schedule: str, gaussians: int, iterations: int | None) -> None:
-        self._totals = totals(schedule, gaussians, iterations)
+    def __init__(
+        self,
+        schedule: str,
+        gaussians: int,
+        iterations: int | None,
+        per_round: int | None = None,
+    ) -> None:
+        self._totals = totals(schedule, gaussians, iterations, per_round)
         self.rounds = len(self._totals)
         self.stop_reason = "iterations" if gaussians else "gaussians"
 

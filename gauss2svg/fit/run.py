@@ -14,17 +14,19 @@ from numpy.typing import NDArray
 
 from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit import adam
+from gauss2svg.fit.blending import blending
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
 from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
-from gauss2svg.fit.placement import FIRST_OPACITY_LOGIT, FIRST_RAW_BETA, Target, place
+from gauss2svg.fit.placement import FIRST_RAW_BETA, Target, place
 from gauss2svg.fit.rules import ADJUST_AT, Rule, Snapshot
 from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, SETTLED_FROM, rate, reduction
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
 from gauss2svg.image import shrink
 from gauss2svg.render.cpu import (
+    Splats,
     moments_of_gradient,
     removal_cost,
     render_planar,
@@ -87,7 +89,7 @@ class Run:
         self.pixels = pixels
         self.options = options
         self.rule = rule
-        self.clock = Clock(options.iterations, rule.rounds, deadline)
+        self.clock = Clock(options.iterations, rule.rounds, deadline, options.round_iterations)
         self.state = State.empty()
         # On 8 bits already, as it will be written: the fit makes up for the rounding.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
@@ -101,7 +103,8 @@ class Run:
         self._reduction = 1
         self._targets: dict[int, Target] = {}
         self._target = self._reduced(1)
-        self._rates = adam.Rates()
+        self._manner = blending(options.blend)
+        self._rates = self._manner.rates
         self._shared: SharedColors | None = None
         self._wall_s = self._cpu_s = 0.0
 
@@ -128,7 +131,8 @@ class Run:
 
     def scene(self) -> Scene:
         """The Gaussians so far, on the whole working canvas."""
-        scene = self.state.scene(self.background, self._target.width, self._target.height)
+        size = self._target.width, self._target.height
+        scene = self.state.scene(self.background, *size, self.options.blend)
         height, width = self.pixels.shape[:2]
         if (width, height) == (self._target.width, self._target.height):
             return scene
@@ -177,7 +181,7 @@ class Run:
         pending = list(ADJUST_AT) if adjusting else []
         exchanges = list(_EXCHANGES)
         pruned, settled = not adjusting, False
-        self._rates, self._shared = adam.Rates(), None
+        self._rates, self._shared = self._manner.rates, None
         while (done := self.clock.refining()) < 1:
             if pending and done >= pending[0]:
                 pending = [at for at in pending if at > done]
@@ -190,7 +194,7 @@ class Run:
                 self._settle()
             if self._shared is not None and exchanges and done >= exchanges[0]:
                 exchanges = [at for at in exchanges if at > done]
-                self._exchange(self._shared)
+                self._shared.exchange(self.state, self._splats, self._target.planar, self._rng)
             self._step(done)
         if not settled:  # no time or no steps were left for it
             self._settle()
@@ -208,25 +212,7 @@ class Run:
             scene = self._as_written(self.scene(), self._recent_psnr())
             self.state = self.state.settled(scene)
             self._rates = dataclasses.replace(self._rates, beta=0.0, color=0.0)
-            self._shared = SharedColors(self.state)
-
-    def _exchange(self, shared: SharedColors) -> None:
-        """Shapes change to the shared colour that suits them best, if the picture gains by it.
-
-        Overlapping ones that change together may overdo it: then only half of them do, or none.
-        """
-        planar = self._target.planar
-        splats = self.state.splats(self.background)
-        _, before, moments, _ = squared_error(splats, planar)
-        mass = removal_cost(splats, planar)[1][:, 1]
-        kept, wanted = shared.entry, shared.wanted(self.state, moments, mass)
-        half = np.where(self._rng.random(len(kept)) < 0.5, wanted, kept)
-        for entry in (wanted, half, kept):
-            shared.wear(self.state, entry)
-            if entry is kept:
-                break
-            if squared_error(self.state.splats(self.background), planar)[1] < before:
-                break
+            self._shared = SharedColors(self.state, self._manner)
 
     def _begin(self, index: int, total: int) -> None:
         """Change to the round's picture and add its Gaussians."""
@@ -254,9 +240,12 @@ class Run:
         self._targets[factor] = Target(planar, FLAT_WEIGHT)
         return self._targets[factor]
 
+    def _splats(self) -> Splats:
+        return self.state.splats(self.background, self.options.blend)
+
     def _rendered(self) -> NDArray[np.floating]:
         target = self._target
-        splats = self.state.splats(self.background)
+        splats = self._splats()
         return render_planar(splats, target.height, target.width, target.planar.dtype.type)
 
     def _snapshot(self, done: float, psnr: Callable[[], float]) -> Snapshot:
@@ -278,15 +267,18 @@ class Run:
         """Remove the Gaussians that are missed least, or add some where the error is."""
         surplus = len(self.state) - count
         if surplus > 0:
-            _, cost = removal_cost(self.state.splats(self.background), self._target.planar)
+            _, cost = removal_cost(self._splats(), self._target.planar)
             kept = np.argsort(cost[:, 0], kind="stable")[surplus:]
             self.state = self.state.select(np.sort(kept))
         elif surplus < 0:
             self._add(self._rendered(), -surplus, count)
 
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
-        new = place(self.options.placement, self._target, rendered, count, total, self._rng)
-        opacity = np.full(count, FIRST_OPACITY_LOGIT)
+        new = place(
+            self.options.placement, self._target, rendered, count, total, self._rng,
+            self._manner,
+        )  # fmt: skip
+        opacity = np.full(count, self._manner.first_opacity_logit)
         raw_beta = np.full(count, FIRST_RAW_BETA if self.options.falloff == ADAPTIVE else 0.0)
         self.state = self.state.append(
             new.mean, new.factor, opacity, new.color, raw_beta, self._round_index
@@ -297,20 +289,25 @@ class Run:
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one step of the optimiser."""
         timely = _RELOCATION_FROM < done < _RELOCATION_TO
-        if timely and self.clock.iteration % _RELOCATION_EVERY == 0:
+        if self.options.relocate and timely and self.clock.iteration % _RELOCATION_EVERY == 0:
             self._relocate()
-        splats = self.state.splats(self.background)
+        splats = self._splats()
         target = self._target
         image, squares, moments, rows = squared_error(splats, target.planar, target.weight)
         loss = 0.5 * squares
         if self.options.loss != DEFAULT_LOSS:
-            mean, gradient = image_gradient(self.options.loss, image, target.planar)
+            mean, gradient = image_gradient(
+                self.options.loss, image, target.planar, self.options.ssim_weight
+            )
             loss = mean * target.planar.size
             moments = moments_of_gradient(splats, gradient)
         price = _BETA_PRICE * loss / max(len(self.state), 1)
         gradient = adam.gradients(moments, splats.paint[:, 0], splats.shape[:, 5], price)
         limits = adam.Limits(
-            least_sigma=LEAST_SIGMA, most_sigma=float(max(target.width, target.height))
+            least_sigma=LEAST_SIGMA,
+            most_sigma=float(max(target.width, target.height)),
+            least_color=self._manner.least_color,
+            most_color=self._manner.most_color,
         )
         adam.step(self.state, gradient, self._rates, limits, rate(done))
         if self._shared is not None:
@@ -333,7 +330,7 @@ class Run:
 
     def _relocate(self) -> None:
         """Move the Gaussians that would be missed least to where the error is."""
-        rendered, cost = removal_cost(self.state.splats(self.background), self._target.planar)
+        rendered, cost = removal_cost(self._splats(), self._target.planar)
         total = len(self.state)
         count = int(_RELOCATION_SHARE * total)
         if count:
@@ -346,7 +343,7 @@ class Run:
         least = self.rule.least_gain()
         if least == -math.inf or not len(self.state):
             return
-        rendered, cost = removal_cost(self.state.splats(self.background), self._target.planar)
+        rendered, cost = removal_cost(self._splats(), self._target.planar)
         error = float(np.sum(np.square(rendered - self._target.planar), dtype=np.float64))
         # Taking one away turns the error e into e + cost: 10 log10(1 + cost / e) dB.
         worth = error * (10 ** (least / 10) - 1)
@@ -354,7 +351,7 @@ class Run:
 
     def _drop_undrawable(self) -> None:
         """Drop what renderers would not draw: too faint, or nothing of it on the canvas."""
-        splats = self.state.splats(self.background)
+        splats = self._splats()
         _, cost = removal_cost(splats, self._target.planar)
         self.state = self.state.select((splats.paint[:, 0] >= LEAST_OPACITY) & (cost[:, 1] > 0))
 

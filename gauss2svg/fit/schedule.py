@@ -25,14 +25,26 @@ _LARGEST_REDUCTION = 8
 _SMALLEST_SIDE = 32
 
 
-def totals(schedule: str, gaussians: int, iterations: int | None) -> list[int]:
+def totals(
+    schedule: str, gaussians: int, iterations: int | None, per_round: int | None = None
+) -> list[int]:
     """Ascending totals of the rounds of a fit of `gaussians` (>= 0).
 
     exponential: totals double from round to round; linear: equal parts; all-at-once: one.
-    Fewer iterations than ROUNDS make fewer rounds. Raises InputError for an unknown schedule.
+    With per_round >= 1 as in the paper: round i = 0, 1, .. adds min(2^i, per_round) if it is
+    exponential, per_round if it is linear.
+    Without it fewer iterations than ROUNDS make fewer rounds. Raises InputError for an unknown
+    schedule, and for per_round with all at once.
     """
     if schedule not in SCHEDULES:
         raise InputError(f"schedule is {schedule!r}; needed is one of {', '.join(SCHEDULES)}")
+    if per_round is not None:
+        if schedule == "all-at-once":
+            raise InputError(
+                f"per_round is {per_round} with all Gaussians at once; needed is an exponential or "
+                "a linear schedule"
+            )
+        return _totals_by_round(schedule, gaussians, per_round)
     count = ROUNDS if iterations is None else min(ROUNDS, iterations)
     if schedule == "exponential":
         counts = [math.ceil(gaussians * 0.5 ** (count - 1 - r)) for r in range(count)]
@@ -41,6 +53,14 @@ def totals(schedule: str, gaussians: int, iterations: int | None) -> list[int]:
     else:
         counts = [gaussians]
     return sorted(set(counts) - {0})
+
+
+def _totals_by_round(schedule: str, gaussians: int, per_round: int) -> list[int]:
+    counts, added = [], 1 if schedule == "exponential" else per_round
+    while (counts[-1] if counts else 0) < gaussians:
+        counts.append(min((counts[-1] if counts else 0) + min(added, per_round), gaussians))
+        added *= 2
+    return counts
 
 
 def reduction(gaussians: int, width: int, height: int) -> int:

@@ -10,12 +10,16 @@ exponent, PSNR of the drawn SVG in dB; with every colour 33.06 is reached:
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from gauss2svg.fit.adam import FIRST_DECAY, SECOND_DECAY
+from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.state import COLOR, State
+from gauss2svg.render.cpu import Splats, removal_cost, squared_error
 
 # Adam's step size; 0.002 to 0.015 end within 0.01 dB.
 _RATE = 0.006
@@ -26,7 +30,8 @@ _LEAST_MASS = 1e-3  # px; shapes that show less keep their colour
 class SharedColors:
     """The distinct pairs of a colour and an exponent in a state, and which one each shape has."""
 
-    def __init__(self, state: State) -> None:
+    def __init__(self, state: State, manner: Blending) -> None:
+        self._bounds = manner.least_color, manner.most_color
         keys = np.column_stack([state.color, state.raw_beta])
         shared, entry = np.unique(keys, axis=0, return_inverse=True)
         self._color, self._raw_beta = shared[:, :3].copy(), shared[:, 3]
@@ -48,13 +53,34 @@ class SharedColors:
         first = self._first / (1 - FIRST_DECAY**self._age)
         second = self._second / (1 - SECOND_DECAY**self._age)
         moved = self._color - _RATE * rate * first / (np.sqrt(second) + 1e-12)
-        self._color = np.clip(moved, 0.0, 1.0)
+        self._color = np.clip(moved, *self._bounds)
         self.wear(state, self.entry)
 
     def wear(self, state: State, entry: NDArray[np.intp]) -> None:
         """Give every shape of the state the shared colour of its entry (n,)."""
         self.entry = entry
         state.color = self._color[entry]
+
+    def exchange(
+        self,
+        state: State,
+        splats: Callable[[], Splats],
+        planar: NDArray[np.floating],
+        rng: np.random.Generator,
+    ) -> None:
+        """Shapes change to the shared colour that suits them best, if the picture gains by it.
+
+        Overlapping ones that change together may overdo it: then only half of them do, or none.
+        splats() are those of the state as it is; planar (3, h, w) is the target.
+        """
+        _, before, moments, _ = squared_error(splats(), planar)
+        mass = removal_cost(splats(), planar)[1][:, 1]
+        kept, wanted = self.entry, self.wanted(state, moments, mass)
+        half = np.where(rng.random(len(kept)) < 0.5, wanted, kept)
+        for entry in (wanted, half, kept):
+            self.wear(state, entry)
+            if entry is kept or squared_error(splats(), planar)[1] < before:
+                break
 
     def wanted(
         self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]

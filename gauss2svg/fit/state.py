@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.falloff import CUT
 from gauss2svg.render.cpu import Splats
-from gauss2svg.scene import RHO_LIMIT, Scene
+from gauss2svg.scene import ADD, OVER, RHO_LIMIT, Scene
 
 PARAMETERS = 10  # shift along the two whitened axes, three of shape, opacity, r, g, b, ln beta
 COLOR, COLOR_AND_BETA = slice(6, 9), slice(6, 10)
@@ -24,7 +24,7 @@ class State:
     mean         (n, 2) px
     factor       (n, 3) entries l11, l21, l22 of the covariance's Cholesky factor, px
     raw_opacity  (n,) logit of the opacity
-    color        (n, 3) sRGB
+    color        (n, 3) sRGB, signed where they are summed
     raw_beta     (n,) ln of the falloff's exponent; exactly 0 stays 0: a Gaussian for good
     round_index  (n,) int32
     first, second (n, PARAMETERS) Adam's moments; age (n,) steps taken
@@ -104,26 +104,30 @@ class State:
             factor=self.factor * [scale_x, scale_y, scale_y],
         )
 
-    def splats(self, background: NDArray[np.float64]) -> Splats:
+    def splats(self, background: NDArray[np.float64], blend: str = OVER) -> Splats:
         """The activated Gaussians, as the kernels read them."""
         sigma, rho, radius, shape, paint = _activate(
             self.mean, self.factor, self.raw_opacity, self.color, self.raw_beta
         )
-        return Splats(self.mean, sigma, rho, radius, shape, paint, background)
+        return Splats(self.mean, sigma, rho, radius, shape, paint, background, blend == ADD)
 
-    def scene(self, background: NDArray[np.float64], width: float, height: float) -> Scene:
+    def scene(
+        self, background: NDArray[np.float64], width: float, height: float, blend: str = OVER
+    ) -> Scene:
         """The activated Gaussians as a scene."""
         splats = self.splats(background)
+        over = blend == OVER
         return Scene(
             width,
             height,
             mean=self.mean,
             sigma=splats.sigma,
             rho=splats.rho,
-            color=np.clip(self.color, 0, 1),
-            opacity=splats.paint[:, 0],
+            color=np.clip(self.color, 0, 1) if over else self.color,
+            opacity=splats.paint[:, 0] if over else np.ones(len(self)),
             background=background,
             round_index=self.round_index,
+            blend=blend,
             beta=splats.shape[:, 5],
         )
 

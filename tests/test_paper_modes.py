@@ -1,0 +1,205 @@
+"""What the paper names: sums, its beginnings, its schedules, its losses' weights."""
+
+import itertools
+
+import numpy as np
+import pytest
+from conftest import random_sum
+
+from gauss2svg import metrics
+from gauss2svg.errors import InputError
+from gauss2svg.fit import FitOptions, fit
+from gauss2svg.fit.blending import blending
+from gauss2svg.fit.losses import image_gradient
+from gauss2svg.fit.placement import PLACEMENTS, Target, place
+from gauss2svg.fit.rules import FixedCount
+from gauss2svg.fit.run import Run
+from gauss2svg.fit.schedule import SCHEDULES, totals
+from gauss2svg.render import render
+
+BOTH = pytest.mark.parametrize("blend", ["over", "add"])
+
+
+def quality_of(pixels, **options) -> float:
+    return metrics.psnr(render(fit(pixels, FitOptions(**options)).scene), pixels)
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS)
+@pytest.mark.parametrize("schedule", SCHEDULES)
+def test_sums_fit_the_photo_by_every_placement_and_schedule(photo, placement, schedule):
+    options = {"gaussians": 200, "iterations": 60, "placement": placement, "schedule": schedule}
+    assert quality_of(photo, blend="add", **options) > 20
+
+
+def test_a_fitted_sum_is_a_sum_of_eight_parameters(photo):
+    scene = fit(photo, FitOptions(100, 60, blend="add")).scene
+    assert scene.blend == "add"
+    assert (scene.opacity == 1).all()
+    assert (scene.betas == 1).all()
+    assert scene.color.min() < 0 < scene.color.max()
+    assert np.abs(scene.color).max() <= blending("add").most_color
+
+
+def test_more_gaussians_make_a_truer_sum(photo):
+    few, some, many = (
+        quality_of(photo, gaussians=n, iterations=100, blend="add") for n in (20, 100, 500)
+    )
+    assert few + 2 < some
+    assert some + 1.5 < many
+
+
+def test_a_sum_of_a_sum_is_found_again():
+    scene = random_sum(3, 48, 40, 1)
+    target = render(scene.replace(color=np.abs(scene.color) * 0.5, background=np.full(3, 0.2)))
+    assert quality_of(target, gaussians=12, iterations=300, blend="add") > 45
+
+
+@pytest.mark.parametrize("threads_seed", [0, 3])
+def test_the_same_seed_gives_the_same_sum(photo, threads_seed):
+    options = FitOptions(50, 40, blend="add", placement="random", seed=threads_seed)
+    one, other = fit(photo, options).scene, fit(photo, options).scene
+    np.testing.assert_array_equal(one.color, other.color)
+    np.testing.assert_array_equal(one.mean, other.mean)
+
+
+def blank(target: Target) -> np.ndarray:
+    return np.full_like(target.planar, 0.25)
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS)
+def test_new_gaussians_have_the_missing_colour_in_a_sum_and_the_target_s_over_it(placement):
+    planar = np.zeros((3, 40, 60), np.float32)
+    planar += np.array([1.0, 0.5, 0.0], np.float32)[:, None, None]
+    target = Target(planar)
+    for blend, expected in (("over", [1.0, 0.5, 0.0]), ("add", [0.75, 0.25, -0.25])):
+        rng = np.random.default_rng(0)
+        new = place(placement, target, blank(target), 9, 9, rng, blending(blend))
+        np.testing.assert_allclose(new.color, np.tile(expected, (9, 1)), atol=1e-6)
+
+
+@BOTH
+def test_live_begins_on_the_largest_components_as_the_paper_says(blend):
+    planar = np.full((3, 60, 80), 0.25, np.float32)
+    planar[:, 10:30, 8:28] = 1.0  # 400 px around (18, 20)
+    planar[:, 40:50, 50:60] = 1.0  # 100 px around (55, 45)
+    planar[:, 5, 70] = 0.3  # under the threshold
+    target = Target(planar)
+    new = place("live", target, blank(target), 6, 6, np.random.default_rng(0), blending(blend))
+    np.testing.assert_allclose(new.mean[:2], [[18, 20], [55, 45]])
+    # sigma = sqrt(A / (r s^2)) units of s / 10 px, r = 0.07, whatever the kernel size s
+    for k, area in enumerate((400, 100)):
+        for kernel_size in (21, 101):
+            sigma = np.sqrt(area / (0.07 * kernel_size**2)) * kernel_size / 10
+            np.testing.assert_allclose(new.factor[k], [sigma, 0, sigma])
+    assert len(new.mean) == 6  # the rest at random
+    assert len(np.unique(new.mean[2:], axis=0)) == 4
+
+
+def test_live_tells_bins_of_the_difference_apart():
+    planar = np.full((3, 40, 40), 0.25, np.float32)
+    planar[:, 5:35, 5:35] = 0.6  # a frame of one bin around a square of another
+    planar[:, 15:25, 15:25] = 1.0
+    target = Target(planar)
+    rng = np.random.default_rng(0)
+    new = place("live", target, blank(target), 2, 2, rng, blending("add"))
+    areas = [900 - 100, 100]
+    np.testing.assert_allclose(new.factor[:, 0] ** 2 * 7, areas)
+
+
+def test_random_begins_anywhere_with_every_shape():
+    target = Target(np.random.default_rng(1).random((3, 50, 90)).astype(np.float32))
+    rng = np.random.default_rng(0)
+    new = place("random", target, blank(target), 2000, 2000, rng, blending("add"))
+    assert (new.mean.min(axis=0) < [2, 2]).all()
+    assert (new.mean.max(axis=0) > [88, 48]).all()
+    sigma_y = np.hypot(new.factor[:, 1], new.factor[:, 2])
+    rho = new.factor[:, 1] / sigma_y
+    assert rho.min() < -0.9
+    assert rho.max() > 0.9
+    assert np.abs(rho).max() < 1
+
+
+@pytest.mark.parametrize(
+    ("schedule", "gaussians", "per_round", "expected"),
+    [
+        ("exponential", 127, 64, [1, 3, 7, 15, 31, 63, 127]),
+        ("exponential", 127, 16, [1, 3, 7, 15, 31, 47, 63, 79, 95, 111, 127]),
+        ("exponential", 9, 100, [1, 3, 7, 9]),
+        ("linear", 100, 30, [30, 60, 90, 100]),
+        ("linear", 7, 7, [7]),
+        ("exponential", 0, 4, []),
+    ],
+)
+def test_rounds_add_what_the_paper_s_schedules_say(schedule, gaussians, per_round, expected):
+    assert totals(schedule, gaussians, 300, per_round) == expected
+    assert FitOptions(gaussians, 300, schedule=schedule, per_round=per_round).totals == expected
+
+
+def test_every_round_has_its_iterations(photo):
+    options = FitOptions(
+        15, 60, blend="add", schedule="exponential", per_round=8, round_iterations=10
+    )
+    counts = []
+    fit(photo, options, lambda p: counts.append(p.gaussians))
+    assert counts == [1] * 10 + [3] * 10 + [7] * 10 + [15] * 30
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"blend": "screen"}, "blend is 'screen'; needed is one of over, add"),
+        ({"blend": "add", "falloff": "adaptive"}, "eight parameters"),
+        ({"per_round": 0}, "per_round is 0"),
+        ({"round_iterations": 0}, "round_iterations is 0"),
+        ({"per_round": 4, "schedule": "all-at-once"}, "all Gaussians at once"),
+        ({"per_round": 1, "schedule": "linear"}, "5000 rounds of 1 iterations or more .* room for"),
+        ({"round_iterations": 40}, "6 rounds of 40 iterations .* room for 200"),
+        ({"ssim_weight": 1.5}, "ssim_weight is 1.5"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_its_name(change, message):
+    with pytest.raises(InputError, match=message):
+        FitOptions(**change)
+
+
+def test_falloff_follows_the_blending():
+    assert FitOptions().falloff == "adaptive"
+    assert FitOptions(blend="add").falloff == "gaussian"
+
+
+def test_without_relocation_none_is_placed_anew(photo):
+    def moved(relocate: bool) -> int:
+        ages = []
+        options = FitOptions(60, 80, blend="add", relocate=relocate)
+        rule = FixedCount(options.schedule, options.gaussians, options.iterations)
+        run = Run(photo, options, rule, progress=lambda _: ages.append(run.state.age.copy()))
+        run.fit()
+        full = [age for age in ages if len(age) == 60]
+        return sum(int((b < a).sum()) for a, b in itertools.pairwise(full))
+
+    assert moved(True) > 0
+    assert moved(False) == 0
+
+
+@pytest.mark.parametrize("weight", [0.0, 0.3, 1.0])
+def test_losses_weigh_ssim_as_they_are_told(weight):
+    rng = np.random.default_rng(0)
+    rendered, target = rng.random((2, 3, 20, 24))
+    pixel, by_pixel = image_gradient("l1", rendered, target)
+    value, gradient = image_gradient("l1+ssim", rendered, target, weight)
+    structure, by_structure = image_gradient("l1+ssim", rendered, target, 1.0)
+    assert value == pytest.approx((1 - weight) * pixel + weight * structure)
+    np.testing.assert_allclose(
+        gradient, (1 - weight) * by_pixel + weight * by_structure, atol=1e-12
+    )
+
+
+def test_a_heavier_ssim_keeps_more_structure(photo):
+    options = {"gaussians": 200, "iterations": 80, "loss": "mse+ssim"}
+    scores = []
+    for weight in (0.0, 0.5):
+        drawn = render(fit(photo, FitOptions(ssim_weight=weight, **options)).scene)
+        scores.append((metrics.psnr(drawn, photo), metrics.ssim(drawn, photo)))
+    (psnr, ssim), (psnr_structure, ssim_structure) = scores
+    assert ssim_structure > ssim + 0.01
+    assert psnr_structure < psnr
