@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from gauss2svg.finish import Finish, finished
 from gauss2svg.fit.options import FitProgress, FitResult
 from gauss2svg.render.cpu import removal_cost, splats_of
-from gauss2svg.roundtrip import RoundTrip
+from gauss2svg.roundtrip import RoundTrip, round_trip
 from gauss2svg.scene import Scene
 from gauss2svg.svg import Page, SvgOptions, file_bytes, write_svg
 
@@ -76,6 +77,28 @@ def trimmed(attempt: Attempt, limit: int, picture: NDArray[np.float32]) -> Attem
         svg = write_svg(scene, attempt.options, attempt.page)
         attempt = dataclasses.replace(attempt, scene=scene, svg=svg, error=np.nan)
     return attempt
+
+
+def measured(
+    attempt: Attempt,
+    photo: NDArray[np.float32],
+    working: NDArray[np.float32],
+    renderer: str,
+    deadline: float | None,
+) -> RoundTrip:
+    """At the photo's size; where time is short, at the size that the fit ran on.
+
+    photo and working (h, w, 3); deadline as time.perf_counter() counts, in s, or None.
+    """
+    if photo.shape != working.shape and deadline is not None:
+        begun = time.perf_counter()
+        height, width = working.shape[:2]
+        scene = attempt.scene.scaled(width / attempt.scene.width, height / attempt.scene.height)
+        smaller = round_trip(attempt.svg, scene, working, renderer)
+        now = time.perf_counter()
+        if (now - begun) * photo.size / working.size > deadline - now:
+            return smaller
+    return round_trip(attempt.svg, attempt.scene, photo, renderer)
 
 
 def finished_attempt(

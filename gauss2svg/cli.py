@@ -48,10 +48,16 @@ def vectorize_command(
     time_limit: float | None = None,
     quality: Literal["draft", "fast", "balanced", "high", "max"] = "balanced",
     iterations: int | None = None,
-    init: Literal["selective", "error", "random"] = "selective",
+    init: Literal["selective", "error", "random", "live"] = "selective",
     schedule: Literal["exponential", "linear", "all-at-once"] = "exponential",
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse",
-    falloff: Literal["gaussian", "adaptive"] = "adaptive",
+    ssim_weight: float = 0.2,
+    per_round: int | None = None,
+    round_iterations: int | None = None,
+    relocate: bool = True,
+    blend: Literal["over", "add"] = "over",
+    portable: Annotated[bool, Parameter(negative="")] = False,
+    falloff: Literal["gaussian", "adaptive"] | None = None,
     max_size: int | None = None,
     form: Literal["gradient", "blur", "hybrid"] = "gradient",
     palette: int | None = None,
@@ -96,14 +102,28 @@ def vectorize_command(
     iterations
         Steps of the optimiser; as many as the quality says if not given.
     init
-        Where new Gaussians go: on the largest components of the error, by squared error, at random.
+        Where new Gaussians go: on the largest components of the error, by squared error, at random,
+        or on components as the paper's formula says.
     schedule
         How a given number is reached from round to round.
     loss
         What the fit makes small; those with ssim keep more texture and take longer.
+    ssim_weight
+        Of structural similarity in those losses, 0 to 1.
+    per_round
+        How many a round adds: exponential ones 1, 2, 4, .. up to this, linear ones this.
+    round_iterations
+        Steps of the optimiser in each round.
+    relocate
+        Place anew, on the way, what is missed least.
+    blend
+        over: shapes are painted over each other; add: the paper's sum of Gaussians of signed
+        colours, in a file for resvg, browsers, librsvg and Inkscape.
+    portable
+        Convert the sum to shapes painted over each other, for every renderer.
     falloff
-        adaptive: each shape learns how crisp its rim is; gaussian: all are soft, as in the
-        paper.
+        adaptive, the default: each shape learns how crisp its rim is; gaussian: all are soft, as
+        in the paper and in every sum.
     max_size
         Longest side in pixels of the picture that the fit runs on.
     form
@@ -195,6 +215,12 @@ def vectorize_command(
             init=init,
             schedule=schedule,
             loss=loss,
+            ssim_weight=ssim_weight,
+            per_round=per_round,
+            round_iterations=round_iterations,
+            relocate=relocate,
+            blend=blend,
+            portable=portable,
             max_size=max_size,
             form=form,
             palette=palette,

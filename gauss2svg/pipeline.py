@@ -25,7 +25,7 @@ from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
 from gauss2svg.finish import Finish
 from gauss2svg.fit import FitProgress
-from gauss2svg.fit.losses import DEFAULT_LOSS
+from gauss2svg.fit.losses import DEFAULT_LOSS, SSIM_WEIGHT
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
@@ -35,7 +35,7 @@ from gauss2svg.pursuit import Pursuit
 from gauss2svg.quality import DEFAULT_QUALITY
 from gauss2svg.raster import DEFAULT_RENDERER
 from gauss2svg.request import Request
-from gauss2svg.scene import BLENDS, Scene
+from gauss2svg.scene import OVER, Scene
 from gauss2svg.svg import GRADIENT, Page, bytes_by_part, file_bytes, is_svgz, outline_svg
 from gauss2svg.svg.encode import LARGEST_NUMBER
 from gauss2svg.svg.page import DEFAULT_TITLE
@@ -56,9 +56,9 @@ ProgressCallback = Callable[["Progress"], None]
 class Progress:
     """What `vectorize` is doing: phase, and the state of the fit while that is the phase.
 
-    phase  "read", "compile", "fit", "write", "measure"; with targets "correct" may follow, and
-           the last three again; last of all "finish", if it was asked for. fit is there at
-           "fit", "correct" and "finish"
+    phase  "read", "compile", with portable "sum", "fit", "write", "measure"; with targets
+           "correct" may follow, and the last three again; last of all "finish", if it was asked
+           for. fit is there at "sum", "fit", "correct" and "finish"
     """
 
     phase: str
@@ -120,7 +120,12 @@ def vectorize(
     init: str = DEFAULT_PLACEMENT,
     schedule: str = DEFAULT_SCHEDULE,
     loss: str = DEFAULT_LOSS,
-    blend: str = BLENDS[0],
+    ssim_weight: float = SSIM_WEIGHT,
+    per_round: int | None = None,
+    round_iterations: int | None = None,
+    relocate: bool = True,
+    blend: str = OVER,
+    portable: bool = False,
     falloff: str | None = None,
     max_size: int | None = None,
     form: str = GRADIENT,
@@ -156,10 +161,17 @@ def vectorize(
                 None: the quality's
     form        of shapes in the file: gradient, for every renderer; blur or hybrid, for those
                 of gauss2svg.raster.DRAW_TURNED_BLURS
-    init        placement selective, error or random
+    init        placement selective, error or random; live: the paper's selective one
     schedule    of a given count: exponential, linear or all-at-once
-    loss        mse, l1, mse+ssim or l1+ssim; blend: over
-    falloff     gaussian: the paper's; adaptive: each shape learns how crisp its rim is
+    loss        mse, l1, mse+ssim or l1+ssim; ssim_weight: of 1 - SSIM in it, 0..1
+    per_round   the paper's rounds: exponential ones add min(2^i, per_round), linear ones
+                per_round each; round_iterations: of each
+    relocate    whether the fit places anew, on the way, what is missed least
+    blend       over: painted over each other; add: the paper's sum of Gaussians of eight
+                parameters, in a file for the renderers of gauss2svg.raster.DRAW_BLENDS
+    portable    the sum is converted to shapes painted over each other, for every renderer
+    falloff     gaussian: the paper's; adaptive: each shape learns how crisp its rim is; None:
+                that, save in a sum
     seed        >= 0; the same seed gives the same SVG, whatever the number of threads,
                 except under a time limit
                 (selective placement hardly draws at random: seeds differ little there)
@@ -191,7 +203,8 @@ def vectorize(
     )
     request = Request(
         gaussians, quality, iterations, init, schedule, loss, blend, max_size, form,
-        palette, stops, precision, seed, dtype, falloff, renderer, finish, targets, gzip,
+        palette, stops, precision, seed, dtype, falloff, renderer, finish, targets,
+        portable, per_round, round_iterations, ssim_weight, relocate, gzip,
     )  # fmt: skip
     tell = progress or (lambda _: None)
 
@@ -207,7 +220,7 @@ def vectorize(
     request = dataclasses.replace(request, page=page)
     with _threads(threads) as thread_count:
         tell(Progress("compile"))
-        compile_s = compile_kernels(dtype)
+        compile_s = compile_kernels(dtype, blend)
         deadline = None
         if time_limit is not None:
             # A compilation, once in a machine's life, does not count.
@@ -244,7 +257,12 @@ def vectorize(
         "init": init,
         "schedule": schedule,
         "loss": loss,
+        "ssim_weight": ssim_weight,
+        "per_round": per_round,
+        "round_iterations": round_iterations,
+        "relocate": relocate,
         "blend": blend,
+        "portable": portable,
         "falloff": request.fit_options.falloff,
         "form": outcome.svg_options.form,
         "palette": outcome.svg_options.palette if request.palette_is_counted else None,

@@ -17,17 +17,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
-from gauss2svg.attempt import Attempt, Outcome, finished_attempt, trimmed
+from gauss2svg.attempt import Attempt, Outcome, finished_attempt, measured, trimmed
 from gauss2svg.finish import Finish
-from gauss2svg.fit.options import FitProgress
-from gauss2svg.fit.rules import FIRST_ROUND, Demand, FixedCount, Rule, SceneDecides, Snapshot
+from gauss2svg.fit.options import FitProgress, FitResult
+from gauss2svg.fit.rules import (
+    FIRST_ROUND,
+    Demand,
+    FixedCount,
+    Revise,
+    Rule,
+    SceneDecides,
+    Snapshot,
+    as_demanded,
+)
 from gauss2svg.fit.run import Run
 from gauss2svg.fit.schedule import GROWTH_SHARE
 from gauss2svg.raster import rasterize
+from gauss2svg.rehearsal import seconds_after
 from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.request import Request
-from gauss2svg.roundtrip import RoundTrip, measure_pixels, round_trip
+from gauss2svg.roundtrip import RoundTrip
 from gauss2svg.scene import Scene
 from gauss2svg.svg import arranged, file_bytes, settled, write_svg
 from gauss2svg.svg.layers import segment_at
@@ -51,13 +61,10 @@ _CALIBRATIONS = 2  # of a search that ran on a smaller picture
 _CORRECTION_SHARE = 0.25  # of the iterations of a fit, but not under
 _LEAST_STEPS = 40
 _WRITING_LOSS = 0.06  # of the model's error that the file is expected to add at first
-# Every Gaussian in so many is written and drawn to see how long all will take.
-_SAMPLE = 8
-_SLACK_S = 0.1  # for what is not measured: the report, saving, the end of the process
 _RESERVE_SHARE = 0.3  # of the time left, for what follows the fit, until it is measured
+_SUM_SHARE = 0.35  # of the time, for the sum that a portable form begins with
 _REHEARSE_AT = 0.4  # share of the fit done
 _MOST_RESERVED = 0.6  # share of the time left then for what follows; with more, Gaussians go
-_STRIPS = 4  # the picture is measured on one of so many strips to see how long all will take
 _AT_THE_CAP = 0.95
 _LEAST_LEFT = 0.05  # of an attempt's error, whatever the photo's own size takes off
 # dB that a fit may end under and over the quality's PSNR without a correction; over it only
@@ -98,44 +105,67 @@ class Pursuit:
         self._bytes_known = False
         self._rehearsed = deadline is None
         self._attempts: list[Attempt] = []
-        fit_deadline = None
-        if deadline is not None:
-            now = time.perf_counter()
-            fit_deadline = deadline - _RESERVE_SHARE * max(deadline - now, 0.0)
+        self._sum: FitResult | None = None
         self._most = 0, "gaussians"
-        self._rule = self._rule_asked_for()
-        labels = request.page.segments
+        if not request.portable:
+            self._begin()
+
+    def _begin(self) -> None:
+        """A run of the fit that is written, in the time that is left."""
+        self._rule = self._rule_asked_for(self._revise)
+        labels = self._request.page.segments
         self._run = Run(
-            working, request.fit_options, self._rule, fit_deadline, self._on_step, self._as_written,
+            self._working, self._request.fit_options, self._rule, self._fit_deadline(),
+            self._on_step, self._as_written,
             segment_at=None if labels is None else partial(segment_at, labels),
         )  # fmt: skip
+
+    def _fit_deadline(self, share: float = 1 - _RESERVE_SHARE) -> float | None:
+        """When the fit is to end that may use this share of the time left."""
+        if self._deadline is None:
+            return None
+        now = time.perf_counter()
+        return now + share * max(self._deadline - now, 0.0)
 
     def run(self) -> Outcome:
         """Fit, then correct until the targets are met or out of reach."""
         with kernel_lock:
+            if self._request.portable:
+                self._begin_with_a_sum()
             self._run.fit()
             self._attempts.append(self._attempt())
-            best, measured = self._search()
+            best, found = self._search()
             for _ in range(_CALIBRATIONS):
-                if not self._calibrate(best, measured):
+                if not self._calibrate(best, found):
                     break
-                best, measured = self._search()
+                best, found = self._search()
             finish = None
             if self._request.finish is not None:
                 best, finish = self._finished(best, self._request.finish)
                 self._tell("measure", None)
-                measured = self._measure(best)
-        reason = self._stop_reason(best, measured.psnr_svg)
-        fitted = dataclasses.replace(self._run.result(), stop_reason=reason)
+                found = self._measured(best)
+        reason = self._stop_reason(best, found.psnr_svg)
+        fitted = self._run.result().after(self._sum, reason)
         return Outcome(
             scene=best.scene,
             svg=best.svg,
             svg_options=self._request.svg_options(len(best.scene), None),
             fitted=fitted,
-            measured=measured,
+            measured=found,
             corrections=len(self._attempts) - 1,
             finish=finish,
         )
+
+    def _begin_with_a_sum(self) -> None:
+        """Fit a sum, and go on with its Gaussians painted over each other."""
+        run = Run(
+            self._working, self._request.sum_options, self._rule_asked_for(as_demanded),
+            self._fit_deadline(_SUM_SHARE), partial(self._tell, "sum"),
+        )  # fmt: skip
+        run.fit()
+        self._sum = run.result()
+        self._begin()
+        self._run.adopt(self._sum.scene)
 
     def _finished(self, best: Attempt, name: str) -> tuple[Attempt, Finish]:
         limit = self._targets.max_bytes or math.inf
@@ -146,9 +176,9 @@ class Pursuit:
         self._correct()
         best = self._within_bytes(self._best())
         self._tell("measure", None)
-        return best, self._measure(best)
+        return best, self._measured(best)
 
-    def _rule_asked_for(self) -> Rule:
+    def _rule_asked_for(self, revise: Revise) -> Rule:
         request, options = self._request, self._request.fit_options
         if request.count is not None and not request.scene_decides:
             return FixedCount(
@@ -171,7 +201,7 @@ class Pursuit:
                 demand, gain=0.0, psnr=wanted, psnr_named="target_psnr", cap=cap
             )
         self._most = demand.cap, demand.cap_named
-        return SceneDecides(demand, self._revise)
+        return SceneDecides(demand, revise)
 
     def _revise(self, demand: Demand, now: Snapshot) -> Demand:
         """The demand with as many Gaussians as the bytes and the time allow."""
@@ -193,30 +223,12 @@ class Pursuit:
         self._tell(self._phase, progress)
         if not self._rehearsed and progress.done > _REHEARSE_AT and self._deadline is not None:
             self._rehearsed = True
-            reserve = self._seconds_after(self._run.scene(), progress.psnr)
+            write = partial(self._write, psnr=progress.psnr)
+            reserve = seconds_after(self._run.scene(), write, self._working, self._request.renderer)
             self._run.clock.deadline = self._deadline - reserve
             most = _MOST_RESERVED * self._time_left() / reserve
             if most < 1:
                 self._most = max(1, int(progress.gaussians * most)), "time_limit"
-
-    def _seconds_after(self, scene: Scene, psnr: float) -> float:
-        """How long writing, drawing and measuring will take, from a part of the Gaussians."""
-        height, width = self._working.shape[:2]
-        part = scene.select(np.arange(0, len(scene), _SAMPLE))
-        self._write(part, psnr)  # stops are computed once, for all
-        begun = time.perf_counter()
-        svg = self._write(part, psnr)
-        written = time.perf_counter()
-        rasterize(svg, width, height, self._request.renderer)
-        drawn = time.perf_counter()
-        rasterize(write_svg(scene.select(np.arange(0))), width, height, self._request.renderer)
-        blank = time.perf_counter()
-        strip = self._working[: max(height // _STRIPS, 1)]
-        measure_pixels(strip, strip)
-        measured = time.perf_counter()
-        draw_all = (blank - drawn) + _SAMPLE * max((drawn - written) - (blank - drawn), 0.0)
-        write_all = _SAMPLE * (written - begun)
-        return write_all + draw_all + _STRIPS * (measured - blank) + _SLACK_S
 
     def _time_left(self) -> float:
         return math.inf if self._deadline is None else self._deadline - time.perf_counter()
@@ -355,19 +367,9 @@ class Pursuit:
             return attempt
         return trimmed(attempt, limit, self._working)
 
-    def _measure(self, best: Attempt) -> RoundTrip:
-        """At the photo's size; where time is short, at the size that the fit ran on."""
+    def _measured(self, best: Attempt) -> RoundTrip:
         renderer = self._request.renderer
-        smaller = self._photo.shape != self._working.shape
-        if smaller and self._deadline is not None:
-            begun = time.perf_counter()
-            height, width = self._working.shape[:2]
-            scene = best.scene.scaled(width / best.scene.width, height / best.scene.height)
-            measured = round_trip(best.svg, scene, self._working, renderer)
-            needed = (time.perf_counter() - begun) * self._photo.size / self._working.size
-            if needed > self._time_left():
-                return measured
-        return round_trip(best.svg, best.scene, self._photo, renderer)
+        return measured(best, self._photo, self._working, renderer, self._deadline)
 
     def _calibrate(self, best: Attempt, measured: RoundTrip) -> bool:
         """Whether the photo's own size tells another PSNR than the search went by."""

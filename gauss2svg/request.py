@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass, field
 from functools import cached_property
 
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.finish import FINISHES, renderers_of
-from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions
+from gauss2svg.fit.losses import SSIM_WEIGHT
+from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions, check_blend
 from gauss2svg.quality import Quality, quality_named
-from gauss2svg.raster import DRAW_TURNED_BLURS, renderer_version
-from gauss2svg.scene import BLENDS
+from gauss2svg.raster import DRAW_BLENDS, DRAW_TURNED_BLURS, renderer_version
+from gauss2svg.scene import ADD, OVER
 from gauss2svg.svg import GRADIENT, Page, SvgOptions
 from gauss2svg.targets import Targets
 
@@ -45,6 +47,11 @@ class Request:
     renderer: str
     finish: str | None
     targets: Targets
+    portable: bool = False
+    per_round: int | None = None
+    round_iterations: int | None = None
+    ssim_weight: float = SSIM_WEIGHT
+    relocate: bool = True
     gzip: bool = False
     page: Page = field(default_factory=Page)
 
@@ -58,10 +65,12 @@ class Request:
         elif self.gaussians is not None:
             count = whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
             object.__setattr__(self, "gaussians", count)
-        if self.blend not in BLENDS:
-            raise InputError(f"blend is {self.blend!r}; needed is one of {', '.join(BLENDS)}")
-        if not isinstance(self.gzip, bool):
-            raise InputError(f"gzip is {self.gzip!r}; needed is True or False")
+        check_blend(self.blend)
+        for name in ("gzip", "portable", "relocate"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputError(f"{name} is {getattr(self, name)!r}; needed is True or False")
+        self._check_blending()
+        self._check_rounds()
         whole_number("max_size", self.side, 1, 2**31 - 1)
         if self.form != GRADIENT and self.renderer not in DRAW_TURNED_BLURS:
             raise RendererError(
@@ -72,6 +81,43 @@ class Request:
         renderer_version(self.renderer)
         self._check_finish()
         _ = self.fit_options, self.svg_options(0, None)
+
+    def _check_blending(self) -> None:
+        """Refuse what a sum cannot have, unless it is written in the portable form."""
+        if self.portable and self.blend != ADD:
+            raise InputError(
+                f"portable is asked for with blend {self.blend}, portable as it is; needed is "
+                f"blend {ADD}"
+            )
+        if self.writes != ADD:
+            return
+        if self.renderer not in DRAW_BLENDS:
+            raise RendererError(
+                f"{self.renderer} does not draw sums, which need mix-blend-mode; needed is one of "
+                f"{', '.join(DRAW_BLENDS)}: try --renderer {DRAW_BLENDS[0]}, or --portable"
+            )
+        page = self.page
+        for name, given in {
+            f"form {self.form}": self.form != GRADIENT,
+            f"finish {self.finish}": self.finish is not None,
+            "segments": page.segments is not None,
+            "animate": page.animate is not None,
+        }.items():
+            if given:
+                raise InputError(
+                    f"{name} is asked for with blend {ADD}, whose file has neither layers in "
+                    "painter's order nor opacities; leave it out, or write the sum in the portable "
+                    "form: --portable"
+                )
+
+    def _check_rounds(self) -> None:
+        for name in ("per_round", "round_iterations"):
+            value = getattr(self, name)
+            if value is not None and self.scene_decides:
+                raise InputError(
+                    f"{name} is {value}, of a schedule to a given count; needed is a number of "
+                    "gaussians, and no target"
+                )
 
     def _check_finish(self) -> None:
         if self.finish is None:
@@ -116,9 +162,19 @@ class Request:
         """Longest side in px of the picture that the fit runs on."""
         return self.preset.max_size if self.max_size is None else self.max_size
 
+    @property
+    def writes(self) -> str:
+        """How the shapes of the file blend."""
+        return OVER if self.portable else self.blend
+
+    @cached_property
+    def sum_options(self) -> FitOptions:
+        """How to fit the sum that a portable form begins with."""
+        return dataclasses.replace(self.fit_options, blend=ADD, falloff=None)
+
     @cached_property
     def fit_options(self) -> FitOptions:
-        """How to fit: a time limit alone takes the place of the quality's iterations."""
+        """How to fit what is written: a time limit alone takes the place of the iterations."""
         iterations, targets = self.iterations, self.targets
         only_time = targets == Targets(time_limit_s=targets.time_limit_s) != Targets()
         if iterations is None and not only_time:
@@ -132,8 +188,12 @@ class Request:
             seed=self.seed,
             dtype=self.dtype,
             falloff=self.falloff,
-            blend=self.blend,
-        )  # fmt: skip
+            blend=self.writes,
+            per_round=self.per_round,
+            round_iterations=self.round_iterations,
+            ssim_weight=self.ssim_weight,
+            relocate=self.relocate,
+        )
 
     def svg_options(self, gaussians: int, error: float | None) -> SvgOptions:
         """How to write a scene of so many Gaussians and, if known, mean squared error."""

@@ -21,7 +21,11 @@ _PHASES = {
     "write": "writing the SVG",
     "measure": "drawing and measuring the SVG",
 }
-_NAMED = {"correct": "correcting", "finish": "finishing"}  # with numbers as a fit has them
+_NAMED = {
+    "sum": "summing",
+    "correct": "correcting",
+    "finish": "finishing",
+}  # with numbers as a fit has them
 
 
 _ENDED_BY = {

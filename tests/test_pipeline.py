@@ -83,10 +83,10 @@ def test_warming_up_compiles_all_that_a_run_needs():
     code = (
         "import numpy as np; from gauss2svg import vectorize; "
         "from gauss2svg.warmup import compile_kernels; compile_kernels(); "
-        "from gauss2svg.render.cpu import _walk_tiles; "
+        "from gauss2svg.render.walk import walk_tiles; "
         "from gauss2svg.render.tiles import find_pairs; "
         "vectorize(np.random.default_rng(0).random((20, 20, 3)), gaussians=9, iterations=9); "
-        "print(len(find_pairs.signatures), len(_walk_tiles.signatures))"
+        "print(len(find_pairs.signatures), len(walk_tiles.signatures))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.split() == ["1", "1"]

@@ -14,14 +14,14 @@ from typing import Any
 
 from gauss2svg.bench.worker import TOOL
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import FALLOFFS
+from gauss2svg.falloff import FALLOFFS, GAUSSIAN
 from gauss2svg.fit.losses import LOSSES
 from gauss2svg.fit.options import DTYPES, MOST_GAUSSIANS
 from gauss2svg.fit.placement import PLACEMENTS
 from gauss2svg.fit.schedule import SCHEDULES
 from gauss2svg.quality import QUALITIES
-from gauss2svg.raster import DEFAULT_RENDERER, DRAW_TURNED_BLURS, RENDERERS
-from gauss2svg.scene import BLENDS
+from gauss2svg.raster import DEFAULT_RENDERER, DRAW_BLENDS, DRAW_TURNED_BLURS, RENDERERS
+from gauss2svg.scene import ADD, BLENDS
 from gauss2svg.svg import FORMS, GRADIENT
 from gauss2svg.svg.options import LEAST_PRECISION, MOST_PRECISION
 from gauss2svg.svg.stops import STOP_COUNTS
@@ -153,7 +153,10 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
 
 
 def _check_drawn(settings: Mapping[str, Any]) -> None:
-    """Raise InputError for a form that the renderer does not draw: every run would fail."""
+    """Raise InputError for what the renderer does not draw, or a sum cannot have.
+
+    Every run would fail.
+    """
     form = settings.get("form", GRADIENT)
     renderer = settings.get("renderer", DEFAULT_RENDERER)
     if form != GRADIENT and renderer not in DRAW_TURNED_BLURS:
@@ -161,6 +164,18 @@ def _check_drawn(settings: Mapping[str, Any]) -> None:
             f"axes have form {form} drawn by {renderer}, which does not draw it; needed is one of "
             f"{', '.join(DRAW_TURNED_BLURS)}: add --axis renderer={DRAW_TURNED_BLURS[0]}, or leave "
             "the form out"
+        )
+    if settings.get("blend") != ADD:
+        return
+    if renderer not in DRAW_BLENDS:
+        raise InputError(
+            f"axes have blend {ADD} drawn by {renderer}, which does not draw it; needed is one of "
+            f"{', '.join(DRAW_BLENDS)}"
+        )
+    if form != GRADIENT or settings.get("falloff", GAUSSIAN) != GAUSSIAN:
+        raise InputError(
+            f"axes have blend {ADD} with another form than {GRADIENT} or another falloff than "
+            f"{GAUSSIAN}, which sums do not have; leave one axis out"
         )
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 from gauss2svg.checks import number_within, whole_number
 from gauss2svg.errors import InputError
@@ -146,3 +148,11 @@ class FitResult:
     cpu_s: float
     pixel_pairs: int
     stop_reason: str
+
+    def after(self, before: FitResult | None, stop_reason: str) -> FitResult:
+        """With the costs of a fit before it, and another reason of its end."""
+        costs = ("iterations", "wall_s", "cpu_s", "pixel_pairs")
+        changes: dict[str, Any] = {
+            name: getattr(self, name) + (getattr(before, name) if before else 0) for name in costs
+        }
+        return dataclasses.replace(self, stop_reason=stop_reason, **changes)

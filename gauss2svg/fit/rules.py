@@ -124,6 +124,9 @@ class Demand:
     cap_named: str = "cap"
 
 
+Revise = Callable[[Demand, Snapshot], Demand]
+
+
 def as_demanded(demand: Demand, now: Snapshot) -> Demand:
     """The demand, unchanged."""
     return demand
@@ -142,9 +145,7 @@ class SceneDecides:
     revise(demand, now) may put another demand in place at every question.
     """
 
-    def __init__(
-        self, demand: Demand, revise: Callable[[Demand, Snapshot], Demand] = as_demanded
-    ) -> None:
+    def __init__(self, demand: Demand, revise: Revise = as_demanded) -> None:
         self.demand = demand
         # One for the leap.
         self.rounds = max(1, math.ceil(math.log2(max(demand.cap, 1) / FIRST_ROUND)) + 2)

@@ -16,6 +16,7 @@ from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit import adam
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.clock import Clock
+from gauss2svg.fit.convert import painted
 from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
 from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
@@ -120,6 +121,11 @@ class Run:
                 total = self.options.iterations
                 steps = None if total is None else total - self.clock.iteration
                 self._refine(steps, GROWTH_SHARE)
+
+    def adopt(self, scene: Scene) -> None:
+        """Begin with a sum's Gaussians, painted over each other; before `fit`."""
+        self.state = painted(scene, self._target.planar, self.options)
+        self._round_index = int(self.state.round_index.max(initial=0))
 
     def resize(self, count: int, iterations: int) -> None:
         """Change the number of Gaussians of a finished fit, and refine them again."""

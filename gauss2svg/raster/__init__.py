@@ -12,9 +12,16 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.image import over_white
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
 from gauss2svg.raster.root import stretched
-from gauss2svg.raster.support import DRAW_TURNED_BLURS, refuse_unsupported
+from gauss2svg.raster.support import DRAW_BLENDS, DRAW_TURNED_BLURS, refuse_unsupported
 
-__all__ = ["DEFAULT_RENDERER", "DRAW_TURNED_BLURS", "RENDERERS", "rasterize", "renderer_version"]
+__all__ = [
+    "DEFAULT_RENDERER",
+    "DRAW_BLENDS",
+    "DRAW_TURNED_BLURS",
+    "RENDERERS",
+    "rasterize",
+    "renderer_version",
+]
 
 
 class _Renderer(Protocol):

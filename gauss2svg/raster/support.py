@@ -28,6 +28,7 @@ from gauss2svg.raster.css import plain_css, without_blocks
 
 BROWSERS = ("chromium", "firefox")
 DRAW_TURNED_BLURS = (*BROWSERS, "inkscape")
+DRAW_BLENDS = ("resvg", *BROWSERS, "librsvg", "inkscape")  # of mix-blend-mode
 # A file without any of these uses nothing of the table, and is not parsed. Escapes of CSS and
 # XML could hide a word.
 _WORDS = (
@@ -87,7 +88,7 @@ def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str,
     if used.lighter:
         yield "mix-blend-mode: plus-lighter", BROWSERS
     if used.blended:
-        yield "mix-blend-mode", ("resvg", *BROWSERS, "librsvg", "inkscape")
+        yield "mix-blend-mode", DRAW_BLENDS
     if used.plain_href:
         yield "href without xlink:", ("resvg", "cairo", *BROWSERS, "librsvg")
     if used.moving:
