@@ -125,16 +125,21 @@ def number(value: float, decimals: int) -> str:
     return text
 
 
-def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
-    """Numbers of the SVG of a scene; depends on nothing but the two arguments.
-
-    Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out.
-    """
+def check_canvas(scene: Scene) -> None:
+    """Raise SceneError for a canvas that is too small to be written."""
     if min(scene.width, scene.height) < _SMALLEST_CANVAS:
         raise SceneError(
             f"canvas is {scene.width:g}x{scene.height:g} px; an SVG needs at least "
             f"{_SMALLEST_CANVAS} px a side: scale the scene up"
         )
+
+
+def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
+    """Numbers of the SVG of a scene; depends on nothing but the two arguments.
+
+    Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out.
+    """
+    check_canvas(scene)
     scene = settled(scene, options)
     plain, blur = is_plain(scene), drawn_blurs(scene)
     blurred = ~plain & (blur >= 0) & (options.form != GRADIENT)
@@ -216,20 +221,29 @@ def _layers(
 
 
 def _ellipse(discs: _Discs, i: int, options: SvgOptions) -> Ellipse | None:
-    unit, factor = int(discs.unit[i]), discs.factor[i]
-    decimals = round(math.log10(unit))
-    a, b, d = (
-        number(v / (unit * options.precision), decimals)
-        for v in (factor[0, 0], factor[1, 0], factor[1, 1])
-    )
-    e, f = (number(v / options.precision, 0) for v in discs.mean[i])
+    matrix = matrix_text(discs.factor[i], discs.mean[i], options.precision, int(discs.unit[i]))
     shown = number(discs.opacity[i], options.opacity_decimals)
-    if "0" in (shown, a, d):
+    if shown == "0" or not matrix:
         return None
     return Ellipse(
-        i, discs.fill[i], number(discs.circle[i], 1), f"matrix({a} {b} 0 {d} {e} {f})",
+        i, discs.fill[i], number(discs.circle[i], 1), matrix,
         "" if shown == "1" else shown, discs.filter[i],
     )  # fmt: skip
+
+
+def matrix_text(
+    factor: NDArray[np.float64], mean: NDArray[np.float64], precision: float, unit: int = 1
+) -> str:
+    """Transform of a circle of radius `unit`, a power of ten; "" where an extent is written as 0.
+
+    factor  (2, 2) in px, of that circle, lower triangular; mean (2,) in px
+    """
+    decimals = round(math.log10(unit))
+    a, b, d = (
+        number(v / (unit * precision), decimals) for v in (factor[0, 0], factor[1, 0], factor[1, 1])
+    )
+    e, f = (number(v / precision, 0) for v in mean)
+    return "" if "0" in (a, d) else f"matrix({a} {b} 0 {d} {e} {f})"
 
 
 def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) -> Gradient:

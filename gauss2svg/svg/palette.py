@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import heapq
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,8 @@ _LEAST_AIM = 0.1
 # 27.15, 27.46, 27.46, 27.38 dB, of at most 30 kB 23.05, 23.20, 23.52, 23.48 (Gaussians alone 27.05
 # and 22.51); three Kodak photos of 5000 shapes 31.84, 31.84, 31.80, 31.74 dB.
 _BETA_WEIGHT = 0.1
+
+_Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 
 
 @dataclass(frozen=True)
@@ -56,24 +59,55 @@ def quantize(
     classes = np.array(BETA_CLASSES)[nearest_class(beta)]
     features = np.column_stack([color, _BETA_WEIGHT * np.log(classes)])
     exact = _rounded(features)
-    distinct = len(exact.color)
+    kept = _features(exact), exact.entry
+    entries, entry = _few(features, weight, count, allowed, kept, lambda e: _features(_rounded(e)))
+    return dataclasses.replace(_rounded(entries), entry=entry)
+
+
+def quantize_signed(
+    color: NDArray[np.float64], weight: NDArray[np.float64], count: int, allowed: float = 0.0
+) -> NDArray[np.float64]:
+    """Signed colours (n, 3) of which at most `count` are different, in place of color (n, 3).
+
+    As `quantize`, without exponents and without rounding.
+    """
+    distinct, entry = np.unique(color, axis=0, return_inverse=True)
+    kept = distinct, entry.reshape(-1)
+    entries, entry = _few(color, weight, count, allowed, kept, lambda means: means)
+    return entries[entry]
+
+
+def _few(
+    features: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    count: int,
+    allowed: float,
+    kept: _Entries,
+    written: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> _Entries:
+    """Entries as `quantize` chooses them for features (n, d): (k, d), and which each gets (n,).
+
+    kept     what is used where no fewer are needed
+    written  entries (k, d) as the file has them, distinct
+    """
+    distinct = len(kept[0])
     if distinct <= 1 or (allowed <= 0 and distinct <= count):
-        return exact
+        return kept
     floor = max(float(weight.mean()), np.finfo(np.float64).tiny) * 1e-3
     weight = weight + floor  # a colour that hardly shows still pulls a little
     if allowed <= 0:
-        return _lloyd(features, weight, _split(features, weight, count, 0.0)[0])
+        return _lloyd(features, weight, _split(features, weight, count, 0.0)[0], written)
     most = min(count, distinct)
     aim = allowed * _MENDED
     while True:
-        entries, left = _split(features, weight, most, aim)
-        palette = _lloyd(features, weight, entries)
-        missed = _features(palette)[palette.entry] - features
+        means, left = _split(features, weight, most, aim)
+        entries, entry = _lloyd(features, weight, means, written)
+        missed = entries[entry] - features
         if float(np.sum(weight * np.square(missed).sum(axis=1))) <= allowed:
-            return palette
-        if left > aim or len(entries) >= most or aim < allowed * _LEAST_AIM:
+            return entries, entry
+        if left > aim or len(means) >= most or aim < allowed * _LEAST_AIM:
             # No palette does; what is left is the rounding of the numbers.
-            return exact if distinct <= count else palette
+            return kept if distinct <= count else (entries, entry)
         aim *= _LESS
 
 
@@ -82,8 +116,11 @@ def _features(palette: Palette) -> NDArray[np.float64]:
 
 
 def _lloyd(
-    features: NDArray[np.float64], weight: NDArray[np.float64], entries: NDArray[np.float64]
-) -> Palette:
+    features: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    entries: NDArray[np.float64],
+    written: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> _Entries:
     for _ in range(_ITERATIONS):
         entry = KDTree(entries).query(features)[1]
         mass = np.bincount(entry, weight, len(entries))
@@ -92,9 +129,8 @@ def _lloyd(
             [np.bincount(entry, weight * column, len(entries)) for column in features.T], axis=1
         )
         entries = sums[used] / mass[used, None]
-    palette = _rounded(entries)
-    entry = np.asarray(KDTree(_features(palette)).query(features)[1], np.intp)
-    return dataclasses.replace(palette, entry=entry)
+    entries = written(entries)
+    return entries, np.asarray(KDTree(entries).query(features)[1], np.intp)
 
 
 def _rounded(features: NDArray[np.float64]) -> Palette:
@@ -109,7 +145,7 @@ def _rounded(features: NDArray[np.float64]) -> Palette:
 def _split(
     features: NDArray[np.float64], weight: NDArray[np.float64], count: int, aim: float
 ) -> tuple[NDArray[np.float64], float]:
-    """Means (k, 4) of clusters, k <= count, and the squared error that they leave.
+    """Means (k, d) of clusters, k <= count, and the squared error that they leave.
 
     The worst is cut in two, again and again, until no more than `aim` is left: at its mean,
     across its direction of largest variance (Wan, Wong and Prusinkiewicz, "An algorithm for

@@ -8,12 +8,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import InputError
 from gauss2svg.falloff import widening
 from gauss2svg.render.cpu import removal_cost, splats_of
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.blur import GRADIENT, HYBRID, blurs, chosen_blurs, drawn_blurs
 from gauss2svg.svg.options import SvgOptions
-from gauss2svg.svg.palette import quantize
+from gauss2svg.svg.palette import quantize, quantize_signed
 from gauss2svg.svg.plain import is_plain
 
 # Colours are weighted by what shows of them, measured on a picture of this side.
@@ -28,7 +29,11 @@ def settled(scene: Scene, options: SvgOptions) -> Scene:
     Gradients are shared by colour and exponent: both become those of a palette, and a shape's
     extent changes with its exponent so that its half-way rim stays. Plain ellipses and blurred
     discs need no gradient: they keep their colour, on 8 bits, plain ones their exponent as well.
+    Of an additive scene colours alone become those of a palette, and are not rounded.
+    Raises InputError for an additive scene in another form than gradients.
     """
+    if scene.blend == ADD:
+        return _settled_sum(scene, options)
     blur = chosen_blurs(scene, options.form)
     if options.form == HYBRID and not _blurs_save_bytes(scene, options):
         blur = np.where(drawn_blurs(scene) >= 0, blur, -1)
@@ -51,6 +56,20 @@ def settled(scene: Scene, options: SvgOptions) -> Scene:
         beta[shaded] = palette.beta[palette.entry]
     sigma *= widening(scene.betas, beta)[:, None]
     return scene.replace(beta=beta, sigma=sigma, color=color)
+
+
+def _settled_sum(scene: Scene, options: SvgOptions) -> Scene:
+    if options.form != GRADIENT:
+        raise InputError(
+            f"form is {options.form!r}, and the scene's blend 'add'; needed is {GRADIENT!r}: "
+            "blurs cannot be summed exactly"
+        )
+    if not len(scene) or not (options.palette or options.color_error):
+        return scene
+    weight, pixels = visible_mass(scene)
+    count = options.palette or len(scene)
+    allowed = options.color_error * 3 * pixels
+    return scene.replace(color=quantize_signed(scene.color, weight, count, allowed))
 
 
 def _blurs_save_bytes(scene: Scene, options: SvgOptions) -> bool:

@@ -11,6 +11,11 @@ The focal offset moves resvg to its accurate gradient (36 dB to 49 dB against th
 changes nothing elsewhere. Gradients in objectBoundingBox units, masks, rgba() colours and
 plain href were measured and fail in one renderer or another.
 
+An additive scene is written as differences (gauss2svg.svg.additive):
+
+    <g filter="url(#transfer)"> <rect fill="#.."/>
+      <g> <circle r="1" transform="matrix(..)" fill="url(#..)"/> ... </g> <rect fill="#f00"/> ...
+
 The root has role="img", with which Chromium gives a screen reader the title as its name and the
 desc as its description, inline or as a file of its own; aria-labelledby would add nothing.
 """
@@ -24,7 +29,9 @@ import svgwrite
 from svgwrite.extensions import Inkscape
 
 from gauss2svg.checks import number_within
-from gauss2svg.scene import Scene
+from gauss2svg.errors import InputError
+from gauss2svg.scene import ADD, Scene
+from gauss2svg.svg.additive import Ramp, encode_sum
 from gauss2svg.svg.canvas import CANVAS
 from gauss2svg.svg.encode import Ellipse, Filter, Gradient, encode, number
 from gauss2svg.svg.layers import Labels, arranged, runs, segment_of
@@ -33,6 +40,8 @@ from gauss2svg.svg.page import Page, round_id
 from gauss2svg.svg.strokes import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, Stroke, stroked
 from gauss2svg.version import __version__
 
+_SUM, _TRANSFER = "summed", "transfer"  # ids: longer than those of gradients
+
 
 def write_svg(scene: Scene, options: SvgOptions | None = None, page: Page | None = None) -> str:
     """The SVG text of a scene; depends on nothing but the scene, the options and the page.
@@ -40,8 +49,13 @@ def write_svg(scene: Scene, options: SvgOptions | None = None, page: Page | None
     What is drawn is gauss2svg.svg.settled(scene, options): exponents become those of
     BETA_CLASSES, under 1 too, and colours those of the palette. With segments shapes are in the
     order of gauss2svg.svg.arranged(scene, page.segments).
+
+    An additive scene is written as gauss2svg.svg.additive explains: its layers are phases, and
+    InputError is raised for a page with segments or animation.
     """
     options, page = options or SvgOptions(), page or Page()
+    if scene.blend == ADD:
+        return _write_sum(scene, options, page)
     scene = arranged(scene, page.segments)
     encoded = encode(scene, options)
     ellipses = [ellipse for _, of_round in encoded.layers for ellipse in of_round]
@@ -66,9 +80,13 @@ def outline_svg(scene: Scene, page: Page | None = None, stroke_width: float = OU
     as written, are left out.
 
     stroke_width  px, above 0
-    Raises InputError for a width that is none.
+    Raises InputError for a width that is none, and for an additive scene.
     """
     page = page or Page()
+    if scene.blend == ADD:
+        raise _not_for_sums(
+            "outlines", "their colours are differences, and no picture by themselves"
+        )
     width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
     scene = arranged(scene, page.segments)
     strokes = stroked(scene)
@@ -79,6 +97,43 @@ def outline_svg(scene: Scene, page: Page | None = None, stroke_width: float = OU
     ellipses = [_outline(drawing, one) for one in strokes]
     _add_layers(drawing, ellipses, scene, [one.index for one in strokes], page.segments)
     return _text(drawing)
+
+
+def _write_sum(scene: Scene, options: SvgOptions, page: Page) -> str:
+    if page.segments is not None:
+        raise _not_for_sums("segments", "its layers are the phases of the sum")
+    if page.animate is not None:
+        raise _not_for_sums("animation", "its parts are no pictures until all are drawn")
+    encoded = encode_sum(scene, options)
+    count = sum(len(phase.discs) for phase in encoded.phases)
+    drawing = _root(page, scene, (encoded.view_width, encoded.view_height), count)
+    drawing.defs.add(_transfer(drawing, encoded.transfer))
+    for ramp in encoded.ramps:
+        drawing.defs.add(_ramp(drawing, ramp))
+    # What is under the first rectangle is transparent, where a difference is what is drawn.
+    drawing.add(drawing.style(f"#{_SUM} circle,#{_SUM} rect{{mix-blend-mode:difference}}"))
+    inkscape = Inkscape(drawing)
+    group = inkscape.layer(label="Sum", id=_SUM, filter=f"url(#{_TRANSFER})")
+    whole = ("100%", "100%")
+    group.add(drawing.rect(size=whole, fill=encoded.background, id="background"))
+    for index, phase in enumerate(encoded.phases):
+        if phase.turned:  # beside the layers, so that one can be hidden without the other
+            group.add(drawing.rect(size=whole, fill=phase.turned))
+        layer = inkscape.layer(label=phase.label, id=f"phase-{index + 1}")
+        for disc in phase.discs:
+            circle = drawing.circle(r="1", transform=disc.matrix, fill=f"url(#{disc.ramp})")
+            del circle.attribs["cx"], circle.attribs["cy"]
+            layer.add(circle)
+        group.add(layer)
+    drawing.add(group)
+    return _text(drawing)
+
+
+def _not_for_sums(what: str, why: str) -> InputError:
+    return InputError(
+        f"the scene's blend is 'add', which has no {what}: {why}; needed is 'over': write it in "
+        "the portable source-over form (--portable)"
+    )
 
 
 def _root(page: Page, scene: Scene, view: tuple[str, str], count: int) -> Any:
@@ -109,6 +164,28 @@ def _gradient(drawing: Any, gradient: Gradient) -> Any:
     for offset, opacity in gradient.stops:
         shown = None if opacity == "1" else opacity
         element.add_stop_color(offset=offset, color=gradient.color, opacity=shown)
+    return element
+
+
+def _ramp(drawing: Any, ramp: Ramp) -> Any:
+    element = drawing.radialGradient(
+        center=("0", "0"), r="1", gradientUnits="userSpaceOnUse", id=ramp.id, debug=False
+    )
+    for offset, color in ramp.stops:
+        element.add_stop_color(offset=offset, color=color)
+    return element
+
+
+def _transfer(drawing: Any, transfer: Sequence[tuple[str, str]]) -> Any:
+    """The filter that maps channels by slope and intercept, all over the canvas at any size."""
+    element = drawing.filter(
+        start=("0", "0"), size=("100%", "100%"), filterUnits="userSpaceOnUse",
+        id=_TRANSFER, debug=False,
+    )  # fmt: skip
+    element["color-interpolation-filters"] = "sRGB"
+    mapped = element.feComponentTransfer()
+    for channel, (slope, intercept) in zip("RGB", transfer, strict=True):
+        getattr(mapped, f"feFunc{channel}")("linear", slope=slope, intercept=intercept)
     return element
 
 

@@ -1,0 +1,193 @@
+"""From an additive scene to the numbers and short strings of an SVG.
+
+A colour s drawn over v under mix-blend-mode: difference leaves |v - s|. On a canvas that holds
+s_c (P + o_c), P being a partial sum and s_c, o_c such that all of them lie in 0..1, it is taken
+from the picture; on 1 minus that it is added; and drawing full intensity turns a channel over from
+one to the other. A Gaussian is a circle whose opaque gradient runs from its colour, without signs,
+to black, which changes nothing. A filter on the group of them all maps the canvas back,
+
+    picture = P = background + slope (v - v_0),   slope = +-1 / s_c,
+
+v_0 being the background as it is written, so that rounding it shifts nothing; values beyond 0..1
+are clipped, as those of the scene are.
+
+Every layer rounds to 8 bits, and so do the stops' colours, so that the larger s_c the better; see
+gauss2svg.svg.phases for the order that allows it. No focal offset here: it changes nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.falloff import cut_radius
+from gauss2svg.scene import Scene
+from gauss2svg.svg.encode import check_canvas, hex_color, matrix_text, number, short_id
+from gauss2svg.svg.options import SvgOptions
+from gauss2svg.svg.phases import Phase, partial_sums, phases_of
+from gauss2svg.svg.settle import settled
+from gauss2svg.svg.stops import gradient_stops
+
+_WHITE = 255
+_MARGIN = 0.01  # of the span of partial sums, either side: layers round
+_LEAST_SPAN = 0.1  # less would but magnify what renderers round
+# Levels of 255 that are added in the end: resvg and Chromium cut what a filter yields down to
+# whole levels (bias -0.5 levels on two photos), the others round (0.0).
+_HALF_WAY = 0.25
+_CHANNELS = ("red", "green", "blue")
+_TRANSFER_DECIMALS = 5
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """A radial gradient of radius 1: its id, stops as (offset, opaque colour)."""
+
+    id: str
+    stops: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Disc:
+    """A circle of radius 1: the id of its gradient, its matrix."""
+
+    ramp: str
+    matrix: str
+
+
+@dataclass(frozen=True)
+class DrawnPhase:
+    """Circles that add to some channels and take from the others, after turning some over.
+
+    turned  the colour that turns channels over, "" where none is
+    label   what they do, in words
+    """
+
+    turned: str
+    label: str
+    discs: tuple[Disc, ...]
+
+
+@dataclass(frozen=True)
+class EncodedSum:
+    """Everything that the writer puts into elements, as text.
+
+    view_width, view_height  in user units
+    background               colour of the canvas to begin with
+    transfer                 slope and intercept of red, green and blue, in the end
+    """
+
+    view_width: str
+    view_height: str
+    background: str
+    transfer: tuple[tuple[str, str], ...]
+    ramps: tuple[Ramp, ...]
+    phases: tuple[DrawnPhase, ...]
+
+
+def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
+    """Numbers of the SVG of an additive scene; depends on nothing but the two arguments.
+
+    Gaussians whose extent is written as 0 or whose colour as black are left out.
+    Raises InputError for a form other than gradients.
+    """
+    check_canvas(scene)
+    scene = settled(scene, options)
+    shapes = _Shapes(scene, options)
+    phases = phases_of(scene)
+    low, high = partial_sums(scene, phases)
+    largest = np.abs(scene.color).max(axis=0, initial=0.0)
+    span = np.maximum((1 + 2 * _MARGIN) * (high - low), np.maximum(largest, _LEAST_SPAN))
+    middle = 0.5 * (low + high)
+    scale = _WHITE / span  # levels of the canvas for 1 of the picture
+    begin = np.round(scale * (scene.background - middle + 0.5 * span))
+    ramps = _Ramps(scene, scale, options.stops)
+
+    drawn: list[DrawnPhase] = []
+    first = turned_over = np.zeros(3, bool)
+    for phase in phases:
+        discs = shapes.drawn(phase, ramps)
+        if not discs:
+            continue
+        needed = ~np.array(phase.takes)
+        if not drawn:
+            first = turned_over = needed
+        turn = needed ^ turned_over
+        color = hex_color(np.where(turn, _WHITE, 0)) if turn.any() else ""
+        drawn.append(DrawnPhase(color, _label(len(drawn), len(discs), phase), discs))
+        turned_over = needed
+
+    slope = np.where(turned_over, -1, 1) * span
+    level = np.where(turned_over, _WHITE - begin, begin) / _WHITE
+    intercept = scene.background - slope * level + _HALF_WAY / _WHITE
+    return EncodedSum(
+        view_width=number(scene.width / options.precision, 6),
+        view_height=number(scene.height / options.precision, 6),
+        background=hex_color(np.where(first, _WHITE - begin, begin).astype(int)),
+        transfer=tuple(
+            (number(a, _TRANSFER_DECIMALS), number(b, _TRANSFER_DECIMALS))
+            for a, b in zip(slope, intercept, strict=True)
+        ),
+        ramps=ramps.used(),
+        phases=tuple(drawn),
+    )
+
+
+class _Ramps:
+    """The gradients of a scene's colours, those with the same stops as one."""
+
+    def __init__(self, scene: Scene, scale: NDArray[np.float64], count: int) -> None:
+        self._offsets, values = gradient_stops(count)
+        color, self._entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
+        levels = np.round(scale * color[:, None, :] * np.array(values)[:, None])
+        self._stops = [self._written(one) for one in levels.astype(int)]
+        self._ids: dict[tuple[tuple[str, str], ...], str] = {}
+
+    def id_of(self, i: int) -> str:
+        """Id of the gradient of the i-th Gaussian, "" where it is black."""
+        stops = self._stops[self._entry[i]]
+        return self._ids.setdefault(stops, short_id(len(self._ids))) if stops else ""
+
+    def used(self) -> tuple[Ramp, ...]:
+        return tuple(Ramp(name, stops) for stops, name in self._ids.items())
+
+    def _written(self, levels: NDArray[np.integer]) -> tuple[tuple[str, str], ...]:
+        """Stops of levels (k, 3) as text, without black ones after the first."""
+        colored = int(levels.any(axis=1).sum())
+        if not colored:
+            return ()
+        kept = slice(0, colored + 1)
+        return tuple(
+            (number(offset, 4), hex_color(level))
+            for offset, level in zip(self._offsets[kept], levels[kept], strict=True)
+        )
+
+
+class _Shapes:
+    """The matrices of a scene's Gaussians as text."""
+
+    def __init__(self, scene: Scene, options: SvgOptions) -> None:
+        factor = float(cut_radius(1.0)) * scene.factor
+        self._matrices = [
+            matrix_text(one, mean, options.precision)
+            for one, mean in zip(factor, scene.mean, strict=True)
+        ]
+
+    def drawn(self, phase: Phase, ramps: _Ramps) -> tuple[Disc, ...]:
+        """Circles of a phase; Gaussians of no extent or colour are none."""
+        named = ((i, ramps.id_of(i)) for i in phase.index.tolist() if self._matrices[i])
+        return tuple(Disc(name, self._matrices[i]) for i, name in named if name)
+
+
+def _label(index: int, count: int, phase: Phase) -> str:
+    """Such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
+    adds, takes = (
+        ", ".join(
+            name for name, taken in zip(_CHANNELS, phase.takes, strict=True) if taken is which
+        )
+        for which in (False, True)
+    )
+    does = [f"{verb} {names}" for verb, names in (("add", adds), ("take", takes)) if names]
+    many = "Gaussian that" if count == 1 else "Gaussians that"
+    return f"Phase {index + 1}: {count} {many} {' and '.join(does)}"
