@@ -1,0 +1,159 @@
+"""Sums as an option of the whole job, and their portable form."""
+
+import re
+
+import numpy as np
+import pytest
+
+from gauss2svg import vectorize
+from gauss2svg.cli import main
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.fit.convert import painted
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.raster import DRAW_BLENDS
+from gauss2svg.scene import ADD, OVER
+
+QUICK = {"gaussians": 150, "iterations": 60}
+
+
+@pytest.fixture(scope="module")
+def summed(photo):
+    return vectorize(photo, blend=ADD, **QUICK)
+
+
+@pytest.fixture(scope="module")
+def portable(photo):
+    return vectorize(photo, blend=ADD, portable=True, **QUICK)
+
+
+def test_a_sum_comes_back_from_its_file(summed):
+    report = summed.report
+    assert summed.scene.blend == ADD
+    assert report["blend"] == ADD
+    assert report["falloff"] == "gaussian"
+    assert report["gaussians"] == len(summed.scene) == 150
+    assert "mix-blend-mode" in summed.svg
+    assert report["psnr_roundtrip"] > 42
+    assert abs(report["psnr_svg"] - report["psnr_model"]) < 0.2
+
+
+def test_the_same_sum_is_the_same_file_whatever_the_threads(photo, summed):
+    assert vectorize(photo, blend=ADD, threads=1, **QUICK).svg == summed.svg
+
+
+def test_the_portable_form_is_painted_and_drawn_by_all(photo, portable):
+    assert portable.scene.blend == OVER
+    assert portable.report["blend"] == ADD
+    assert portable.report["portable"] is True
+    assert "mix-blend-mode" not in portable.svg
+    again = vectorize(photo, blend=ADD, portable=True, renderer="cairo", **QUICK)
+    assert again.svg == portable.svg
+    assert again.report["psnr_roundtrip"] > 44
+
+
+def test_the_portable_form_is_as_true_as_one_painted_from_the_start(photo, portable):
+    painted_only = vectorize(photo, **QUICK)
+    assert portable.report["psnr_model"] > painted_only.report["psnr_model"] - 0.3
+
+
+def test_the_portable_form_costs_both_fits(summed, portable):
+    assert portable.report["iterations"] == 2 * summed.report["iterations"]
+    assert portable.report["pixel_pairs"] > 1.5 * summed.report["pixel_pairs"]
+
+
+def test_painting_begins_with_the_sum_s_shapes_largest_first(photo, summed):
+    planar = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
+    state = painted(summed.scene, planar, FitOptions(150))
+    back = state.scene(summed.scene.background, summed.scene.width, summed.scene.height)
+    area = np.sqrt(np.linalg.det(back.covariance))
+    assert (np.diff(area) <= 1e-9).all()
+    before = np.sqrt(np.linalg.det(summed.scene.covariance))
+    np.testing.assert_allclose(np.sort(area), np.sort(before), rtol=1e-6)
+    assert (np.diff(back.rounds) >= 0).all()
+    assert len(np.unique(back.rounds)) == 6
+
+
+@pytest.mark.parametrize("portable_form", [False, True])
+def test_targets_hold_for_sums(photo, portable_form):
+    options = {"blend": ADD, "portable": portable_form, "quality": "draft"}
+    small = vectorize(photo, max_bytes="20k", **options)
+    assert len(small.svg.encode()) <= 20_000
+    assert len(small.scene) > 50
+    true = vectorize(photo, target_psnr=24, **options)
+    assert 23.95 <= true.report["psnr_svg"] < 26
+    assert true.report["stop_reason"] == "target_psnr"
+
+
+@pytest.mark.parametrize("portable_form", [False, True])
+def test_the_scene_decides_on_sums_too(photo, portable_form):
+    few = vectorize(photo, blend=ADD, portable=portable_form, quality="draft")
+    many = vectorize(photo, blend=ADD, portable=portable_form, quality="balanced")
+    assert 20 < len(few.scene) < len(many.scene)
+    flat = vectorize(np.full((32, 40, 3), 0.3), blend=ADD, portable=portable_form)
+    assert len(flat.scene) == 0
+    assert flat.report["psnr_svg"] > 48
+
+
+def test_sums_are_fitted_in_float64_too(photo, summed):
+    exact = vectorize(photo, blend=ADD, dtype="float64", **QUICK)
+    assert exact.report["psnr_model"] == pytest.approx(summed.report["psnr_model"], abs=1)
+
+
+def test_a_renderer_that_draws_no_sum_is_refused_before_the_fit(photo):
+    phases = []
+    with pytest.raises(RendererError, match="needed is one of " + ", ".join(DRAW_BLENDS)):
+        vectorize(photo, blend=ADD, renderer="cairo", progress=phases.append)
+    assert not phases
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"blend": "screen"}, "blend is 'screen'"),
+        ({"blend": OVER, "portable": True}, "portable is asked for with blend over"),
+        ({"finish": "resvg"}, "finish resvg is asked for with blend add.*--portable"),
+        ({"animate": 3.0}, "animate is asked for with blend add"),
+        ({"segments": 20}, "segments is asked for with blend add"),
+        ({"falloff": "adaptive"}, "eight parameters"),
+        ({"portable": 1}, "portable is 1; needed is True or False"),
+        ({"relocate": "no"}, "relocate is 'no'"),
+        ({"gaussians": "auto", "per_round": 4}, "per_round is 4, of a schedule to a given count"),
+        ({"target_psnr": 20, "round_iterations": 4}, "round_iterations is 4, of a schedule"),
+        ({"ssim_weight": -1}, "ssim_weight is -1"),
+    ],
+)
+def test_what_a_sum_cannot_have_is_refused_with_its_name(photo, change, message):
+    options = {"blend": ADD, **QUICK, **change}
+    with pytest.raises(InputError, match=message):
+        vectorize(photo, **options)
+
+
+def test_a_form_of_blurs_is_refused_for_a_sum(photo):
+    with pytest.raises((InputError, RendererError)):
+        vectorize(photo, blend=ADD, form="blur", **QUICK)
+
+
+def test_rounds_of_the_paper_reach_the_report(photo):
+    result = vectorize(
+        photo, gaussians=31, iterations=60, blend=ADD, init="live", per_round=16,
+        round_iterations=8, relocate=False, loss="l1+ssim", ssim_weight=0.4,
+    )  # fmt: skip
+    report = result.report
+    assert report["rounds"] == 5
+    wanted = {
+        "per_round": 16, "round_iterations": 8, "relocate": False, "ssim_weight": 0.4,
+        "init": "live", "loss": "l1+ssim",
+    }  # fmt: skip
+    assert {name: report[name] for name in wanted} == wanted
+
+
+def test_the_command_writes_sums_and_their_portable_form(photo_file, tmp_path, capsys):
+    out = tmp_path / "out.svg"
+    quick = ["--gaussians", "40", "--iterations", "20", "--blend", "add"]
+    assert main([str(photo_file), "-o", str(out), *quick]) == 0
+    assert "mix-blend-mode" in out.read_text()
+    assert re.search(r"against model\s+PSNR", capsys.readouterr().err)
+    assert main([str(photo_file), "-o", str(out), *quick, "--portable", "--no-relocate"]) == 0
+    assert "mix-blend-mode" not in out.read_text()
+    assert main([str(photo_file), "-o", str(out), *quick, "--renderer", "cairo"]) == 2
+    assert "--portable" in capsys.readouterr().err
