@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from gauss2svg import vectorize
 from gauss2svg.cli import main
@@ -147,8 +148,9 @@ def test_rounds_of_the_paper_reach_the_report(photo):
     assert {name: report[name] for name in wanted} == wanted
 
 
-def test_the_command_writes_sums_and_their_portable_form(photo_file, tmp_path, capsys):
-    out = tmp_path / "out.svg"
+def test_the_command_writes_sums_and_their_portable_form(photo, tmp_path, capsys):
+    out, photo_file = tmp_path / "out.svg", tmp_path / "photo.png"
+    Image.fromarray(np.round(photo[:48, :64] * 255).astype(np.uint8)).save(photo_file)
     quick = ["--gaussians", "40", "--iterations", "20", "--blend", "add"]
     assert main([str(photo_file), "-o", str(out), *quick]) == 0
     assert "mix-blend-mode" in out.read_text()
