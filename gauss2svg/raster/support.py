@@ -82,12 +82,12 @@ def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str,
             yield "a blur of turned shapes", (*drawn_by, "resvg")
         else:
             yield "a blur", (*drawn_by, "resvg", "librsvg")
-    if used.filter:
-        yield "a filter", ("resvg", *BROWSERS, "librsvg", "inkscape")
     if used.lighter:
         yield "mix-blend-mode: plus-lighter", BROWSERS
     if used.blended:
         yield "mix-blend-mode", ("resvg", *BROWSERS, "librsvg", "inkscape")
+    if used.filter:
+        yield "a filter", ("resvg", *BROWSERS, "librsvg", "inkscape")
     if used.plain_href:
         yield "href without xlink:", ("resvg", "cairo", *BROWSERS, "librsvg")
     if used.moving:
