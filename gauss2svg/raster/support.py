@@ -28,7 +28,7 @@ from gauss2svg.raster.css import plain_css, without_blocks
 
 BROWSERS = ("chromium", "firefox")
 DRAW_TURNED_BLURS = (*BROWSERS, "inkscape")
-DRAW_BLENDS = ("resvg", *BROWSERS, "librsvg", "inkscape")  # of mix-blend-mode
+DRAW_BLENDS = ("resvg", *BROWSERS, "librsvg", "inkscape")  # of mix-blend-mode, and filters
 # A file without any of these uses nothing of the table, and is not parsed. Escapes of CSS and
 # XML could hide a word.
 _WORDS = (
@@ -83,12 +83,12 @@ def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str,
             yield "a blur of turned shapes", (*drawn_by, "resvg")
         else:
             yield "a blur", (*drawn_by, "resvg", "librsvg")
-    if used.filter:
-        yield "a filter", ("resvg", *BROWSERS, "librsvg", "inkscape")
     if used.lighter:
         yield "mix-blend-mode: plus-lighter", BROWSERS
     if used.blended:
         yield "mix-blend-mode", DRAW_BLENDS
+    if used.filter:
+        yield "a filter", DRAW_BLENDS
     if used.plain_href:
         yield "href without xlink:", ("resvg", "cairo", *BROWSERS, "librsvg")
     if used.moving:

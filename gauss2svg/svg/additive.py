@@ -11,8 +11,9 @@ to black, which changes nothing. A filter on the group of them all maps the canv
 v_0 being the background as it is written, so that rounding it shifts nothing; values beyond 0..1
 are clipped, as those of the scene are.
 
-Every layer rounds to 8 bits, and so do the stops' colours, so that the larger s_c the better; see
-gauss2svg.svg.phases for the order that allows it. No focal offset here: it changes nothing.
+Every layer rounds to 8 bits, so that the larger s_c the better; see gauss2svg.svg.phases for the
+order that allows it, gauss2svg.svg.levels for stops that round little. A focal offset changes
+nothing here.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ from numpy.typing import NDArray
 from gauss2svg.falloff import cut_radius
 from gauss2svg.scene import Scene
 from gauss2svg.svg.encode import check_canvas, hex_color, matrix_text, number, short_id
+from gauss2svg.svg.levels import whole_stops
 from gauss2svg.svg.options import SvgOptions
 from gauss2svg.svg.phases import Phase, partial_sums, phases_of
 from gauss2svg.svg.settle import settled
-from gauss2svg.svg.stops import gradient_stops
 
 _WHITE = 255
 _MARGIN = 0.01  # of the span of partial sums, either side: layers round
@@ -138,10 +139,12 @@ class _Ramps:
     """The gradients of a scene's colours, those with the same stops as one."""
 
     def __init__(self, scene: Scene, scale: NDArray[np.float64], count: int) -> None:
-        self._offsets, values = gradient_stops(count)
-        color, self._entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
-        levels = np.round(scale * color[:, None, :] * np.array(values)[:, None])
-        self._stops = [self._written(one) for one in levels.astype(int)]
+        color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
+        self._entry = entry.reshape(-1)
+        self._stops = [
+            _stops_text(offsets, levels)
+            for offsets, levels in zip(*whole_stops(scale * color, count), strict=True)
+        ]
         self._ids: dict[tuple[tuple[str, str], ...], str] = {}
 
     def id_of(self, i: int) -> str:
@@ -152,16 +155,20 @@ class _Ramps:
     def used(self) -> tuple[Ramp, ...]:
         return tuple(Ramp(name, stops) for stops, name in self._ids.items())
 
-    def _written(self, levels: NDArray[np.integer]) -> tuple[tuple[str, str], ...]:
-        """Stops of levels (k, 3) as text, without black ones after the first."""
-        colored = int(levels.any(axis=1).sum())
-        if not colored:
-            return ()
-        kept = slice(0, colored + 1)
-        return tuple(
-            (number(offset, 4), hex_color(level))
-            for offset, level in zip(self._offsets[kept], levels[kept], strict=True)
-        )
+
+def _stops_text(
+    offsets: NDArray[np.float64], levels: NDArray[np.intp]
+) -> tuple[tuple[str, str], ...]:
+    """Stops at offsets (k,) of levels (k, 3) as text, without black ones at the end but for one.
+
+    None of them if all are black.
+    """
+    colored = np.flatnonzero(levels.any(axis=1))
+    count = colored[-1] + 2 if len(colored) else 0
+    return tuple(
+        (number(offset, 3), hex_color(level))
+        for offset, level in zip(offsets[:count], levels[:count], strict=True)
+    )
 
 
 class _Shapes:
@@ -182,12 +189,9 @@ class _Shapes:
 
 def _label(index: int, count: int, phase: Phase) -> str:
     """Such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
-    adds, takes = (
-        ", ".join(
-            name for name, taken in zip(_CHANNELS, phase.takes, strict=True) if taken is which
-        )
-        for which in (False, True)
-    )
+    signs = tuple(zip(_CHANNELS, phase.takes, strict=True))
+    adds = ", ".join(name for name, taken in signs if not taken)
+    takes = ", ".join(name for name, taken in signs if taken)
     does = [f"{verb} {names}" for verb, names in (("add", adds), ("take", takes)) if names]
     many = "Gaussian that" if count == 1 else "Gaussians that"
     return f"Phase {index + 1}: {count} {many} {' and '.join(does)}"

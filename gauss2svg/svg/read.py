@@ -56,6 +56,7 @@ _EFFECTS = {"stroke": "none", "mask": "none", "clip-path": "none", "mix-blend-mo
 # Attributes and properties that move, hide or change a shape, and are not read.
 _UNREAD = ("transform-origin", "transform-box", "translate", "rotate", "scale", "offset-path")
 _UNREAD += ("zoom", "all", "systemLanguage")
+_SUMMED = re.compile(r"mix-blend-mode\s*:\s*difference")  # in a style sheet: by write_svg
 _DEEPEST = 100
 _COVERED = 0.01  # px of the canvas that a background may leave free: rounding
 
@@ -81,11 +82,16 @@ def read_svg(
 
     Animation is skipped. Raises InputError naming the element for all that a
     scene cannot hold: texts, pictures, other paths, strokes, masks, clips, several shapes
-    under one group opacity.
+    under one group opacity; and for a file of an additive scene.
     """
     root = parse_document(source)
     if root.tag != SVG + "svg":
         raise InputError(f"the document is <{_bare(root.tag)}>; needed is an <svg> of SVG")
+    if any(_SUMMED.search("".join(sheet.itertext())) for sheet in root.iter(SVG + "style")):
+        raise InputError(
+            "the SVG is a sum of signed Gaussians, drawn as differences, which cannot be read "
+            "back; needed is its scene: keep that by --save-scene or Scene.save"
+        )
     reader = _Reader(root, background, skip_hidden)
     reader.walk_root()
     return reader.scene()

@@ -1,0 +1,119 @@
+"""Gradient stops whose colours are whole levels of 255, chosen for each colour.
+
+Opaque colours at stops are rounded to 8 bits, which errs as much as all rounding of a renderer's
+layers does. But where the stops lie is free: near most offsets there is one at which all three
+channels happen to be nearly whole. From the stops of gauss2svg.svg.stops on, they are moved one by
+one, each with the best whole colour there, so that
+
+    sum over channels of the integral of (stops(r) - level f(r))^2 2 pi r dr
+
+falls. Two crude fits (Kodak 04 and 13, 2000 Gaussians), the file's exact sum against the model:
+with 5 stops 47.8 and 47.2 dB rounded, 49.8 and 48.8 chosen; with 8 stops 48.8 and 48.3, 53 and 53;
+with every layer rounded as well 44.4 and 44.2, 45.2 and 44.8; 44.8 and 44.6, 46.0 and 45.9.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.falloff import cut_radius, profile
+from gauss2svg.svg.stops import gradient_stops
+
+_WHITE = 255
+_PLACES = 1000  # offsets are multiples of a thousandth
+_SAMPLES_A_PLACE = 8
+_GAP = 8  # places between stops, at least
+# Of a stop between its neighbours, and how often each is moved. 12 and 2 leave 0.2 dB less in
+# half of the time, 48 and 6 bring 0.1 dB more in three times of it.
+_TRIED, _SWEEPS = 24, 3
+
+_Integrals = tuple[NDArray[np.float64], ...]
+
+
+def whole_stops(
+    levels: NDArray[np.float64], count: int
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Offsets (n, count) and colours (n, count, 3) in levels of 255 for peaks levels (n, 3) >= 0.
+
+    The last stop is black. Raises InputError for a count not in gauss2svg.svg.stops.STOP_COUNTS.
+    """
+    offsets, values = (np.array(part) for part in gradient_stops(count))
+    places = np.tile(np.round(offsets * _PLACES).astype(np.intp), (len(levels), 1))
+    colors = np.round(levels[:, None, :] * values[:, None])
+    share = (np.arange(_TRIED) + 0.5) / _TRIED
+    rows = np.arange(len(levels))
+    for k in [*range(count)] * _SWEEPS:
+        first = places[:, k - 1] + _GAP if k else np.zeros(len(levels), np.intp)
+        last = places[:, k + 1] - _GAP if k + 1 < count else np.full(len(levels), _PLACES)
+        between = first[:, None] + np.round(share * (last - first)[:, None]).astype(np.intp)
+        tried = np.column_stack([places[:, k], between])
+        square, linear, cost = _around(k, tried, places, colors, levels)
+        best = np.zeros_like(linear)
+        if k + 1 < count:
+            best = linear / np.maximum(square, np.finfo(np.float64).tiny)[:, :, None]
+            best = np.clip(np.round(best), 0, _WHITE)
+        cost += (best * (best * square[:, :, None] - 2 * linear)).sum(axis=2)
+        chosen = cost.argmin(axis=1)
+        places[:, k], colors[:, k] = tried[rows, chosen], best[rows, chosen]
+    return places / _PLACES, colors.astype(np.intp)
+
+
+def _around(
+    k: int,
+    tried: NDArray[np.intp],
+    places: NDArray[np.intp],
+    colors: NDArray[np.float64],
+    levels: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Squared error between a stop's neighbours if it were at the places tried (n, t).
+
+    With colour u there it is a constant of the gradient plus, over channels,
+    u^2 square (n, t) - 2 u linear (n, t, 3), plus cost (n, t).
+    """
+    level = levels[:, None, :]
+    if k == 0:  # the first colour fills all within
+        within, falloff = _moments()[0], _moments()[3]
+        square, linear = within[tried], level * falloff[tried][:, :, None]
+        cost = np.zeros(tried.shape)
+    else:
+        before = colors[:, None, k - 1]
+        aa, ab, square, fa, fb = _segment(places[:, k - 1, None], tried)
+        linear = level * fb - before * ab
+        cost = (before * (before * aa[:, :, None] - 2 * level * fa)).sum(axis=2)
+    if k + 1 < places.shape[1]:
+        after = colors[:, None, k + 1]
+        aa, ab, bb, fa, fb = _segment(tried, places[:, k + 1, None])
+        square = square + aa
+        linear = linear + level * fa - after * ab
+        cost = cost + (after * (after * bb[:, :, None] - 2 * level * fb)).sum(axis=2)
+    return square, linear, cost
+
+
+def _segment(first: NDArray[np.intp], last: NDArray[np.intp]) -> _Integrals:
+    """Integrals between places of a a, a b, b b, f a and f b, weighted by r.
+
+    a falls from 1 to 0 from one place to the other, b = 1 - a; all (n, t), but for a b, f a and
+    f b, which are (n, t, 1).
+    """
+    one, x, xx, f, fx = (moment[last] - moment[first] for moment in _moments())
+    p, q = first / _PLACES, last / _PLACES
+    width = q - p
+    aa = (q * q * one - 2 * q * x + xx) / (width * width)
+    ab = ((p + q) * x - p * q * one - xx) / (width * width)
+    bb = (p * p * one - 2 * p * x + xx) / (width * width)
+    fa, fb = (q * f - fx) / width, (fx - p * f) / width
+    return aa, ab[:, :, None], bb, fa[:, :, None], fb[:, :, None]
+
+
+@lru_cache(maxsize=1)
+def _moments() -> _Integrals:
+    """Integrals of r, r x, r x^2, r f and r f x from 0 to each place, x being the offset."""
+    count = _PLACES * _SAMPLES_A_PLACE
+    x = (np.arange(count) + 0.5) / count
+    weight = x / count
+    f = profile(x * float(cut_radius(1.0)), 1.0)
+    sums = (np.cumsum(weight * part) for part in (np.ones(count), x, x * x, f, f * x))
+    return tuple(np.concatenate([[0.0], total])[::_SAMPLES_A_PLACE] for total in sums)

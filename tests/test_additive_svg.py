@@ -1,0 +1,271 @@
+"""Laws of additive scenes as SVG: what the file's numbers sum up to, and what renderers draw."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pytest
+from conftest import random_sum
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.falloff import cut_radius, profile
+from gauss2svg.metrics import psnr
+from gauss2svg.raster import rasterize
+from gauss2svg.render import render
+from gauss2svg.scene import Scene
+from gauss2svg.svg import Page, SvgOptions, outline_svg, read_svg, settled, write_svg
+from gauss2svg.svg.levels import whole_stops
+from gauss2svg.svg.phases import partial_sums, phases_of
+from gauss2svg.svg.stops import gradient_stops
+
+SVG = "{http://www.w3.org/2000/svg}"
+EXACT = SvgOptions(palette=0, stops=8, precision=0.01)
+LEVEL = 1 / 255
+BETWEEN = 0.25 * LEVEL  # added for renderers that cut to whole levels
+seeds = st.integers(0, 2**32 - 1)
+
+
+def levels_of(text: str) -> np.ndarray:
+    digits = text[1:] if len(text) == 7 else "".join(2 * digit for digit in text[1:])
+    return np.array([int(digits[k : k + 2], 16) for k in (0, 2, 4)]) / 255
+
+
+def drawn_by_numpy(svg: str, width: int, height: int) -> tuple[np.ndarray, float]:
+    """The picture that a file's numbers are, unclipped, and the least that a canvas was left with.
+
+    It draws on real numbers: |v - s| for every shape and rectangle, then the filter.
+    """
+    root = ET.fromstring(svg)
+    view = [float(v) for v in root.get("viewBox").split()]
+    scale = np.array([width / view[2], height / view[3]])
+    ramps = {
+        g.get("id"): (
+            [float(stop.get("offset")) for stop in g],
+            np.array([levels_of(stop.get("stop-color")) for stop in g]),
+        )
+        for g in root.iter(SVG + "radialGradient")
+    }
+    group = root.find(SVG + "g")
+    assert group.get("filter") == "url(#transfer)"
+    first, *others = group
+    canvas = np.broadcast_to(levels_of(first.get("fill")), (height, width, 3)).copy()
+    y, x = np.mgrid[:height, :width] + 0.5
+    least = 1.0
+    for element in [e for other in others for e in other.iter()]:
+        if element.tag == SVG + "rect":
+            canvas = np.abs(canvas - levels_of(element.get("fill")))
+        if element.tag != SVG + "circle":
+            continue
+        numbers = [float(v) for v in re.findall(r"-?[\d.]+", element.get("transform"))]
+        matrix = np.array(numbers).reshape(3, 2).T * scale[:, None]
+        inverse = np.linalg.inv(matrix[:, :2])
+        r = np.hypot(*np.einsum("ij,jyx->iyx", inverse, [x - matrix[0, 2], y - matrix[1, 2]]))
+        offsets, colors = ramps[element.get("fill")[5:-1]]
+        drawn = np.stack([np.interp(r, offsets, column) for column in colors.T], axis=-1)
+        canvas -= drawn * (r <= 1)[:, :, None]
+        least = min(least, float(canvas.min()))
+        canvas = np.abs(canvas)
+    mapped = next(root.iter(SVG + "feComponentTransfer"))
+    slope, intercept = (np.array([float(f.get(n)) for f in mapped]) for n in ("slope", "intercept"))
+    return slope * canvas + intercept, least
+
+
+def scene_with(seed: int = 0, count: int = 60, **changes) -> Scene:
+    return random_sum(count, 60, 44, seed).replace(**changes)
+
+
+def drawn_within(scene: Scene, width: int | None = None, height: int | None = None) -> float:
+    """PSNR in dB of what resvg draws against the model."""
+    width, height = width or round(scene.width), height or round(scene.height)
+    model = render(scene, width, height)
+    return psnr(rasterize(write_svg(scene, EXACT), width, height), model)
+
+
+@settings(max_examples=12)
+@given(seeds, st.sampled_from([0.1, 1.0, 4.0]))
+def test_a_file_s_numbers_sum_up_to_the_model(seed, strength):
+    scene = scene_with(seed)
+    scene = scene.replace(color=strength * scene.color)
+    summed, least = drawn_by_numpy(write_svg(scene, EXACT), 60, 44)
+    low, high = partial_sums(scene, phases_of(scene))
+    span = np.maximum(high - low, 0.1)
+    off = np.abs(np.clip(summed - BETWEEN, 0, 1) - render(scene))
+    # Sixty shapes, each of stops within about half a level of the canvas.
+    assert (off.max(axis=(0, 1)) < 6 * LEVEL * span).all()
+    assert off.mean() < LEVEL * span.mean()
+    assert least > -0.02  # the margin for rounding is 0.01 of the canvas
+
+
+@pytest.mark.parametrize("background", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("sign", [-1, 0, 1])
+def test_resvg_draws_sums_of_one_sign_and_of_both(background, sign):
+    scene = scene_with(3, background=np.full(3, background))
+    if sign:
+        scene = scene.replace(color=sign * np.abs(scene.color) / 4)
+    assert drawn_within(scene) > 40
+
+
+@settings(max_examples=10)
+@given(seeds)
+def test_resvg_draws_what_the_model_is(seed):
+    scene = scene_with(seed)
+    low, high = partial_sums(scene, phases_of(scene))
+    lost = 20 * np.log10(np.sqrt(np.mean((high - low) ** 2)))  # dB: rounding, scaled back up
+    assert drawn_within(scene) > 46 - lost
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_few_gaussians_are_drawn_too(count):
+    scene = scene_with(1, count, background=np.array([0.2, 0.503, 1.0]))
+    assert drawn_within(scene) > 50
+    assert write_svg(scene).count("<circle") == count
+
+
+def test_black_and_vanishing_gaussians_are_left_out():
+    scene = scene_with(1, 3)
+    scene = scene.replace(
+        color=np.array([[0.5, 0, 0], [1e-5, 0, 0], [0.2, 0, 0]]),
+        sigma=np.array([[4, 4], [4, 4], [1e-4, 4]]),
+    )
+    assert write_svg(scene).count("<circle") == 1
+
+
+@pytest.mark.parametrize("factor", [0.5, 2, 3.7])
+def test_a_sum_has_no_resolution(factor):
+    # Wide enough that no partial sum peaks between the pixels of the canvas.
+    scene = random_sum(60, 120, 88, 5)
+    scene = scene.replace(sigma=scene.sigma + 2)
+    assert drawn_within(scene, round(120 * factor), round(88 * factor)) > 37
+
+
+def test_a_canvas_need_not_be_whole():
+    scene = scene_with(6).replace(width=59.4, height=43.7)
+    assert drawn_within(scene) > 38
+
+
+def test_every_renderer_but_cairo_draws_a_sum(renderer):
+    scene = scene_with(7)
+    svg = write_svg(scene, EXACT)
+    if renderer == "cairo":
+        with pytest.raises(RendererError, match=r"cannot draw .*mix-blend-mode.*one of resvg"):
+            rasterize(svg, 60, 44, renderer)
+    else:
+        assert psnr(rasterize(svg, 60, 44, renderer), render(scene)) > 36
+
+
+def test_each_gaussian_is_in_one_phase_and_phases_have_one_pattern_of_signs():
+    scene = scene_with(8, 200)
+    phases = phases_of(scene)
+    order = np.concatenate([phase.index for phase in phases])
+    np.testing.assert_array_equal(np.sort(order), np.arange(200))
+    for phase in phases:
+        assert ((scene.color[phase.index] < 0) == phase.takes).all()
+
+
+def test_what_cancels_is_drawn_in_turns():
+    scene = scene_with(9, 100)
+    color = np.where(np.arange(100) % 2, 0.4, -0.4)[:, None] * np.ones(3)
+    scene = scene.replace(
+        mean=np.full((100, 2), 20.0), sigma=np.full((100, 2), 5.0), rho=np.zeros(100), color=color,
+        background=np.full(3, 0.5), round_index=None,
+    )  # fmt: skip
+    low, high = partial_sums(scene, phases_of(scene))
+    assert (high - low < 1.3).all()  # 20 if all that adds came first
+
+
+def test_partial_sums_are_those_of_the_phases():
+    scene = scene_with(10)
+    phases = phases_of(scene)
+    low, high = partial_sums(scene, phases)
+    total, sums = np.broadcast_to(scene.background, (44, 60, 3)), [scene.background[None, None]]
+    y, x = np.mgrid[:44, :60] + 0.5
+    for phase in phases:
+        for i in phase.index:
+            u = np.stack([x - scene.mean[i, 0], y - scene.mean[i, 1]], axis=-1)
+            r = np.sqrt(np.einsum("yxi,ij,yxj->yx", u, scene.conic[i], u))
+            total = total + profile(r)[..., None] * scene.color[i]
+        sums.append(total)
+    np.testing.assert_allclose(low, np.min([s.min(axis=(0, 1)) for s in sums], axis=0), atol=1e-4)
+    np.testing.assert_allclose(high, np.max([s.max(axis=(0, 1)) for s in sums], axis=0), atol=1e-4)
+
+
+@pytest.mark.parametrize("count", [5, 8])
+def test_chosen_stops_are_nearer_than_rounded_ones(count):
+    levels = np.random.default_rng(2).uniform(0, 40, (50, 3))
+    levels[0] = 0
+    offsets, colors = whole_stops(levels, count)
+    assert (np.diff(offsets, axis=1) > 0).all()
+    assert ((offsets >= 0) & (offsets <= 1)).all()
+    assert (colors[:, -1] == 0).all()
+    assert (colors[0] == 0).all()
+    x = (np.arange(4000) + 0.5) / 4000
+    wanted = levels[:, None, :] * profile(x * cut_radius(1.0))[:, None]
+
+    def error(i, at, values):
+        drawn = np.stack([np.interp(x, at, column) for column in values.T], axis=-1)
+        return float((x[:, None] * (drawn - wanted[i]) ** 2).mean())
+
+    at, values = (np.array(part) for part in gradient_stops(count))
+    chosen = [error(i, offsets[i], colors[i]) for i in range(50)]
+    rounded = [error(i, at, np.round(levels[i] * values[:, None])) for i in range(50)]
+    assert (np.array(chosen) <= np.array(rounded) + 1e-3).all()
+    assert np.mean(chosen) < 0.7 * np.mean(rounded)
+
+
+def test_settling_keeps_signs_and_as_many_colours_as_the_palette_has():
+    scene = scene_with(11, 200)
+    kept = settled(scene, SvgOptions(palette=20))
+    assert len(np.unique(kept.color, axis=0)) == 20
+    assert kept.color.min() < -0.2
+    assert kept.color.max() > 0.2
+    np.testing.assert_array_equal(settled(kept, SvgOptions(palette=20)).color, kept.color)
+    fewer = settled(scene, SvgOptions(palette=4))
+    assert psnr(render(kept), render(scene)) > psnr(render(fewer), render(scene)) + 3
+    np.testing.assert_array_equal(settled(scene, SvgOptions(palette=200)).color, scene.color)
+
+
+def test_colours_settle_within_the_error_allowed():
+    scene = scene_with(12, 200)
+    coarse = settled(scene, SvgOptions(color_error=1e-2))
+    fine = settled(scene, SvgOptions(color_error=1e-3))
+    assert len(np.unique(coarse.color, axis=0)) < len(np.unique(fine.color, axis=0)) < 200
+
+
+def test_gradients_are_shared_by_colour():
+    svg = write_svg(scene_with(13, 200), SvgOptions(palette=10))
+    assert svg.count("<radialGradient") <= 10
+    assert svg.count("<circle") > 150
+
+
+def test_layers_say_what_they_add_and_take():
+    svg = write_svg(scene_with(14, 90), EXACT)
+    labels = re.findall(r'inkscape:label="Phase (\d+): (\d+) Gaussians? that ([^"]*)"', svg)
+    assert [int(number) for number, _, _ in labels] == [k + 1 for k in range(len(labels))]
+    assert sum(int(count) for _, count, _ in labels) == svg.count("<circle")
+    for _, _, does in labels:
+        assert sorted(re.findall("red|green|blue", does)) == ["blue", "green", "red"]
+
+
+def test_what_a_sum_cannot_have_is_refused():
+    scene = scene_with(15, 5)
+    with pytest.raises(InputError, match=r"segments.*--portable"):
+        write_svg(scene, page=Page(segments=np.zeros((2, 2), int)))
+    with pytest.raises(InputError, match=r"animation.*--portable"):
+        write_svg(scene, page=Page(animate=2.0))
+    with pytest.raises(InputError, match=r"outlines.*--portable"):
+        outline_svg(scene)
+    for form in ("blur", "hybrid"):
+        with pytest.raises(InputError, match="form is"):
+            write_svg(scene, SvgOptions(form=form))
+    with pytest.raises(InputError, match=r"cannot be read back.*--save-scene"):
+        read_svg(write_svg(scene))
+
+
+def test_a_page_s_names_and_size_are_those_of_any_scene():
+    page = Page(title="Sum", alt="All", size="120mm", aspect="none")
+    svg = write_svg(scene_with(16, 5), page=page)
+    assert 'width="120mm"' in svg
+    assert "<title>Sum</title><desc>All</desc>" in svg
+    assert 'preserveAspectRatio="none"' in svg
