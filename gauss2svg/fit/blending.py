@@ -34,7 +34,9 @@ class Blending:
 # First sigma 0.3 to 0.42: within 0.08 dB of each other, 0.6 loses 0.7 dB.
 _OVER = Blending(False, Rates(), 0.0, 1.0, 1.0, 0.3, by_residual=False)
 # See the ablation in loop.py.
-_ADD = Blending(True, Rates(opacity=0.0), -0.6, 0.6, _OPAQUE_LOGIT, 0.4, by_residual=True)
+_ADD = Blending(
+    True, Rates(opacity=0.0, color=0.025), -0.6, 0.6, _OPAQUE_LOGIT, 0.4, by_residual=True
+)
 
 
 def blending(blend: str) -> Blending:

@@ -20,7 +20,7 @@ from gauss2svg.fit.convert import painted
 from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
 from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
-from gauss2svg.fit.placement import FIRST_RAW_BETA, Target, place
+from gauss2svg.fit.placement import FIRST_RAW_BETA, New, Target, place
 from gauss2svg.fit.rules import ADJUST_AT, Rule, Snapshot
 from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, SETTLED_FROM, rate, reduction
 from gauss2svg.fit.shared import SharedColors
@@ -33,7 +33,7 @@ from gauss2svg.render.cpu import (
     render_planar,
     squared_error,
 )
-from gauss2svg.scene import Scene
+from gauss2svg.scene import ADD, Scene
 
 AsWritten = Callable[[Scene, float], Scene]
 
@@ -286,11 +286,30 @@ class Run:
         )  # fmt: skip
         opacity = np.full(count, self._manner.first_opacity_logit)
         raw_beta = np.full(count, FIRST_RAW_BETA if self.options.falloff == ADAPTIVE else 0.0)
+        color = new.color
+        if self._manner.additive:
+            color = color / self._crowd(new)[:, None]
         self.state = self.state.append(
-            new.mean, new.factor, opacity, new.color, raw_beta, self._round_index
+            new.mean, new.factor, opacity, color, raw_beta, self._round_index
         )
         if self._order is not None:  # from the start, so that the fit makes up for it
             self.state = self._order.arranged(self.state, self._target.width, self._target.height)
+
+    def _crowd(self, new: New) -> NDArray[np.float64]:
+        """(n,) sum of all new falloffs at each new mean, at least 1.
+
+        New Gaussians that overlap share what is missing there: if each added all of it, sums
+        would overshoot, which draws more of them to the place, and the fit would run away.
+        """
+        alone = State.empty().append(
+            new.mean, new.factor, np.zeros(len(new.mean)), np.ones((len(new.mean), 3)),
+            np.zeros(len(new.mean)), 0,
+        )  # fmt: skip
+        planar, (height, width) = self._target.planar, self._target.planar.shape[1:]
+        splats = alone.splats(np.zeros(3), ADD)
+        summed = render_planar(splats, height, width, planar.dtype.type)[0]
+        x, y = np.clip(new.mean.astype(np.intp), 0, [width - 1, height - 1]).T
+        return np.maximum(summed[y, x].astype(np.float64), 1.0)
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one step of the optimiser."""
@@ -342,6 +361,8 @@ class Run:
         if count:
             kept = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
             self.state = self.state.select(kept)
+            if self._manner.additive:  # the sum of those gone may be missed more than each
+                rendered = self._rendered()
             self._add(rendered, count, total)
 
     def _prune(self) -> None:
