@@ -95,7 +95,6 @@ def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
     """
     check_canvas(scene)
     scene = settled(scene, options)
-    shapes = _Shapes(scene, options)
     phases = phases_of(scene)
     low, high = partial_sums(scene, phases)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
@@ -103,12 +102,12 @@ def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
     middle = 0.5 * (low + high)
     scale = _WHITE / span  # levels of the canvas for 1 of the picture
     begin = np.round(scale * (scene.background - middle + 0.5 * span))
-    ramps = _Ramps(scene, scale, options.stops)
+    shapes = _Shapes(scene, scale, options)
 
     drawn: list[DrawnPhase] = []
     first = turned_over = np.zeros(3, bool)
     for phase in phases:
-        discs = shapes.drawn(phase, ramps)
+        discs = shapes.drawn(phase)
         if not discs:
             continue
         needed = ~np.array(phase.takes)
@@ -130,61 +129,58 @@ def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
             (number(a, _TRANSFER_DECIMALS), number(b, _TRANSFER_DECIMALS))
             for a, b in zip(slope, intercept, strict=True)
         ),
-        ramps=ramps.used(),
+        ramps=shapes.ramps(),
         phases=tuple(drawn),
     )
 
 
-class _Ramps:
-    """The gradients of a scene's colours, those with the same stops as one."""
+class _Shapes:
+    """The Gaussians of a scene as circles, and their gradients, those with the same stops as one.
 
-    def __init__(self, scene: Scene, scale: NDArray[np.float64], count: int) -> None:
+    A gradient and its circle end at the first stop from which on all is black: what is beyond, a
+    sixth of the area of 8000 Gaussians, would be drawn for nothing.
+    """
+
+    def __init__(self, scene: Scene, scale: NDArray[np.float64], options: SvgOptions) -> None:
         color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
+        offsets, levels = whole_stops(scale * color, options.stops)
+        colored = levels.any(axis=2)
+        # How many stops there are before those that are black to the end.
+        before = np.where(colored, np.arange(1, options.stops + 1), 0).max(axis=1)
+        reach = offsets[np.arange(len(color)), before]
         self._entry = entry.reshape(-1)
         self._stops = [
-            _stops_text(offsets, levels)
-            for offsets, levels in zip(*whole_stops(scale * color, count), strict=True)
+            _stops_text(offsets[k, : count + 1] / reach[k], levels[k]) if count else ()
+            for k, count in enumerate(before.tolist())
+        ]
+        radius = float(cut_radius(1.0)) * reach[self._entry]
+        self._matrices = [
+            matrix_text(factor, mean, options.precision)
+            for factor, mean in zip(radius[:, None, None] * scene.factor, scene.mean, strict=True)
         ]
         self._ids: dict[tuple[tuple[str, str], ...], str] = {}
 
-    def id_of(self, i: int) -> str:
-        """Id of the gradient of the i-th Gaussian, "" where it is black."""
-        stops = self._stops[self._entry[i]]
-        return self._ids.setdefault(stops, short_id(len(self._ids))) if stops else ""
+    def drawn(self, phase: Phase) -> tuple[Disc, ...]:
+        """Circles of a phase; Gaussians of no extent or colour are none."""
+        shown = ((i, self._stops[self._entry[i]]) for i in phase.index.tolist())
+        return tuple(
+            Disc(self._ids.setdefault(stops, short_id(len(self._ids))), self._matrices[i])
+            for i, stops in shown
+            if stops and self._matrices[i]
+        )
 
-    def used(self) -> tuple[Ramp, ...]:
+    def ramps(self) -> tuple[Ramp, ...]:
+        """Gradients of all that was drawn."""
         return tuple(Ramp(name, stops) for stops, name in self._ids.items())
 
 
 def _stops_text(
     offsets: NDArray[np.float64], levels: NDArray[np.intp]
 ) -> tuple[tuple[str, str], ...]:
-    """Stops at offsets (k,) of levels (k, 3) as text, without black ones at the end but for one.
-
-    None of them if all are black.
-    """
-    colored = np.flatnonzero(levels.any(axis=1))
-    count = colored[-1] + 2 if len(colored) else 0
     return tuple(
         (number(offset, 3), hex_color(level))
-        for offset, level in zip(offsets[:count], levels[:count], strict=True)
+        for offset, level in zip(offsets, levels, strict=False)
     )
-
-
-class _Shapes:
-    """The matrices of a scene's Gaussians as text."""
-
-    def __init__(self, scene: Scene, options: SvgOptions) -> None:
-        factor = float(cut_radius(1.0)) * scene.factor
-        self._matrices = [
-            matrix_text(one, mean, options.precision)
-            for one, mean in zip(factor, scene.mean, strict=True)
-        ]
-
-    def drawn(self, phase: Phase, ramps: _Ramps) -> tuple[Disc, ...]:
-        """Circles of a phase; Gaussians of no extent or colour are none."""
-        named = ((i, ramps.id_of(i)) for i in phase.index.tolist() if self._matrices[i])
-        return tuple(Disc(name, self._matrices[i]) for i, name in named if name)
 
 
 def _label(index: int, count: int, phase: Phase) -> str:

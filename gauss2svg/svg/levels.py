@@ -8,8 +8,8 @@ one, each with the best whole colour there, so that
     sum over channels of the integral of (stops(r) - level f(r))^2 2 pi r dr
 
 falls. Two crude fits (Kodak 04 and 13, 2000 Gaussians), the file's exact sum against the model:
-with 5 stops 47.8 and 47.2 dB rounded, 49.8 and 48.8 chosen; with 8 stops 48.8 and 48.3, 53 and 53;
-with every layer rounded as well 44.4 and 44.2, 45.2 and 44.8; 44.8 and 44.6, 46.0 and 45.9.
+with 5 stops 47.8 and 47.2 dB rounded, 50.0 and 48.8 chosen; with 8 stops 48.8 and 48.3, 53 and 53;
+with every layer rounded as well 44.4 and 44.2, 45.2 and 44.8; and 44.8 and 44.6, 46.0 and 45.9.
 """
 
 from __future__ import annotations

@@ -29,6 +29,8 @@ class SvgOptions:
                       whole numbers of it. Rounding means alone to 0.1, 0.04, 0.01 px leaves
                       55 to 57, 62 to 64, 74 to 76 dB of Kodak 04 and 20 in 5000 shapes
     opacity_decimals  of fill-opacity, 1..6; rounding to 2 leaves 69 dB there, to 3 89 dB
+
+    An additive scene is written in gradients alone, and has no opacities.
     """
 
     form: str = GRADIENT

@@ -7,9 +7,9 @@ of its own: a Gaussian is drawn once the canvas has room for it, and waits for a
 the patterns until then. Where all wait for each other, those that lack least room are drawn.
 
 Partial sums then span about what the picture spans. Three crude fits (Kodak 04 and 13, 2000 and
-8000 Gaussians, colours up to 0.8): 1.0 to 1.2, the pictures themselves 1.0 to 1.2; in one tour
+8000 Gaussians, colours up to 0.8): 1.0 to 1.3, the pictures themselves 1.0 to 1.2; in one tour
 1.6 to 5.3, in 16 tours of every 16th Gaussian each 1.5 to 2.7. On a grid of 64, 128, 256, 384 px
-instead of all 384 of those photos 1.6, 1.5, 1.2, 1.1 on average.
+instead of all 384 of those photos 1.7, 1.5, 1.2, 1.1 on average.
 """
 
 from __future__ import annotations
