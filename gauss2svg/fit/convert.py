@@ -3,7 +3,8 @@
 A sum has no order and no opacity. Its Gaussians are painted largest first, each in the target's
 colour at its mean; a fit then moves all of them, and relocates some, as it would have after
 growth. What is kept of the sum is where Gaussians are, how large and how turned. Against a fit
-over each other from the start, TODO.
+over each other from the start, mean PSNR of the model on the eight Kodak photos, 5000 shapes:
+33.21 instead of 32.99 dB, for twice the CPU seconds (examples/sums.py).
 """
 
 from __future__ import annotations

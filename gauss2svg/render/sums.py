@@ -7,7 +7,7 @@ with signed colours and in any order, so that what the backward pass needs is lo
     dL/da_k = g . c_k,  dL/dc_k = sum a_k g.
 
 Lanes, buffers, shapes and moments are those of gauss2svg.render.kernels, with an opacity of 1
-and all exponents 1. A pair costs TODO.
+and all exponents 1. A pair takes 0.75 to 0.86 of the time of a composited one (examples/sums.py).
 """
 
 # pyright: reportCallIssue=false

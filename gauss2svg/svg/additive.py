@@ -188,6 +188,7 @@ def _label(index: int, count: int, phase: Phase) -> str:
     signs = tuple(zip(_CHANNELS, phase.takes, strict=True))
     adds = ", ".join(name for name, taken in signs if not taken)
     takes = ", ".join(name for name, taken in signs if taken)
-    does = [f"{verb} {names}" for verb, names in (("add", adds), ("take", takes)) if names]
-    many = "Gaussian that" if count == 1 else "Gaussians that"
-    return f"Phase {index + 1}: {count} {many} {' and '.join(does)}"
+    one = count == 1
+    verbs = ("adds" if one else "add", adds), ("takes" if one else "take", takes)
+    does = " and ".join(f"{verb} {names}" for verb, names in verbs if names)
+    return f"Phase {index + 1}: {count} Gaussian{'' if one else 's'} that {does}"
