@@ -47,10 +47,10 @@ def _package(name: str) -> Callable[[], str | None]:
     return find
 
 
-def _vtracer(png: Path, drawn: Path, style: str) -> Work:
+def _vtracer(png: Path, drawn: Path, style: str, **changes: Any) -> Work:
     import vtracer  # pyright: ignore[reportMissingImports]
 
-    options = _VTRACER_STYLES[style]
+    options = _VTRACER_STYLES[style] | changes
     return lambda: vtracer.convert_image_to_svg_py(str(png), str(drawn), **options)
 
 

@@ -1,0 +1,112 @@
+"""The one door to the fit: the paper's way and the product's, watched while they go on."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Collection
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gauss2svg import metrics
+from gauss2svg.fit import FitOptions, FitProgress
+from gauss2svg.fit.rules import FixedCount
+from gauss2svg.fit.run import Run
+from gauss2svg.render import render
+from gauss2svg.scene import ADD, Scene
+
+from .photos import Pixels
+
+EXPONENTIAL, LINEAR, AT_ONCE = "exponential", "linear", "all-at-once"
+SCHEDULES = (AT_ONCE, LINEAR, EXPONENTIAL)
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a fit goes, whatever its schedule.
+
+    placement  of new Gaussians; relocate  whether those missed least are placed anew
+    even       as in the paper: rounds of 1, 2, 4, .. or of equal parts, each with the same share
+               of the iterations and full steps to the end; else six rounds in the first 30 % of
+               them, and steps that get smaller in the last quarter
+    """
+
+    name: str
+    placement: str
+    relocate: bool
+    even: bool
+
+
+PAPER = Way("paper", placement="random", relocate=False, even=True)
+PRODUCT = Way("product", placement="selective", relocate=True, even=False)
+WAYS = (PAPER, PRODUCT)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """A finished fit and what it was on the way.
+
+    image      (h, w, 3) in 0..1 of the final scene, psnr its dB against the photo
+    by_round   the scene after the steps of each round
+    snapshots  the scene after so many iterations
+    """
+
+    scene: Scene
+    image: Pixels
+    psnr: float
+    seconds: float
+    by_round: dict[int, Scene] = field(default_factory=dict)
+    snapshots: dict[int, Scene] = field(default_factory=dict)
+
+
+def drawn(scene: Scene) -> Pixels:
+    """The scene's image (h, w, 3) in 0..1, by the product's renderer."""
+    return np.clip(render(scene), 0, 1)
+
+
+def fit(
+    pixels: Pixels,
+    way: Way,
+    schedule: str,
+    gaussians: int,
+    rounds: int,
+    iterations: int,
+    seed: int = 0,
+    loss: str = "mse",
+    watched: Collection[int] = (),
+) -> Trace:
+    """Fit summed Gaussians; watched are the iterations after which the scene is kept."""
+    # The paper's m, which bounds no round here, and its k and e.
+    added = {AT_ONCE: None, EXPONENTIAL: gaussians, LINEAR: -(-gaussians // rounds)}[schedule]
+    steps = iterations if schedule == AT_ONCE else iterations // rounds
+    options = FitOptions(
+        gaussians=gaussians,
+        iterations=iterations,
+        placement=way.placement,
+        schedule=schedule,
+        loss=loss,
+        seed=seed,
+        blend=ADD,
+        per_round=added if way.even else None,
+        round_iterations=steps if way.even else None,
+        relocate=way.relocate,
+    )
+    by_round: dict[int, Scene] = {}
+    snapshots: dict[int, Scene] = {}
+
+    def look(progress: FitProgress) -> None:
+        if not watched:
+            return
+        scene = run.scene()
+        by_round[progress.round] = scene
+        if progress.iteration in watched:
+            snapshots[progress.iteration] = scene
+
+    rule = FixedCount(schedule, gaussians, iterations, options.per_round)
+    run = Run(pixels, options, rule, progress=look)
+    begun = time.perf_counter()
+    run.fit()
+    seconds = time.perf_counter() - begun
+    scene = run.scene()
+    image = drawn(scene)
+    return Trace(scene, image, metrics.psnr(image, pixels), seconds, by_round, snapshots)

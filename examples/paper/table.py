@@ -1,0 +1,195 @@
+"""What the paper lacks: drawn files by the number of Gaussians, and polygons beside them."""
+
+from __future__ import annotations
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from gauss2svg import metrics, vectorize
+from gauss2svg.bench.peers import PEERS
+from gauss2svg.raster import rasterize
+from gauss2svg.scene import BLENDS
+from gauss2svg.svg import file_bytes
+
+from .photos import Pixels, Smoothness, smoothness
+from .settings import Settings
+
+PEER = "vtracer"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """One way to a file: options of gauss2svg.vectorize."""
+
+    blend: str
+    init: str
+    falloff: str = "gaussian"
+
+    @property
+    def name(self) -> str:
+        """As in the table."""
+        blend = "source-over" if self.blend == "over" else "additive"
+        learned = ", learned rims" if self.falloff == "adaptive" else ""
+        return f"{blend}, {self.init}{learned}"
+
+
+BEST = Kind("over", "selective", "adaptive")  # the product's own
+
+
+def kinds(settings: Settings) -> tuple[Kind, ...]:
+    """Both blends with every placement, and the product's own."""
+    return (*(Kind(blend, init) for blend in BLENDS for init in settings.inits), BEST)
+
+
+# From a few large polygons to as many as there are colours.
+_POLYGONS = (
+    {"filter_speckle": 10, "layer_difference": 48},
+    {"filter_speckle": 4, "layer_difference": 32},
+    {"filter_speckle": 4, "layer_difference": 16},
+    {"filter_speckle": 2, "layer_difference": 8},
+    {"filter_speckle": 0, "layer_difference": 0},
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One file of one photo, or the mean over several.
+
+    kind     of the file, or the peer's settings; count  Gaussians asked for, or the peer's paths
+    psnr, ssim   of the drawn SVG against the photo; error, edges  see photos.Smoothness
+    flat     gauss2svg.metrics.flat_error, levels
+    """
+
+    photo: str
+    kind: str
+    count: float
+    psnr: float
+    ssim: float
+    flat: float
+    error: float
+    edges: float
+    svg_bytes: float
+    svgz_bytes: float
+    seconds: float
+
+
+def own_rows(
+    photos: dict[str, Pixels], settings: Settings
+) -> tuple[list[Row], dict[tuple[str, str, int], Pixels]]:
+    """Every kind, count and photo, and the rasters of the product's own kind."""
+    rows, rasters = [], {}
+    for kind in kinds(settings):
+        for count in settings.counts:
+            for name, pixels in photos.items():
+                result = vectorize(
+                    pixels, gaussians=count, iterations=settings.table_iterations,
+                    blend=kind.blend, init=kind.init, falloff=kind.falloff,
+                )  # fmt: skip
+                report = result.report
+                sizes = report["svg_bytes"], report["svgz_bytes"]
+                seconds = report["total_s"]
+                rows.append(_row(name, kind.name, count, pixels, result.raster, sizes, seconds))
+                if kind == BEST:
+                    rasters[name, kind.name, count] = result.raster
+    return rows, rasters
+
+
+def peer_is_there() -> bool:
+    """Whether the tracer of polygons is installed."""
+    return PEERS[PEER].version() is not None
+
+
+def peer_rows(
+    photos: dict[str, Pixels],
+) -> tuple[list[Row], dict[tuple[str, str, int], Pixels]]:
+    """Polygons of one colour each, in every setting, and how they are drawn."""
+    rows, rasters = [], {}
+    for k, options in enumerate(_POLYGONS):
+        for name, pixels in photos.items():
+            with tempfile.TemporaryDirectory() as folder:
+                png, drawn = Path(folder) / "photo.png", Path(folder) / "drawn.svg"
+                Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(png)
+                work = PEERS[PEER].prepare(png, drawn, style="polygon", **options)
+                begun = time.perf_counter()
+                work()
+                seconds = time.perf_counter() - begun
+                svg = drawn.read_text()
+            raster = rasterize(svg, pixels.shape[1], pixels.shape[0])
+            kind = f"polygons, {options['filter_speckle']}/{options['layer_difference']}"
+            paths = svg.count("<path")
+            sizes = len(file_bytes(svg, gzipped=False)), len(file_bytes(svg, gzipped=True))
+            rows.append(_row(name, kind, paths, pixels, raster, sizes, seconds))
+            rasters[name, kind, k] = raster
+    return rows, rasters
+
+
+def _row(
+    name: str,
+    kind: str,
+    count: int,
+    pixels: Pixels,
+    raster: Pixels,
+    sizes: tuple[int, int],
+    seconds: float,
+) -> Row:
+    smooth: Smoothness = smoothness(raster, pixels)
+    return Row(
+        photo=name,
+        kind=kind,
+        count=count,
+        psnr=metrics.psnr(raster, pixels),
+        ssim=metrics.ssim(raster, pixels),
+        flat=metrics.flat_error(raster, pixels),
+        error=smooth.error,
+        edges=smooth.edges,
+        svg_bytes=sizes[0],
+        svgz_bytes=sizes[1],
+        seconds=seconds,
+    )
+
+
+_NUMBERS = (
+    "count", "psnr", "ssim", "flat", "error", "edges", "svg_bytes", "svgz_bytes", "seconds",
+)  # fmt: skip
+
+
+def means(rows: Sequence[Row], group: Callable[[Row], object]) -> list[Row]:
+    """One row for each group, in the order of their first rows: the mean over the photos."""
+    groups: dict[object, list[Row]] = {}
+    for row in rows:
+        groups.setdefault(group(row), []).append(row)
+    return [
+        Row(
+            "mean",
+            members[0].kind,
+            **{n: statistics.fmean(getattr(row, n) for row in members) for n in _NUMBERS},
+        )
+        for members in groups.values()
+    ]
+
+
+def own_means(rows: Sequence[Row]) -> list[Row]:
+    """Means by kind and count."""
+    return means(rows, lambda row: (row.kind, row.count))
+
+
+def peer_means(rows: Sequence[Row]) -> list[Row]:
+    """Means by setting: the number of paths differs from photo to photo."""
+    return means(rows, lambda row: row.kind)
+
+
+def at_most_as_large(own: Sequence[Row], peer: Row) -> Row | None:
+    """The largest own file of the same photo with no more bytes than the peer's; None if none."""
+    fitting = [
+        row
+        for row in own
+        if (row.photo, row.kind) == (peer.photo, BEST.name) and row.svg_bytes <= peer.svg_bytes
+    ]
+    return max(fitting, key=lambda row: row.svg_bytes, default=None)

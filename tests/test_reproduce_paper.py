@@ -1,0 +1,252 @@
+"""examples/reproduce_paper.py: the page is whole, and its verdicts follow from their numbers."""
+
+import importlib
+import json
+import math
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+pytest.importorskip("matplotlib")
+pytest.importorskip("jinja2")
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def on_the_path():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(EXAMPLES)
+        yield
+
+
+@pytest.fixture(scope="module")
+def claims():
+    return importlib.import_module("paper.claims")
+
+
+class Page(HTMLParser):
+    """Tags with their attributes, and the text inside of each open tag's end."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict]] = []
+        self.open: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "img", "source"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def all(self, tag: str) -> list[dict]:
+        return [attributes for name, attributes in self.tags if name == tag]
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory) -> Path:
+    """The folder of the quick page, by the command itself."""
+    folder = tmp_path_factory.mktemp("paper")
+    command = importlib.import_module("reproduce_paper")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["reproduce_paper.py", str(folder), "--quick"])
+        command.main()
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(quick) -> Page:
+    return Page((quick / "index.html").read_text(encoding="utf-8"))
+
+
+SECTIONS = ["rounds", "iterations", "schedules", "windows", "losses", "drawn", "claims"]
+CLAIMS = ["a", "b", "c", "c, LIVE", "d", "e", "f"]
+
+
+def test_page_is_well_formed_and_has_every_section(page):
+    assert page.open == []
+    assert [section["id"] for section in page.all("section")] == SECTIONS
+    ids = [attributes["id"] for _, attributes in page.tags if "id" in attributes]
+    assert len(set(ids)) == len(ids)
+
+
+def test_every_image_exists_has_its_size_and_an_alternative_text(page, quick):
+    images = page.all("img")
+    assert len(images) > 25
+    for image in images:
+        assert image["alt"].strip()
+        path = quick / image["src"]
+        if path.suffix == ".png":
+            with Image.open(path) as opened:
+                assert opened.size == (int(image["width"]), int(image["height"]))
+        else:
+            assert path.read_text().startswith("<?xml")
+    files = {path.name for path in quick.iterdir()}
+    shown = {image["src"] for image in images} | {s["srcset"] for s in page.all("source")}
+    assert shown == files - {"index.html", "numbers.json"}
+
+
+def test_page_needs_nothing_from_elsewhere_and_no_script(page, quick):
+    assert not page.all("script")
+    assert not page.all("link")
+    text = (quick / "index.html").read_text(encoding="utf-8")
+    assert "url(" not in text
+    assert "@import" not in text
+    local = {"numbers.json", *(f"#{name}" for name in SECTIONS)}
+    (paper,) = {a["href"] for a in page.all("a")} - local
+    assert paper.startswith("https://infoscience.epfl.ch/")
+    assert all("/" not in image["src"] for image in page.all("img"))
+
+
+def test_page_has_one_verdict_for_each_claim(page, quick, claims):
+    shown = [item for item in page.all("li") if "data-claim" in item]
+    assert [item["data-claim"] for item in shown] == CLAIMS
+    verdicts = json.loads((quick / "numbers.json").read_text())["verdicts"]
+    assert [verdict["key"] for verdict in verdicts] == CLAIMS
+    for item, verdict in zip(shown, verdicts, strict=True):
+        assert verdict["word"] in claims.WORDS
+        assert item["class"] == verdict["word"].replace(" ", "-")
+    assert [v["word"] for v in verdicts if v["key"] == "c, LIVE"] == [claims.UNTESTED]
+
+
+def test_the_same_settings_give_the_same_bytes(quick, tmp_path):
+    sections = importlib.import_module("paper.model_sections")
+    book = importlib.import_module("paper.book").Book.begin(
+        importlib.import_module("paper.settings").QUICK, tmp_path
+    )
+    sections.progressive(book)
+    sections.cropped_windows(book)
+    made = sorted(tmp_path.iterdir())
+    assert len(made) > 15
+    for path in made:
+        assert path.read_bytes() == (quick / path.name).read_bytes(), path.name
+    told = json.loads((quick / "numbers.json").read_text())
+    assert json.loads(json.dumps(book.numbers)) == {name: told[name] for name in book.numbers}
+
+
+def test_page_without_the_tracer_says_so(monkeypatch, quick, tmp_path):
+    report = importlib.import_module("paper.report")
+    drawn = importlib.import_module("paper.drawn_sections")
+    settings = importlib.import_module("paper.settings").QUICK
+    book = importlib.import_module("paper.book").Book.begin(settings, tmp_path)
+    monkeypatch.setattr(drawn.table, "peer_is_there", lambda: False)
+    error, edges = drawn.drawn_files(book)
+    assert book.page["polygons_table"] is None
+    assert all(pairs == [] for pairs in [*error.values(), *edges.values()])
+    template = (EXAMPLES / "paper" / report._TEMPLATE).read_text()
+    assert "vtracer is not installed" in template
+
+
+def test_fewer_gaussians_both_ways(claims):
+    clear = {"paper": [1.0, 1.2, 0.9], "product": [0.5, 0.6, 0.4]}
+    needed = {"paper": 200.0, "product": math.inf}
+    verdict = claims.fewer_gaussians(clear, needed, 127, 508)
+    assert verdict.word == claims.HOLDS
+    assert "needs 200 instead of 127" in verdict.numbers
+    assert "more than 508" in verdict.numbers
+    reached = {"paper": 127.0, "product": 127.0}
+    assert "needs no more" in claims.fewer_gaussians(clear, reached, 127, 508).numbers
+    lost_in_spread = {"paper": clear["paper"], "product": [0.5, -0.6, 0.3]}
+    assert claims.fewer_gaussians(lost_in_spread, needed, 127, 508).word == claims.IN_PART
+    worse = {way: [-gain for gain in gains] for way, gains in clear.items()}
+    assert claims.fewer_gaussians(worse, needed, 127, 508).word == claims.NOT
+
+
+def test_trade_off_both_ways(claims):
+    rising = [(64, 20.0), (128, 22.0), (256, 25.0)]
+    falling = [(count, -psnr) for count, psnr in rising]
+    assert claims.trade_off({"one": rising, "two": rising}).word == claims.HOLDS
+    assert claims.trade_off({"one": rising, "two": falling}).word == claims.IN_PART
+    assert claims.trade_off({"one": falling}).word == claims.NOT
+    assert (
+        "from 64 to 256 it rises from 20.00 to 25.00 dB" in claims.trade_off({"a": rising}).numbers
+    )
+
+
+def test_faster_than_shapes_both_ways(claims):
+    ahead, behind = [1.0, 1.1, 0.9], [-1.0, -1.1, -0.9]
+    assert claims.faster_than_shapes(ahead, ahead).word == claims.HOLDS
+    assert claims.faster_than_shapes(ahead, behind).word == claims.IN_PART
+    assert claims.faster_than_shapes(behind, behind).word == claims.NOT
+    assert claims.faster_than_shapes([1.0, -0.9, 0.2], behind).word == claims.NOT
+
+
+def test_smoother_than_shapes_both_ways(claims):
+    better, worse = [(1.0, 2.0), (2.0, 2.5)], [(2.0, 1.0)]
+    judge = claims.smoother_than_shapes
+    assert judge({"x": better}, {"x": better}).word == claims.HOLDS
+    assert judge({"x": better}, {"x": worse}).word == claims.IN_PART
+    assert judge({"x": worse, "y": worse}, {"x": worse, "y": worse}).word == claims.NOT
+    assert judge({"x": better, "y": []}, {"x": better, "y": []}).word == claims.HOLDS
+    assert judge({"x": []}, {"x": []}).word == claims.UNTESTED
+
+
+def test_crop_cured_both_ways(claims):
+    assert claims.crop_cured(60.0, 0.5, 25.0, 60.0).word == claims.HOLDS
+    assert claims.crop_cured(60.0, 9.0, 25.0, 45.0).word == claims.IN_PART
+    assert claims.crop_cured(60.0, 70.0, 25.0, 45.0).word == claims.NOT
+    assert claims.crop_cured(60.0, 9.0, 45.0, 25.0).word == claims.NOT
+    assert claims.crop_cured(0.2, 0.1, 60.0, 70.0).word == claims.NOT  # there was no crop
+
+
+def test_losses_differ_both_ways(claims):
+    judge = claims.losses_differ
+    traded = judge({"mse": (30.0, 0.80), "mse+ssim": (28.0, 0.85), "l1": (29.0, 0.79)})
+    assert traded.word == claims.HOLDS
+    assert "mse+ssim loses 2.00 dB to mse, which loses 0.0500 SSIM" in traded.numbers
+    assert judge({"mse": (30.0, 0.9), "l1": (28.0, 0.8)}).word == claims.IN_PART
+    assert judge({"mse": (30.0, 0.9), "l1": (30.0, 0.9)}).word == claims.NOT
+
+
+def test_count_for_a_quality_is_read_off_the_line():
+    count_for = importlib.import_module("paper.schedules").count_for
+    line = [(100, 20.0), (200, 22.0), (400, 26.0)]
+    assert count_for(19.0, line) == 100
+    assert count_for(21.0, line) == pytest.approx(100 * math.sqrt(2))
+    assert count_for(26.0, line) == pytest.approx(400)
+    assert count_for(26.1, line) == math.inf
+
+
+def test_smoothness_sees_false_edges_and_errors_only_where_the_photo_is_smooth():
+    photos = importlib.import_module("paper.photos")
+    ramp = np.repeat(np.linspace(0.2, 0.6, 60)[None, :, None], 30, axis=0).repeat(3, axis=2)
+    bands = np.round(ramp * 10) / 10
+    assert photos.smoothness(ramp, ramp) == photos.Smoothness(1.0, 0.0, 0.0)
+    banded = photos.smoothness(bands, ramp)
+    assert banded.edges == pytest.approx(2 * 4 / 60)  # both sides of four steps
+    assert banded.error == pytest.approx(255 * 0.1 / math.sqrt(12), rel=0.05)
+    stepped = ramp.copy()
+    stepped[:, 30:] += 0.3
+    away = photos.smoothness(
+        np.where(np.abs(np.arange(60) - 29.5)[:, None] < 3, 0, stepped), stepped
+    )
+    assert away.error == 0
+    assert 0 < away.area < 1
+    noise = np.random.default_rng(0).random((30, 30, 3))
+    assert math.isnan(photos.smoothness(noise, noise).error)
+
+
+def test_photos_are_reduced_to_their_side_on_8_bits():
+    photo = importlib.import_module("paper.photos").photo
+    for name, size in (("astronaut", (64, 64)), ("cat", (43, 64)), ("coffee", (43, 64))):
+        pixels = photo(name, 64)
+        assert pixels.shape == (*size, 3)
+        levels = np.round(pixels * 255).astype(np.uint8)
+        np.testing.assert_array_equal(pixels, levels / np.float32(255))
+
+
+def test_ellipses_and_gaussians_start_alike_and_end_better():
+    shapes = importlib.import_module("paper.shapes")
+    pixels = importlib.import_module("paper.photos").photo("coffee", 48)
+    for kind in (shapes.GAUSSIANS, shapes.ELLIPSES):
+        fits = [shapes.crisp_fit("coffee", pixels, kind, 10, 25, 0, 1.0) for _ in range(2)]
+        assert fits[0].psnr == fits[1].psnr
+        assert fits[0].psnr[-1] > fits[0].psnr[0] + 1
+        assert fits[0].seconds == sorted(fits[0].seconds)
