@@ -184,6 +184,8 @@ def test_smoother_than_shapes_both_ways(claims):
     assert judge({"x": better}, {"x": better}).word == claims.HOLDS
     assert judge({"x": better}, {"x": worse}).word == claims.IN_PART
     assert judge({"x": worse, "y": worse}, {"x": worse, "y": worse}).word == claims.NOT
+    lost_in_spread = [(1.0, 2.0), (2.0, 1.1)]
+    assert judge({"x": lost_in_spread}, {"x": better}).word == claims.IN_PART
     assert judge({"x": better, "y": []}, {"x": better, "y": []}).word == claims.HOLDS
     assert judge({"x": []}, {"x": []}).word == claims.UNTESTED
 

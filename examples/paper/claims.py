@@ -121,7 +121,7 @@ def smoother_than_shapes(
     """Over the photos' smooth areas, by rival: pairs of Gaussians and rival, less is smoother.
 
     error  root of the mean squared error in levels; edges  share with a step that is not in the
-    photo. Holds against a rival where both means are lower.
+    photo. Holds against a rival where both are lower beyond the spread.
     """
     claim = "Gaussians give smoother gradients within objects than uniformly coloured shapes."
     if not any(error.values()):
@@ -133,7 +133,7 @@ def smoother_than_shapes(
             continue
         own, other = (statistics.fmean(side) for side in zip(*pairs, strict=True))
         own_edges, other_edges = (statistics.fmean(s) for s in zip(*edges[rival], strict=True))
-        tests += [own < other, own_edges < other_edges]
+        tests += [_beyond([b - a for a, b in p]) for p in (pairs, edges[rival])]
         told.append(
             f"against {rival} an error of {own:.2f} instead of {other:.2f} levels, false edges "
             f"on {100 * own_edges:.2f} instead of {100 * other_edges:.2f} %"
