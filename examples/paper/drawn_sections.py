@@ -98,11 +98,11 @@ def _polygons(found: Sequence[tuple[table.Row, table.Row]]) -> Table:
 def _polygon_pictures(
     book: Book, found: Sequence[tuple[table.Row, table.Row]], rasters: Rasters, traced: Rasters
 ) -> list[Picture]:
-    """A crop of the photo that is shown, of the coarsest polygons, and of Gaussians."""
+    """A crop of the photo that is shown, of polygons in the middle setting, and of Gaussians."""
     own = [pair for pair in found if pair[0].photo == book.shown]
     if not own:
         return []
-    row, match = own[0]
+    row, match = own[len(own) // 2]
     polygons = next(v for k, v in traced.items() if k[:2] == (row.photo, row.kind))
     gaussians = rasters[match.photo, match.kind, int(match.count)]
     square = losses.telling_square([polygons, gaussians])

@@ -27,8 +27,8 @@ class Way:
 
     placement  of new Gaussians; relocate  whether those missed least are placed anew
     even       as in the paper: rounds of 1, 2, 4, .. or of equal parts, each with the same share
-               of the iterations and full steps to the end; else six rounds in the first 30 % of
-               them, and steps that get smaller in the last quarter
+               of the iterations, and a last such share for all of them, on the full picture and
+               with steps that get smaller in the end; else six rounds in the first 30 %
     """
 
     name: str
@@ -78,7 +78,8 @@ def fit(
     """Fit summed Gaussians; watched are the iterations after which the scene is kept."""
     # The paper's m, which bounds no round here, and its k and e.
     added = {AT_ONCE: None, EXPONENTIAL: gaussians, LINEAR: -(-gaussians // rounds)}[schedule]
-    steps = iterations if schedule == AT_ONCE else iterations // rounds
+    share = iterations // (rounds + 1)
+    steps = share * rounds if schedule == AT_ONCE else share
     options = FitOptions(
         gaussians=gaussians,
         iterations=iterations,

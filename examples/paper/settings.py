@@ -13,7 +13,7 @@ class Settings:
     photos        names of scikit-image's pictures; the first one is shown
     gaussians     of figures 1 to 3: with 2^i added in round i, rounds of 1, 2, 4, ... 64
     rounds        of a progressive fit of so many, also of the linear one
-    iterations    of figures 1 to 4, a multiple of the rounds
+    iterations    of figures 1 to 4, a multiple of one more than the rounds
     seeds         of figure 3 and of the comparison of shapes
     more          counts for all at once, to find how many it needs
     kernel_sizes  of figure 4, as shares of the side; the public implementation has 101 of 256 px
@@ -49,7 +49,7 @@ QUICK = Settings(
     photos=("astronaut",),
     gaussians=7,
     rounds=3,
-    iterations=30,
+    iterations=32,
     seeds=(0, 1),
     more=(7, 14, 28),
     more_seeds=(0,),
