@@ -57,7 +57,7 @@ def fewer_gaussians(
     needed  by way: Gaussians that all at once needs for the same mean PSNR, inf above `most`
     """
     told = [
-        f"{way} way {_signed(values)}, for which all at once needs "
+        f"{way}: {_signed(values)}, for which all at once needs "
         + _needed(needed[way], gaussians, most)
         for way, values in gains.items()
     ]

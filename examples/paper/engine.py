@@ -37,9 +37,10 @@ class Way:
     even: bool
 
 
-PAPER = Way("paper", placement="random", relocate=False, even=True)
+RANDOM = Way("paper, random", placement="random", relocate=False, even=True)
+PAPER = Way("paper, selective", placement="live", relocate=False, even=True)
 PRODUCT = Way("product", placement="selective", relocate=True, even=False)
-WAYS = (PAPER, PRODUCT)
+WAYS = (RANDOM, PAPER, PRODUCT)
 
 
 @dataclass(frozen=True, eq=False)
