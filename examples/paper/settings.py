@@ -26,7 +26,7 @@ class Settings:
     photos: tuple[str, ...] = ("astronaut", "cat", "coffee")
     gaussians: int = 127
     rounds: int = 7
-    iterations: int = 280
+    iterations: int = 560
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     more: tuple[int, ...] = (127, 180, 254, 360, 508)
     more_seeds: tuple[int, ...] = (0, 1)
