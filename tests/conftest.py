@@ -9,6 +9,8 @@ from pathlib import Path
 # Two threads also on one core, so that the tests of thread counts have two to compare;
 # numba reads it on import.
 os.environ.setdefault("NUMBA_NUM_THREADS", "2")
+# As gauss2svg.render.threads does, which is too late where a test module imports torch first.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numpy as np
 import pytest
