@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
-from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.errors import Gauss2SvgError, InputError
 from gauss2svg.version import __version__
 
 _BEGUN = time.perf_counter()
@@ -51,7 +51,7 @@ def vectorize_command(
     init: Literal["selective", "error", "random", "live"] = "selective",
     schedule: Literal["exponential", "linear", "all-at-once"] = "exponential",
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse",
-    ssim_weight: float = 0.2,
+    ssim_weight: float | None = None,
     per_round: int | None = None,
     round_iterations: int | None = None,
     relocate: bool = True,
@@ -109,7 +109,7 @@ def vectorize_command(
     loss
         What the fit makes small; those with ssim keep more texture and take longer.
     ssim_weight
-        Of structural similarity in those losses, 0 to 1.
+        Of structural similarity in those losses, 0 to 1; 0.2 if not given.
     per_round
         How many a round adds: exponential ones 1, 2, 4, .. up to this, linear ones this.
     round_iterations
@@ -183,10 +183,16 @@ def vectorize_command(
         standard_stream,
     )
     from gauss2svg.pipeline import vectorize
+    from gauss2svg.scene import ADD
     from gauss2svg.svg import file_bytes, is_svgz
     from gauss2svg.terminal import print_summary, show_progress
 
     refuse_option_like(image, output)
+    if outline is not None and blend == ADD and not portable:
+        raise InputError(
+            "--outline is asked for with --blend add, whose signed colours have no strokes; leave "
+            "it out, or add --portable"
+        )
     to_stdout = output == STANDARD_STREAM
     targets = [path for path in (outline, report, preview, save_scene) if path is not None]
     if not to_stdout:

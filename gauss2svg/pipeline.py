@@ -25,7 +25,7 @@ from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
 from gauss2svg.finish import Finish
 from gauss2svg.fit import FitProgress
-from gauss2svg.fit.losses import DEFAULT_LOSS, SSIM_WEIGHT
+from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
@@ -120,7 +120,7 @@ def vectorize(
     init: str = DEFAULT_PLACEMENT,
     schedule: str = DEFAULT_SCHEDULE,
     loss: str = DEFAULT_LOSS,
-    ssim_weight: float = SSIM_WEIGHT,
+    ssim_weight: float | None = None,
     per_round: int | None = None,
     round_iterations: int | None = None,
     relocate: bool = True,
@@ -163,7 +163,8 @@ def vectorize(
                 of gauss2svg.raster.DRAW_TURNED_BLURS
     init        placement selective, error or random; live: the paper's selective one
     schedule    of a given count: exponential, linear or all-at-once
-    loss        mse, l1, mse+ssim or l1+ssim; ssim_weight: of 1 - SSIM in it, 0..1
+    loss        mse, l1, mse+ssim or l1+ssim; ssim_weight: of 1 - SSIM in the
+                latter two, 0..1; None: 0.2
     per_round   the paper's rounds: exponential ones add min(2^i, per_round), linear ones
                 per_round each; round_iterations: of each
     relocate    whether the fit places anew, on the way, what is missed least

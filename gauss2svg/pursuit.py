@@ -107,12 +107,12 @@ class Pursuit:
         self._attempts: list[Attempt] = []
         self._sum: FitResult | None = None
         self._most = 0, "gaussians"
+        self._rule = self._rule_asked_for(as_demanded if request.portable else self._revise)
         if not request.portable:
             self._begin()
 
     def _begin(self) -> None:
         """A run of the fit that is written, in the time that is left."""
-        self._rule = self._rule_asked_for(self._revise)
         labels = self._request.page.segments
         self._run = Run(
             self._working, self._request.fit_options, self._rule, self._fit_deadline(),
@@ -133,6 +133,8 @@ class Pursuit:
             if self._request.portable:
                 self._begin_with_a_sum()
             self._run.fit()
+            if self._most[1] == "time_limit":  # told too late for the rule to be asked again
+                self._run.trim(self._most[0])
             self._attempts.append(self._attempt())
             best, found = self._search()
             for _ in range(_CALIBRATIONS):
@@ -159,13 +161,16 @@ class Pursuit:
     def _begin_with_a_sum(self) -> None:
         """Fit a sum, and go on with its Gaussians painted over each other."""
         run = Run(
-            self._working, self._request.sum_options, self._rule_asked_for(as_demanded),
+            self._working, self._request.sum_options, self._rule,
             self._fit_deadline(_SUM_SHARE), partial(self._tell, "sum"),
         )  # fmt: skip
         run.fit()
         self._sum = run.result()
+        if isinstance(self._rule, SceneDecides):  # what rounds of the sum bought still tells
+            self._rule.revise = self._revise
         self._begin()
-        self._run.adopt(self._sum.scene)
+        asked = 0 if self._request.scene_decides else self._request.fit_options.gaussians
+        self._run.adopt(self._sum.scene, asked)
 
     def _finished(self, best: Attempt, name: str) -> tuple[Attempt, Finish]:
         limit = self._targets.max_bytes or math.inf
@@ -174,7 +179,9 @@ class Pursuit:
 
     def _search(self) -> tuple[Attempt, RoundTrip]:
         self._correct()
-        best = self._within_bytes(self._best())
+        best = self._best()
+        if self._targets.max_bytes is not None:
+            best = trimmed(best, self._targets.max_bytes, self._working)
         self._tell("measure", None)
         return best, self._measured(best)
 
@@ -225,10 +232,10 @@ class Pursuit:
             self._rehearsed = True
             write = partial(self._write, psnr=progress.psnr)
             reserve = seconds_after(self._run.scene(), write, self._working, self._request.renderer)
-            self._run.clock.deadline = self._deadline - reserve
-            most = _MOST_RESERVED * self._time_left() / reserve
+            most = min(_MOST_RESERVED * self._time_left() / reserve, 1.0)
             if most < 1:
                 self._most = max(1, int(progress.gaussians * most)), "time_limit"
+            self._run.clock.deadline = self._deadline - most * reserve
 
     def _time_left(self) -> float:
         return math.inf if self._deadline is None else self._deadline - time.perf_counter()
@@ -359,13 +366,6 @@ class Pursuit:
             close = [a for a in good if self._psnr(a) <= target + _TOO_GOOD]
             return min(close or good, key=lambda a: len(a.scene))
         return max(small, key=self._psnr)
-
-    def _within_bytes(self, attempt: Attempt) -> Attempt:
-        """With fewer Gaussians if it is too large."""
-        limit = self._targets.max_bytes
-        if limit is None:
-            return attempt
-        return trimmed(attempt, limit, self._working)
 
     def _measured(self, best: Attempt) -> RoundTrip:
         renderer = self._request.renderer

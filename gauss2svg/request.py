@@ -9,7 +9,6 @@ from functools import cached_property
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.finish import FINISHES, renderers_of
-from gauss2svg.fit.losses import SSIM_WEIGHT
 from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions, check_blend
 from gauss2svg.quality import Quality, quality_named
 from gauss2svg.raster import DRAW_BLENDS, DRAW_TURNED_BLURS, renderer_version
@@ -50,7 +49,7 @@ class Request:
     portable: bool = False
     per_round: int | None = None
     round_iterations: int | None = None
-    ssim_weight: float = SSIM_WEIGHT
+    ssim_weight: float | None = None
     relocate: bool = True
     gzip: bool = False
     page: Page = field(default_factory=Page)

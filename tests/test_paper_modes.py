@@ -8,7 +8,7 @@ from conftest import random_sum
 
 from gauss2svg import metrics
 from gauss2svg.errors import InputError
-from gauss2svg.fit import FitOptions, fit
+from gauss2svg.fit import FitOptions, fit, paint
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.losses import image_gradient
 from gauss2svg.fit.placement import PLACEMENTS, Target, place
@@ -54,12 +54,30 @@ def test_a_sum_of_a_sum_is_found_again():
     assert quality_of(target, gaussians=12, iterations=300, blend="add") > 45
 
 
-@pytest.mark.parametrize("threads_seed", [0, 3])
-def test_the_same_seed_gives_the_same_sum(photo, threads_seed):
-    options = FitOptions(50, 40, blend="add", placement="random", seed=threads_seed)
-    one, other = fit(photo, options).scene, fit(photo, options).scene
-    np.testing.assert_array_equal(one.color, other.color)
-    np.testing.assert_array_equal(one.mean, other.mean)
+def test_the_same_seed_gives_the_same_sum_and_another_seed_another(photo):
+    def scene(seed: int):
+        return fit(
+            photo, FitOptions(50, 40, blend="add", placement="random", seed=seed)
+        ).scene  # fmt: skip
+
+    one, again, other = scene(3), scene(3), scene(4)
+    np.testing.assert_array_equal(one.color, again.color)
+    np.testing.assert_array_equal(one.mean, again.mean)
+    assert not np.isin(one.mean, other.mean).all()
+
+
+def test_new_gaussians_of_a_sum_share_what_is_missing(photo):
+    # All at one bright place: if each added all of it, the sum would be many times too much.
+    pixels = np.zeros((64, 64, 3), np.float32)
+    pixels[28:36, 28:36] = 1.0
+    run = Run(
+        pixels,
+        FitOptions(60, 10, blend="add", placement="error"),
+        FixedCount("exponential", 60, 10),
+    )
+    run.background = np.zeros(3)
+    run._add(np.zeros((3, 64, 64), np.float32), 60, 60)
+    assert 0.7 < run._rendered().max() < 1.5
 
 
 def blank(target: Target) -> np.ndarray:
@@ -117,6 +135,14 @@ def test_random_begins_anywhere_with_every_shape():
     assert rho.min() < -0.9
     assert rho.max() > 0.9
     assert np.abs(rho).max() < 1
+    sigma = np.stack([new.factor[:, 0], sigma_y], axis=1)
+    unit = target.spacing(2000)
+    assert sigma.max() <= max(unit, 0.8)
+    few = place("random", target, blank(target), 40, 40, rng, blending("add"))
+    sigma = np.stack([few.factor[:, 0], np.hypot(few.factor[:, 1], few.factor[:, 2])], axis=1)
+    unit = target.spacing(40)
+    assert 0.8 * unit < sigma.max() <= unit
+    assert sigma.min() < 0.25 * unit
 
 
 @pytest.mark.parametrize(
@@ -144,6 +170,37 @@ def test_every_round_has_its_iterations(photo):
     assert counts == [1] * 10 + [3] * 10 + [7] * 10 + [15] * 30
 
 
+@pytest.mark.parametrize("schedule", ["exponential", "all-at-once"])
+def test_no_step_is_added_where_rounds_take_all(photo, schedule):
+    per_round = 8 if schedule == "exponential" else None
+    each = 10 if schedule == "exponential" else 40
+    options = FitOptions(
+        15, 40, schedule=schedule, per_round=per_round, round_iterations=each, blend="add"
+    )
+    assert fit(photo, options).iterations == 40
+
+
+def test_paint_converts_a_sum_to_what_it_shows(photo):
+    summed = fit(photo, FitOptions(80, 60, blend="add")).scene
+    shown = render(summed)
+    painted = paint(summed, options=FitOptions(iterations=80)).scene
+    assert painted.blend == "over"
+    assert len(painted) <= 80
+    assert metrics.psnr(render(painted), shown) > 28
+    by_photo = paint(summed, photo, FitOptions(iterations=80)).scene
+    of_the_photo = metrics.psnr(render(by_photo), photo)
+    assert of_the_photo > quality_of(photo, gaussians=80, iterations=80) - 0.3
+    assert of_the_photo > metrics.psnr(shown, photo)
+
+
+def test_paint_refuses_what_is_no_sum(photo):
+    painted = fit(photo, FitOptions(5, 5)).scene
+    with pytest.raises(InputError, match="scene blends as over; needed is a sum"):
+        paint(painted)
+    with pytest.raises(InputError, match="options have blend add"):
+        paint(random_sum(3, 20, 20, 1), options=FitOptions(blend="add"))
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -154,7 +211,11 @@ def test_every_round_has_its_iterations(photo):
         ({"per_round": 4, "schedule": "all-at-once"}, "all Gaussians at once"),
         ({"per_round": 1, "schedule": "linear"}, "5000 rounds of 1 iterations or more .* room for"),
         ({"round_iterations": 40}, "6 rounds of 40 iterations .* room for 200"),
-        ({"ssim_weight": 1.5}, "ssim_weight is 1.5"),
+        ({"ssim_weight": 1.5, "loss": "l1+ssim"}, "ssim_weight is 1.5"),
+        (
+            {"ssim_weight": 0.5},
+            "ssim_weight is 0.5 with the loss mse, which has no",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_name(change, message):

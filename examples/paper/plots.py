@@ -119,7 +119,10 @@ def schedules_plot(folder: Path, scores: Sequence[Score]) -> Picture:
                 markersize=4.5, alpha=0.75, color=_COLORS[k % len(_COLORS)], label=photo,
             )  # fmt: skip
         labels = {"all-at-once": "at once", "exponential": "expon."}
-        names = [f"{labels.get(schedule, schedule)}\n{way}" for way, schedule in columns]
+        names = [
+            "\n".join([labels.get(schedule, schedule), *way.split(", ")])
+            for way, schedule in columns
+        ]
         axes.set_xticks(range(len(columns)), names)
         axes.tick_params(axis="x", labelsize=8)
         axes.set_ylabel("PSNR, dB")

@@ -38,7 +38,8 @@ def bench_command(
         after an interruption: finished rows are kept.
     axis
         What to vary: NAME or NAME=VALUE,VALUE of gaussians, iterations, quality, init, schedule,
-        loss, falloff, dtype, form, stops, precision, palette, blend, renderer, max_size. Several
+        loss, falloff, dtype, form, stops, precision, palette, blend, portable,
+        per_round, round_iterations, ssim_weight, relocate, renderer, max_size. Several
         span a grid; without any the presets and a small grid are run.
     peers
         Other tools to measure, by commas, where installed: vtracer, splatthis, primitive, jpeg,

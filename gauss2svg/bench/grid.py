@@ -64,6 +64,16 @@ def _px(text: str) -> float:
     return value
 
 
+def _share(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= 1:
+        raise ValueError("needed is a number in 0..1")
+    return value
+
+
 def _count(text: str) -> int | str:
     return text if text == "auto" else _whole(0, MOST_GAUSSIANS)(text)
 
@@ -99,6 +109,11 @@ AXES: dict[str, Axis] = {
         Axis("precision", (0.01, 0.02, 0.05, 0.1), _px),
         Axis("palette", (64, 256, 1024, 0), _whole(0, 2**24)),
         _words("blend", BLENDS),
+        Axis("portable", (False, True), _one_of(False, True)),  # of blend add
+        Axis("per_round", (16, 64, 256), _whole(1)),
+        Axis("round_iterations", (10, 20), _whole(1)),
+        Axis("ssim_weight", (0.1, 0.2, 0.4), _share),  # of the losses with ssim
+        Axis("relocate", (False, True), _one_of(False, True)),
         Axis("renderer", ("resvg", "cairo"), _one_of(*RENDERERS)),  # the others may be missing
         Axis("max_size", (256, 512, 1024), _whole(1)),
     )
@@ -165,7 +180,7 @@ def _check_drawn(settings: Mapping[str, Any]) -> None:
             f"{', '.join(DRAW_TURNED_BLURS)}: add --axis renderer={DRAW_TURNED_BLURS[0]}, or leave "
             "the form out"
         )
-    if settings.get("blend") != ADD:
+    if settings.get("blend") != ADD or settings.get("portable"):
         return
     if renderer not in DRAW_BLENDS:
         raise InputError(

@@ -70,7 +70,8 @@ class Clock:
         """Share done, in `done`..1; 1 ends the fit."""
         by_steps = 0.0
         if self._stage_steps is not None:
-            by_steps = (self.iteration - self._stage_first) / max(self._stage_steps, 1)
+            taken = self.iteration - self._stage_first
+            by_steps = taken / self._stage_steps if self._stage_steps else 1.0
         by_time = 0.0
         if self.deadline is not None:
             now = time.perf_counter()

@@ -16,6 +16,7 @@ from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.placement import FIRST_RAW_BETA
+from gauss2svg.fit.schedule import DEFAULT_SCHEDULE, totals
 from gauss2svg.fit.state import State
 from gauss2svg.scene import OVER, Scene
 
@@ -40,6 +41,6 @@ def painted(scene: Scene, planar: NDArray[np.floating], options: FitOptions) -> 
         np.full(count, FIRST_RAW_BETA if learns else 0.0),
         0,
     )
-    totals = [total for total in options.totals if total < count]
-    state.round_index = np.searchsorted(totals, np.arange(count), side="right").astype(np.int32)
+    rounds = totals(DEFAULT_SCHEDULE, count, None)[:-1]
+    state.round_index = np.searchsorted(rounds, np.arange(count), side="right").astype(np.int32)
     return state

@@ -79,15 +79,19 @@ Threads that sleep instead of spinning while they wait (render/threads.py) took 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import InputError
 from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
 from gauss2svg.fit.rules import FixedCount
 from gauss2svg.fit.run import Run
+from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
+from gauss2svg.scene import ADD, OVER, Scene
 
 
 def fit(
@@ -105,5 +109,34 @@ def fit(
             options.schedule, options.gaussians, options.iterations, options.per_round
         )
         run = Run(pixels, options, rule, progress=progress)
+        run.fit()
+        return run.result()
+
+
+def paint(
+    scene: Scene,
+    pixels: NDArray[np.float32] | None = None,
+    options: FitOptions | None = None,
+    progress: Callable[[FitProgress], None] | None = None,
+) -> FitResult:
+    """Convert a sum to as many Gaussians painted over each other, which every renderer draws.
+
+    Fitted from the sum's to pixels (h, w, 3) float32 in 0..1, by default to the picture that the
+    sum itself makes on its canvas; see gauss2svg.fit.convert. Of options the count and the
+    schedule are not used. Raises InputError for a scene or options that blend otherwise.
+    """
+    if scene.blend != ADD:
+        raise InputError(f"scene blends as {scene.blend}; needed is a sum, {ADD}")
+    options = dataclasses.replace(
+        options or FitOptions(), gaussians=len(scene), per_round=None, round_iterations=None
+    )
+    if options.blend != OVER:
+        raise InputError(f"options have blend {options.blend}; needed is {OVER}")
+    if pixels is None:
+        pixels = render(scene)
+    with kernel_lock:
+        rule = FixedCount(options.schedule, options.gaussians, options.iterations)
+        run = Run(pixels, options, rule, progress=progress)
+        run.adopt(scene, len(scene))
         run.fit()
         return run.result()

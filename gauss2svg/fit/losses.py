@@ -26,17 +26,22 @@ def check_loss(loss: str) -> None:
         raise InputError(f"loss is {loss!r}; needed is one of {', '.join(LOSSES)}")
 
 
+def has_ssim(loss: str) -> bool:
+    """Whether a loss has a part of 1 - SSIM."""
+    return loss.endswith("+ssim")
+
+
 def image_gradient(
     loss: str,
     rendered: NDArray[np.floating],
     target: NDArray[np.floating],
-    ssim_weight: float = SSIM_WEIGHT,
+    ssim_weight: float | None = None,
 ) -> tuple[float, NDArray[np.floating]]:
     """Loss value and its gradient (3, h, w) with respect to rendered (3, h, w), by torch.
 
     mse: mean (r - t)^2; l1: mean |r - t|; with +ssim: (1 - w) of it + w (1 - SSIM) for w =
-    ssim_weight in 0..1. The gradient is times the number of values, so that its scale does not
-    depend on the size.
+    ssim_weight in 0..1, SSIM_WEIGHT if None. The gradient is times the number of values, so that
+    its scale does not depend on the size.
     """
     import torch
 
@@ -45,7 +50,8 @@ def image_gradient(
     wanted = torch.from_numpy(target)
     pixel = torch.nn.functional.l1_loss if loss.startswith("l1") else torch.nn.functional.mse_loss
     value = pixel(image, wanted)
-    if loss.endswith("+ssim"):
+    if has_ssim(loss):
+        ssim_weight = SSIM_WEIGHT if ssim_weight is None else ssim_weight
         missing = 1 - structural_similarity(image, wanted)
         value = (1 - ssim_weight) * value + ssim_weight * missing
     value.backward()

@@ -9,7 +9,7 @@ from typing import Any
 from gauss2svg.checks import number_within, whole_number
 from gauss2svg.errors import InputError
 from gauss2svg.falloff import ADAPTIVE, FALLOFFS, GAUSSIAN
-from gauss2svg.fit.losses import DEFAULT_LOSS, SSIM_WEIGHT, check_loss
+from gauss2svg.fit.losses import DEFAULT_LOSS, check_loss, has_ssim
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT, PLACEMENTS
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE, GROWTH_SHARE, SCHEDULES, totals
 from gauss2svg.scene import ADD, BLENDS, OVER, Scene
@@ -45,7 +45,8 @@ class FitOptions:
     per_round   of growth to a given count, the paper's k or m: exponential rounds i = 0, 1, ..
                 add min(2^i, per_round), linear ones per_round each; None: six rounds
     round_iterations  of each round; None: all rounds together have 30 % of the iterations
-    ssim_weight  of 1 - SSIM in the losses that have it, 0..1; the rest is the pixel term's
+    ssim_weight  of 1 - SSIM in the losses that have it, 0..1, the rest being the pixel term's;
+                None: 0.2
     relocate    whether those that are missed least are placed anew on the way
     """
 
@@ -60,7 +61,7 @@ class FitOptions:
     blend: str = OVER
     per_round: int | None = None
     round_iterations: int | None = None
-    ssim_weight: float = SSIM_WEIGHT
+    ssim_weight: float | None = None
     relocate: bool = True
 
     def __post_init__(self) -> None:
@@ -88,7 +89,7 @@ class FitOptions:
                 f"falloff is {self.falloff!r} with blend 'add', of Gaussians of eight parameters; "
                 f"needed is {GAUSSIAN}, or blend {OVER!r}"
             )
-        number_within("ssim_weight", self.ssim_weight, 0, 1)
+        self._check_ssim_weight()
         self._check_rounds()
         if self.dtype not in DTYPES:
             raise InputError(f"dtype is {self.dtype!r}; needed is one of {', '.join(DTYPES)}")
@@ -97,6 +98,16 @@ class FitOptions:
     def totals(self) -> list[int]:
         """Ascending totals of the rounds in which the Gaussians asked for are added."""
         return totals(self.schedule, self.gaussians, self.iterations, self.per_round)
+
+    def _check_ssim_weight(self) -> None:
+        if self.ssim_weight is None:
+            return
+        number_within("ssim_weight", self.ssim_weight, 0, 1)
+        if not has_ssim(self.loss):
+            raise InputError(
+                f"ssim_weight is {self.ssim_weight} with the loss {self.loss}, which has no SSIM; "
+                f"needed is a loss {self.loss}+ssim"
+            )
 
     def _check_rounds(self) -> None:
         if self.per_round is not None:

@@ -142,7 +142,7 @@ class SceneDecides:
     everything. For the same reason growth that does not pay while Gaussians are few leaps
     once to a fourth of the cap, and comes back if that did not pay either.
 
-    revise(demand, now) may put another demand in place at every question.
+    revise(demand, now) may put another demand in place at every question; it may be replaced.
     """
 
     def __init__(self, demand: Demand, revise: Revise = as_demanded) -> None:
@@ -151,7 +151,7 @@ class SceneDecides:
         self.rounds = max(1, math.ceil(math.log2(max(demand.cap, 1) / FIRST_ROUND)) + 2)
         self.stop_reason = "cap"
         self.slope = 3.0  # dB a doubling
-        self._revise = revise
+        self.revise = revise
         self._last: Snapshot | None = None
         self._before_leap: Snapshot | None = None
         self._paying = math.inf
@@ -159,7 +159,7 @@ class SceneDecides:
 
     def grow(self, now: Snapshot) -> int:
         """Twice as many, or as many as are still needed."""
-        self.demand = self._revise(self.demand, now)
+        self.demand = self.revise(self.demand, now)
         last, self._last = self._last, now
         settled = now.psnr
         if last is not None:
@@ -198,7 +198,7 @@ class SceneDecides:
 
     def adjust(self, now: Snapshot) -> int:
         """More or fewer where the PSNR it will settle at, or the file, is off the demand."""
-        self.demand = self._revise(self.demand, now)
+        self.demand = self.revise(self.demand, now)
         rate = min(_SETTLES_AFTER.items(), key=lambda item: abs(item[0] - now.done))[1]
         settled = now.psnr + rate * max(now.psnr - _SETTLES_FROM, 0.0)
         wanted = self._wanted(now.count, settled)

@@ -100,6 +100,7 @@ class Run:
         self._order = None if segment_at is None else SegmentOrder(segment_at)
         self._rng = np.random.default_rng(options.seed)
         self._round_index = 0
+        self._adopted = False
         self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
         self._reduction = 1
         self._targets: dict[int, Target] = {}
@@ -122,10 +123,19 @@ class Run:
                 steps = None if total is None else total - self.clock.iteration
                 self._refine(steps, GROWTH_SHARE)
 
-    def adopt(self, scene: Scene) -> None:
-        """Begin with a sum's Gaussians, painted over each other; before `fit`."""
+    def adopt(self, scene: Scene, count: int) -> None:
+        """Begin with a sum's Gaussians, painted over each other, and as many as make `count`.
+
+        To be called before `fit`, which then only refines them.
+        """
         self.state = painted(scene, self._target.planar, self.options)
         self._round_index = int(self.state.round_index.max(initial=0))
+        self._adopted = True
+        self._change_count(max(count, len(self.state)))
+
+    def trim(self, count: int) -> None:
+        """Remove the Gaussians that are missed least from a finished fit, down to `count`."""
+        self._change_count(min(count, len(self.state)))
 
     def resize(self, count: int, iterations: int) -> None:
         """Change the number of Gaussians of a finished fit, and refine them again."""
@@ -167,7 +177,7 @@ class Run:
     def _grow(self) -> bool:
         """Rounds of new Gaussians, then the full picture; False if there is nothing to fit."""
         index = 0
-        while True:
+        while not self._adopted:
             count = len(self.state)
             total = self.rule.grow(self._snapshot(self.clock.growing(index - 1), self._psnr_now))
             if total <= count:
