@@ -207,6 +207,22 @@ def _unlayer(j, row, rim, c0, c1, c2, alpha, trans, g, behind):
     return w, wd, h, g0, g1, g2
 
 
+@njit(inline="always")
+def put_moments(moments, p, z1, h0, h2, h22, so, s0, s1, s2, hb):
+    """Sum a pair's lanes into row p of moments: see the module."""
+    h1 = h0 * z1
+    moments[p, 0] = total(h1)
+    moments[p, 1] = total(h2)
+    moments[p, 2] = total(h1 * z1)
+    moments[p, 3] = total(h2 * z1)
+    moments[p, 4] = total(h22)
+    moments[p, 5] = total(so)
+    moments[p, 6] = total(s0)
+    moments[p, 7] = total(s1)
+    moments[p, 8] = total(s2)
+    moments[p, 9] = 0.5 * total(hb)
+
+
 @njit(cache=True)
 def backpropagate_tile(
     pairs, x0, y0, column, shape, paint, gaussian, rows,
@@ -276,17 +292,7 @@ def backpropagate_tile(
                 h2 = h2 + hz
                 h22 = h22 + hz * z2
                 row += TILE_WIDTH
-        h1 = h0 * z1
-        moments[p, 0] = total(h1)
-        moments[p, 1] = total(h2)
-        moments[p, 2] = total(h1 * z1)
-        moments[p, 3] = total(h2 * z1)
-        moments[p, 4] = total(h22)
-        moments[p, 5] = total(so)
-        moments[p, 6] = total(s0)
-        moments[p, 7] = total(s1)
-        moments[p, 8] = total(s2)
-        moments[p, 9] = 0.5 * total(hb)
+        put_moments(moments, p, z1, h0, h2, h22, so, s0, s1, s2, hb)
 
 
 @njit(cache=True)
