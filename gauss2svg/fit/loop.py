@@ -63,6 +63,7 @@ iterations, selective; scatter 0.05):
     colours within 0.3 / 0.6 / 1 either way           25.02, 25.36, 25.30 / 29.68, 30.08, 30.13;
                                                       drawn, at 5000, 29.82 with 0.6, 29.86 with 1:
                                                       44.6 and 44.2 dB from the model (resvg)
+    coefficients of normal densities instead of peaks 25.23 / 30.00, steps of colours in peaks
     weight of flat areas 0                            25.40 / 30.05
     placement live / error / random                   25.29, 25.15, 23.70 / 30.02, 29.89, 27.88
     first sigma 0.3 / 0.4 / 0.55, by error             25.15, 25.03, 24.92 / 29.89, 29.83, 29.73
