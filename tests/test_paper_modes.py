@@ -255,6 +255,19 @@ def test_losses_weigh_ssim_as_they_are_told(weight):
     )
 
 
+def test_rounds_run_on_the_full_picture_where_that_is_asked_for(photo):
+    def sizes(reduce: bool) -> set[int]:
+        seen = set()
+        options = FitOptions(64, 40, blend="add", reduce=reduce)
+        rule = FixedCount(options.schedule, options.gaussians, options.iterations)
+        run = Run(photo, options, rule, progress=lambda _: seen.add(run._target.width))
+        run.fit()
+        return seen
+
+    assert sizes(False) == {128}
+    assert min(sizes(True)) < 128
+
+
 def test_a_heavier_ssim_keeps_more_structure(photo):
     options = {"gaussians": 200, "iterations": 80, "loss": "mse+ssim"}
     scores = []

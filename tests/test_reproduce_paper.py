@@ -151,12 +151,11 @@ def test_fewer_gaussians_both_ways(claims):
     assert verdict.word == claims.HOLDS
     assert "needs 200 instead of 127" in verdict.numbers
     assert "more than 508" in verdict.numbers
-    reached = {"paper": 127.0, "product": 127.0}
-    assert "needs no more" in claims.fewer_gaussians(clear, reached, 127, 508).numbers
-    lost_in_spread = {"paper": clear["paper"], "product": [0.5, -0.6, 0.3]}
-    assert claims.fewer_gaussians(lost_in_spread, needed, 127, 508).word == claims.IN_PART
     worse = {way: [-gain for gain in gains] for way, gains in clear.items()}
     assert claims.fewer_gaussians(worse, needed, 127, 508).word == claims.NOT
+    assert "needs" not in claims.fewer_gaussians(worse, needed, 127, 508).numbers
+    lost_in_spread = {"paper": clear["paper"], "product": [0.5, -0.6, 0.3]}
+    assert claims.fewer_gaussians(lost_in_spread, needed, 127, 508).word == claims.IN_PART
 
 
 def test_trade_off_both_ways(claims):
@@ -179,15 +178,22 @@ def test_faster_than_shapes_both_ways(claims):
 
 
 def test_smoother_than_shapes_both_ways(claims):
-    better, worse = [(1.0, 2.0), (2.0, 2.5)], [(2.0, 1.0)]
+    better, worse = [(1.0, 2.0), (2.0, 2.5), (1.0, 1.7)], [(2.0, 1.0)] * 3
     judge = claims.smoother_than_shapes
     assert judge({"x": better}, {"x": better}).word == claims.HOLDS
     assert judge({"x": better}, {"x": worse}).word == claims.IN_PART
     assert judge({"x": worse, "y": worse}, {"x": worse, "y": worse}).word == claims.NOT
-    lost_in_spread = [(1.0, 2.0), (2.0, 1.1)]
+    lost_in_spread = [(1.0, 2.0), (2.0, 1.1), (1.0, 1.1)]
     assert judge({"x": lost_in_spread}, {"x": better}).word == claims.IN_PART
     assert judge({"x": better, "y": []}, {"x": better, "y": []}).word == claims.HOLDS
     assert judge({"x": []}, {"x": []}).word == claims.UNTESTED
+
+
+def test_too_few_pairs_test_nothing(claims):
+    assert claims.fewer_gaussians({"a": [0.5, 0.6]}, {"a": 200}, 127, 508).word == claims.UNTESTED
+    assert claims.faster_than_shapes([1.0], [1.0]).word == claims.UNTESTED
+    assert claims.smoother_than_shapes({"x": [(1, 2)]}, {"x": [(1, 2)]}).word == claims.UNTESTED
+    assert claims.trade_off({"x": [(64, 20.0)]}).word == claims.UNTESTED
 
 
 def test_crop_cured_both_ways(claims):
@@ -204,6 +210,7 @@ def test_losses_differ_both_ways(claims):
     assert traded.word == claims.HOLDS
     assert "mse+ssim loses 2.00 dB to mse, which loses 0.0500 SSIM" in traded.numbers
     assert judge({"mse": (30.0, 0.9), "l1": (28.0, 0.8)}).word == claims.IN_PART
+    assert judge({"mse": (30.0, 0.80), "mse+ssim": (29.97, 0.90)}).word == claims.IN_PART
     assert judge({"mse": (30.0, 0.9), "l1": (30.0, 0.9)}).word == claims.NOT
 
 

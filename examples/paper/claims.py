@@ -18,6 +18,7 @@ WORDS = (HOLDS, IN_PART, NOT, UNTESTED)
 _VISIBLE = 1.0
 # dB and SSIM by which losses must differ to be told apart.
 _TELLING_PSNR, _TELLING_SSIM = 0.05, 0.002
+_ENOUGH = 3  # pairs: fewer tell no spread
 
 
 @dataclass(frozen=True)
@@ -30,8 +31,10 @@ class Verdict:
     numbers: str
 
 
-def _word(tests: Sequence[bool]) -> str:
-    """Holds if all do, in part if some do."""
+def _word(tests: Sequence[bool | None]) -> str:
+    """Holds if all do, in part if some do; not tested if nothing is, or one test is None."""
+    if not tests or None in tests:
+        return UNTESTED
     return HOLDS if all(tests) else IN_PART if any(tests) else NOT
 
 
@@ -39,8 +42,10 @@ def _spread(values: Sequence[float]) -> float:
     return statistics.stdev(values) if len(values) > 1 else 0.0
 
 
-def _beyond(values: Sequence[float]) -> bool:
-    """Whether the mean is above 0 by more than the spread."""
+def _beyond(values: Sequence[float]) -> bool | None:
+    """Whether the mean is above 0 by more than the spread; None of too few values."""
+    if len(values) < _ENOUGH:
+        return None
     return statistics.fmean(values) > _spread(values)
 
 
@@ -53,26 +58,25 @@ def fewer_gaussians(
 ) -> Verdict:
     """Progressive addition reaches a quality with fewer Gaussians than all at once.
 
-    gains   by way of fitting: dB of exponential over all at once, pair by pair
-    needed  by way: Gaussians that all at once needs for the same mean PSNR, inf above `most`
+    gains   by way and schedule: dB over all at once, pair by pair
+    needed  by way and schedule: Gaussians that all at once needs for the same mean PSNR, inf above
+            `most`
     """
-    told = [
-        f"{way}: {_signed(values)}, for which all at once needs "
-        + _needed(needed[way], gaussians, most)
-        for way, values in gains.items()
-    ]
+    told = []
+    for way, values in gains.items():
+        counts = f", {_needed(needed[way], gaussians, most)}" if _beyond(values) else ""
+        told.append(f"{way} {_signed(values)}{counts}")
     return Verdict(
         "a",
         "Adding Gaussians progressively gives better quality with fewer of them.",
         _word([_beyond(values) for values in gains.values()]),
-        f"exponential less all at once: {'; '.join(told)}.",
+        f"more than all at once: {'; '.join(told)}.",
     )
 
 
 def _needed(count: float, gaussians: int, most: int) -> str:
-    if count <= gaussians:
-        return "no more"
-    return f"{count:.0f} instead of {gaussians}" if math.isfinite(count) else f"more than {most}"
+    needs = f"{count:.0f}" if math.isfinite(count) else f"more than {most}"
+    return f"for which all at once needs {needs} instead of {gaussians}"
 
 
 def trade_off(psnr: Mapping[str, Sequence[tuple[float, float]]]) -> Verdict:
@@ -171,11 +175,11 @@ def losses_differ(scores: Mapping[str, tuple[float, float]]) -> Verdict:
     similar = max(scores, key=lambda loss: scores[loss][1])
     lost_psnr = scores[best][0] - scores[similar][0]
     lost_ssim = scores[similar][1] - scores[best][1]
-    wide = max(p for p, _ in scores.values()) - min(p for p, _ in scores.values())
+    wide, wide_ssim = (max(side) - min(side) for side in zip(*scores.values(), strict=True))
     if lost_psnr > _TELLING_PSNR and lost_ssim > _TELLING_SSIM:
         word = HOLDS
     else:
-        word = IN_PART if wide > _TELLING_PSNR else NOT
+        word = IN_PART if wide > _TELLING_PSNR or wide_ssim > _TELLING_SSIM else NOT
     lost = (
         f"{similar} loses {lost_psnr:.2f} dB to {best}, which loses {lost_ssim:.4f} SSIM to it"
         if best != similar
@@ -186,5 +190,6 @@ def losses_differ(scores: Mapping[str, tuple[float, float]]) -> Verdict:
         "The reconstruction loss decides what is kept.",
         word,
         f"best PSNR by {best}, {scores[best][0]:.2f} dB; best SSIM by {similar}, "
-        f"{scores[similar][1]:.4f}; {lost}.",
+        f"{scores[similar][1]:.4f}; {lost}. Losses differ from {_TELLING_PSNR} dB or an SSIM of "
+        f"{_TELLING_SSIM} on.",
     )

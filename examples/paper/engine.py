@@ -27,8 +27,9 @@ class Way:
 
     placement  of new Gaussians; relocate  whether those missed least are placed anew
     even       as in the paper: rounds of 1, 2, 4, .. or of equal parts, each with the same share
-               of the iterations, and a last such share for all of them, on the full picture and
-               with steps that get smaller in the end; else six rounds in the first 30 %
+               of the iterations, and a last such share for all of them, with steps that get smaller
+               in the end, all on the full picture; else six rounds in the first 30 %, the early
+               ones on a reduced picture
     """
 
     name: str
@@ -92,6 +93,7 @@ def fit(
         per_round=added if way.even else None,
         round_iterations=steps if way.even else None,
         relocate=way.relocate,
+        reduce=not way.even,
     )
     by_round: dict[int, Scene] = {}
     snapshots: dict[int, Scene] = {}

@@ -12,7 +12,7 @@ from gauss2svg.render.cpu import kernel_lock
 
 from . import claims, losses, plots, schedules, windows
 from .book import Book, Table, counted, texts
-from .engine import EXPONENTIAL, PRODUCT, WAYS, Trace, drawn, fit
+from .engine import EXPONENTIAL, LINEAR, PRODUCT, WAYS, Trace, drawn, fit
 from .pictures import ZOOM, Picture, difference
 
 GAIN = 4  # of the differences that are shown
@@ -57,16 +57,23 @@ def compared_schedules(book: Book) -> None:
         scores = schedules.compared(book.photos, settings)
         more = schedules.at_more(book.photos, settings)
     lines = schedules.summaries(scores)
-    reached = {s.way: s.mean for s in lines if s.schedule == EXPONENTIAL}
     by_count = {way.name: schedules.mean_by_count(more, way.name) for way in WAYS}
-    needed = {w: schedules.count_for(reached[w], line) for w, line in by_count.items()}
+    gains, needed = {}, {}
+    for way in by_count:
+        for schedule in (EXPONENTIAL, LINEAR):
+            level = schedules.reached(scores, way, schedule, settings.more_seeds)
+            gains[f"{way}, {schedule}"] = schedules.differences(scores, way, schedule)
+            needed[f"{way}, {schedule}"] = schedules.count_for(level, by_count[way])
+    reached = {
+        way: schedules.reached(scores, way, EXPONENTIAL, settings.more_seeds) for way in by_count
+    }
     book.page["schedules_plot"] = plots.schedules_plot(book.folder, scores)
     book.page["more_plot"] = plots.more_plot(book.folder, by_count, reached)
     book.page["schedules_table"] = Table(
         "schedules-table",
-        "PSNR of the model in dB; the spread over seeds, and the difference to all at once "
-        "by photo and seed, each with its standard deviation",
-        ["way, schedule", "mean", "spread", "less all at once"],
+        "PSNR of the model in dB; its standard deviation over seeds; what it has more than all at "
+        "once, photo by photo and seed by seed, with the standard deviation of that",
+        ["way, schedule", "mean", "over seeds", "more than all at once"],
         [
             [
                 f"{s.way}, {s.schedule}", f"{s.mean:.2f}", f"{s.spread:.2f}",
@@ -86,7 +93,6 @@ def compared_schedules(book: Book) -> None:
             for way, line in by_count.items()
         ],
     )
-    gains = {way.name: schedules.differences(scores, way.name) for way in WAYS}
     book.numbers["schedules"] = [asdict(score) for score in scores]
     book.numbers["all_at_once_with_more"] = [asdict(score) for score in more]
     book.verdicts.append(

@@ -48,6 +48,7 @@ class FitOptions:
     ssim_weight  of 1 - SSIM in the losses that have it, 0..1, the rest being the pixel term's;
                 None: 0.2
     relocate    whether those that are missed least are placed anew on the way
+    reduce      whether rounds of few Gaussians run on a reduced picture, which is quicker
     """
 
     gaussians: int = 5000
@@ -63,6 +64,7 @@ class FitOptions:
     round_iterations: int | None = None
     ssim_weight: float | None = None
     relocate: bool = True
+    reduce: bool = True
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)

@@ -232,7 +232,8 @@ class Run:
 
     def _begin(self, index: int, total: int) -> None:
         """Change to the round's picture and add its Gaussians."""
-        self._show_at(reduction(total, self.pixels.shape[1], self.pixels.shape[0]))
+        height, width = self.pixels.shape[:2]
+        self._show_at(reduction(total, width, height) if self.options.reduce else 1)
         self._round_index = index
         self._add(self._rendered(), total - len(self.state), total)
 
