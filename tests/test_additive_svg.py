@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.falloff import cut_radius, profile
 from gauss2svg.metrics import psnr
-from gauss2svg.raster import rasterize
+from gauss2svg.raster import rasterize, resvg
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg import Page, SvgOptions, outline_svg, read_svg, settled, write_svg
@@ -143,6 +143,22 @@ def test_a_sum_has_no_resolution(factor):
 def test_a_canvas_need_not_be_whole():
     scene = scene_with(6).replace(width=59.4, height=43.7)
     assert drawn_within(scene) > 38
+
+
+@pytest.mark.parametrize(("width", "height"), [(301, 201), (201, 301), (149, 100)])
+def test_pixels_that_the_canvas_covers_in_part_are_no_line_along_its_edge(width, height):
+    # A grey canvas, so that a line, black or white, would be off by a half.
+    scene = scene_with(17, sigma=np.full((60, 2), 6.0), background=np.full(3, 0.5))
+    scene = scene.replace(color=0.2 * scene.color)
+    root = f'<svg width="{width}" height="{height}"'
+    svg = re.sub(r'<svg ([^>]*?)height="44"([^>]*?)width="60"', rf"{root} \1\2", write_svg(scene))
+    assert root in svg
+    drawn = resvg.draw(svg, width, height)  # keeps proportions, where rasterize stretches
+    factor = min(width / 60, height / 44)
+    offset = np.array([width - 60 * factor, height - 44 * factor]) / 2
+    model = scene.scaled(factor).replace(width=width, height=height)
+    off = np.abs(drawn[:, :, :3] - render(model.replace(mean=model.mean + offset)))
+    assert off[drawn[:, :, 3] > 0].max() < 0.1
 
 
 def test_every_renderer_but_cairo_draws_a_sum(renderer):

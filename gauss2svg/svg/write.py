@@ -114,11 +114,10 @@ def _write_sum(scene: Scene, options: SvgOptions, page: Page) -> str:
     drawing.add(drawing.style(f"#{_SUM} circle,#{_SUM} rect{{mix-blend-mode:difference}}"))
     inkscape = Inkscape(drawing)
     group = inkscape.layer(label="Sum", id=_SUM, filter=f"url(#{_TRANSFER})")
-    whole = ("100%", "100%")
-    group.add(drawing.rect(size=whole, fill=encoded.background, id="background"))
+    group.add(_cover(drawing, encoded.background, id="background"))
     for index, phase in enumerate(encoded.phases):
         if phase.turned:  # beside the layers, so that one can be hidden without the other
-            group.add(drawing.rect(size=whole, fill=phase.turned))
+            group.add(_cover(drawing, phase.turned))
         layer = inkscape.layer(label=phase.label, id=f"phase-{index + 1}")
         for disc in phase.discs:
             circle = drawing.circle(r="1", transform=disc.matrix, fill=f"url(#{disc.ramp})")
@@ -127,6 +126,15 @@ def _write_sum(scene: Scene, options: SvgOptions, page: Page) -> str:
         group.add(layer)
     drawing.add(group)
     return _text(drawing)
+
+
+def _cover(drawing: Any, fill: str, **attributes: str) -> Any:
+    """A rectangle over the canvas and beyond: what a filter maps must be opaque to its last pixel.
+
+    The filter's region is grown to whole pixels; a rectangle that ends within one would leave it
+    half turned over, and the map makes that an opaque line along the edge.
+    """
+    return drawing.rect(("-10%", "-10%"), ("120%", "120%"), fill=fill, **attributes)
 
 
 def _not_for_sums(what: str, why: str) -> InputError:
