@@ -49,7 +49,7 @@ def drawn_by_numpy(svg: str, width: int, height: int) -> tuple[np.ndarray, float
         for g in root.iter(SVG + "radialGradient")
     }
     group = root.find(SVG + "g")
-    assert group.get("filter") == "url(#transfer)"
+    assert re.fullmatch(r"url\(#transfer-[0-9a-f]{8}\)", group.get("filter"))
     first, *others = group
     canvas = np.broadcast_to(levels_of(first.get("fill")), (height, width, 3)).copy()
     y, x = np.mgrid[:height, :width] + 0.5
@@ -301,6 +301,14 @@ def test_colours_settle_within_the_error_allowed():
     coarse = settled(scene, SvgOptions(color_error=1e-2))
     fine = settled(scene, SvgOptions(color_error=1e-3))
     assert len(np.unique(coarse.color, axis=0)) < len(np.unique(fine.color, axis=0)) < 200
+
+
+def test_two_sums_in_one_page_keep_their_own_transfer():
+    first, second = (write_svg(scene_with(seed, 20)) for seed in (1, 2))
+    for pattern in (r'id="(transfer-\w+)"', r'id="(summed-\w+)"'):
+        one, other = re.findall(pattern, first), re.findall(pattern, second)
+        assert len(one) == len(other) == 1
+        assert one != other
 
 
 def test_gradients_are_shared_by_colour():
