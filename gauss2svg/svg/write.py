@@ -22,6 +22,7 @@ desc as its description, inline or as a file of its own; aria-labelledby would a
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -107,18 +108,21 @@ def _write_sum(scene: Scene, options: SvgOptions, page: Page) -> str:
     encoded = encode_sum(scene, options)
     count = sum(len(phase.discs) for phase in encoded.phases)
     drawing = _root(page, scene, (encoded.view_width, encoded.view_height), count)
-    drawing.defs.add(_transfer(drawing, encoded.transfer))
+    # Two sums inline in one page keep their own transfer.
+    key = f"{zlib.crc32(repr((encoded.transfer, encoded.background)).encode()):08x}"
+    drawing.defs.add(_transfer(drawing, encoded.transfer, f"{_TRANSFER}-{key}"))
     for ramp in encoded.ramps:
         drawing.defs.add(_ramp(drawing, ramp))
     # What is under the first rectangle is transparent, where a difference is what is drawn.
-    drawing.add(drawing.style(f"#{_SUM} circle,#{_SUM} rect{{mix-blend-mode:difference}}"))
+    drawing.add(
+        drawing.style(f"#{_SUM}-{key} circle,#{_SUM}-{key} rect{{mix-blend-mode:difference}}")
+    )
     inkscape = Inkscape(drawing)
-    group = inkscape.layer(label="Sum", id=_SUM, filter=f"url(#{_TRANSFER})")
-    whole = ("100%", "100%")
-    group.add(drawing.rect(size=whole, fill=encoded.background, id="background"))
+    group = inkscape.layer(label="Sum", id=f"{_SUM}-{key}", filter=f"url(#{_TRANSFER}-{key})")
+    group.add(_cover(drawing, encoded.background, id="background"))
     for index, phase in enumerate(encoded.phases):
         if phase.turned:  # beside the layers, so that one can be hidden without the other
-            group.add(drawing.rect(size=whole, fill=phase.turned))
+            group.add(_cover(drawing, phase.turned))
         layer = inkscape.layer(label=phase.label, id=f"phase-{index + 1}")
         for disc in phase.discs:
             circle = drawing.circle(r="1", transform=disc.matrix, fill=f"url(#{disc.ramp})")
@@ -127,6 +131,15 @@ def _write_sum(scene: Scene, options: SvgOptions, page: Page) -> str:
         group.add(layer)
     drawing.add(group)
     return _text(drawing)
+
+
+def _cover(drawing: Any, fill: str, **attributes: str) -> Any:
+    """A rectangle over the canvas and beyond: what a filter maps must be opaque to its last pixel.
+
+    The filter's region is grown to whole pixels; a rectangle that ends within one would leave it
+    half turned over, and the map makes that an opaque line along the edge.
+    """
+    return drawing.rect(("-10%", "-10%"), ("120%", "120%"), fill=fill, **attributes)
 
 
 def _not_for_sums(what: str, why: str) -> InputError:
@@ -176,11 +189,11 @@ def _ramp(drawing: Any, ramp: Ramp) -> Any:
     return element
 
 
-def _transfer(drawing: Any, transfer: Sequence[tuple[str, str]]) -> Any:
+def _transfer(drawing: Any, transfer: Sequence[tuple[str, str]], name: str) -> Any:
     """The filter that maps channels by slope and intercept, all over the canvas at any size."""
     element = drawing.filter(
         start=("0", "0"), size=("100%", "100%"), filterUnits="userSpaceOnUse",
-        id=_TRANSFER, debug=False,
+        id=name, debug=False,
     )  # fmt: skip
     element["color-interpolation-filters"] = "sRGB"
     mapped = element.feComponentTransfer()

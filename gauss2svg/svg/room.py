@@ -1,0 +1,272 @@
+"""Samples of a canvas on which Gaussians are summed one by one, each where there is room for it.
+
+A sample is a pixel of a grid or the mean of a Gaussian, where thin ones peak between pixels.
+Samples are sorted by the row of the grid that they lie in, and by x within it. Kernels walk the
+samples of a Gaussian and keep nothing of it, so that memory is that of the samples.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gauss2svg.falloff import cut_radius, profile
+from gauss2svg.scene import Scene
+
+_FINEST = 4.0  # samples of the grid per px, each way
+_SIDE = 1536  # samples of the grid, at most
+# Samples of the grid that all Gaussians together may touch, and means do not count: the wider
+# Gaussians are, the coarser a grid shows them well.
+_TOUCHED = 3e7
+# Of a colour channel: what adds less to a sample needs no room there.
+_LEAST_ADDED = 1e-3
+# Of a colour channel: sums in float32 come back to where they were but for less.
+_EQUAL = 1e-4
+# Of the samples, those whose sums may lie beyond what the canvas holds: some 3 px of a photo.
+_IGNORED = 1e-5
+_RADIUS = float(cut_radius(1.0))
+_TABLE = 4096  # steps of the falloff by squared radius
+_STEPS_EACH = _TABLE / _RADIUS**2
+_NOWHERE = -1
+
+
+class Samples(NamedTuple):
+    """Where sums are looked at, and the Gaussians in the same units, those of the grid.
+
+    place    (m, 2) x, y
+    start    (rows + 1,) of each row's samples
+    shape    (n, 9) mean x, y, whitening w11, w21, w22, reach in x and y, d x / d y of the ridge on
+             which rows peak, and the half width of a row through the mean
+    color    (n, 3)
+    falloff  by the squared radius, from 0 to the cut
+    """
+
+    place: NDArray[np.float32]
+    start: NDArray[np.intp]
+    shape: NDArray[np.float64]
+    color: NDArray[np.float64]
+    falloff: NDArray[np.float64]
+
+
+def samples_of(scene: Scene) -> Samples:
+    """Samples of an additive scene; it depends on nothing but the scene."""
+    canvas = np.array([scene.width, scene.height])
+    sides = np.minimum(2 * _RADIUS * scene.sigma, canvas)
+    touched = max(1.0, float(sides.prod(axis=1).sum()))
+    factor = min(_FINEST, _SIDE / canvas.max(), float(np.sqrt(_TOUCHED / touched)))
+    size = np.maximum(1, np.ceil(factor * canvas)).astype(int)
+    scene = scene.scaled(*(size / canvas))
+    y, x = np.mgrid[: size[1], : size[0]] + 0.5
+    grid = np.stack([x, y], axis=-1).reshape(-1, 2)
+    means = scene.mean[((scene.mean >= 0) & (scene.mean < size)).all(axis=1)]
+    # Two sorted runs, which a stable sort but merges.
+    keys = [size[0] * np.floor(part[:, 1]) + part[:, 0] for part in (grid, means)]
+    means, keys[1] = means[np.argsort(keys[1])], np.sort(keys[1])
+    order = np.argsort(np.concatenate(keys), kind="stable")
+    place = np.concatenate([grid, means])[order].astype(np.float32)
+    start = np.searchsorted(np.concatenate(keys)[order], size[0] * np.arange(size[1] + 1))
+    narrow = np.sqrt((1 - scene.rho) * (1 + scene.rho))
+    shape = np.column_stack(
+        [
+            scene.mean, scene.whitening, _RADIUS * scene.sigma,
+            scene.rho * scene.sigma[:, 0] / scene.sigma[:, 1],
+            _RADIUS * narrow * scene.sigma[:, 0],
+        ]
+    )  # fmt: skip
+    falloff = profile(_RADIUS * np.sqrt(np.arange(_TABLE + 1) / _TABLE), 1.0)
+    return Samples(
+        place, start.astype(np.intp), shape, scene.color.copy(),
+        np.ascontiguousarray(falloff, np.float64),
+    )  # fmt: skip
+
+
+def range_of(
+    samples: Samples, background: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
+    """The picture (m, 3), and lowest and highest value (3,) that a canvas must hold to show it.
+
+    Beyond these it folds: v over the highest h becomes 2 h - v. Values over 1 are clipped to 1 in
+    the end, so it is enough that 2 h - v >= 1; likewise values under 0.
+    """
+    picture = np.tile(background.astype(np.float32), (len(samples.place), 1))
+    add_all(samples, np.arange(len(samples.color)), picture, picture, picture)
+    least, most = outermost(picture, picture)
+    low = np.minimum(background, np.where(least < 0, 0.5 * least, least))
+    high = np.maximum(background, np.where(most > 1, 0.5 * (1 + most), most))
+    return picture, low, high
+
+
+def outermost(
+    lowest: NDArray[np.float32], highest: NDArray[np.float32]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Least and most (3,) of samples (m, 3), but for the outermost _IGNORED of them."""
+    k = int(_IGNORED * len(lowest))
+    least, most = np.partition(lowest, k, axis=0)[k], -np.partition(-highest, k, axis=0)[k]
+    return least.astype(np.float64), most.astype(np.float64)
+
+
+@njit(cache=True)
+def add_all(samples, order, total, lowest, highest):
+    """Add Gaussians one by one to total (m, 3); lowest and highest (m, 3) follow it."""
+    for i in order:
+        _add(samples, i, total, lowest, highest)
+
+
+@njit(cache=True)
+def order_of(samples, picture, low, high, background, pattern, patterns, by_mass):
+    """All Gaussians, each once, in the order in which to draw them on a canvas of low..high.
+
+    A sample may go as far as its own value of the picture as well: whenever its canvas folds, it
+    lies as far from there in the end as the picture would, or less. Tours through the patterns
+    draw what has room, in the order by_mass; where nothing has, the one that lacks least is drawn.
+    """
+    count = by_mass.size
+    total = np.empty_like(picture)
+    total[:] = background
+    order = np.empty(count, np.intp)
+    waiting = by_mass.copy()
+    # Where each lacked room last, and how much it lacks at least.
+    seen, lacks = np.full(count, _NOWHERE), np.zeros(count)
+    done = 0
+    backwards = False
+    while done < count:
+        before = done
+        for k in range(patterns.size):
+            signs = patterns[patterns.size - 1 - k if backwards else k]
+            left = 0
+            for i in waiting:
+                fits = False
+                if pattern[i] == signs:
+                    lacks[i], seen[i] = _lacking(
+                        samples, i, total, picture, low, high, seen[i], True
+                    )
+                    fits = lacks[i] <= _EQUAL
+                if fits:
+                    _add(samples, i, total, total, total)
+                    order[done] = i
+                    done += 1
+                else:
+                    waiting[left] = i
+                    left += 1
+            waiting = waiting[:left]
+        backwards = not backwards
+        if done == before:
+            i = _least(samples, waiting, total, picture, low, high, seen, lacks)
+            _add(samples, i, total, total, total)
+            order[done] = i
+            done += 1
+            waiting = waiting[waiting != i]
+    return order
+
+
+@njit(cache=True)
+def _least(samples, waiting, total, picture, low, high, seen, lacks):
+    """Which of those that wait lacks least; lacks holds bounds from below, and is made exact."""
+    exact = np.zeros(lacks.size, np.bool_)
+    while True:
+        i = waiting[np.argmin(lacks[waiting])]
+        if exact[i]:
+            return i
+        lacks[i], seen[i] = _lacking(samples, i, total, picture, low, high, seen[i], False)
+        exact[i] = True
+
+
+@njit(cache=True)
+def _lacking(samples, i, total, picture, low, high, seen, any_will_do):
+    """How far beyond low..high the i-th Gaussian would lead, and at which sample.
+
+    With any_will_do it is what is lacking at the first sample found, `seen` being looked at first.
+    """
+    if any_will_do and seen != _NOWHERE:
+        lack = _beyond(samples, i, seen, total, picture, low, high)
+        if lack > _EQUAL:
+            return lack, seen
+    most, worst = 0.0, seen
+    for row in range(*_rows(samples, i)):
+        first, last = _interval(samples, i, row)
+        for at in range(first, last):
+            lack = _beyond(samples, i, at, total, picture, low, high)
+            if lack > most:
+                most, worst = lack, at
+        if any_will_do and most > _EQUAL:
+            break
+    return most, worst
+
+
+@njit(cache=True)
+def _beyond(samples, i, at, total, picture, low, high):
+    """How far beyond low..high the i-th Gaussian would lead a sample; at most 0 where not."""
+    alpha = _alpha(samples, i, at)
+    most = 0.0
+    for c in range(3):
+        added = alpha * samples.color[i, c]
+        if added > _LEAST_ADDED:
+            most = max(most, total[at, c] + added - max(high[c], picture[at, c]))
+        elif added < -_LEAST_ADDED:
+            most = max(most, min(low[c], picture[at, c]) - total[at, c] - added)
+    return most
+
+
+@njit(cache=True)
+def _add(samples, i, total, lowest, highest):
+    for row in range(*_rows(samples, i)):
+        first, last = _interval(samples, i, row)
+        for at in range(first, last):
+            alpha = _alpha(samples, i, at)
+            for c in range(3):
+                after = np.float32(total[at, c] + alpha * samples.color[i, c])
+                total[at, c] = after
+                lowest[at, c] = min(lowest[at, c], after)
+                highest[at, c] = max(highest[at, c], after)
+
+
+@njit(cache=True)
+def _rows(samples, i):
+    shape = samples.shape
+    rows = samples.start.size - 1
+    first = np.floor(min(max(shape[i, 1] - shape[i, 6], 0.0), float(rows)))
+    last = np.ceil(min(max(shape[i, 1] + shape[i, 6], 0.0), float(rows)))
+    return int(first), int(last)
+
+
+@njit(cache=True)
+def _interval(samples, i, row):
+    """First and last of a row's samples that the i-th Gaussian may reach."""
+    shape = samples.shape
+    v = row + 0.5 - shape[i, 1]
+    near = min(1.0, max(0.0, abs(v) - 0.5) / shape[i, 6])
+    middle = shape[i, 0] + shape[i, 7] * v
+    half = shape[i, 8] * np.sqrt(1 - near * near) + 0.5 * abs(shape[i, 7])
+    left = max(middle - half, shape[i, 0] - shape[i, 5])
+    right = min(middle + half, shape[i, 0] + shape[i, 5])
+    first = _left_of(samples, row, left)
+    return first, max(first, _left_of(samples, row, right))
+
+
+@njit(cache=True)
+def _left_of(samples, row, x):
+    """The first of a row's samples, all sorted, that does not lie left of x."""
+    low, high = samples.start[row], samples.start[row + 1]
+    while low < high:
+        between = (low + high) // 2
+        if samples.place[between, 0] < x:
+            low = between + 1
+        else:
+            high = between
+    return low
+
+
+@njit(cache=True)
+def _alpha(samples, i, at):
+    """The falloff of the i-th Gaussian at a sample, by linear interpolation."""
+    shape, falloff = samples.shape, samples.falloff
+    u, v = samples.place[at, 0] - shape[i, 0], samples.place[at, 1] - shape[i, 1]
+    across, along = shape[i, 2] * u, shape[i, 3] * u + shape[i, 4] * v
+    step = (across * across + along * along) * _STEPS_EACH
+    if step >= _TABLE:
+        return 0.0
+    k = int(step)
+    return falloff[k] + (step - k) * (falloff[k + 1] - falloff[k])
