@@ -35,7 +35,7 @@ class Blending:
 _OVER = Blending(False, Rates(), 0.0, 1.0, 1.0, 0.3, by_residual=False)
 # See the ablation in loop.py.
 _ADD = Blending(
-    True, Rates(opacity=0.0, color=0.025), -0.6, 0.6, _OPAQUE_LOGIT, 0.3, by_residual=True
+    True, Rates(opacity=0.0, color=0.025), -0.5, 0.5, _OPAQUE_LOGIT, 0.3, by_residual=True
 )
 
 

@@ -9,7 +9,9 @@ the patterns until then. Where all wait for each other, those that lack least ro
 Room is looked for between the pixels as well (gauss2svg.svg.room), so that a file can be drawn at
 any size. There the sums of 5000 Gaussians on Kodak 08 and 13 reach from -0.3 to 1.7, which is
 clipped in the end; a canvas for all of it spans 1.92 and 1.82, and 41.6 and 42.6 dB are left in
-resvg. What is clipped may fold, though: a canvas of 1.48 and 1.47 does, with 43.0 and 43.9 dB.
+resvg. What is clipped may fold, though: then 42.9 and 43.3 dB are, and no level is off by more
+than 15, also at twice the size. Ignoring one sample in 100 000 brings 0.1 and 0.6 dB more, and
+single pixels that are off by 60 levels.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene import Scene
-from gauss2svg.svg.room import add_all, order_of, outermost, range_of, samples_of
+from gauss2svg.svg.room import add_all, order_of, range_of, samples_of
 
 _SPARE = 0.02  # on either side, with which fewer wait for each other
 _EQUAL = 1e-3
@@ -57,7 +59,7 @@ def partial_sums(
     """Lowest and highest value (3,) of each channel that the phases' canvas must hold.
 
     Those of the picture (gauss2svg.svg.room.range_of) and of what lies between and within phases,
-    but for what a sample has of the picture itself and for the outermost samples.
+    but for what a sample has of the picture itself.
     """
     samples = samples_of(scene)
     picture, low, high = range_of(samples, scene.background)
@@ -67,8 +69,7 @@ def partial_sums(
         add_all(samples, phase.index, total, lowest, highest)
     lowest[lowest > picture - _EQUAL] = np.inf
     highest[highest < picture + _EQUAL] = -np.inf
-    least, most = outermost(lowest, highest)
-    return np.minimum(low, least), np.maximum(high, most)
+    return np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
 
 
 def _phase(signs: int, index: NDArray[np.intp]) -> Phase:

@@ -25,8 +25,6 @@ _TOUCHED = 3e7
 _LEAST_ADDED = 1e-3
 # Of a colour channel: sums in float32 come back to where they were but for less.
 _EQUAL = 1e-4
-# Of the samples, those whose sums may lie beyond what the canvas holds: some 3 px of a photo.
-_IGNORED = 1e-5
 _RADIUS = float(cut_radius(1.0))
 _TABLE = 4096  # steps of the falloff by squared radius
 _STEPS_EACH = _TABLE / _RADIUS**2
@@ -93,19 +91,10 @@ def range_of(
     """
     picture = np.tile(background.astype(np.float32), (len(samples.place), 1))
     add_all(samples, np.arange(len(samples.color)), picture, picture, picture)
-    least, most = outermost(picture, picture)
+    least, most = picture.min(axis=0).astype(np.float64), picture.max(axis=0).astype(np.float64)
     low = np.minimum(background, np.where(least < 0, 0.5 * least, least))
     high = np.maximum(background, np.where(most > 1, 0.5 * (1 + most), most))
     return picture, low, high
-
-
-def outermost(
-    lowest: NDArray[np.float32], highest: NDArray[np.float32]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Least and most (3,) of samples (m, 3), but for the outermost _IGNORED of them."""
-    k = int(_IGNORED * len(lowest))
-    least, most = np.partition(lowest, k, axis=0)[k], -np.partition(-highest, k, axis=0)[k]
-    return least.astype(np.float64), most.astype(np.float64)
 
 
 @njit(cache=True)
