@@ -136,7 +136,7 @@ def test_page_without_the_tracer_says_so(monkeypatch, quick, tmp_path):
     drawn = importlib.import_module("paper.drawn_sections")
     settings = importlib.import_module("paper.settings").QUICK
     book = importlib.import_module("paper.book").Book.begin(settings, tmp_path)
-    monkeypatch.setattr(drawn.table, "peer_is_there", lambda: False)
+    monkeypatch.setattr(drawn.table, "peer_version", lambda: None)
     error, edges = drawn.drawn_files(book)
     assert book.page["polygons_table"] is None
     assert all(pairs == [] for pairs in [*error.values(), *edges.values()])

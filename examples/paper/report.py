@@ -85,7 +85,7 @@ def write_report(
             gain=model_sections.GAIN,
             best=table.BEST.name,
             machine=machine(),
-            versions=versions | {name: version(name) for name in _PACKAGES},
+            versions=versions | {name: version(name) for name in _PACKAGES} | _tracer(),
             command=command,
             parts=parts,
             seconds=time.perf_counter() - begun,
@@ -93,6 +93,12 @@ def write_report(
         encoding="utf-8",
     )
     return path
+
+
+def _tracer() -> dict[str, str]:
+    """The version of the tracer of polygons by its name, if it is installed."""
+    found = table.peer_version()
+    return {table.PEER: found} if found else {}
 
 
 def _page(**context: object) -> str:
