@@ -125,8 +125,8 @@ def _polygons(found: Sequence[tuple[table.Row, table.Row]], left_out: Sequence[s
     return Table(
         "polygons-table",
         "Polygons (speckle filter/layer difference, all eight bits of colour) and Gaussians in no "
-        "more bytes, mean over the photos: error over smooth areas in levels of 255, share of them with "
-        f"false edges in %, error of the worst thousandth of flat areas in levels{lacking}",
+        "more bytes, mean over the photos: error over smooth areas in levels of 255, share of them "
+        f"with false edges in %, error of the worst thousandth of flat areas in levels{lacking}",
         ["shapes", "count", "PSNR, dB", "SSIM", "error", "edges, %", "flat", "kB", "seconds"],
         lines,
     )
@@ -221,8 +221,8 @@ def _shapes_table(fits: Sequence[shapes.ShapeFit]) -> Table:
     return Table(
         "shapes-table",
         "Of the model, mean over the seeds; iterations after which one has the final PSNR of the "
-        "other, not reached if it lacks that with any seed; error over smooth areas in levels of 255, "
-        "share of them with false edges in %",
+        "other, not reached if it lacks that with any seed; error over smooth areas in levels of "
+        "255, share of them with false edges in %",
         ["photo, shapes", "PSNR, dB", "seconds", "to the other's PSNR", "error", "edges, %"],
         lines,
     )
