@@ -15,9 +15,6 @@ import shlex
 import sys
 from pathlib import Path
 
-from paper.report import write_report
-from paper.settings import FULL, QUICK
-
 
 def main() -> None:
     """Parse the command line, write the page."""
@@ -26,8 +23,22 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="little of everything, in seconds")
     options = parser.parse_args()
     command = shlex.join(["python", "examples/reproduce_paper.py", *sys.argv[1:]])
+    try:
+        # What they import is no dependency of gauss2svg itself.
+        from paper.report import write_report
+        from paper.settings import FULL, QUICK
+    except ModuleNotFoundError as error:
+        parser.exit(
+            2, f"{parser.prog}: {error.name} is not installed; pip install 'gauss2svg[bench]'\n"
+        )
+    # After the import: it makes sure that gauss2svg is there.
+    from gauss2svg.errors import InputError
+
     settings = QUICK if options.quick else FULL
-    path = write_report(settings, options.folder, command, lambda part: print(part, flush=True))
+    try:
+        path = write_report(settings, options.folder, command, lambda part: print(part, flush=True))
+    except (InputError, OSError) as error:
+        parser.exit(2, f"{parser.prog}: {error}\n")
     print(path)
 
 

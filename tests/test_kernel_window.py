@@ -100,7 +100,10 @@ def test_the_jump_at_an_edge_is_what_the_exponential_has_there(sigma, rho, adapt
     squares = [(u / sigma[0]) ** 2 + ((v / sigma[1] - rho * u / sigma[0]) / k) ** 2
                for u, v in sides]  # fmt: skip
     assert share == pytest.approx(max(np.exp(-0.5 * s).max() for s in squares), rel=1e-5)
-    # And in the picture: the last pixel centre inside lies on the edge, the next beyond it.
+
+
+def test_the_jump_in_the_picture_is_that_of_the_edge():
+    # The last pixel centre inside lies on the edge, the next beyond it.
     scene = single((6.0, 6.0), color=(0.8, -0.4, 0.2))
     row = drawn(scene, 2 * 8.0, adaptive=False)[20, :, 0]
     jump = row[25 + 8] - row[25 + 9]

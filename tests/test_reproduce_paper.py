@@ -1,5 +1,6 @@
 """examples/reproduce_paper.py: the page is whole, and its verdicts follow from their numbers."""
 
+import dataclasses
 import importlib
 import json
 import math
@@ -51,11 +52,20 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def quick(tmp_path_factory) -> Path:
+def context() -> dict:
+    """What the template of the quick page was given."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory, context) -> Path:
     """The folder of the quick page, by the command itself."""
     folder = tmp_path_factory.mktemp("paper")
     command = importlib.import_module("reproduce_paper")
+    report = importlib.import_module("paper.report")
+    render = report._page
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report, "_page", lambda **given: render(**(context.update(given) or given)))
         patch.setattr(sys, "argv", ["reproduce_paper.py", str(folder), "--quick"])
         command.main()
     return folder
@@ -131,17 +141,19 @@ def test_the_same_settings_give_the_same_bytes(quick, tmp_path):
     assert json.loads(json.dumps(book.numbers)) == {name: told[name] for name in book.numbers}
 
 
-def test_page_without_the_tracer_says_so(monkeypatch, quick, tmp_path):
+def test_page_without_the_tracer_says_so(monkeypatch, quick, context, tmp_path):
     report = importlib.import_module("paper.report")
     drawn = importlib.import_module("paper.drawn_sections")
     settings = importlib.import_module("paper.settings").QUICK
     book = importlib.import_module("paper.book").Book.begin(settings, tmp_path)
-    monkeypatch.setattr(drawn.table, "peer_is_there", lambda: False)
+    monkeypatch.setattr(drawn.table, "peer_version", lambda: None)
     error, edges = drawn.drawn_files(book)
     assert book.page["polygons_table"] is None
     assert all(pairs == [] for pairs in [*error.values(), *edges.values()])
-    template = (EXAMPLES / "paper" / report._TEMPLATE).read_text()
-    assert "vtracer is not installed" in template
+    assert "vtracer is not installed" in report._page(**context | book.page)
+    unmatched = report._page(**context | book.page | {"tracer_is_there": True})
+    assert "vtracer is not installed" not in unmatched
+    assert "nothing to compare" in unmatched
 
 
 def test_fewer_gaussians_both_ways(claims):
@@ -251,7 +263,19 @@ def test_photos_are_reduced_to_their_side_on_8_bits():
         np.testing.assert_array_equal(pixels, levels / np.float32(255))
 
 
-def test_ellipses_and_gaussians_start_alike_and_end_better():
+def test_ellipses_as_soft_as_gaussians_are_fitted_as_these_are(monkeypatch):
+    shapes = importlib.import_module("paper.shapes")
+    pixels = importlib.import_module("paper.photos").photo("coffee", 48)
+    kinds = (shapes.GAUSSIANS, shapes.ELLIPSES)
+    crisp = [shapes.crisp_fit("coffee", pixels, kind, 10, 5, 0, 1.0) for kind in kinds]
+    assert abs(crisp[0].psnr[0] - crisp[1].psnr[0]) > 0.01
+    monkeypatch.setattr(shapes, "_LEAST_BETA", 1.0)
+    monkeypatch.setattr(shapes, "_MOST_BETA", 1.0)
+    soft = [shapes.crisp_fit("coffee", pixels, kind, 10, 5, 0, 1.0) for kind in kinds]
+    assert soft[1].psnr == pytest.approx(soft[0].psnr, abs=0.01)
+
+
+def test_every_fit_of_shapes_gets_better():
     shapes = importlib.import_module("paper.shapes")
     pixels = importlib.import_module("paper.photos").photo("coffee", 48)
     for kind in (shapes.GAUSSIANS, shapes.ELLIPSES):
@@ -259,3 +283,112 @@ def test_ellipses_and_gaussians_start_alike_and_end_better():
         assert fits[0].psnr == fits[1].psnr
         assert fits[0].psnr[-1] > fits[0].psnr[0] + 1
         assert fits[0].seconds == sorted(fits[0].seconds)
+        assert len(fits[0].psnr) == len(fits[0].seconds) == 26
+        shorter = shapes.crisp_fit("coffee", pixels, kind, 10, 12, 0, 1.0)
+        assert shorter.psnr[-1] == pytest.approx(fits[0].psnr[12], abs=1e-3)  # the same moment
+
+
+def shape_fit(kind: str, psnr: list[float], seconds: list[float]):
+    shapes = importlib.import_module("paper.shapes")
+    return shapes.ShapeFit("cat", kind, 0, 1.0, psnr, seconds, np.zeros((1, 1, 3)), None)
+
+
+def test_shapes_are_compared_at_the_end_and_when_the_faster_one_is_done():
+    shapes = importlib.import_module("paper.shapes")
+    own = shape_fit(shapes.GAUSSIANS, [10.0, 20.0, 25.0], [0.0, 2.0, 4.0])
+    other = shape_fit(shapes.ELLIPSES, [9.0, 18.0, 21.0], [0.0, 1.0, 2.0])
+    assert shapes.pairs([own, other]) == [shapes.Pair("cat", 0, 4.0, -1.0)]
+    assert shapes.iterations_to(own, 21.0) == 2
+    assert shapes.iterations_to(other, 25.0) == math.inf
+
+
+def file_row(photo: str, kind: str, svg_bytes: int, error: float = 1.0):
+    return importlib.import_module("paper.table").Row(
+        photo, kind, 10, 30.0, 0.9, 1.0, error, 0.1, svg_bytes, svg_bytes / 4, 0.1
+    )
+
+
+def test_polygons_stand_beside_the_largest_file_with_no_more_bytes():
+    table = importlib.import_module("paper.table")
+    own = [file_row("cat", table.BEST.name, size) for size in (100, 200, 300)]
+    own += [file_row("cat", "another", 240), file_row("dog", table.BEST.name, 220)]
+    assert table.at_most_as_large(own, file_row("cat", "p", 250)) is own[1]
+    assert table.at_most_as_large(own, file_row("cat", "p", 300)) is own[2]
+    assert table.at_most_as_large(own, file_row("cat", "p", 99)) is None
+
+
+def test_a_setting_counts_only_where_every_photo_has_a_file_beside_it():
+    table = importlib.import_module("paper.table")
+    own = [file_row("cat", table.BEST.name, 100, 2.0), file_row("dog", table.BEST.name, 200, 4.0)]
+    peers = [file_row(photo, kind, size, error) for photo, kind, size, error in (
+        ("cat", "few", 150, 5.0), ("dog", "few", 150, 5.0), ("cat", "more", 250, 6.0),
+        ("dog", "more", 250, 7.0), ("cat", "most", 300, 8.0), ("dog", "most", 300, 9.0),
+    )]  # fmt: skip
+    found = table.matched(own, peers)
+    assert [row for row, _ in found] == peers[2:]
+    assert table.by_photo(found, lambda row: row.error) == [(2.0, 7.0), (4.0, 8.0)]
+
+
+def test_files_are_larger_from_the_count_after_the_last_that_fits():
+    larger_from = importlib.import_module("paper.coded").larger_from
+    rows = [dataclasses.replace(file_row("m", "k", b), count=c)
+            for c, b in ((8, 90), (16, 210), (32, 180), (64, 400))]  # fmt: skip
+    assert larger_from(rows, "svg_bytes", 200) == 64
+    assert larger_from(rows, "svg_bytes", 50) == 8
+    assert larger_from(rows, "svgz_bytes", 200) is None
+
+
+def test_jumps_at_edges_are_those_within_the_canvas():
+    windows = importlib.import_module("paper.windows")
+    scene = windows.bell(40, 10.0)  # sigma 4, at 20, 20
+    value = math.exp(-((5 / 4) ** 2) / 2)
+    assert windows.edges_inside(scene, np.array([5.0])) == pytest.approx([value])
+    assert windows.edges_inside(scene, np.array([21.0])) == [0]
+    corner = scene.replace(mean=np.array([[-3.0, 20.0]]))  # the right edge alone is inside at 2
+    at_the_corner = math.exp(-(3**2 + 5**2) / 32)  # of the edges above and below
+    assert windows.edges_inside(corner, np.array([5.0])) == pytest.approx(
+        [max(value, at_the_corner)]
+    )
+    away = scene.replace(mean=np.array([[-9.0, 20.0]]))
+    assert windows.edges_inside(away, np.array([5.0])) == [0]
+
+
+def test_the_telling_square_is_where_images_differ():
+    square = importlib.import_module("paper.losses").telling_square
+    images = [np.zeros((40, 60, 3)), np.zeros((40, 60, 3))]
+    images[1][22:30, 41:49] = 1
+    rows, columns = square(images)
+    assert (rows.stop - rows.start, columns.stop - columns.start) == (10, 10)
+    assert rows.start <= 22 < 30 <= rows.stop
+    assert columns.start <= 41 < 49 <= columns.stop
+
+
+@pytest.mark.parametrize("there", ["file", "folder", "package"])
+def test_what_cannot_be_done_is_refused_in_one_line(there, monkeypatch, capsys, tmp_path):
+    command = importlib.import_module("reproduce_paper")
+    out = tmp_path / "out"
+    if there == "file":
+        out.write_text("mine")
+    elif there == "folder":
+        out.mkdir()
+        (out / "photo.png").write_text("mine")
+    else:
+        monkeypatch.delitem(sys.modules, "paper.report", raising=False)
+        monkeypatch.setitem(sys.modules, "jinja2", None)
+    monkeypatch.setattr(sys, "argv", ["reproduce_paper.py", str(out), "--quick"])
+    with pytest.raises(SystemExit) as ended:
+        command.main()
+    told = capsys.readouterr()
+    assert ended.value.code == 2
+    assert told.out == ""
+    assert told.err.count("\n") == 1
+    assert ("gauss2svg[bench]" if there == "package" else str(out)) in told.err
+    assert [path.name for path in tmp_path.rglob("photo.png")] == ["photo.png"] * (
+        there == "folder"
+    )
+
+
+def test_an_earlier_page_is_known_by_its_list_of_files(quick, tmp_path):
+    report = importlib.import_module("paper.report")
+    assert set(report._older_page(quick)) == {path.name for path in quick.iterdir()}
+    assert report._older_page(tmp_path / "none") == []

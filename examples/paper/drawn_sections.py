@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from . import claims, losses, plots, shapes, table
+from . import claims, coded, losses, plots, shapes, table
 from .book import Book, Table, texts
 from .photos import Pixels
 from .pictures import ZOOM, Picture
@@ -19,6 +19,10 @@ _COLUMNS = {
     "PSNR of the drawn SVG, dB": ("psnr", ".2f"),
     "SSIM of the drawn SVG": ("ssim", ".3f"),
     "Bytes of the SVG, in thousands": ("svg_bytes", ".0f"),
+    "Bytes of the SVG compressed by gzip, as a web server sends it, in thousands": (
+        "svgz_bytes",
+        ".1f",
+    ),
     "Seconds": ("seconds", ".2f"),
 }
 
@@ -26,13 +30,14 @@ _COLUMNS = {
 def drawn_files(book: Book) -> tuple[dict[str, Pairs], dict[str, Pairs]]:
     """Counts and polygons; errors and false edges of Gaussians and polygons, pair by pair."""
     own, rasters = table.own_rows(book.photos, book.settings)
-    peers, traced = table.peer_rows(book.photos) if table.peer_is_there() else ([], {})
+    peers, traced = table.peer_rows(book.photos) if table.peer_version() else ([], {})
     means = table.own_means(own)
     peer_means = table.peer_means(peers)
     book.numbers["drawn"] = [asdict(row) for row in own]
     book.numbers["polygons"] = [asdict(row) for row in peers]
+    png_bytes = _image_files(book, means)
     book.page["drawn_plots"] = plots.drawn_plots(
-        book.folder, table.kinds(book.settings), means, peer_means
+        book.folder, table.kinds(book.settings), means, peer_means, png_bytes
     )
     book.page["drawn_tables"] = [
         _by_kind(name, column, pattern, means, book) for name, (column, pattern) in _COLUMNS.items()
@@ -42,20 +47,50 @@ def drawn_files(book: Book) -> tuple[dict[str, Pairs], dict[str, Pairs]]:
         for kind in table.kinds(book.settings)
     }
     book.verdicts.append(claims.trade_off(lines))
-    matches = [(row, table.at_most_as_large(own, row)) for row in peers]
-    found = [(row, match) for row, match in matches if match is not None]
-    book.page["polygons_table"] = _polygons(found) if found else None
+    found = table.matched(own, peers)
+    left_out = [
+        k for k in dict.fromkeys(r.kind for r in peers) if k not in {r.kind for r, _ in found}
+    ]
+    book.page["tracer_is_there"] = bool(peers)
+    book.page["polygons_table"] = _polygons(found, left_out) if found else None
     book.page["polygon_pictures"] = _polygon_pictures(book, found, rasters, traced)
     smooth = [(a, b) for a, b in found if not math.isnan(a.error)]
     name = "vtracer's polygons of at least as many bytes"
-    error = {name: [(match.error, row.error) for row, match in smooth]}
-    return error, {name: [(match.edges, row.edges) for row, match in smooth]}
+    error = {name: table.by_photo(smooth, lambda row: row.error)}
+    return error, {name: table.by_photo(smooth, lambda row: row.edges)}
+
+
+def _image_files(book: Book, own: Sequence[table.Row]) -> float:
+    """The photos as PNG and JPEG beside files by count; mean bytes of the PNG."""
+    files = coded.coded(book.photos)
+    means = coded.means(files)
+    best = [row for row in own if row.kind == table.BEST.name]
+    png = means[coded.PNG].file_bytes
+    book.numbers["image_files"] = [asdict(file) for file in files]
+    book.page["png_kb"] = png / 1000
+    book.page["larger_than_png"] = {
+        name: coded.larger_from(best, column, png)
+        for name, column in (("The SVG", "svg_bytes"), ("the compressed SVG", "svgz_bytes"))
+    }
+    book.page["image_files_table"] = Table(
+        "image-files-table",
+        "The photos as image files, mean over the photos",
+        ["file", "kB", "PSNR, dB", "SSIM"],
+        [
+            [
+                f.kind, f"{f.file_bytes / 1000:.1f}",
+                f"{f.psnr:.2f}" if math.isfinite(f.psnr) else "no error", f"{f.ssim:.3f}",
+            ]
+            for f in means.values()
+        ],
+    )  # fmt: skip
+    return png
 
 
 def _by_kind(
     caption: str, column: str, pattern: str, means: Sequence[table.Row], book: Book
 ) -> Table:
-    scale = 1000 if column == "svg_bytes" else 1
+    scale = 1000 if column.endswith("_bytes") else 1
     lines = []
     for kind in table.kinds(book.settings):
         values = [getattr(row, column) / scale for row in means if row.kind == kind.name]
@@ -68,7 +103,7 @@ def _by_kind(
     )
 
 
-def _polygons(found: Sequence[tuple[table.Row, table.Row]]) -> Table:
+def _polygons(found: Sequence[tuple[table.Row, table.Row]], left_out: Sequence[str]) -> Table:
     lines = []
     for kind in dict.fromkeys(row.kind for row, _ in found):
         pairs = [pair for pair in found if pair[0].kind == kind]
@@ -76,21 +111,23 @@ def _polygons(found: Sequence[tuple[table.Row, table.Row]]) -> Table:
             rows = [pair[side] for pair in pairs]
             means = [
                 statistics.fmean(getattr(row, n) for row in rows)
-                for n in ("count", "psnr", "ssim", "error", "edges", "flat", "svg_bytes")
+                for n in ("count", "psnr", "ssim", "error", "edges", "flat", "svg_bytes", "seconds")
             ]
-            count, psnr, ssim, error, edges, flat, size = means
+            count, psnr, ssim, error, edges, flat, size, seconds = means
             lines.append(
                 [
                     name, f"{count:.0f}", f"{psnr:.2f}", f"{ssim:.3f}", f"{error:.2f}",
                     f"{100 * edges:.2f}", f"{flat:.1f}", f"{size / 1000:.0f}",
+                    f"{seconds:.2f}",
                 ]
             )  # fmt: skip
+    lacking = f"; without {', '.join(left_out)}, where a photo has no such file" if left_out else ""
     return Table(
         "polygons-table",
-        "Polygons (speckle filter/layer difference) and Gaussians in no more bytes, mean over the "
-        "photos: error over smooth areas in levels of 255, share of them with false edges in %, "
-        "error of the worst thousandth of flat areas in levels",
-        ["shapes", "count", "PSNR, dB", "SSIM", "error", "edges, %", "flat", "kB"],
+        "Polygons (speckle filter/layer difference, all eight bits of colour) and Gaussians in no "
+        "more bytes, mean over the photos: error over smooth areas in levels of 255, share of them "
+        f"with false edges in %, error of the worst thousandth of flat areas in levels{lacking}",
+        ["shapes", "count", "PSNR, dB", "SSIM", "error", "edges, %", "flat", "kB", "seconds"],
         lines,
     )
 
@@ -170,14 +207,22 @@ def _shapes_table(fits: Sequence[shapes.ShapeFit]) -> Table:
                     strict=True,
                 )
             )  # fmt: skip
+            needed = statistics.fmean(
+                shapes.iterations_to(f, other.psnr[-1])
+                for f in own
+                for other in fits
+                if (other.photo, other.seed) == (photo, f.seed) and other.kind != kind
+            )
             lines.append(
-                [f"{photo}, {kind}", f"{psnr:.2f}", f"{seconds:.1f}", f"{error:.2f}",
-                 f"{100 * edges:.2f}"]
+                [f"{photo}, {kind}", f"{psnr:.2f}", f"{seconds:.1f}",
+                 f"{needed:.0f}" if math.isfinite(needed) else "not reached",
+                 f"{error:.2f}", f"{100 * edges:.2f}"]
             )  # fmt: skip
     return Table(
         "shapes-table",
-        "Of the model, mean over the seeds; error over smooth areas in levels of 255, share of "
-        "them with false edges in %",
-        ["photo, shapes", "PSNR, dB", "seconds", "error", "edges, %"],
+        "Of the model, mean over the seeds; iterations after which one has the final PSNR of the "
+        "other, not reached if it lacks that with any seed; error over smooth areas in levels of "
+        "255, share of them with false edges in %",
+        ["photo, shapes", "PSNR, dB", "seconds", "to the other's PSNR", "error", "edges, %"],
         lines,
     )

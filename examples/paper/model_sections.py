@@ -111,16 +111,18 @@ def cropped_windows(book: Book) -> None:
     sizes = [share * settings.side for share in settings.kernel_sizes]
     fits = [windows.windowed(scene, size) for size in sizes]
     chosen = len(sizes) // 2
-    single = windows.windowed(windows.bell(settings.side, sizes[0]), sizes[0])
-    book.page["window_size"] = sizes[chosen]
-    book.page["bells"] = _side_by_side(book, single, "bell", "one Gaussian of four units")
-    book.page["windows"] = _side_by_side(book, fits[chosen], "window", f"a fit of {book.shown}")
+    bell = windows.bell(settings.side, sizes[0])
+    single = windows.windowed(bell, sizes[0])
+    book.page["window_size"], book.page["bell_size"] = sizes[chosen], sizes[0]
+    book.page["bell_sigma"] = float(bell.sigma[0, 0])
+    book.page["bells"] = _side_by_side(book, single, "bell", "One wide Gaussian")
+    book.page["windows"] = _side_by_side(book, fits[chosen], "window", f"A fit of {book.shown}")
     both = ["fixed", "adaptive"]
     book.page["windows_table"] = Table(
         "windows-table",
         "The fit on windows of several widths: Gaussians above the threshold, largest jump at a "
-        "window's edge and largest error in levels of 255, PSNR in dB against the sum without "
-        "windows",
+        "window's edge inside the picture and largest error in levels of 255, PSNR in dB against "
+        "the sum without windows",
         ["width, px", "above"]
         + [f"{name}, {kind}" for name in ("jump", "error", "PSNR") for kind in both],
         [
@@ -131,6 +133,7 @@ def cropped_windows(book: Book) -> None:
             for f in fits
         ],
     )  # fmt: skip
+    book.numbers["bell"] = asdict(single.crop)
     book.numbers["windows"] = [asdict(f.crop) for f in fits]
     crop = fits[chosen].crop
     book.verdicts.append(claims.crop_cured(*crop.jump, *crop.psnr))
@@ -138,14 +141,16 @@ def cropped_windows(book: Book) -> None:
 
 def _side_by_side(book: Book, shown: windows.Windowed, name: str, of_what: str) -> list[Picture]:
     save = book.gallery.save
-    pictures = [save(f"{name}-whole", shown.whole, f"{of_what}, uncropped", "no window")]
+    pictures = [save(f"{name}-whole", shown.whole, f"{of_what} without a window", "no window")]
     for kind, image, psnr in zip(
         ("fixed", "adaptive"), (shown.fixed, shown.adaptive), shown.crop.psnr, strict=True
     ):
         told = f"{kind} window, {psnr:.1f} dB to the sum without"
-        pictures.append(save(f"{name}-{kind}", image, f"{of_what} on {kind} windows", told))
+        pictures.append(
+            save(f"{name}-{kind}", image, f"{of_what} on {kind} windows, {psnr:.1f} dB", told)
+        )
         apart = difference(image, shown.whole, GAIN).astype(np.float32)
-        alt = f"Difference of {of_what} on {kind} windows to the sum without, {GAIN} times"
+        alt = f"{of_what} on {kind} windows, {psnr:.1f} dB: {GAIN} times the difference"
         pictures.append(save(f"{name}-{kind}-off", apart, alt, f"{kind}, difference x {GAIN}"))
     return pictures
 

@@ -21,8 +21,8 @@ from .table import BEST, Kind, Row
 _WIDE, _HIGH, _HIGHER = 5.6, 3.7, 4.7  # inches: on a narrow screen a letter stays some 8 px high
 _INK = {"light": "#1f2933", "dark": "#e4e7eb"}
 _GRID = {"light": "#d3d9e0", "dark": "#3b4754"}
-# Readable on white and on near black alike.
-_COLORS = ("#2f7ed8", "#d9822b", "#2a9d6f", "#c2557a", "#8a63d2")
+# At least 3:1 on white and on near black alike.
+_COLORS = ("#2f7ed8", "#c26f17", "#2a9d6f", "#c2557a", "#8a63d2")
 _MARKERS = ("o", "s", "^", "D", "v")
 _STYLE: dict[Any, Any] = {
     "font.size": 10,
@@ -152,7 +152,12 @@ def more_plot(
         axes.set_xlabel("Gaussians, all at once")
         axes.set_ylabel("mean PSNR, dB")
 
-    alt = "Mean PSNR of all at once by its number of Gaussians, and of exponential as a level."
+    ends = "; ".join(
+        f"{way} {line[-1][1]:.1f} dB with {line[-1][0]}, exponential {reached[way]:.1f} dB with "
+        f"{line[0][0]}"
+        for way, line in by_way.items()
+    )
+    alt = f"Mean PSNR of all at once by its number of Gaussians: {ends}."
     caption = "Where a line crosses its dashed level, all at once has caught up."
     return _draw(folder, "more", alt, caption, paint)
 
@@ -166,7 +171,7 @@ def shapes_plot(folder: Path, fits: Sequence[ShapeFit], by_seconds: bool) -> Pic
         for fit in fits:
             if fit.seed != seed:
                 continue
-            x = fit.seconds if by_seconds else range(1, len(fit.psnr) + 1)
+            x = fit.seconds if by_seconds else range(len(fit.psnr))
             style = "-" if fit.kind == GAUSSIANS else "--"
             color = _COLORS[photos.index(fit.photo) % len(_COLORS)]
             label = f"{fit.photo}, {fit.kind}"
@@ -175,7 +180,13 @@ def shapes_plot(folder: Path, fits: Sequence[ShapeFit], by_seconds: bool) -> Pic
         axes.set_ylabel("PSNR, dB")
 
     axis = "seconds" if by_seconds else "iterations"
-    alt = f"PSNR of Gaussians and of {ELLIPSES} over {axis}, for each photo."
+    ends = "; ".join(
+        f"{fit.photo}, {fit.kind} {fit.psnr[-1]:.1f} dB after "
+        + (f"{fit.seconds[-1]:.1f} s" if by_seconds else f"{len(fit.psnr) - 1}")
+        for fit in fits
+        if fit.seed == seed
+    )
+    alt = f"PSNR of Gaussians and of {ELLIPSES} over {axis}: {ends}."
     return _draw(folder, f"shapes-{axis}", alt, f"Gaussians and {ELLIPSES}, over {axis}.", paint)
 
 
@@ -187,18 +198,28 @@ _DRAWN = {
 
 
 def drawn_plots(
-    folder: Path, kinds: Sequence[Kind], own: Sequence[Row], peers: Sequence[Row]
+    folder: Path,
+    kinds: Sequence[Kind],
+    own: Sequence[Row],
+    peers: Sequence[Row],
+    png_bytes: float,
 ) -> list[Picture]:
     """PSNR and SSIM against the count and PSNR against bytes, mean over the photos."""
-    return [_drawn_plot(folder, name, kinds, own, peers) for name in _DRAWN]
+    return [_drawn_plot(folder, name, kinds, own, peers, png_bytes) for name in _DRAWN]
 
 
 def _drawn_plot(
-    folder: Path, name: str, kinds: Sequence[Kind], own: Sequence[Row], peers: Sequence[Row]
+    folder: Path,
+    name: str,
+    kinds: Sequence[Kind],
+    own: Sequence[Row],
+    peers: Sequence[Row],
+    png_bytes: float,
 ) -> Picture:
     x, y, across, up = _DRAWN[name]
     by_count = x == "count"
     inits = list(dict.fromkeys(kind.init for kind in kinds if kind != BEST))
+    last = [next(row for row in reversed(own) if row.kind == kind.name) for kind in kinds]
 
     def paint(axes: Any) -> None:
         for kind in kinds:
@@ -215,10 +236,14 @@ def _drawn_plot(
                 [getattr(r, x) for r in peers], [getattr(r, y) for r in peers], "-.",
                 color="#7b8794", marker="*", markersize=8, label="vtracer, polygons",
             )  # fmt: skip
+        if not by_count:
+            axes.axvline(png_bytes, color="#7b8794", linewidth=1.2, label="the photos as PNG")
         counts = sorted({row.count for row in own})
         _log(axes, counts[::2] if by_count and len(counts) > 4 else counts if by_count else None)
         axes.set_xlabel(across)
         axes.set_ylabel(up)
 
-    alt = f"{up} against {across}, a line for each way; the table below has the numbers."
+    pattern = ".3f" if y == "ssim" else ".1f"
+    ends = "; ".join(f"{row.kind} {getattr(row, y):{pattern}}" for row in last)
+    alt = f"{up} against {across}; at {last[0].count:.0f} Gaussians: {ends}."
     return _draw(folder, name, alt, f"{up} against {across}, mean over the photos.", paint, _HIGHER)

@@ -38,7 +38,7 @@ class Settings:
     shape_iterations: int = 150
     shape_seeds: tuple[int, ...] = (0, 1)
     step_sizes: tuple[float, ...] = (2.0, 4.0)
-    counts: tuple[int, ...] = (64, 128, 256, 512, 1024, 2048, 4096, 8192)
+    counts: tuple[int, ...] = (32, 64, 128, 256, 512, 1024, 2048, 4096, 8192)
     inits: tuple[str, ...] = ("selective", "live", "error", "random")
     table_iterations: int = 120
 

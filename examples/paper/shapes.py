@@ -35,7 +35,7 @@ _MOST_RHO = 0.95
 
 @dataclass(frozen=True, eq=False)
 class ShapeFit:
-    """One fit: dB and seconds so far after each iteration, and where it ended."""
+    """One fit: dB and seconds after 0, 1, 2, .. iterations, and where it ended."""
 
     photo: str
     kind: str
@@ -82,7 +82,8 @@ def crisp_fit(
             background, height, width, beta,
         )  # fmt: skip
 
-    psnr, seconds = [], []
+    # A step's loss is of the model as the steps before left it.
+    psnr, seconds = [], [0.0]
     begun = time.perf_counter()
     for _ in range(iterations):
         optimizer.zero_grad()
@@ -93,7 +94,7 @@ def crisp_fit(
         seconds.append(time.perf_counter() - begun)
     with torch.no_grad():
         final = image().numpy()
-    psnr[-1] = metrics.psnr(final, pixels)
+    psnr.append(metrics.psnr(final, pixels))
     return ShapeFit(
         name, kind, seed, step_size, psnr, seconds, final, smoothness(final, pixels)
     )  # fmt: skip
@@ -155,6 +156,11 @@ def pairs(fits: Sequence[ShapeFit]) -> list[Pair]:
         for (photo, seed, kind), own in by_key.items()
         if kind == GAUSSIANS
     ]
+
+
+def iterations_to(fit: ShapeFit, psnr: float) -> float:
+    """Iterations after which a fit first has so many dB, infinity if it never has."""
+    return next((i for i, reached in enumerate(fit.psnr) if reached >= psnr), math.inf)
 
 
 def _lead_by_seconds(one: ShapeFit, other: ShapeFit) -> float:

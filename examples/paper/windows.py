@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from gauss2svg import metrics
 from gauss2svg.render.kernel_window import (
     GRID_REACH,
     WIDEST_UNCROPPED_SIGMA,
-    edge_values,
+    reaches,
     sum_in_windows,
 )
 from gauss2svg.scene import Scene
@@ -27,7 +28,7 @@ class Crop:
     """What windows of `kernel_size` px take away from a scene.
 
     cropped  Gaussians with a sigma above the threshold; count  all of them
-    jump     largest at any window's edge, in levels of 255, of one Gaussian
+    jump     largest at any window's edge within the picture, in levels of 255, of one Gaussian
     psnr     dB against the sum without windows, clipped to 0..1
     largest  error against it, in levels
     each of the last three for the fixed window and for the adaptive one
@@ -67,13 +68,16 @@ def windowed(scene: Scene, kernel_size: float) -> Windowed:
     sides = image(kernel_size, False), image(kernel_size, True)
     sigma = tensors["sigma"]
     peak = np.abs(scene.color).max(axis=1, initial=0)
-    jumps = [peak * edge_values(sigma, kernel_size, adaptive).numpy() for adaptive in (False, True)]
+    jumps = [
+        peak * edges_inside(scene, reaches(sigma, kernel_size, adaptive).numpy())
+        for adaptive in (False, True)
+    ]
     widest = WIDEST_UNCROPPED_SIGMA * kernel_size / (2 * GRID_REACH)
     crop = Crop(
         kernel_size=kernel_size,
         cropped=int((scene.sigma.max(axis=1) > widest).sum()),
         count=len(scene),
-        jump=(float(jumps[0].max()) * _LEVELS, float(jumps[1].max()) * _LEVELS),
+        jump=(float(jumps[0].max(initial=0)) * _LEVELS, float(jumps[1].max(initial=0)) * _LEVELS),
         psnr=(metrics.psnr(sides[0], whole), metrics.psnr(sides[1], whole)),
         largest=(
             metrics.largest_error(sides[0], whole),
@@ -81,6 +85,29 @@ def windowed(scene: Scene, kernel_size: float) -> Windowed:
         ),
     )
     return Windowed(whole, *sides, crop)
+
+
+def edges_inside(scene: Scene, reach: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) largest exp(-r^2 / 2) on the edges of windows mean +- reach that cross the canvas.
+
+    On the line u = h it is highest at v = rho h sy / sx; what lies outside is clipped to the
+    nearest point inside. 0 where no edge is inside.
+    """
+    highest = np.zeros(len(scene))
+    size = np.array([scene.width, scene.height])
+    for a, b in ((0, 1), (1, 0)):  # the edges across axis a, along axis b
+        low = np.maximum(-reach, -scene.mean[:, b])
+        high = np.minimum(reach, size[b] - scene.mean[:, b])
+        for side in (-reach, reach):
+            at = scene.mean[:, a] + side
+            v = np.clip(scene.rho * side * scene.sigma[:, b] / scene.sigma[:, a], low, high)
+            z = side / scene.sigma[:, a]
+            w = v / scene.sigma[:, b] - scene.rho * z
+            value = np.exp(-0.5 * (z**2 + w**2 / ((1 - scene.rho) * (1 + scene.rho))))
+            highest = np.where(
+                (at > 0) & (at < size[a]) & (low <= high), np.maximum(highest, value), highest
+            )
+    return highest
 
 
 def bell(side: int, kernel_size: float, sigma_in_units: float = 4.0) -> Scene:
