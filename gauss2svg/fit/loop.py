@@ -61,8 +61,8 @@ iterations, selective, colours within 0.6; scatter 0.05):
     step of the mean 0.2 / 0.3 / 0.45 sigma           25.35, 25.36, 25.34 / 30.02, 30.08, 30.01
     step of the shape 0.1 / 0.15 / 0.22               25.35, 25.36, 25.37 / 30.04, 30.08, 30.07
     colours within 0.3 / 0.5 / 0.6 / 1 either way     25.02, 25.29, 25.36, 25.30 / 29.68, 30.05,
-                                                      30.08, 30.13: 0.5 leaves 42.2 dB of Kodak 08 in
-                                                      Chromium, 0.6 hardly 42
+                                                      30.08, 30.13; Kodak 08 drawn by Chromium is
+                                                      42.2 dB from the model with 0.5, 42.0 with 0.6
     coefficients of normal densities instead of peaks 25.23 / 30.00, steps of colours in peaks
     weight of flat areas 0                            25.40 / 30.05
     placement live / error / random                   25.29, 25.15, 23.70 / 30.02, 29.89, 27.88
