@@ -28,7 +28,7 @@ from gauss2svg.scene import Scene
 from gauss2svg.svg.encode import check_canvas, hex_color, matrix_text, number, short_id
 from gauss2svg.svg.levels import whole_stops
 from gauss2svg.svg.options import SvgOptions
-from gauss2svg.svg.phases import Phase, partial_sums, phases_of
+from gauss2svg.svg.phases import Phase, canvas_of, partial_sums, phases_of
 from gauss2svg.svg.settle import settled
 
 _WHITE = 255
@@ -95,8 +95,9 @@ def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
     """
     check_canvas(scene)
     scene = settled(scene, options)
-    phases = phases_of(scene)
-    low, high = partial_sums(scene, phases)
+    canvas = canvas_of(scene)
+    phases = phases_of(scene, canvas)
+    low, high = partial_sums(scene, phases, canvas)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
     span = np.maximum((1 + 2 * _MARGIN) * (high - low), np.maximum(largest, _LEAST_SPAN))
     middle = 0.5 * (low + high)

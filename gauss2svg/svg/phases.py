@@ -17,12 +17,13 @@ single pixels that are off by 60 levels.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene import Scene
-from gauss2svg.svg.room import add_all, order_of, range_of, samples_of
+from gauss2svg.svg.room import Samples, add_all, order_of, range_of, samples_of
 
 _SPARE = 0.02  # on either side, with which fewer wait for each other
 _EQUAL = 1e-3
@@ -37,16 +38,37 @@ class Phase:
     index: NDArray[np.intp]
 
 
-def phases_of(scene: Scene) -> tuple[Phase, ...]:
-    """Phases of an additive scene, in the order in which to draw them; each Gaussian is in one."""
+class Canvas(NamedTuple):
+    """Samples of a scene's canvas, its picture there (m, 3), lowest and highest value (3,) of that.
+
+    See gauss2svg.svg.room.range_of.
+    """
+
+    samples: Samples
+    picture: NDArray[np.float32]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+
+
+def canvas_of(scene: Scene) -> Canvas:
+    """What phases_of and partial_sums look at."""
+    samples = samples_of(scene)
+    return Canvas(samples, *range_of(samples, scene.background))
+
+
+def phases_of(scene: Scene, canvas: Canvas | None = None) -> tuple[Phase, ...]:
+    """Phases of an additive scene, in the order in which to draw them; each Gaussian is in one.
+
+    canvas is the scene's, to be computed if None.
+    """
     pattern = (scene.color < 0) @ [1, 2, 4]
     mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
     by_mass = np.argsort(-mass, kind="stable")
-    background, samples = scene.background.copy(), samples_of(scene)
-    picture, low, high = range_of(samples, background)
+    samples, picture, low, high = canvas or canvas_of(scene)
     order = order_of(
-        samples, picture, low - _SPARE, high + _SPARE, background, pattern, _GRAY, by_mass
-    )
+        samples, picture, low - _SPARE, high + _SPARE, scene.background.copy(), pattern, _GRAY,
+        by_mass,
+    )  # fmt: skip
     ends = np.flatnonzero(np.diff(pattern[order])) + 1
     return tuple(
         _phase(int(pattern[index[0]]), index) for index in np.split(order, ends) if index.size
@@ -54,15 +76,14 @@ def phases_of(scene: Scene) -> tuple[Phase, ...]:
 
 
 def partial_sums(
-    scene: Scene, phases: tuple[Phase, ...]
+    scene: Scene, phases: tuple[Phase, ...], canvas: Canvas | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest and highest value (3,) of each channel that the phases' canvas must hold.
 
     Those of the picture (gauss2svg.svg.room.range_of) and of what lies between and within phases,
-    but for what a sample has of the picture itself.
+    but for what a sample has of the picture itself. canvas as in phases_of.
     """
-    samples = samples_of(scene)
-    picture, low, high = range_of(samples, scene.background)
+    samples, picture, low, high = canvas or canvas_of(scene)
     lowest = np.tile(scene.background.astype(np.float32), (len(samples.place), 1))
     total, highest = lowest.copy(), lowest.copy()
     for phase in phases:
