@@ -8,7 +8,8 @@ from gauss2svg.fit import adam
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.state import State
 from gauss2svg.render.cpu import removal_cost, squared_error
-from gauss2svg.scene import OVER
+from gauss2svg.scene import ADD, OVER, Scene
+from gauss2svg.svg import write_svg
 
 _done: set[tuple[str, str]] = set()
 # Kernels from the disk cache take a fraction of a second; longer means that they were compiled.
@@ -38,5 +39,8 @@ def compile_kernels(dtype: str = DEFAULT_DTYPE, blend: str = OVER) -> float:
     moments = squared_error(splats, target)[2]
     gradient = adam.gradients(moments, splats.paint[:, 0], splats.shape[:, 5])
     adam.step(state, gradient, adam.Rates(), adam.Limits(0.35, 4.0), 1.0)
+    if blend == ADD:  # the file of a sum has kernels of its own
+        center, color = np.full((1, 2), 2.0), np.full((1, 3), 0.5)
+        write_svg(Scene(4, 4, center, np.ones((1, 2)), np.zeros(1), color, one, blend=blend))
     _done.add((dtype, blend))
     return time.perf_counter() - begun
