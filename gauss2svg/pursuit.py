@@ -130,6 +130,7 @@ class Pursuit:
     def run(self) -> Outcome:
         """Fit, then correct until the targets are met or out of reach."""
         with kernel_lock:
+            self._ended = self._stop()
             if self._request.portable:
                 self._begin_with_a_sum()
             self._run.fit()

@@ -155,6 +155,8 @@ def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradie
         # One sum is finite only if all of it is; infinite l11 and l22 make xy / l11 no number.
         reach = abs(mx) + abs(my) + l11 + abs(xy / l11) + l22
         known = d[5] + d[6] + d[7] + d[8] + d[9]
+        for k in range(PARAMETERS):
+            known += second[i, k]
         if not (reach < _FARTHEST and l22 > 0 and np.isfinite(known)):
             lost += 1
             age[i] = 0

@@ -8,8 +8,8 @@ of 61, on a step at 66 instead of 58 to 60. Kodak 04 at 384x256, 1000 shapes, 12
 of the model in dB by `learning_rate`, painted / summed:
 
     rate      0.1    1      10     100    1e3    1e6
-    painted   31.20  33.86  33.36  33.51  33.41  32.29
-    summed    30.68  33.00  32.89  33.06  32.76  32.63
+    painted   31.20  33.86  33.36  33.68  33.87  33.76
+    summed    30.68  33.00  32.89  33.08  33.07  32.69
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ _LEFT_BEHIND = 1.2
 _NEGLIGIBLE = 1e-5
 # After going back steps begin at a quarter of those that ran away and grow to half of them: one
 # bad step among many good ones, such as the first of shapes that overlap, costs little then.
+# Where the next few steps run away as well, they become a tenth.
 _CEILING, _LOWERED, _GROWTH = 0.5, 0.5, 1.1
+_AGAIN, _CEILING_AGAIN = 3, 0.1
 
 
 class Guard:
@@ -49,6 +51,7 @@ class Guard:
         self._best: tuple[State, SharedColors | None] | None = None
         self._least = self._recent = math.inf
         self._since = 0  # steps since the best state
+        self._accepted = 0  # since going back
         self._last_is_bad = False
 
     def begin(self) -> None:
@@ -66,6 +69,7 @@ class Guard:
         if not math.isfinite(loss):
             return False
         self._since += 1
+        self._accepted += 1
         is_lost = loss > _LOST * self._least and self._since > _LOST_STEPS
         if error > _NEGLIGIBLE and (loss > _RUN_AWAY * self._recent or is_lost):
             return False
@@ -85,7 +89,9 @@ class Guard:
     def back(self) -> tuple[State, SharedColors | None] | None:
         """The best state, from which to go on in smaller steps; None where none was good."""
         self.rollbacks += 1
-        self._ceiling = self.rate * _CEILING
+        again = self._accepted < _AGAIN
+        self._ceiling = self.rate * (_CEILING_AGAIN if again and self.rollbacks > 1 else _CEILING)
+        self._accepted = 0
         self.rate = self._ceiling * _LOWERED
         self._last_is_bad = False
         self._recent, self._since = math.inf, 0
@@ -109,6 +115,7 @@ class Guard:
             "least": self._least,
             "recent": self._recent,
             "since": self._since,
+            "accepted": self._accepted,
             "state": None if state is None else state.memory(),
             "shared": None if shared is None else shared.memory(),
         }
@@ -118,7 +125,7 @@ class Guard:
         self.rate, self.rollbacks = memory["rate"], memory["rollbacks"]
         self._ceiling, self._last_is_bad = memory["ceiling"], memory["behind"]
         self._least, self._recent = memory["least"], memory["recent"]
-        self._since = memory["since"]
+        self._since, self._accepted = memory["since"], memory["accepted"]
         self._best = None
         if memory["state"] is not None:
             shared = memory["shared"]
