@@ -45,9 +45,10 @@ def run_report(
     if (measured_width, measured_height) != (photo.width, photo.height):
         notes.append(f"measured at {measured_width}x{measured_height} px for want of time")
     if fitted.rollbacks:
+        times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"
         notes.append(
-            f"fit ran away {fitted.rollbacks} times, was taken back to its best state, and went on "
-            f"in smaller steps: in the end {fitted.rate:.3g} of the usual ones"
+            f"fit ran away {times}, was taken back to its best state, and went on in smaller "
+            f"steps: in the end {fitted.rate:.3g} of the usual ones"
         )
     return {
         "width": photo.width,
