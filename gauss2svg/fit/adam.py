@@ -11,6 +11,13 @@ kernels' moments m of h (gauss2svg.render.kernels) the gradients are
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
     dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,
     dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
+
+Sizes, ratios and exponents are stepped as logarithms, opacities as logits, and rho follows from L,
+which no step can make indefinite. What is still bounded, such as colours by 0..1, is put back onto
+its bound after the step: the gradient there is the picture's own, and the first one that points
+inward moves it. Colours as logits, whose gradient dies at the bounds, end at 30.16, 21.76, 31.38,
+40.25 and 28.65 dB where these end at 30.27, 21.80, 31.35, 40.27 and 28.62 (Kodak 04, 08 and 20,
+logo, page; 1000 shapes, 120 iterations).
 """
 
 import math
