@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import App, CycloptsError, Parameter
 
 from gauss2svg.errors import Gauss2SvgError, InputError, on_one_line
+from gauss2svg.photo.chatter import own_standard_error
 from gauss2svg.version import __version__
 
 _BEGUN = time.perf_counter()
@@ -290,9 +291,10 @@ def main(arguments: list[str] | None = None) -> int:
     for library in ("PIL", "tifffile"):  # whose complaints would be more lines than one
         logging.getLogger(library).addHandler(logging.NullHandler())
     try:
-        status = app(
-            arguments, exit_on_error=False, print_error=False, result_action="return_value"
-        )
+        with own_standard_error():
+            status = app(
+                arguments, exit_on_error=False, print_error=False, result_action="return_value"
+            )
     except CycloptsError as error:
         return _refuse(f"{' '.join(str(error).split())}; see gauss2svg --help")
     except Gauss2SvgError as error:

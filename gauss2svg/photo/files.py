@@ -8,13 +8,14 @@ import os
 import re
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import cache
 from typing import Any, BinaryIO
 
 from PIL import Image, ImageFile, features
 
 from gauss2svg.errors import InputError
+from gauss2svg.photo.chatter import hushed
 
 # Decoders that are tried; anything else is refused unread. Pillow's plugin of each.
 FORMATS = {
@@ -32,6 +33,7 @@ DEFAULT_MAX_PIXELS = 89_478_485
 # Twice that is what Pillow's decoders refuse whatever is asked for, and what is ever drawn.
 MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
 _PREFIX_BYTES = 16  # by which Pillow's plugins know their files
+_RAW = "a camera's raw file"  # a TIFF, of which a small preview would be read
 # What people take for a photo, or have instead of one, to be told by its name.
 _OTHERS = (
     (rb"%PDF", "a PDF"),
@@ -43,7 +45,7 @@ _OTHERS = (
     (rb"\x1f\x8b", "gzipped"),
     (rb"PK\x03\x04", "a ZIP archive"),
     (rb"....ftyp(hei[cxms]|hev[cxms]|mif1|msf1)", "HEIC"),
-    (rb"....ftypcrx |.{4}\x10\0\0\0CR", "a camera's raw file"),
+    (rb"....ftypcrx |II\*\0....CR", _RAW),
     (rb"....ftyp", "a video"),
     (rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", "JPEG 2000"),
     (rb"\0\0\0\x0cJXL |\xff\x0a", "JPEG XL"),
@@ -126,10 +128,10 @@ def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFi
     """A picture whose header is read; not by Image.open, whose limit is the whole process's."""
     file.seek(0)
     start = file.read(4 * _PREFIX_BYTES)
-    kind = format_of(start)
-    if kind is None:
+    kind, other = format_of(start), _other(start)
+    if kind is None or other == _RAW:
         raise InputError(
-            f"{name} is {_other(start)}no picture that can be read; needed is one of "
+            f"{name} is {other and other + ', '}no picture that can be read; needed is one of "
             f"{', '.join(decodable())}: convert it"
         )
     file.seek(0)
@@ -159,9 +161,8 @@ def format_of(start: bytes) -> str | None:
 
 def _other(start: bytes) -> str:
     if not start:
-        return "empty, "
-    kinds = (kind for pattern, kind in _OTHERS if re.match(pattern, start, re.DOTALL))
-    return f"{kind}, " if (kind := next(kinds, None)) else ""
+        return "empty"
+    return next((kind for pattern, kind in _OTHERS if re.match(pattern, start, re.DOTALL)), "")
 
 
 def check_size(size: tuple[int, int], name: str, max_pixels: int) -> None:
@@ -186,7 +187,8 @@ def _too_large(size: str, name: str, max_pixels: int) -> InputError:
 def loaded(picture: Image.Image, name: str) -> Image.Image:
     """The picture with its pixels decoded; raises InputError if they are broken or cut off."""
     try:
-        picture.load()
+        with hushed() if picture.format == "TIFF" else nullcontext():  # libtiff writes by itself
+            picture.load()
     except MemoryError:
         raise
     except Exception as error:  # hostile bytes make decoders raise anything

@@ -40,7 +40,7 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
 
     file.seek(0)
     try:
-        with tifffile.TiffFile(file) as tiff:
+        with tifffile.TiffFile(file, name=name) as tiff:  # whose own may be a number
             page: Any = tiff.pages[0]
             check_size((page.imagewidth, page.imagelength), name, max_pixels)
             channels = _CHANNELS.get(int(page.photometric))
