@@ -23,7 +23,7 @@ from PIL import Image
 
 from gauss2svg.cli import main as command
 
-_SIDE = 16
+_SIDE = 64  # px
 
 
 def main() -> None:
@@ -43,7 +43,8 @@ def main() -> None:
 
 def bad_inputs() -> Iterator[tuple[str, list[str]]]:
     """What an input is, and the command's arguments; the files are made in the current folder."""
-    picture = Image.fromarray(np.arange(_SIDE**2 * 3, dtype=np.uint8).reshape(_SIDE, _SIDE, 3))
+    noise = np.random.default_rng(0).integers(0, 256, (_SIDE, _SIDE, 3), np.uint8)
+    picture = Image.fromarray(noise)
     png, jpeg = (_encoded(picture, kind) for kind in ("PNG", "JPEG"))
     colors = np.asarray(picture, np.float32) / 255
     beyond, missing = colors.copy(), colors.copy()
@@ -68,10 +69,10 @@ def bad_inputs() -> Iterator[tuple[str, list[str]]]:
         ("a camera's raw file", "raw.cr2", b"II*\0\x10\0\0\0CR\2\0" + bytes(20)),
         ("half of a JPEG", "half.jpg", jpeg[: len(jpeg) // 2]),
         ("half of a PNG", "half.png", png[: len(png) // 2]),
-        ("half of a WebP", "half.webp", _encoded(picture, "WEBP")[:80]),
-        ("half of a TIFF", "half.tif", _encoded(picture, "TIFF", compression="tiff_lzw")[:300]),
-        ("half of a GIF", "half.gif", _encoded(picture, "GIF")[:850]),
-        ("half of a BMP", "half.bmp", _encoded(picture, "BMP")[:400]),
+        ("a part of a WebP", "part.webp", _encoded(picture, "WEBP")[:2000]),
+        ("a part of a TIFF", "part.tif", _encoded(picture, "TIFF")[:2000]),
+        ("a part of a GIF", "part.gif", _encoded(picture, "GIF")[:2000]),
+        ("a part of a BMP", "part.bmp", _encoded(picture, "BMP")[:2000]),
         ("a PNG with a wrong checksum", "sum.png", png[:29] + bytes(4) + png[33:]),
         ("a PNG without pixels", "none.png", _png(0, 4)),
         ("a bomb: 2000 million pixels in a PNG", "bomb.png", _png(50_000, 40_000)),

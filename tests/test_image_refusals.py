@@ -84,7 +84,7 @@ def test_bomb_is_refused_before_it_is_decoded(name, tmp_path, capsys):
     assert line.count("\n") == 1
     assert "2000000000" in line
     assert f"at most {DEFAULT_MAX_PIXELS} (--max-pixels)" in line
-    assert str(MOST_PIXELS) in line
+    assert line.endswith("(--max-pixels): shrink it\n")  # no limit is so high
 
 
 def test_animated_bomb_is_refused_as_well():
@@ -113,10 +113,12 @@ def test_limit_of_pixels_is_heeded_by_both_commands(tmp_path, capsys):
     result.save(svg)
     before = svg.read_bytes()
     few = ["--quiet", "--max-pixels", "227"]
+    advice = f"raise --max-pixels, up to {MOST_PIXELS}"
     assert main([str(path), "-o", str(svg), *few]) == 2
     assert main(["check", str(path), str(svg), *few]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == lines[1]
+    assert advice in lines[0]
     assert "19x12 px, 228; needed are at most 227 (--max-pixels)" in lines[0]
     assert svg.read_bytes() == before
     assert main(["check", str(path), str(svg), "--quiet", "--max-pixels", "228"]) == 0
@@ -152,15 +154,15 @@ def test_chunk_that_unpacks_to_too_much_is_one_line(kind):
         (b"\x89PNG\r\n\x1a\n", "is broken"),
         (b"\xff\xd8\xff\xe0", "is broken"),
         (b"RIFF\0\0\0\0WEBPVP8 ", "is broken"),
-        (b"II*\0\x08\0\0\0", "is a TIFF that cannot be read"),
+        (b"II*\0\x08\0\0\0", "is broken or cut off: it has no page"),
         (b"II*\0\x10\0\0\0CR\2\0" + bytes(20), "is a camera's raw file"),
         (tiff_of((254, 4, 1), (256, 3, 2), (257, 3, 2), (258, 3, 8), (262, 3, 1), (273, 4, 8)),
          "is a camera's raw file, or begins with a preview"),
-        (png(np.zeros((0, 4, 3), np.uint8)), "0 px|broken"),
+        (png(np.zeros((0, 4, 3), np.uint8)), "its header gives no size"),
         (float_tiff(np.float32([[0, 1.5]])), "is 1.5 at row 0, column 1, channel 0"),
         (float_tiff(np.full((2, 3, 3), np.nan, np.float32)), "is nan at row 0, column 0"),
         (float_tiff(np.int32([[-5, 7]])), "grey levels -5..7"),
-        (float_tiff(np.zeros((4, 4), np.complex64)), "type complex64"),
+        (float_tiff(np.zeros((4, 4), np.complex64)), "is a TIFF of complex64 samples"),
     ],
 )  # fmt: skip
 def test_what_is_no_photo_is_told_by_its_name(data, message, tmp_path, capsys):
@@ -170,7 +172,7 @@ def test_what_is_no_photo_is_told_by_its_name(data, message, tmp_path, capsys):
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
-    assert np.any([part in err for part in message.split("|")]), err
+    assert message in err
     assert sorted(tmp_path.iterdir()) == [path]
 
 

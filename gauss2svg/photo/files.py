@@ -140,8 +140,9 @@ def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFi
     except MemoryError:
         raise
     except Image.DecompressionBombError as error:  # of a plugin that looks before it opens
-        count = re.search(r"\d+", str(error))
-        raise _too_large(f"{count[0] if count else 'too many'} px", name, max_pixels) from error
+        count = re.search(r"\d+", str(error))  # "Image size (2000000000 pixels) exceeds .."
+        size = count[0] if count else "more than Pillow decodes"
+        raise _too_large(size, name, max_pixels, MOST_PIXELS + 1) from error
     except Exception as error:  # hostile bytes make decoders raise anything
         if kind == "TIFF" and isinstance(error, SyntaxError):
             raise UnreadTiffError(
@@ -171,12 +172,13 @@ def check_size(size: tuple[int, int], name: str, max_pixels: int) -> None:
     if width < 1 or height < 1:
         raise InputError(f"{name} has {width}x{height} px; needed is at least one pixel")
     if width * height > max_pixels:
-        raise _too_large(f"{width}x{height} px, {width * height}", name, max_pixels)
+        told = f"{width}x{height} px, {width * height}"
+        raise _too_large(told, name, max_pixels, width * height)
 
 
-def _too_large(size: str, name: str, max_pixels: int) -> InputError:
+def _too_large(size: str, name: str, max_pixels: int, count: int) -> InputError:
     advice = "shrink it"
-    if max_pixels < MOST_PIXELS:
+    if count <= MOST_PIXELS:
         advice += f", or raise --max-pixels, up to {MOST_PIXELS}, if it is to be trusted"
     return InputError(
         f"{name} is too large to decode: {size}; needed are at most {max_pixels} "
@@ -201,4 +203,6 @@ def broken(name: str, error: Exception) -> InputError:
     reason = str(error) or type(error).__name__
     if "MAX_TEXT" in reason:
         reason = "its colour profile or its texts unpack to more than Pillow's limit"
-    return InputError(f"{name} is broken: {reason}; save it anew and try again")
+    elif reason == "not identified by this driver":
+        reason = "its header gives no size or no known kind of pixels"
+    return InputError(f"{name} is broken or cut off: {reason}; save it anew and try again")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo.files import check_size
+from gauss2svg.photo.files import broken, check_size
 from gauss2svg.photo.tags import Tags, dpi_in, tags_from
 
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = 0, 1, 2  # PhotometricInterpretation
@@ -41,6 +41,8 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
     file.seek(0)
     try:
         with tifffile.TiffFile(file, name=name) as tiff:  # whose own may be a number
+            if not len(tiff.pages):
+                raise broken(name, ValueError("it has no page"))
             page: Any = tiff.pages[0]
             check_size((page.imagewidth, page.imagelength), name, max_pixels)
             channels = _CHANNELS.get(int(page.photometric))
@@ -52,9 +54,9 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
                 or page.dtype not in map(np.dtype, _TYPES)
             ):
                 raise InputError(
-                    f"{name} is a TIFF of {page.samplesperpixel} channels of type {page.dtype}, "
-                    f"colours of kind {int(page.photometric)}; needed are grey or RGB, with or "
-                    "without alpha, of 8 or 16 bits or floating point: save it as such, or as PNG"
+                    f"{name} is a TIFF of {page.dtype} samples, {page.samplesperpixel} a pixel, "
+                    f"photometric {int(page.photometric)}; needed are grey or RGB, with or without "
+                    "alpha, of 8 or 16 bits or floating point: save it as such, or as PNG"
                 )
             samples = _samples_last(page.asarray().reshape(page.shaped))
             kinds = [int(kind) for kind in page.extrasamples]
