@@ -127,6 +127,16 @@ def test_limit_of_pixels_is_heeded_by_both_commands(tmp_path, capsys):
         assert f"{DEFAULT_MAX_PIXELS}" in capsys.readouterr().out
 
 
+def test_limit_of_the_process_is_left_alone_and_changes_nothing(monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 20)
+    result = vectorize(encoded(Image.fromarray(BYTES), "PNG"), gaussians=2, iterations=1)
+    assert result.raster.shape == (12, 19, 3)
+    assert Image.MAX_IMAGE_PIXELS == 20
+    for name in ("WEBP", "TIFF", "GIF"):  # whose plugins of Pillow look by themselves
+        photo = photo_or_refusal(encoded(Image.fromarray(BYTES), name))
+        assert isinstance(photo, Photo) or "MAX_IMAGE_PIXELS of this process" in str(photo)
+
+
 @pytest.mark.parametrize("kind", [b"iCCP", b"zTXt", b"iTXt"])
 def test_chunk_that_unpacks_to_too_much_is_one_line(kind):
     packed = zlib.compress(bytes(50_000_000), 9)

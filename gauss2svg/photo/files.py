@@ -141,8 +141,9 @@ def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFi
         raise
     except Image.DecompressionBombError as error:  # of a plugin that looks before it opens
         count = re.search(r"\d+", str(error))  # "Image size (2000000000 pixels) exceeds .."
-        size = count[0] if count else "more than Pillow decodes"
-        raise _too_large(size, name, max_pixels, MOST_PIXELS + 1) from error
+        if count is None or int(count[0]) <= max_pixels:
+            raise broken(name, error) from error
+        raise _too_large(count[0], name, max_pixels, int(count[0])) from error
     except Exception as error:  # hostile bytes make decoders raise anything
         if kind == "TIFF" and isinstance(error, SyntaxError):
             raise UnreadTiffError(
@@ -201,6 +202,11 @@ def loaded(picture: Image.Image, name: str) -> Image.Image:
 def broken(name: str, error: Exception) -> InputError:
     """The error of a picture that its decoder cannot read."""
     reason = str(error) or type(error).__name__
+    if isinstance(error, Image.DecompressionBombError):  # of a limit lower than Pillow's own
+        return InputError(
+            f"{name} is too large to decode: {reason.rstrip('.')}; shrink it, or raise "
+            "PIL.Image.MAX_IMAGE_PIXELS of this process"
+        )
     if "MAX_TEXT" in reason:
         reason = "its colour profile or its texts unpack to more than Pillow's limit"
     elif reason == "not identified by this driver":
