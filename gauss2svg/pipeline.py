@@ -27,7 +27,7 @@ from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
-from gauss2svg.image import ImageSource, load_image, shrink
+from gauss2svg.image import DEFAULT_MAX_PIXELS, WHITE, ImageSource, load_image, shrink
 from gauss2svg.presentation import page_for
 from gauss2svg.pursuit import Pursuit
 from gauss2svg.quality import DEFAULT_QUALITY
@@ -146,6 +146,7 @@ def vectorize(
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = EVERY_S,
     resume: str | os.PathLike[str] | None = None,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
     progress: ProgressCallback | None = None,
     stop: Callable[[], bool] | None = None,
     started: float | None = None,
@@ -189,6 +190,8 @@ def vectorize(
                 image of the photo's size, or its labels as an array (h, w) of whole numbers
     animate     seconds in which the rounds fade in, where motion is welcome; up to an hour
     gzip        the file is to be gzipped: max_bytes holds for that, and save does it
+    max_pixels  most pixels of the photo, told by its header before it is decoded; up to
+                gauss2svg.image.MOST_PIXELS
     finish      resvg, cairo, chromium or all: last changes by what they really draw, which
                 takes some thirty drawings of each; not with time_limit
     learning_rate  times the usual sizes of all steps of the fit, 1e-6..1e6; one that runs away
@@ -226,7 +229,7 @@ def vectorize(
     tell = progress or (lambda _: None)
 
     tell(Progress("read"))
-    photo = load_image(image)
+    photo = load_image(image, max_pixels=max_pixels, matte=WHITE)
     _check_precision(max(photo.width, photo.height), request)
     width, height = _working_size(photo.width, photo.height, request)
     working = shrink(photo.pixels, height, width)

@@ -12,6 +12,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
+from gauss2svg.errors import on_one_line
 from gauss2svg.pipeline import Progress, ProgressCallback
 from gauss2svg.reporting import decibels
 
@@ -125,7 +126,8 @@ def _print_table(rows: list[tuple[str, str]]) -> None:
     table.add_column(style="dim")
     table.add_column()
     for name, text in rows:
-        table.add_row(name, Text(text))  # as it is: a file name may look like markup
+        # No markup, and no escapes: a file name may look like either.
+        table.add_row(name, Text(on_one_line(text)))
     Console(stderr=True, highlight=False).print(table)
 
 

@@ -6,10 +6,9 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.image import over_white
+from gauss2svg.image import MOST_PIXELS, over_white
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
 from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import DRAW_BLENDS, DRAW_TURNED_BLURS, refuse_unsupported
@@ -65,11 +64,10 @@ def rasterize(
     wrongly what the file uses.
     """
     drawer = _renderer(renderer)
-    most = Image.MAX_IMAGE_PIXELS  # of what Pillow decodes without complaint
-    if most is not None and width * height > most:
+    if width * height > MOST_PIXELS:  # than any photo has
         raise RendererError(
             f"{width}x{height} px are {width * height / 1e6:.0f} million; needed are at most "
-            f"{most / 1e6:.0f}: draw the SVG smaller"
+            f"{MOST_PIXELS / 1e6:.0f}: draw the SVG smaller"
         )
     try:
         svg.encode()

@@ -24,6 +24,7 @@ def check_command(
     max_svg_bytes: str = "256M",
     max_elements: int = 1_000_000,
     draw_timeout: float = 300.0,
+    max_pixels: int = 89_478_485,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Measure how true any SVG is to a photo.
@@ -51,6 +52,8 @@ def check_command(
         Most elements of the SVG.
     draw_timeout
         Seconds that the drawing may take, up to 86400; the last four renderers end after 300.
+    max_pixels
+        Most pixels of the photo, told by its header before it is decoded.
     quiet
         No summary.
 
@@ -89,6 +92,7 @@ def check_command(
         max_svg_bytes=max_svg_bytes,
         max_elements=max_elements,
         draw_timeout=draw_timeout,
+        max_pixels=max_pixels,
     )
     if heatmap is not None:
         write_atomically(heatmap, result.heatmap())

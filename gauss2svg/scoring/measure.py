@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from gauss2svg import metrics
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
-from gauss2svg.image import ImageSource, load_image
+from gauss2svg.image import DEFAULT_MAX_PIXELS, WHITE, ImageSource, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import BROWSERS
@@ -109,6 +109,7 @@ def check(
     max_svg_bytes: int | str = MOST_SVG_BYTES,
     max_elements: int = MOST_ELEMENTS,
     draw_timeout: float = DRAW_TIMEOUT_S,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
 ) -> CheckResult:
     """Draw an SVG at a photo's size, over white, and measure how true it is.
 
@@ -117,6 +118,7 @@ def check(
     renderer       one of RENDERERS
     max_svg_bytes  most bytes of it, gunzipped: 256000000, "256M"; max_elements: most elements
                    of it, >= 1; draw_timeout: seconds that the drawing may take, > 0
+    max_pixels     most pixels of the photo, as of `vectorize`
 
     The SVG is not trusted: entities, links to anything outside of it and what passes the
     limits are refused, and it is drawn in a process of its own, whose memory is not limited.
@@ -131,7 +133,7 @@ def check(
             f"{LONGEST_DRAW_TIMEOUT_S:g}"
         )
     drawn_by = renderer_version(renderer)
-    picture = load_image(photo)
+    picture = load_image(photo, max_pixels=max_pixels, matte=WHITE)
     data, text = svg_source(svg, most_bytes)
     surveyed = survey(text, max_elements)
     frame = frame_of(surveyed.root)
