@@ -75,6 +75,7 @@ def vectorize_command(
     animate: float | None = None,
     outline: Path | None = None,
     gzip: Annotated[bool, Parameter(negative="")] = False,
+    matte: str | None = None,
     finish: Literal["resvg", "cairo", "chromium", "all"] | None = None,
     report: Path | None = None,
     preview: Path | None = None,
@@ -161,6 +162,9 @@ def vectorize_command(
         Write the shapes as bare strokes there, as another SVG.
     gzip
         Gzip the SVG, also where its name does not end in .svgz; --max-bytes holds for the file.
+    matte
+        Colour over which a transparent photo is shown first: white, black, #fa0 or #ffaa00; the SVG
+        is transparent where the photo is if not given.
     finish
         Last changes by what this renderer, or all three, really draws: slow, a little truer.
     report
@@ -245,6 +249,7 @@ def vectorize_command(
             segments=segments if count is None else count,
             animate=animate,
             gzip=gzip or is_svgz(output),
+            matte=matte,
             progress=progress,
             started=_BEGUN if time_limit is not None else None,
         )

@@ -33,14 +33,16 @@ _PROFILE_MODES = {"GRAY": "L", "RGB": "RGB", "CMYK": "CMYK"}  # Pillow's name of
 class Photo:
     """A decoded picture.
 
-    pixels  (height, width, 3) float32 sRGB in 0..1
+    pixels  (height, width, 3) float32 sRGB in 0..1, alpha not multiplied in
     notes   what was changed on the way in, for the report
     dpi     px an inch across and down, by the file's resolution tag; None where it has none
+    alpha   (height, width) float32 in 0..1; None where every pixel is opaque
     """
 
     pixels: NDArray[np.float32]
     notes: tuple[str, ...] = ()
     dpi: tuple[float, float] | None = None
+    alpha: NDArray[np.float32] | None = None
 
     @property
     def width(self) -> int:
@@ -53,14 +55,20 @@ class Photo:
         return self.pixels.shape[0]
 
 
-def load_image(source: ImageSource) -> Photo:
+def load_image(source: ImageSource, *, matte: tuple[float, float, float] | None = None) -> Photo:
     """Decode a path, bytes, binary file, PIL image, numpy array or torch tensor.
 
     Arrays are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or
     (h, w): uint8, uint16, bool, or floating point in 0..1. EXIF orientation is applied,
-    embedded colour profiles are converted to sRGB, transparency is shown over white.
+    embedded colour profiles are converted to sRGB. matte is an sRGB colour in 0..1 over which
+    transparency is shown; None: it is kept.
     Raises InputError for anything that cannot be read as a picture.
     """
+    photo = _loaded(source)
+    return photo if matte is None else _flattened(photo, matte)
+
+
+def _loaded(source: ImageSource) -> Photo:
     torch = sys.modules.get("torch")  # a tensor can only exist once torch is loaded
     if torch is not None and isinstance(source, torch.Tensor):
         dense = source.detach().cpu().to_dense()
@@ -231,20 +239,29 @@ def _from_array(array: NDArray[Any], name: str, notes: tuple[str, ...] = ()) -> 
         pixels = array.astype(np.float32)
     else:
         raise InputError(f"{name} has type {array.dtype}; needed is uint8, uint16, bool or float")
-    return Photo(*_three_channels(np.asarray(pixels, np.float32), notes))
+    return _photo(np.asarray(pixels, np.float32), notes)
 
 
-def _three_channels(
-    pixels: NDArray[np.float32], notes: tuple[str, ...]
-) -> tuple[NDArray[np.float32], tuple[str, ...]]:
+def _photo(pixels: NDArray[np.float32], notes: tuple[str, ...]) -> Photo:
+    alpha = None
     if pixels.shape[2] == 4:
-        alpha = pixels[:, :, 3:]
-        if (alpha < 1).any():
-            notes = (*notes, "transparency shown over white")
-        pixels = over_white(pixels[:, :, :3], alpha)
+        alpha = np.ascontiguousarray(pixels[:, :, 3]) if (pixels[:, :, 3] < 1).any() else None
+        pixels = pixels[:, :, :3]
     elif pixels.shape[2] == 1:
         pixels = np.repeat(pixels, 3, axis=2)
-    return np.ascontiguousarray(pixels), notes
+    return Photo(np.ascontiguousarray(pixels), notes, alpha=alpha)
+
+
+def _flattened(photo: Photo, matte: tuple[float, float, float]) -> Photo:
+    """The photo as a page of that colour shows it."""
+    if photo.alpha is None:
+        return photo
+    alpha = photo.alpha[:, :, None]
+    page = np.array(matte, np.float32)
+    pixels = np.asarray(photo.pixels * alpha + (1 - alpha) * page, np.float32)
+    shown = "#" + "".join(f"{round(255 * v):02x}" for v in matte)
+    notes = (*photo.notes, f"transparency shown over {shown}")
+    return dataclasses.replace(photo, pixels=pixels, alpha=None, notes=notes)
 
 
 def over_white(color: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -252,14 +269,27 @@ def over_white(color: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArra
     return np.asarray(color * alpha + (1 - alpha), np.float32)
 
 
+def shrink_photo(photo: Photo, height: int, width: int) -> Photo:
+    """Area average of a photo on a smaller grid; colours count by their alpha."""
+    if photo.alpha is None:
+        return dataclasses.replace(photo, pixels=shrink(photo.pixels, height, width))
+    if (height, width) == photo.alpha.shape:
+        return photo
+    alpha = photo.alpha[:, :, None]
+    small = shrink(np.concatenate([photo.pixels * alpha, alpha], axis=2), height, width)
+    color, alpha = small[:, :, :3], small[:, :, 3:]
+    color = np.divide(color, alpha, out=np.zeros_like(color), where=alpha > 0)
+    return dataclasses.replace(photo, pixels=np.minimum(color, 1), alpha=alpha[:, :, 0].copy())
+
+
 def shrink(pixels: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
-    """Area average of (h, w, 3) float32 pixels on a smaller grid; the mean is kept."""
+    """Area average of (h, w, channels) float32 pixels on a smaller grid; the mean is kept."""
     if (height, width) == pixels.shape[:2]:
         return pixels
     planes = [
         Image.fromarray(np.ascontiguousarray(pixels[:, :, c])).resize(
             (width, height), Image.Resampling.BOX
         )
-        for c in range(3)
+        for c in range(pixels.shape[2])
     ]
     return np.clip(np.stack([np.asarray(p) for p in planes], axis=2), 0, 1, dtype=np.float32)

@@ -18,6 +18,7 @@ from numba import get_num_threads, set_num_threads
 from numba.core import config
 from numpy.typing import NDArray
 
+from gauss2svg.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.atomic import write_atomically
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
@@ -26,7 +27,7 @@ from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
-from gauss2svg.image import ImageSource, load_image, shrink
+from gauss2svg.image import ImageSource, load_image
 from gauss2svg.presentation import page_for
 from gauss2svg.pursuit import Pursuit
 from gauss2svg.quality import DEFAULT_QUALITY
@@ -69,7 +70,8 @@ class Result:
     svg     the text of the file
     scene   the fitted Gaussians, on the photo's canvas, in the order of the file
     report  numbers of the run, ready for JSON; see the README for the keys
-    raster  (h, w, 3) float32: the SVG as the renderer drew it
+    raster  (h, w, 3) float32: the SVG as the renderer drew it; (h, w, 4), alpha not multiplied
+            in, of a transparent photo
     page    how the file presents the picture
     """
 
@@ -141,6 +143,7 @@ def vectorize(
     segments: int | str | os.PathLike[str] | NDArray[np.integer] | None = None,
     animate: float | None = None,
     gzip: bool = False,
+    matte: str | None = None,
     progress: ProgressCallback | None = None,
     started: float | None = None,
 ) -> Result:
@@ -185,6 +188,8 @@ def vectorize(
     gzip        the file is to be gzipped: max_bytes holds for that, and save does it
     finish      resvg, cairo, chromium or all: last changes by what they really draw, which
                 takes some thirty drawings of each; not with time_limit
+    matte       colour over which a transparent photo is shown first: "white", "black", "#fa0",
+                "#ffaa00"; None: the SVG is transparent where the photo was
     progress    called with a Progress at every step; nothing is ever printed
     started     time.perf_counter() from which time_limit and total_s count; None: now
 
@@ -202,15 +207,17 @@ def vectorize(
     request = Request(
         gaussians, quality, iterations, init, schedule, loss, blend, max_size, form,
         palette, stops, precision, seed, dtype, falloff, renderer, finish, targets,
-        portable, per_round, round_iterations, ssim_weight, relocate, gzip,
+        portable, per_round, round_iterations, ssim_weight, relocate, gzip, matte,
     )  # fmt: skip
     tell = progress or (lambda _: None)
 
     tell(Progress("read"))
-    photo = load_image(image)
+    photo = load_image(image, matte=None if matte is None else matte_color(matte))
+    request.check_alpha(photo)
     _check_precision(max(photo.width, photo.height), request)
     width, height = _working_size(photo.width, photo.height, request)
-    working = shrink(photo.pixels, height, width)
+    pixels = pixels_of(photo)
+    working = shrunk(pixels, height, width)
     page = page_for(
         photo, working, title=title, alt=alt, size=size, aspect=aspect, segments=segments,
         animate=animate,
@@ -224,7 +231,7 @@ def vectorize(
             # A compilation, once in a machine's life, does not count.
             deadline = begun + time_limit + (compile_s if compile_s > COMPILED_S else 0.0)
         outcome = Pursuit(
-            photo.pixels,
+            pixels,
             working,
             request,
             deadline,

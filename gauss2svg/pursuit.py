@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
+from gauss2svg.alpha import over, views
 from gauss2svg.attempt import Attempt, Outcome, finished_attempt, measured, trimmed
 from gauss2svg.finish import Finish
 from gauss2svg.fit.options import FitProgress, FitResult
@@ -32,12 +33,11 @@ from gauss2svg.fit.rules import (
 )
 from gauss2svg.fit.run import Run
 from gauss2svg.fit.schedule import GROWTH_SHARE
-from gauss2svg.raster import rasterize
+from gauss2svg.raster import rasterize_like
 from gauss2svg.rehearsal import seconds_after
-from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.request import Request
-from gauss2svg.roundtrip import RoundTrip
+from gauss2svg.roundtrip import RoundTrip, model_psnr
 from gauss2svg.scene import Scene
 from gauss2svg.svg import arranged, file_bytes, settled, write_svg
 from gauss2svg.svg.layers import segment_at
@@ -79,7 +79,7 @@ _SLOPES = 1.5, 6.0  # dB a doubling, the flattest and steepest that are believed
 class Pursuit:
     """One run towards the targets of a request.
 
-    photo     (h, w, 3) float32 in 0..1, what is measured against
+    photo     (h, w, 3) float32 in 0..1, or (h, w, 4), what is measured against
     working   the same, perhaps smaller: what the fit runs on
     deadline  as time.perf_counter() counts, in s, or None
     tell      is called with "fit", "correct", "write" or "measure", and a fit's progress
@@ -146,7 +146,7 @@ class Pursuit:
                 best, finish = self._finished(best, self._request.finish)
                 self._tell("measure", None)
                 found = self._measured(best)
-        reason = self._stop_reason(best, found.psnr_svg)
+        reason = self._stop_reason(best, found.psnr_lowest)
         fitted = self._run.result().after(self._sum, reason)
         return Outcome(
             scene=best.scene,
@@ -161,7 +161,7 @@ class Pursuit:
     def _begin_with_a_sum(self) -> None:
         """Fit a sum, and go on with its Gaussians painted over each other."""
         run = Run(
-            self._working, self._request.sum_options, self._rule,
+            over(self._working), self._request.sum_options, self._rule,
             self._fit_deadline(_SUM_SHARE), partial(self._tell, "sum"),
         )  # fmt: skip
         run.fit()
@@ -257,9 +257,8 @@ class Pursuit:
 
     def _attempt(self) -> Attempt:
         self._tell("write", None)
-        height, width = self._working.shape[:2]
         scene = self._run.scene()
-        model = metrics.psnr(render(scene), self._working)
+        model = model_psnr(scene, self._working)
         # Its colours are those of the palette already, save for plain ellipses that no longer are.
         options = self._request.svg_options(len(scene), None)
         page = self._request.page
@@ -269,8 +268,8 @@ class Pursuit:
         error = math.nan
         if self._targets.psnr is not None:
             self._tell("measure", None)
-            drawn = rasterize(svg, width, height, self._request.renderer)
-            error = metrics.mean_squared_error(drawn, self._working)
+            drawn = views(rasterize_like(svg, self._working, self._request.renderer))
+            error = max(map(metrics.mean_squared_error, drawn, views(self._working)))
         return Attempt(scaled, svg, options, page, self._request.gzip, model, error)
 
     def _psnr(self, attempt: Attempt) -> float:
@@ -379,9 +378,9 @@ class Pursuit:
             return False
         if math.isnan(best.error):  # trimmed to its bytes: nothing is left to search for
             return False
-        if target - TOLERANCE <= measured.psnr_svg <= target + _TOO_GOOD:
+        if target - TOLERANCE <= measured.psnr_lowest <= target + _TOO_GOOD:
             return False
-        before, self._detail = self._detail, 10 ** (-measured.psnr_svg / 10) - best.error
+        before, self._detail = self._detail, 10 ** (-measured.psnr_lowest / 10) - best.error
         return self._detail != before
 
     def _stop_reason(self, best: Attempt, psnr: float) -> str:

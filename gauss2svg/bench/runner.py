@@ -208,8 +208,8 @@ def _do(run: Run, peer_timeout: float) -> Row:
     row["versions"][run.tool] = run.version
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
         png = Path(folder) / "photo.png"
-        pixels = np.round(load_image(run.image).pixels * 255).astype(np.uint8)
-        Image.fromarray(pixels).save(png)
+        pixels = load_image(run.image, matte=(1.0, 1.0, 1.0)).pixels
+        Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(png)
         return row | in_own_process(job | {"folder": folder, "png": str(png)}, peer_timeout)
 
 

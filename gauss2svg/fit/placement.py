@@ -70,7 +70,8 @@ def place(
 ) -> New:
     """New Gaussians, `count` of them, for a scene that has `total` with them.
 
-    rendered is the scene so far, (3, h, w).
+    rendered is the scene so far, like target.planar. Where the target has alpha and nothing of
+    it shows, none go: more paint can only make that worse.
     Raises InputError for an unknown placement.
     """
     placing = _Placing(target, rendered, target.spacing(total), rng, manner)
@@ -98,7 +99,9 @@ class _Placing:
     ) -> None:
         self._target = target
         self._missed = target.planar - rendered
-        self._paint = self._missed if manner.by_residual else target.planar
+        if target.visible is not None:
+            self._missed *= target.visible
+        self._paint = self._missed if manner.by_residual else target.paint
         self._spacing = spacing
         self._rng = rng
         self._sigma_share = manner.sigma_share
@@ -107,6 +110,8 @@ class _Placing:
         """Drawn in proportion to the squared error, one from each of `count` equal parts of it."""
         error = np.square(self._missed).sum(axis=0)
         smooth = gaussian_filter(error, min(max(0.5 * self._spacing, 0.5), 4.0))
+        if self._target.visible is not None:
+            smooth *= self._target.visible
         chance = np.cumsum(smooth.ravel(), dtype=np.float64)
         drawn = (np.arange(count) + self._rng.random(count)) / count * chance[-1]
         pixel = np.minimum(np.searchsorted(chance, drawn), chance.size - 1)
@@ -158,9 +163,12 @@ class _Placing:
         return New(center + 0.5, factor, self._paint_at(x, y)).with_more(self.at_random, count)
 
     def at_random(self, count: int) -> New:
-        """Means over the whole canvas, sigma in (0, 1) spacings, rho in (-1, 1)."""
+        """Means wherever the target shows, sigma in (0, 1) spacings, rho in (-1, 1)."""
         target, rng = self._target, self._rng
         mean = rng.random((count, 2)) * [target.width, target.height]
+        if target.visible is not None:
+            y, x = np.divmod(rng.choice(np.flatnonzero(target.visible), count), target.width)
+            mean = rng.random((count, 2)) + np.stack([x, y], axis=1)
         sigma = np.maximum(rng.random((count, 2)) * self._spacing, _LEAST_SIGMA)
         rho = rng.uniform(-1, 1, count) * 0.95  # nearer to 1 it would start as a needle
         x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.alpha import has_alpha
 from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit import adam
 from gauss2svg.fit.blending import blending
@@ -62,7 +63,7 @@ _STEPS_AVERAGED = 5  # of the PSNR that a rule is told while all are refined
 class Run:
     """The Gaussians of one fit, in pixels of the present, perhaps reduced, picture.
 
-    pixels    (h, w, 3) float32 in 0..1
+    pixels    (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
     rule      how many Gaussians; deadline in s of time.perf_counter, or None
     progress  called once an iteration, from this thread
     as_written  the same shapes with the exponents and colours that a file has, from a scene
@@ -87,6 +88,8 @@ class Run:
         self.state = State.empty()
         # On 8 bits already, as it will be written: the fit makes up for the rounding.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
+        if has_alpha(pixels):
+            self.background = np.ones(3)  # the page; none of it is written
         self.pixel_pairs = 0
         self._progress = progress or (lambda _: None)
         self._as_written = as_written
@@ -111,7 +114,9 @@ class Run:
     def fit(self) -> None:
         """Grow and refine until the rule and the clock are content."""
         with self._timed():
-            if self._grow():
+            if self._target.is_blank:
+                self.rule.stop_reason = "enough"
+            elif self._grow():
                 total = self.options.iterations
                 steps = None if total is None else total - self.clock.iteration
                 self._refine(steps, GROWTH_SHARE)
@@ -121,7 +126,7 @@ class Run:
 
         To be called before `fit`, which then only refines them.
         """
-        self.state = painted(scene, self._target.planar, self.options)
+        self.state = painted(scene, self._target, self.options)
         self._round_index = int(self.state.round_index.max(initial=0))
         self._adopted = True
         self._change_count(max(count, len(self.state)))
@@ -142,6 +147,8 @@ class Run:
         """The Gaussians so far, on the whole working canvas."""
         size = self._target.width, self._target.height
         scene = self.state.scene(self.background, *size, self.options.blend)
+        if self._target.is_transparent:
+            scene = scene.replace(transparent=True)
         height, width = self.pixels.shape[:2]
         if (width, height) == (self._target.width, self._target.height):
             return scene
@@ -203,7 +210,7 @@ class Run:
                 self._settle()
             if self._shared is not None and exchanges and done >= exchanges[0]:
                 exchanges = [at for at in exchanges if at > done]
-                self._shared.exchange(self.state, self._splats, self._target.planar, self._rng)
+                self._shared.exchange(self.state, self._splats, self._target, self._rng)
             self._step(done)
         if not settled:  # no time or no steps were left for it
             self._settle()
@@ -358,10 +365,16 @@ class Run:
         self.state = self.state.select(cost[:, 0] > worth)
 
     def _drop_undrawable(self) -> None:
-        """Drop what renderers would not draw: too faint, or nothing of it on the canvas."""
+        """Drop what renderers would not draw: too faint, or nothing of it on the canvas.
+
+        And haze: what a picture with alpha is nearer without.
+        """
         splats = self._splats()
         _, cost = self._target.removal_cost(splats)
-        self.state = self.state.select((splats.paint[:, 0] >= LEAST_OPACITY) & (cost[:, 1] > 0))
+        kept = (splats.paint[:, 0] >= LEAST_OPACITY) & (cost[:, 1] > 0)
+        if self._target.is_transparent:
+            kept &= cost[:, 0] > 0
+        self.state = self.state.select(kept)
 
 
 def _decibels(error: float) -> float:

@@ -24,6 +24,7 @@ def check_command(
     max_svg_bytes: str = "256M",
     max_elements: int = 1_000_000,
     draw_timeout: float = 300.0,
+    matte: str | None = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Measure how true any SVG is to a photo.
@@ -51,6 +52,9 @@ def check_command(
         Most elements of the SVG.
     draw_timeout
         Seconds that the drawing may take, up to 86400; the last four renderers end after 300.
+    matte
+        Colour over which a transparent photo is shown first: white, black, #fa0 or #ffaa00; its
+        alpha is compared as well if not given.
     quiet
         No summary.
 
@@ -89,6 +93,7 @@ def check_command(
         max_svg_bytes=max_svg_bytes,
         max_elements=max_elements,
         draw_timeout=draw_timeout,
+        matte=matte,
     )
     if heatmap is not None:
         write_atomically(heatmap, result.heatmap())
