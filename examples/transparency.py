@@ -76,7 +76,7 @@ def _text() -> NDArray[np.uint8]:
     pen = ImageDraw.Draw(mask)
     for top, size in ((10, 60), (90, 30), (130, 16)):
         pen.text((10, top), "Gaussians, 2D", fill=255, font=ImageFont.load_default(size))
-    color = np.broadcast_to(np.uint8([150, 20, 40]), (160, 480, 3))
+    color = np.broadcast_to(np.array([150, 20, 40], np.uint8), (160, 480, 3))
     return np.dstack([color, np.asarray(mask)])
 
 
@@ -92,7 +92,7 @@ def sheet(photo: NDArray[np.uint8], result: Result) -> Image.Image:
     y, x = np.mgrid[:height, :width] // _CHECKS
     checks = np.where((x + y) % 2, 0.55, 0.8)[:, :, None]
     rows = []
-    for rgba in (photo.astype(np.float32) / 255, result.raster):
+    for rgba in (np.asarray(photo / 255, np.float32), result.raster):
         alpha = rgba[:, :, 3:]
         on_checks = rgba[:, :, :3] * alpha + (1 - alpha) * checks
         rows.append(np.concatenate([over(rgba, 1.0), over(rgba, 0.0), on_checks], axis=1))

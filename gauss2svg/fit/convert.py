@@ -40,7 +40,7 @@ def painted(scene: Scene, target: Target, options: FitOptions) -> State:
     state = State.empty().append(
         mean,
         np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1),
-        np.full(count, blending(OVER).first_opacity_logit),
+        target.opacity_logits(mean, blending(OVER).first_opacity_logit),
         target.paint[:, y, x].T.astype(np.float64),
         np.full(count, FIRST_RAW_BETA if learns else 0.0),
         0,

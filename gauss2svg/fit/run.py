@@ -280,7 +280,7 @@ class Run:
             self.options.placement, self._target, rendered, count, total, self._rng,
             self._manner,
         )  # fmt: skip
-        opacity = np.full(count, self._manner.first_opacity_logit)
+        opacity = self._target.opacity_logits(new.mean, self._manner.first_opacity_logit)
         raw_beta = np.full(count, FIRST_RAW_BETA if self.options.falloff == ADAPTIVE else 0.0)
         color = new.color
         if self._manner.additive:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.special import expit, logit
 
 from gauss2svg.alpha import PAGES, has_alpha, shrunk
 from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
@@ -26,6 +27,7 @@ _FLAT_ENERGY = 0.02**2
 _FLAT_REACH = 4.0
 _PIXELS_A_ROW = 16  # of a pair row, what the kernels count
 _LEAST_ALPHA = 0.5 / 255  # of a pixel that shows
+_LEAST_OPACITY, _MOST_OPACITY = 0.02, 0.98  # with which Gaussians on a picture with alpha begin
 
 
 class Judgement(NamedTuple):
@@ -80,6 +82,7 @@ class Target:
         alpha: NDArray[np.floating] | None = None,
     ) -> None:
         self.height, self.width = color.shape[1:]
+        self._alpha = alpha
         self.visible: NDArray[np.bool_] | None = None
         if alpha is None:
             self.planar = self.paint = color
@@ -125,6 +128,20 @@ class Target:
     def spacing(self, count: int) -> float:
         """Radius in px of the disc that is each Gaussian's share of the picture."""
         return math.sqrt(self.width * self.height / (max(count, 1) * math.pi))
+
+    def opacity_logits(self, mean: NDArray[np.float64], usual: float) -> NDArray[np.float64]:
+        """(n,) logits of the opacities with which Gaussians of mean (n, 2) begin.
+
+        Times alpha, so that details do not begin by covering what shines through. PSNR of the
+        model, 1000 Gaussians on half the size, with the usual opacity / with this: a soft ellipse
+        35.46 / 35.94 dB, a ramp of alpha 32.87 / 34.63, a hard cut-out 33.73 / 33.85; times
+        alpha^2.5 35.82 and 34.70.
+        """
+        if self._alpha is None:
+            return np.full(len(mean), usual)
+        x, y = np.clip(mean.astype(np.intp), 0, [self.width - 1, self.height - 1]).T
+        opacity = np.clip(expit(usual) * self._alpha[y, x], _LEAST_OPACITY, _MOST_OPACITY)
+        return logit(opacity.astype(np.float64))
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
         """The Gaussians on this canvas, like planar."""
