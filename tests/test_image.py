@@ -65,17 +65,22 @@ def test_sixteen_bit_grey_png_keeps_its_levels():
     np.testing.assert_allclose(pixels[:, :, 0], levels / 65535, atol=1e-7)
 
 
-def test_transparency_is_shown_over_white_and_noted():
+def test_transparency_is_kept_and_shown_over_a_matte_where_one_is_given():
     rgba = np.dstack([BYTES, np.full((6, 9), 51, np.uint8)])
-    photo = load_image(encoded(Image.fromarray(rgba), "PNG"))
+    kept = load_image(encoded(Image.fromarray(rgba), "PNG"))
+    np.testing.assert_allclose(kept.pixels, BYTES / 255, atol=1e-6)
+    np.testing.assert_allclose(kept.alpha, 0.2, atol=1e-6)
+    photo = load_image(encoded(Image.fromarray(rgba), "PNG"), matte=(1.0, 1.0, 1.0))
+    assert photo.alpha is None
     np.testing.assert_allclose(photo.pixels, BYTES / 255 * 0.2 + 0.8, atol=1e-6)
     assert any("transparency" in note for note in photo.notes)
 
 
-def test_palette_with_transparency_is_shown_over_white():
+def test_palette_with_transparency_has_alpha():
     picture = Image.new("P", (4, 4), 1)
     picture.putpalette([255, 0, 0, 0, 0, 0])
-    photo = load_image(encoded(picture, "PNG", transparency=1))
+    assert (load_image(encoded(picture, "PNG", transparency=1)).alpha == 0).all()
+    photo = load_image(encoded(picture, "PNG", transparency=1), matte=(1.0, 1.0, 1.0))
     assert (photo.pixels == 1).all()
 
 

@@ -89,7 +89,7 @@ def main() -> int:
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a library may chat; the pixels are all that goes to standard output
-    draw_it = rasterize_rgba if sys.argv[4] == "4" else rasterize
+    draw_it = rasterize_rgba if sys.argv[4:] == ["4"] else rasterize
     try:
         pixels = draw_it(sys.stdin.buffer.read().decode(), width, height, renderer)
     except Gauss2SvgError as error:
