@@ -260,3 +260,15 @@ def test_mattes_are_colours(text, color):
 def test_other_mattes_are_refused(text):
     with pytest.raises(InputError, match="such as white, black"):
         matte_color(text)
+
+
+def test_new_gaussians_go_where_paint_is_missing_and_not_where_there_is_too_much():
+    rgba = np.full((32, 64, 4), 0.5)
+    target = target_of(rgba, np.float32)
+    covered = np.where(np.arange(64) < 32, 0.8, 0.2) * np.ones((32, 1))
+    rendered = np.concatenate([[0.5 * covered + (1 - covered) * page] * 3 for page in PAGES])
+    errors = np.square(target.planar - rendered).sum(axis=0)
+    assert errors[:, :32].sum() == pytest.approx(errors[:, 32:].sum(), rel=1e-4)
+    rng = np.random.default_rng(0)
+    new = place("error", target, rendered.astype(np.float32), 100, 100, rng, blending("over"))
+    assert (new.mean[:, 0] > 32).mean() > 0.85

@@ -29,6 +29,10 @@ _BINS = 8
 # A component's axes are lengthened no more than this ratio; round starts lose 0.1 to 0.3 dB
 # on drawings of 32 to 512 shapes and 0.03 dB on photos of 1000.
 _MOST_FIRST_ASPECT = 6.0
+# More paint cannot mend what covers too much: from so much alpha on the difference counts by that
+# share. 300 / 1000 Gaussians on a ramp of alpha 30.30 / 34.52 dB without, 30.98 / 34.90 with it, by
+# a share of 0 30.71 / 34.92; a soft ellipse 29.73 / 35.91, 29.71 / 35.85, 29.71 / 35.86.
+_TOO_COVERED, _MENDS_LESS = 0.03, 0.3
 _PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
 # live: sigma = sqrt(A / (r s^2)) of the grid's units for a component of A px and a kernel of
 # s samples; the grid reaches from -5 to 5, so that a unit is s / 10 px and s cancels:
@@ -101,6 +105,9 @@ class _Placing:
         self._missed = target.planar - rendered
         if target.visible is not None:
             self._missed *= target.visible
+            over_white, over_black = self._missed[:3], self._missed[3:]
+            covered = (over_white - over_black).mean(axis=0)  # more than in the target
+            self._missed *= np.where(covered > _TOO_COVERED, _MENDS_LESS, 1.0)
         self._paint = self._missed if manner.by_residual else target.paint
         self._spacing = spacing
         self._rng = rng

@@ -45,7 +45,8 @@ def check_command(
     report
         Write all numbers there, as JSON.
     min_psnr
-        Decibels under which the exit status is 1; the files are written all the same.
+        Decibels under which the exit status is 1, over black too where the photo is transparent;
+        the files are written all the same.
     max_svg_bytes
         Most bytes of the SVG, gunzipped: 150000, 150k, 1.5M.
     max_elements
@@ -103,9 +104,10 @@ def check_command(
         write_atomically(report, as_json(result.report))
     if not quiet:
         print_check(result.report, None if svg == STANDARD_STREAM else svg)
-    if min_psnr is not None and result.psnr < min_psnr:
+    lowest = result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)
+    if min_psnr is not None and lowest < min_psnr:
         print(
-            f"gauss2svg: PSNR is {result.psnr:.2f} dB, under the {min_psnr:g} dB asked for",
+            f"gauss2svg: PSNR is {lowest:.2f} dB, under the {min_psnr:g} dB asked for",
             file=sys.stderr,
         )
         return STATUS_UNDER
