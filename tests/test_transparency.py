@@ -154,12 +154,25 @@ def test_new_gaussians_go_where_the_picture_shows_in_colours_that_show(photo, pl
     rgba = np.dstack([np.full((40, 60, 3), [1.0, 0.0, 1.0]), np.zeros((40, 60))])
     rgba[10:30, 20:40] = [0.0, 0.5, 0.25, 0.6]
     target = target_of(rgba, np.float32)
-    blank = target.rendered(splats_of(Scene(60, 40)))
+    spot = {"color": [[0, 0, 0]], "opacity": [0.9]}  # paint where there should be none
+    far = Scene(60, 40, mean=[[52, 34]], sigma=[[3, 3]], rho=[0], transparent=True, **spot)
+    rendered = target.rendered(splats_of(far))
     rng = np.random.default_rng(0)
-    new = place(placement, target, blank, 30, 30, rng, blending("over"))
+    new = place(placement, target, rendered, 30, 30, rng, blending("over"))
     x, y = new.mean.T
     assert ((x >= 19) & (x <= 41) & (y >= 9) & (y <= 31)).all()
     np.testing.assert_allclose(new.color, np.tile([0.0, 0.5, 0.25], (30, 1)), atol=1e-6)
+
+
+def test_gaussian_in_the_hole_of_a_ring_begins_in_the_colour_of_the_ring():
+    y, x = np.mgrid[:31, :31] - 15
+    ring = np.abs(np.hypot(x, y) - 10) < 3
+    rgba = np.where(ring[:, :, None], [0.0, 0.5, 0.25, 1.0], [1.0, 0.0, 1.0, 0.0])
+    target = target_of(rgba, np.float32)
+    blank = target.rendered(splats_of(Scene(31, 31)))
+    new = place("live", target, blank, 1, 1, np.random.default_rng(0), blending("over"))
+    np.testing.assert_allclose(new.mean, [[15.5, 15.5]], atol=0.1)
+    np.testing.assert_allclose(new.color, [[0.0, 0.5, 0.25]], atol=1e-6)
 
 
 def test_colours_that_do_not_show_change_nothing(small):
@@ -201,7 +214,7 @@ def test_nothing_is_drawn_far_from_what_shows(photo):
 def test_picture_of_which_nothing_shows_gets_no_gaussian():
     rgba = np.dstack([np.full((20, 30, 3), 0.7), np.zeros((20, 30))]).astype(np.float32)
     result = fit(rgba, FitOptions(50, 30))
-    assert len(result.scene) == 0
+    assert len(result.scene) == result.iterations == 0
     assert result.scene.transparent
     assert (render_rgba(result.scene) == 0).all()
 
