@@ -80,6 +80,7 @@ def vectorize_command(
     animate: float | None = None,
     outline: Path | None = None,
     gzip: Annotated[bool, Parameter(negative="")] = False,
+    matte: str | None = None,
     finish: Literal["resvg", "cairo", "chromium", "all"] | None = None,
     max_pixels: int = 89_478_485,
     report: Path | None = None,
@@ -173,6 +174,9 @@ def vectorize_command(
         Gzip the SVG, also where its name does not end in .svgz; --max-bytes holds for the file.
     max_pixels
         Most pixels of the photo, told by its header before it is decoded; up to 178956970.
+    matte
+        Colour over which a transparent photo is shown first: white, black, #fa0 or #ffaa00; the SVG
+        is transparent where the photo is if not given.
     finish
         Last changes by what this renderer, or all three, really draws: slow, a little truer.
     report
@@ -275,6 +279,7 @@ def vectorize_command(
             checkpoint_every=checkpoint_every,
             resume=resume,
             max_pixels=max_pixels,
+            matte=matte,
             progress=progress,
             stop=interruption.asked,
             started=_BEGUN if time_limit is not None else None,

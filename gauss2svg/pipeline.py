@@ -18,6 +18,7 @@ from numba import get_num_threads, set_num_threads
 from numba.core import config
 from numpy.typing import NDArray
 
+from gauss2svg.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.atomic import write_atomically
 from gauss2svg.checkpoint import EVERY_S, Checkpoint, identity_of, resumed
 from gauss2svg.checks import whole_number
@@ -27,7 +28,7 @@ from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
-from gauss2svg.image import DEFAULT_MAX_PIXELS, WHITE, ImageSource, load_image, shrink
+from gauss2svg.image import DEFAULT_MAX_PIXELS, ImageSource, load_image
 from gauss2svg.presentation import page_for
 from gauss2svg.pursuit import Pursuit
 from gauss2svg.quality import DEFAULT_QUALITY
@@ -70,7 +71,8 @@ class Result:
     svg     the text of the file
     scene   the fitted Gaussians, on the photo's canvas, in the order of the file
     report  numbers of the run, ready for JSON; see the README for the keys
-    raster  (h, w, 3) float32: the SVG as the renderer drew it
+    raster  (h, w, 3) float32: the SVG as the renderer drew it; (h, w, 4), alpha not multiplied
+            in, of a transparent photo
     page    how the file presents the picture
     """
 
@@ -147,6 +149,7 @@ def vectorize(
     checkpoint_every: float = EVERY_S,
     resume: str | os.PathLike[str] | None = None,
     max_pixels: int = DEFAULT_MAX_PIXELS,
+    matte: str | None = None,
     progress: ProgressCallback | None = None,
     stop: Callable[[], bool] | None = None,
     started: float | None = None,
@@ -200,6 +203,8 @@ def vectorize(
                 seconds, 0..86400; not with time_limit
     resume      path of such a file, of the same photo and options: the fit goes on from there,
                 to the same result, bit for bit
+    matte       colour over which a transparent photo is shown first: "white", "black", "#fa0",
+                "#ffaa00"; None: the SVG is transparent where the photo was
     progress    called with a Progress at every step; nothing is ever printed
     stop        called after every step: True ends the run with the best so far
     started     time.perf_counter() from which time_limit and total_s count; None: now
@@ -218,7 +223,7 @@ def vectorize(
     request = Request(
         gaussians, quality, iterations, init, schedule, loss, blend, max_size, form,
         palette, stops, precision, seed, dtype, falloff, renderer, finish, targets,
-        portable, per_round, round_iterations, ssim_weight, relocate, gzip, learning_rate,
+        portable, per_round, round_iterations, ssim_weight, relocate, gzip, learning_rate, matte,
     )  # fmt: skip
     for name, given in (("checkpoint", checkpoint), ("resume", resume)):
         if given is not None and time_limit is not None:
@@ -229,10 +234,14 @@ def vectorize(
     tell = progress or (lambda _: None)
 
     tell(Progress("read"))
-    photo = load_image(image, max_pixels=max_pixels, matte=WHITE)
+    photo = load_image(
+        image, max_pixels=max_pixels, matte=None if matte is None else matte_color(matte)
+    )
+    request.check_alpha(photo)
     _check_precision(max(photo.width, photo.height), request)
     width, height = _working_size(photo.width, photo.height, request)
-    working = shrink(photo.pixels, height, width)
+    pixels = pixels_of(photo)
+    working = shrunk(pixels, height, width)
     page = page_for(
         photo, working, title=title, alt=alt, size=size, aspect=aspect, segments=segments,
         animate=animate,
@@ -240,7 +249,7 @@ def vectorize(
     request = dataclasses.replace(request, page=page)
     keeper = memory = None
     if checkpoint is not None or resume is not None:
-        identity = identity_of(request, photo.pixels, working)
+        identity = identity_of(request, pixels, working)
         keeper = None if checkpoint is None else Checkpoint(checkpoint, checkpoint_every, identity)
         memory = None if resume is None else resumed(resume, identity)
     with _threads(threads) as thread_count:
@@ -251,7 +260,7 @@ def vectorize(
             # A compilation, once in a machine's life, does not count.
             deadline = begun + time_limit + (compile_s if compile_s > COMPILED_S else 0.0)
         outcome = Pursuit(
-            photo.pixels,
+            pixels,
             working,
             request,
             deadline,

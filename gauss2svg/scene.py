@@ -22,8 +22,9 @@ MOST_SIGNED = 100.0
 RHO_LIMIT = 1 - 1e-12
 
 _PER_GAUSSIAN = ("mean", "sigma", "rho", "color", "opacity", "beta", "round_index")
-_FORMAT_VERSION = 2
-_WITHOUT_BETA = 1  # the version before exponents: every shape was a Gaussian
+_FORMAT_VERSION = 3
+# What scenes of earlier versions lack: shapes were Gaussians, and the background was drawn.
+_LACKING = {1: ("beta", "transparent"), 2: ("transparent",), _FORMAT_VERSION: ()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,12 +41,14 @@ class Scene:
     rho            (n,) correlation, |rho| <= RHO_LIMIT
     color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, where blend is "add"
     opacity        (n,) in 0..1; all 1 where blend is "add"
-    background     (3,) sRGB in 0..1
+    background     (3,) sRGB in 0..1; where the scene is transparent, the page that shows it
     round_index    (n,) round of the fit in which each was added, never decreasing
     blend          "over": source-over in sRGB, what every SVG renderer does; "add": the paper's,
                    image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
     beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian: see
                    gauss2svg.falloff; None for all 1, which they are where blend is "add"
+    transparent    whether the background is no part of the picture: a file has none, and what is
+                   rendered shows it through; not where blend is "add"
 
     A signed colour is what its Gaussian adds at its mean. The paper has coefficients of normal
     densities instead: see `densities` and `peaks_of`.
@@ -65,6 +68,7 @@ class Scene:
     round_index: NDArray[np.int32] | None = None
     blend: str = "over"
     beta: NDArray[np.float64] | None = None
+    transparent: bool = False
 
     def __post_init__(self) -> None:
         count = np.shape(self.mean)[0] if np.ndim(self.mean) else 0
@@ -96,6 +100,13 @@ class Scene:
             raise SceneError(
                 "scene blend is 'add', with an opacity or a beta that is not 1; needed are "
                 "Gaussians of eight parameters: fold the opacity into the colour"
+            )
+        if not isinstance(self.transparent, bool):
+            raise SceneError(f"scene transparent is {self.transparent!r}; needed is True or False")
+        if self.blend == ADD and self.transparent:
+            raise SceneError(
+                "scene blend is 'add', and transparent; needed is a background, for signed colours "
+                "cover nothing: give it one, or blend 'over'"
             )
 
     def _freeze(
@@ -211,7 +222,8 @@ class Scene:
     def concatenate(self, top: Scene) -> Self:
         """The scene with the Gaussians of another painted over it, as later rounds.
 
-        Canvas and background stay this scene's. Raises SceneError if they blend differently.
+        Canvas, background and transparency stay this scene's. Raises SceneError if they blend
+        differently.
         """
         if self.blend != top.blend:
             raise SceneError(
@@ -251,20 +263,19 @@ class Scene:
         try:
             with np.load(file, allow_pickle=False) as stored:
                 version = int(stored["format_version"])
-                if version not in (_WITHOUT_BETA, _FORMAT_VERSION):
+                if version not in _LACKING:
                     raise InputError(
-                        f"scene file has format version {version}; needed is {_WITHOUT_BETA} or "
-                        f"{_FORMAT_VERSION}"
+                        f"scene file has format version {version}; needed is one of "
+                        f"{', '.join(map(str, _LACKING))}"
                     )
-                names = {f.name for f in dataclasses.fields(cls)}
-                if version == _WITHOUT_BETA:
-                    names.remove("beta")
+                names = {f.name for f in dataclasses.fields(cls)}.difference(_LACKING[version])
                 values = {name: stored[name] for name in names}
         except Gauss2SvgError:
             raise
         except Exception as error:  # numpy, zipfile and zlib each raise their own
             raise InputError(f"not a scene written by Scene.save: {error}") from error
         values["blend"] = str(values["blend"])
+        values["transparent"] = bool(values.get("transparent", False))
         return cls(**values)
 
 

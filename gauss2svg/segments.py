@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage.segmentation import slic
 
+from gauss2svg.alpha import alpha_of, has_alpha, over
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
 from gauss2svg.photo.files import DEFAULT_MAX_PIXELS, loaded, opened, reading
@@ -27,7 +28,7 @@ def labels_of(
     segments  about how many superpixels, 1..MOST_SEGMENTS; the path of a label image, each
               value or colour a segment; or an array (h, w) of whole numbers >= 0
     size      width and height of the photo in px, which the last two must have
-    pixels    (h, w, 3) float32 in 0..1: the photo, perhaps smaller, for the superpixels
+    pixels    (h, w, 3) or (h, w, 4) float32 in 0..1: the photo, perhaps smaller, for superpixels
     Raises InputError for what is none of these, of another size, or has more segments.
     """
     if isinstance(segments, (str, os.PathLike)):
@@ -59,8 +60,17 @@ def labels_of(
 
 
 def superpixels(pixels: NDArray[np.float32], count: int) -> NDArray[np.integer]:
-    """(h, w) labels 1, 2, .. of about `count` superpixels of (h, w, 3) pixels; always the same."""
-    return slic(pixels, n_segments=count, start_label=1, channel_axis=2)
+    """(h, w) labels 1, 2, .. of about `count` superpixels of (h, w, 3) pixels; always the same.
+
+    Of (h, w, 4) what shows is divided, 0 is what does not.
+    """
+    if not has_alpha(pixels):
+        return slic(pixels, n_segments=count, start_label=1, channel_axis=2)
+    shown = alpha_of(pixels)[:, :, 0] > 0
+    if not shown.any():
+        return np.zeros(shown.shape, np.intp)
+    count = min(count, int(shown.sum()))
+    return slic(over(pixels), n_segments=count, start_label=1, channel_axis=2, mask=shown)
 
 
 def _read(path: str, max_pixels: int) -> NDArray[Any]:

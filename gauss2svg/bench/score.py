@@ -11,6 +11,8 @@ from gauss2svg.image import WHITE, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize, renderer_version
 from gauss2svg.roundtrip import measure_pixels
 
+_WHITE = (1.0, 1.0, 1.0)  # peers are compared as a page shows them
+
 
 def score(drawn: Path, image: str) -> dict[str, Any]:
     """Size of an SVG or a picture in bytes, PSNR in dB and SSIM against the photo.

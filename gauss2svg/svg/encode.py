@@ -88,7 +88,8 @@ class Ellipse:
 class EncodedScene:
     """Everything that the writer puts into elements, as text.
 
-    width, height in px; view_width, view_height in user units
+    width, height in px; view_width, view_height in user units; background "" where the scene is
+    transparent
     """
 
     width: str
@@ -173,7 +174,7 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
         height=number(scene.height, 3),
         view_width=number(scene.width / options.precision, 6),
         view_height=number(scene.height / options.precision, 6),
-        background=hex_color(np.round(scene.background * 255).astype(np.uint8)),
+        background=_background(scene),
         gradients=tuple(
             _gradient(name, BETA_CLASSES[key[0]], key[1:], options.stops)
             for name, key in zip(ids, shared, strict=True)
@@ -186,6 +187,12 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
         ),
         layers=layers,
     )
+
+
+def _background(scene: Scene) -> str:
+    if scene.transparent:
+        return ""
+    return hex_color(np.round(scene.background * 255).astype(np.uint8))
 
 
 @dataclass(frozen=True)

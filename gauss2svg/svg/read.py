@@ -77,7 +77,8 @@ def read_svg(
     group at the top level without either as a round of its own. Numbers are as exact as the file.
 
     source       a path (.svg, .svgz), text, or bytes
-    background   sRGB colour in 0..1 for a file without a background, or with a translucent one
+    background   sRGB colour in 0..1 for a file without a background, which is a transparent scene
+                 if it is not given, or with a translucent one
     skip_hidden  leave hidden shapes and layers out, instead of refusing the file
 
     Animation is skipped. Raises InputError naming the element for all that a
@@ -254,8 +255,8 @@ class _Reader:
         alpha = state.opacity * share(state.fill_opacity, "fill-opacity")
         if alpha < 1 and self._background is None:
             raise InputError(
-                f"the background's opacity is {alpha:g} and a scene is opaque; set it to 1, or "
-                "give what is under it by read_svg(.., background=(1, 1, 1))"
+                f"the background's opacity is {alpha:g}; needed is 1, or no background at all: "
+                "delete it, or give what is under it by read_svg(.., background=(1, 1, 1))"
             )
         under = 0.0 if self._background is None else self._background
         self._background = alpha * paint + (1 - alpha) * under
@@ -274,11 +275,6 @@ class _Reader:
         self._elements.append(element)
 
     def scene(self) -> Scene:
-        if self._background is None:
-            raise InputError(
-                "the SVG has no background and a scene is opaque; give one by "
-                "read_svg(.., background=(1, 1, 1))"
-            )
         shapes = [shape for shape, _, _ in self._shapes]
         disc = np.array([shape.disc for shape in shapes]).reshape(-1, 3, 2)
         rows = np.swapaxes(disc[:, :2], 1, 2)  # (n, 2, 2): M
@@ -305,9 +301,10 @@ class _Reader:
             rho=rho,
             color=np.array([shape.color for shape in shapes]).reshape(-1, 3),
             opacity=np.array([opacity for _, opacity, _ in self._shapes]),
-            background=self._background,
+            background=np.ones(3) if self._background is None else self._background,
             round_index=np.array([number for _, _, number in self._shapes], np.int32),
             beta=beta,
+            transparent=self._background is None,
         )
 
 
