@@ -93,6 +93,6 @@ def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:
     """
     shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
-    splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
+    splats = splats_of(scene, (width / scene.width, height / scene.height))
     blank = np.zeros((3, height, width), np.float32)
     return np.maximum(removal_cost(splats, blank)[1][:, 1], 0.0), width * height
