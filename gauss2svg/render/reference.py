@@ -107,7 +107,13 @@ def _falloff(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """(height, width) falloff of one shape, by the formula of gauss2svg.falloff."""
+    """(height, width) falloff of one shape, by the formula of gauss2svg.falloff.
+
+    Computed in float64, for in float32 a thin sheared shape's z2 would be the difference of two
+    numbers that are sqrt(1 - rho^2) times apart, and an offset from a far mean be lost.
+    """
+    dtype = mean.dtype
+    mean, sigma, rho, beta = (t.to(_wide(t.device)) for t in (mean, sigma, rho, beta))
     y = torch.arange(height, dtype=mean.dtype, device=mean.device) + 0.5
     x = torch.arange(width, dtype=mean.dtype, device=mean.device) + 0.5
     z1 = (x - mean[0]) / sigma[0]
@@ -120,7 +126,12 @@ def _falloff(
     seen = inside & (half > 0)
     power = torch.where(seen, half, torch.ones_like(half)) ** beta
     bell = torch.exp(-torch.where(seen, power, torch.zeros_like(power)))
-    return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell))
+    return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell)).to(dtype)
+
+
+def _wide(device: torch.device) -> torch.dtype:
+    """float64, where a device has it."""
+    return torch.float32 if device.type == "mps" else torch.float64
 
 
 def render_reference(

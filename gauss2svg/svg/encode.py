@@ -46,7 +46,7 @@ _SOFT = 1.0
 # Renderers compute in float32, and resvg panics from about 1e9 on. All six draw numbers up to 1e8
 # within 2.1 levels of 255 (sigmas up to 1e6 px, at 0.04 px, three exponents, canvas on the rim).
 LARGEST_NUMBER = 1e8
-# px. Cairo has 23 bits for whole pixels: at 1e7 px CairoSVG, librsvg and Inkscape are 47 levels off.
+# px. Cairo has 23 bits for whole pixels: at 1e7 CairoSVG, librsvg and Inkscape are 47 levels off.
 _FARTHEST = 8e6
 # Times a shape's radius around its mean: all that is drawn of it, for a blur fills up to 2.5 radii
 # around its disc. And px for antialiasing.
