@@ -114,7 +114,8 @@ def fast_composite(
     CPU tensors of any floating dtype; the image (height, width, 3) is float64 if all of
     them are, else float32. Gradients flow to every tensor, once: a second derivative raises
     torch's error. Nearer to a mean than r^2 / 2 = 1e-12 powers are those of 1e-12: there the
-    gradients of beta < 1, which grow with r^(2 beta - 1) or faster, end.
+    gradients of beta < 1, which grow with r^(2 beta - 1) or faster, end. Raises InputError
+    outside of the domain (gauss2svg.render.domain).
     """
     beta = torch.ones_like(rho) if beta is None else beta
     check_domain(
