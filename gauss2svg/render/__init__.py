@@ -29,8 +29,8 @@ def render(
     height = round(scene.height) if height is None else height
     if width < 1 or height < 1:
         raise InputError(f"output size is {width}x{height}; needed is at least 1x1 px")
-    shown = scene.scaled(width / scene.width, height / scene.height)
-    planar = render_planar(splats_of(shown), height, width, dtype)
+    splats = splats_of(scene, (width / scene.width, height / scene.height))
+    planar = render_planar(splats, height, width, dtype)
     if scene.blend == ADD:
         planar = np.clip(planar, 0, 1)
     return np.ascontiguousarray(np.moveaxis(planar, 0, -1))

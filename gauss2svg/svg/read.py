@@ -23,10 +23,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.scene import RHO_LIMIT, Scene
+from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT, Scene
 from gauss2svg.svg.affine import Affine, compose, parse_transform
 from gauss2svg.svg.canvas import read_canvas
 from gauss2svg.svg.document import parse_document
@@ -284,20 +284,23 @@ class _Reader:
             rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
             drawn = np.isfinite(extent).all(axis=1) & (np.linalg.det(rows) != 0)
         drawn &= np.isfinite(rho) & np.isfinite(disc).all(axis=(1, 2))
-        if not drawn.all():
-            with _naming(self._elements[int(drawn.argmin())]):
-                raise InputError("its extent is 0 or beyond numbers, so that nothing is drawn; "
-                                 "delete it")  # fmt: skip
+        self._refuse(~drawn, "its extent is 0 or beyond numbers, so that nothing is drawn")
         beta = np.array([shape.beta or 0.0 for shape in shapes])
         radius = np.array([shape.radius or 0.0 for shape in shapes])
         plain = np.array([shape.beta is None for shape in shapes], bool)
         beta[plain] = plain_beta(np.linalg.svd(rows[plain], compute_uv=False))
         radius[plain] = [plain_radius(one) for one in beta[plain]]
+        sigma = extent / radius[:, None]
+        thin, wide = sigma.min(axis=1) < LEAST_SIGMA, sigma.max(axis=1) > MOST_SIGMA
+        far = np.abs(disc[:, 2]).max(axis=1) > MOST_MEAN
+        self._refuse(thin, f"its sigma is under {LEAST_SIGMA:g} px, where a scene's begin")
+        self._refuse(wide, f"its sigma is over {MOST_SIGMA:g} px, where a scene's end")
+        self._refuse(far, f"it lies over {MOST_MEAN:g} px off, where a scene ends")
         return Scene(
             self._width,
             self._height,
             mean=disc[:, 2],
-            sigma=extent / radius[:, None],
+            sigma=sigma,
             rho=rho,
             color=np.array([shape.color for shape in shapes]).reshape(-1, 3),
             opacity=np.array([opacity for _, opacity, _ in self._shapes]),
@@ -306,6 +309,12 @@ class _Reader:
             beta=beta,
             transparent=self._background is None,
         )
+
+    def _refuse(self, bad: NDArray[np.bool_], why: str) -> None:
+        """Raise InputError about the first of the shapes that are bad."""
+        if bad.any():
+            with _naming(self._elements[int(bad.argmax())]):
+                raise InputError(f"{why}; delete it")
 
 
 def _round_of(group: Any) -> int | None:
