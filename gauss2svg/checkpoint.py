@@ -117,7 +117,6 @@ def packed(memory: Memory) -> bytes:
     fields: dict[str, Any] = {
         "format": np.array(_FORMAT),
         "text": np.frombuffer(text, np.uint8),
-        "digest": np.frombuffer(_digest(text, arrays), np.uint8),
         **arrays,
     }
     np.savez(stream, **fields)
@@ -132,10 +131,8 @@ def unpacked(data: bytes) -> Memory:
                 f"checkpoint has format {int(stored['format'])}; needed is {_FORMAT}: begin anew"
             )
         text = stored["text"].tobytes()
-        names = set(stored.files) - {"format", "text", "digest"}
-        arrays = {name: stored[name] for name in sorted(names, key=int)}
-        if stored["digest"].tobytes() != _digest(text, arrays):
-            raise InputError("checkpoint is damaged; begin anew")
+        # Each part has a checksum of its own, which zipfile compares.
+        arrays = {name: stored[name] for name in set(stored.files) - {"format", "text"}}
 
     def whole(value: Any) -> Any:
         if isinstance(value, str) and value.startswith(_ARRAY):
@@ -145,11 +142,3 @@ def unpacked(data: bytes) -> Memory:
         return [whole(inner) for inner in value] if isinstance(value, list) else value
 
     return whole(json.loads(text))
-
-
-def _digest(text: bytes, arrays: dict[str, NDArray[Any]]) -> bytes:
-    digest = hashlib.sha256(text)
-    for name, array in arrays.items():
-        digest.update(repr((name, array.shape, str(array.dtype))).encode())
-        digest.update(np.ascontiguousarray(array).tobytes())
-    return digest.digest()

@@ -18,6 +18,7 @@ RUNS = {
     "portable": {"quality": "draft", "iterations": 25, "blend": "add", "portable": True},
     "segments": {"gaussians": 60, "iterations": 30, "segments": 6},
     "target": {"target_psnr": 24.0, "quality": "fast", "iterations": 40},
+    "bytes": {"max_bytes": "6k", "quality": "high", "iterations": 40},
     "ran away": {"gaussians": 60, "iterations": 30, "learning_rate": 1e4},
     "double, by error": {"gaussians": 40, "iterations": 20, "dtype": "float64", "init": "error"},
 }
@@ -111,7 +112,7 @@ def test_every_damage_is_refused(small, monkeypatch, tmp_path):
 
 
 def forged(good: bytes, change) -> bytes:
-    """A checkpoint with another memory and the digest that belongs to it."""
+    """A checkpoint with another memory, as whole as the good one."""
     stored = unpacked(good)
     change(stored["memory"]["fit"]["population"]["state"])
     return packed(stored)

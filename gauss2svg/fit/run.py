@@ -8,7 +8,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -24,6 +23,7 @@ from gauss2svg.fit.population import Population
 from gauss2svg.fit.rules import ADJUST_AT, Rule, Snapshot
 from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, SETTLED_FROM, rate, reduction
 from gauss2svg.fit.shared import SharedColors
+from gauss2svg.fit.stage import GROWING, OVER, REFINING, Stage
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import Judgement
 from gauss2svg.render.cpu import Splats
@@ -51,27 +51,6 @@ _RELOCATION_FROM, _RELOCATION_TO = 0.2, 0.75
 # Where a fit is taken up again after its count has changed: some relocation, then decay.
 _RESUME_AT = 0.6
 _STEPS_AVERAGED = 5  # of the PSNR that a rule is told while all are refined
-
-_GROWING, _REFINING, _OVER = "growing", "refining", "over"
-
-
-@dataclass
-class _Stage:
-    """Where a fit is between its steps.
-
-    name         _GROWING, _REFINING or _OVER
-    index        of the round of growth, and whether that has begun
-    adjust_at, exchange_at  shares of the fit at which that is still to be done
-    pruned, settled         whether that is done
-    """
-
-    name: str = _GROWING
-    index: int = 0
-    begun: bool = False
-    adjust_at: list[float] = field(default_factory=list)
-    exchange_at: list[float] = field(default_factory=list)
-    pruned: bool = False
-    settled: bool = False
 
 
 class Run:
@@ -108,7 +87,7 @@ class Run:
         self._size = pixels.shape[1], pixels.shape[0]
         self._progress = progress or (lambda _: None)
         self._as_written = as_written
-        self._stage = _Stage()
+        self._stage = Stage()
         self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
         self._rates = self.population.manner.rates
         self._shared: SharedColors | None = None
@@ -124,10 +103,10 @@ class Run:
         """Grow and refine until the rule and the clock are content; or go on, after `recall`."""
         with self._timed():
             if self.population.target.is_blank:
-                self.rule.stop_reason, self._stage = "enough", _Stage(_OVER)
-            if self._stage.name == _GROWING:
+                self.rule.stop_reason, self._stage = "enough", Stage(OVER)
+            if self._stage.name == GROWING:
                 self._grow()
-            if self._stage.name == _REFINING:
+            if self._stage.name == REFINING:
                 self._refine()
 
     def adopt(self, scene: Scene, count: int) -> None:
@@ -196,7 +175,7 @@ class Run:
         self.guard.recall(memory["guard"], self.population.manner)
         self.clock.recall(memory["clock"])
         self.rule.recall(memory["rule"])
-        self._stage = _Stage(**memory["stage"])
+        self._stage = Stage(**memory["stage"])
         self._errors.extend(memory["errors"])
         if memory["shared"] is not None:
             self._share_colors()
@@ -233,8 +212,7 @@ class Run:
                 stage.begun = True
             while not self.clock.round_is_over(stage.index):
                 self._step(self.clock.growing(stage.index))
-            if self.guard.is_behind:
-                self._go_back()
+            self._end_at_best(self.guard.is_needed)
             stage.index, stage.begun = stage.index + 1, False
         self._after_growth()
 
@@ -262,13 +240,13 @@ class Run:
 
     def _begin_refining(self, steps: int | None, done: float, adjusting: bool = True) -> None:
         if not len(self.state):
-            self._stage = _Stage(_OVER)
+            self._stage = Stage(OVER)
             return
         self.clock.refine(steps, done)
         self._errors.clear()
         self.guard.begin()
-        self._stage = _Stage(
-            _REFINING,
+        self._stage = Stage(
+            REFINING,
             adjust_at=list(ADJUST_AT) if adjusting else [],
             exchange_at=list(_EXCHANGES),
             pruned=not adjusting,
@@ -283,10 +261,12 @@ class Run:
                 stage.adjust_at = [at for at in stage.adjust_at if at > done]
                 count = self.rule.adjust(self._snapshot(done, self._recent_psnr))
                 if count != len(self.state):
+                    self._end_at_best(self.guard.is_needed)
                     population.change_count(count)
                     self.guard.begin()
             if done >= DECAY_START and not stage.pruned:
                 stage.pruned = True
+                self._end_at_best(self.guard.is_needed)
                 population.prune(self.rule.least_gain())
                 self.guard.begin()
             if done >= SETTLED_FROM and not stage.settled:
@@ -303,16 +283,21 @@ class Run:
         self._end_at_best()
         population.keep_in_segments()
         population.drop_undrawable()
-        stage.name = _OVER
+        stage.name = OVER
 
-    def _end_at_best(self) -> None:
-        """The last step is not always the best."""
+    def _end_at_best(self, needed: bool = True) -> None:
+        """Back to the best state of a stage that ends, where the last step has left it."""
+        if not needed or not len(self.state):
+            return
+        loss = self._judged(self.population.splats()).loss
         best = self.guard.best()
-        if best is not None and not self._judged(self.population.splats()).loss <= self.guard.least:
+        if best is not None and not loss <= self.guard.least:
+            self.guard.note_end(loss)
             self.population.state, self._shared = best
 
     def _settle(self) -> None:
         """Exponents become those of a file and stay, colours are shared from here on."""
+        self._end_at_best(self.guard.is_needed)
         population = self.population
         population.settle_segments()
         if self._as_written is not None and len(self.state):
