@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from gauss2svg.errors import InputError
 from gauss2svg.svg.affine import Affine
-from gauss2svg.svg.values import length, numbers
+from gauss2svg.svg.values import length, numbers, quoted
 
 # The canvas in px, whatever the physical size that width and height say.
 CANVAS = "data-canvas"
@@ -27,7 +27,9 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     """
     box = numbers(root["viewBox"], "viewBox") if "viewBox" in root else []
     if box and (len(box) != 4 or min(box[2:]) <= 0):
-        raise InputError(f"viewBox is {root['viewBox']!r}; needed are x, y, width and height > 0")
+        raise InputError(
+            f"viewBox is {quoted(root['viewBox'])}; needed are x, y, width and height > 0"
+        )
     whole = box[2:] or [None, None]
     width, height = (
         length(root.get(name, "100%"), name, side)
@@ -36,7 +38,9 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     if CANVAS in root:
         sides = numbers(root[CANVAS], CANVAS)
         if len(sides) != 2:
-            raise InputError(f"{CANVAS} is {root[CANVAS]!r}; needed are a width and a height in px")
+            raise InputError(
+                f"{CANVAS} is {quoted(root[CANVAS])}; needed are a width and a height in px"
+            )
         width, height = sides
     if min(width, height) <= 0:
         raise InputError(f"canvas is {width:g}x{height:g} px; needed is a size above 0")
@@ -71,7 +75,7 @@ def _fitted(
     parts = align[1:4], align[5:]
     named = align[:1] == "x" and align[4:5] == "Y" and all(part in _ALIGNED for part in parts)
     if not named or how not in ("meet", "slice") or len(words) > 2:
-        raise InputError(f"preserveAspectRatio is {rule!r}; needed is such as xMidYMid meet")
+        raise InputError(f"preserveAspectRatio is {quoted(rule)}; needed is such as xMidYMid meet")
     scale = min(scales) if how == "meet" else max(scales)
     left, top = (
         _ALIGNED[part] * (side - scale * extent)

@@ -17,7 +17,7 @@ from gauss2svg.svg.affine import Affine, compose
 from gauss2svg.svg.blur import blur_of, blurs
 from gauss2svg.svg.gradient import SVG, Gradient, Gradients
 from gauss2svg.svg.outline import outline
-from gauss2svg.svg.values import Color, color, length, numbers, reference
+from gauss2svg.svg.values import Color, color, length, numbers, quoted, reference
 
 _SAME_RATIO = 0.005  # to a known one: the rounding of a deviation that an editor wrote
 # Deviations around a circle that the region of its filter has at least: write_svg writes 3.5, of
@@ -102,11 +102,13 @@ def _deviation(blur: Any) -> float:
     if len(steps) != 1 or steps[0].tag != SVG + "feGaussianBlur":
         raise InputError("its filter is no single feGaussianBlur; needed is no filter: remove it")
     if blur.get("primitiveUnits", "userSpaceOnUse") != "userSpaceOnUse":
-        raise InputError(f"its filter has primitiveUnits {blur.get('primitiveUnits')!r}; remove it")
+        raise InputError(
+            f"its filter has primitiveUnits {quoted(blur.get('primitiveUnits'))}; remove it"
+        )
     for name, needed in _STEP.items():
         if steps[0].get(name, needed) != needed:
             raise InputError(
-                f"its blur has {name} {steps[0].get(name)!r}; needed is {needed or 'none'}: remove "
+                f"its blur has {name} {quoted(steps[0].get(name))}; needed is {needed or 'none'}: remove "
                 "its filter"
             )
     deviation = set(numbers(steps[0].get("stdDeviation", ""), "stdDeviation"))
