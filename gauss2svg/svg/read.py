@@ -221,8 +221,8 @@ class _Reader:
             if over + beneath > 1 and share(attributes.get("opacity", "1"), "opacity") < 1:
                 shapes = f"{over} shape{'s' * (over != 1)}" + " and the background" * bool(beneath)
                 raise InputError(
-                    f"its opacity is {attributes['opacity'][:60]} over {shapes} together, which is no "
-                    "painting of one over another; set it to 1, or that of each shape"
+                    f"its opacity is {attributes['opacity'][:60]} over {shapes} together, which is "
+                    "no painting of one over another; set it to 1, or that of each shape"
                 )
 
     def _rectangle(self, attributes: dict[str, str], state: _State) -> None:

@@ -108,8 +108,8 @@ def _deviation(blur: Any) -> float:
     for name, needed in _STEP.items():
         if steps[0].get(name, needed) != needed:
             raise InputError(
-                f"its blur has {name} {quoted(steps[0].get(name))}; needed is {needed or 'none'}: remove "
-                "its filter"
+                f"its blur has {name} {quoted(steps[0].get(name))}; needed is {needed or 'none'}: "
+                "remove its filter"
             )
     deviation = set(numbers(steps[0].get("stdDeviation", ""), "stdDeviation"))
     if len(deviation) != 1 or min(deviation) <= 0:
