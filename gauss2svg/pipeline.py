@@ -7,12 +7,10 @@ import dataclasses
 import html
 import math
 import os
-import platform
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -23,7 +21,6 @@ from numpy.typing import NDArray
 from gauss2svg.atomic import write_atomically
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
-from gauss2svg.finish import Finish
 from gauss2svg.fit import FitProgress
 from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DEFAULT_DTYPE
@@ -34,13 +31,13 @@ from gauss2svg.presentation import page_for
 from gauss2svg.pursuit import Pursuit
 from gauss2svg.quality import DEFAULT_QUALITY
 from gauss2svg.raster import DEFAULT_RENDERER
+from gauss2svg.reporting import decibels, run_report
 from gauss2svg.request import Request
 from gauss2svg.scene import OVER, Scene
-from gauss2svg.svg import GRADIENT, Page, bytes_by_part, file_bytes, is_svgz, outline_svg
+from gauss2svg.svg import GRADIENT, Page, file_bytes, is_svgz, outline_svg
 from gauss2svg.svg.encode import LARGEST_NUMBER
 from gauss2svg.svg.page import DEFAULT_TITLE
 from gauss2svg.targets import Targets, size_in_bytes
-from gauss2svg.version import __version__
 from gauss2svg.warmup import COMPILED_S, compile_kernels
 
 # Under a time limit the fit runs on at most so many pixels for each second of it: drawing and
@@ -233,74 +230,11 @@ def vectorize(
             deadline,
             lambda phase, fitting: tell(Progress(phase, fitting)),
         ).run()
-    fitted, measured = outcome.fitted, outcome.measured
-    total_s = time.perf_counter() - begun
-    run_s = total_s - (compile_s if compile_s > COMPILED_S else 0.0)
-    size_reached = measured.svgz_bytes if gzip else measured.svg_bytes
-    unreached = targets.unreached(measured.psnr_svg, size_reached, run_s, fitted.stop_reason)
-    notes = list(photo.notes)
-    measured_height, measured_width = measured.raster.shape[:2]
-    if (measured_width, measured_height) != (photo.width, photo.height):
-        notes.append(f"measured at {measured_width}x{measured_height} px for want of time")
-    report: dict[str, Any] = {
-        "width": photo.width,
-        "height": photo.height,
-        "fit_width": width,
-        "fit_height": height,
-        "gaussians": len(outcome.scene),
-        "iterations": fitted.iterations,
-        "rounds": fitted.rounds,
-        "corrections": outcome.corrections,
-        "quality": quality,
-        "target_psnr": targets.psnr,
-        "max_bytes": targets.max_bytes,
-        "time_limit": targets.time_limit_s,
-        "init": init,
-        "schedule": schedule,
-        "loss": loss,
-        "ssim_weight": ssim_weight,
-        "per_round": per_round,
-        "round_iterations": round_iterations,
-        "relocate": relocate,
-        "blend": blend,
-        "portable": portable,
-        "falloff": request.fit_options.falloff,
-        "form": outcome.svg_options.form,
-        "palette": outcome.svg_options.palette if request.palette_is_counted else None,
-        "colors": len(np.unique(np.round(outcome.scene.color * 255), axis=0)),
-        "gradients": outcome.svg.count("<radialGradient"),
-        "stops": outcome.svg_options.stops,
-        "precision": outcome.svg_options.precision,
-        "title": page.title,
-        "alt": page.alt,
-        "size": page.size,
-        "aspect": page.aspect,
-        "segments": None if page.segments is None else len(np.unique(page.segments)),
-        "animate": page.animate,
-        "gzip": gzip,
-        "seed": seed,
-        "dtype": dtype,
-        "threads": thread_count,
-        "stop_reason": fitted.stop_reason,
-        "unreached": unreached,
-        "compile_s": compile_s,
-        "fit_s": fitted.wall_s,
-        "fit_cpu_s": fitted.cpu_s,
-        "pixel_pairs": fitted.pixel_pairs,
-        **{
-            field.name: _finite(getattr(measured, field.name))
-            for field in dataclasses.fields(measured)
-            if field.name != "raster"
-        },
-        "finish": finish,
-        "finish_drawings": outcome.finish.drawings if outcome.finish else None,
-        "finish_gains": _gains(outcome.finish),
-        "bytes_by_part": bytes_by_part(outcome.svg),
-        "notes": notes,
-        "versions": _versions(),
-        "total_s": total_s,
-    }
-    return Result(outcome.svg, outcome.scene, report, measured.raster, page)
+    report = run_report(
+        request, photo, outcome, (width, height), threads=thread_count, compile_s=compile_s,
+        total_s=time.perf_counter() - begun,
+    )  # fmt: skip
+    return Result(outcome.svg, outcome.scene, report, outcome.measured.raster, page)
 
 
 def _check_precision(side: int, request: Request) -> None:
@@ -322,23 +256,6 @@ def _working_size(width: int, height: int, request: Request) -> tuple[int, int]:
     return max(1, round(width * shrunk)), max(1, round(height * shrunk))
 
 
-def decibels(value: float | None) -> str:
-    """A PSNR of the report as text."""
-    return "equal" if value is None else f"{value:.2f} dB"
-
-
-def _gains(finish: Finish | None) -> dict[str, list[float | None]] | None:
-    """PSNR in dB before and after the finish, by renderer."""
-    if finish is None:
-        return None
-    return {name: [_finite(psnr) for psnr in pair] for name, pair in finish.gains.items()}
-
-
-def _finite(value: Any) -> Any:
-    """None for an infinite PSNR, of equal pictures: JSON has no infinity."""
-    return None if isinstance(value, float) and math.isinf(value) else value
-
-
 @contextmanager
 def _threads(count: int | None) -> Iterator[int]:
     """Use so many numba threads inside; one for each core if None."""
@@ -350,9 +267,3 @@ def _threads(count: int | None) -> Iterator[int]:
         yield wanted
     finally:
         set_num_threads(before)
-
-
-def _versions() -> dict[str, str]:
-    names = ("numpy", "numba", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG")
-    found = {"gauss2svg": __version__, "python": platform.python_version()}
-    return found | {name: version(name) for name in names}

@@ -12,7 +12,8 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from gauss2svg.pipeline import Progress, ProgressCallback, decibels
+from gauss2svg.pipeline import Progress, ProgressCallback
+from gauss2svg.reporting import decibels
 
 _PHASES = {
     "read": "reading the photo",

@@ -77,7 +77,7 @@ def test_new_gaussians_of_a_sum_share_what_is_missing(photo):
     )
     run.background = np.zeros(3)
     run._add(np.zeros((3, 64, 64), np.float32), 60, 60)
-    assert 0.7 < run._rendered().max() < 1.5
+    assert 0.7 < run._target.rendered(run._splats()).max() < 1.5
 
 
 def blank(target: Target) -> np.ndarray:

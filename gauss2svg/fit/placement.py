@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit.blending import Blending
+from gauss2svg.fit.target import Target
 
 PLACEMENTS = ("selective", "error", "random", "live")
 DEFAULT_PLACEMENT = "selective"
@@ -23,9 +22,6 @@ FIRST_RAW_BETA = 0.1
 _LEAST_SIGMA = 0.8
 _LEAST_MINOR = 0.6
 _ELONGATION = 0.5  # along an edge sigma is e^0.5 longer, across it as much shorter
-# Flat: gradients under 0.02 a px (5 levels of 255) within some 4 px.
-_FLAT_ENERGY = 0.02**2
-_FLAT_REACH = 4.0
 # selective: differences under this share of the largest are left out, the rest is
 # cut into this many bins of equal width (LIVE uses a similar quantisation).
 _REJECTED_SHARE = 0.2
@@ -61,42 +57,6 @@ class New:
             np.concatenate([self.factor, more.factor]),
             np.concatenate([self.color, more.color]),
         )
-
-
-class Target:
-    """A picture (3, h, w) to fit, with its flat areas and the direction of its edges.
-
-    planar is float32 or float64, which is then what the kernels compute in. weight (h, w)
-    in 1..1 + flat_weight is large where the picture is flat: there a streak of two levels
-    shows, which the squared error alone hardly sees.
-    """
-
-    def __init__(self, planar: NDArray[np.floating], flat_weight: float = 0.0) -> None:
-        self.planar = planar
-        self.height, self.width = planar.shape[1:]
-        luma = gaussian_filter(planar.mean(axis=0), 1.0)
-        gy = np.gradient(luma, axis=0) if self.height > 1 else np.zeros_like(luma)
-        gx = np.gradient(luma, axis=1) if self.width > 1 else np.zeros_like(luma)
-        self._slopes = gx, gy
-        energy = gaussian_filter(gx * gx + gy * gy, _FLAT_REACH)
-        self.weight = (1 + flat_weight * np.exp(-energy / _FLAT_ENERGY)).astype(planar.dtype)
-
-    @cached_property
-    def edges(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Direction of least change in rad, and coherence in 0..1: how much there is only one.
-
-        From the structure tensor J, the smoothed products of the gradient. Only computed
-        where it is asked for: selective placement seldom does.
-        """
-        gx, gy = self._slopes
-        jxx, jyy, jxy = (gaussian_filter(p, 2.0) for p in (gx * gx, gy * gy, gx * gy))
-        along = 0.5 * np.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
-        coherence = np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
-        return along.astype(np.float32), coherence.astype(np.float32)
-
-    def spacing(self, count: int) -> float:
-        """Radius in px of the disc that is each Gaussian's share of the picture."""
-        return math.sqrt(self.width * self.height / (max(count, 1) * math.pi))
 
 
 def place(

@@ -17,22 +17,15 @@ from gauss2svg.fit import adam
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.convert import painted
-from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
 from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
-from gauss2svg.fit.placement import FIRST_RAW_BETA, New, Target, place
+from gauss2svg.fit.placement import FIRST_RAW_BETA, New, place
 from gauss2svg.fit.rules import ADJUST_AT, Rule, Snapshot
 from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, SETTLED_FROM, rate, reduction
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
-from gauss2svg.image import shrink
-from gauss2svg.render.cpu import (
-    Splats,
-    moments_of_gradient,
-    removal_cost,
-    render_planar,
-    squared_error,
-)
+from gauss2svg.fit.target import Views
+from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, Scene
 
 AsWritten = Callable[[Scene, float], Scene]
@@ -103,8 +96,8 @@ class Run:
         self._adopted = False
         self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
         self._reduction = 1
-        self._targets: dict[int, Target] = {}
-        self._target = self._reduced(1)
+        self._views = Views(pixels, options.dtype, FLAT_WEIGHT)
+        self._target = self._views.reduced(1)
         self._manner = blending(options.blend)
         self._rates = self._manner.rates
         self._shared: SharedColors | None = None
@@ -235,35 +228,20 @@ class Run:
         height, width = self.pixels.shape[:2]
         self._show_at(reduction(total, width, height) if self.options.reduce else 1)
         self._round_index = index
-        self._add(self._rendered(), total - len(self.state), total)
+        self._add(self._target.rendered(self._splats()), total - len(self.state), total)
 
     def _show_at(self, factor: int) -> None:
         """Go on on a picture of 1 / factor the width and height."""
         if factor == self._reduction:
             return
-        before, self._target = self._target, self._reduced(factor)
+        before, self._target = self._target, self._views.reduced(factor)
         self._reduction = factor
         self.state = self.state.scaled(
             self._target.width / before.width, self._target.height / before.height
         )
 
-    def _reduced(self, factor: int) -> Target:
-        if factor in self._targets:
-            return self._targets[factor]
-        height, width = self.pixels.shape[:2]
-        size = max(1, height // factor), max(1, width // factor)
-        planar = np.moveaxis(shrink(self.pixels, *size), -1, 0)
-        planar = np.ascontiguousarray(planar, self.options.dtype)
-        self._targets[factor] = Target(planar, FLAT_WEIGHT)
-        return self._targets[factor]
-
     def _splats(self) -> Splats:
         return self.state.splats(self.background, self.options.blend)
-
-    def _rendered(self) -> NDArray[np.floating]:
-        target = self._target
-        splats = self._splats()
-        return render_planar(splats, target.height, target.width, target.planar.dtype.type)
 
     def _snapshot(self, done: float, psnr: Callable[[], float]) -> Snapshot:
         return Snapshot(len(self.state), done, psnr, self.scene)
@@ -272,7 +250,7 @@ class Run:
         """PSNR on the whole working picture, also where a round ran on a reduced one."""
         factor = self._reduction
         self._show_at(1)
-        error = float(np.mean(np.square(self._rendered() - self._target.planar), dtype=np.float64))
+        error = self._target.error(self._splats())
         self._show_at(factor)
         return _decibels(error)
 
@@ -284,11 +262,11 @@ class Run:
         """Remove the Gaussians that are missed least, or add some where the error is."""
         surplus = len(self.state) - count
         if surplus > 0:
-            _, cost = removal_cost(self._splats(), self._target.planar)
+            _, cost = self._target.removal_cost(self._splats())
             kept = np.argsort(cost[:, 0], kind="stable")[surplus:]
             self.state = self.state.select(np.sort(kept))
         elif surplus < 0:
-            self._add(self._rendered(), -surplus, count)
+            self._add(self._target.rendered(self._splats()), -surplus, count)
 
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
         new = place(
@@ -316,10 +294,9 @@ class Run:
             new.mean, new.factor, np.zeros(len(new.mean)), np.ones((len(new.mean), 3)),
             np.zeros(len(new.mean)), 0,
         )  # fmt: skip
-        planar, (height, width) = self._target.planar, self._target.planar.shape[1:]
-        splats = alone.splats(np.zeros(3), ADD)
-        summed = render_planar(splats, height, width, planar.dtype.type)[0]
-        x, y = np.clip(new.mean.astype(np.intp), 0, [width - 1, height - 1]).T
+        target = self._target
+        summed = target.rendered(alone.splats(np.zeros(3), ADD))[0]
+        x, y = np.clip(new.mean.astype(np.intp), 0, [target.width - 1, target.height - 1]).T
         return np.maximum(summed[y, x].astype(np.float64), 1.0)
 
     def _step(self, done: float) -> None:
@@ -329,16 +306,9 @@ class Run:
             self._relocate()
         splats = self._splats()
         target = self._target
-        image, squares, moments, rows = squared_error(splats, target.planar, target.weight)
-        loss = 0.5 * squares
-        if self.options.loss != DEFAULT_LOSS:
-            mean, gradient = image_gradient(
-                self.options.loss, image, target.planar, self.options.ssim_weight
-            )
-            loss = mean * target.planar.size
-            moments = moments_of_gradient(splats, gradient)
-        price = _BETA_PRICE * loss / max(len(self.state), 1)
-        gradient = adam.gradients(moments, splats.paint[:, 0], splats.shape[:, 5], price)
+        judged = target.judged(splats, self.options.loss, self.options.ssim_weight)
+        price = _BETA_PRICE * judged.loss / max(len(self.state), 1)
+        gradient = adam.gradients(judged.moments, splats.paint[:, 0], splats.shape[:, 5], price)
         limits = adam.Limits(
             least_sigma=LEAST_SIGMA,
             most_sigma=float(max(target.width, target.height)),
@@ -348,8 +318,8 @@ class Run:
         adam.step(self.state, gradient, self._rates, limits, rate(done))
         if self._shared is not None:
             self._shared.step(self.state, gradient, rate(done))
-        self.pixel_pairs += rows * 16
-        self._errors.append(squares / target.planar.size)
+        self.pixel_pairs += judged.pairs
+        self._errors.append(judged.error)
         self.clock.iteration += 1
         elapsed = self.clock.elapsed_s
         self._progress(
@@ -366,14 +336,14 @@ class Run:
 
     def _relocate(self) -> None:
         """Move the Gaussians that would be missed least to where the error is."""
-        rendered, cost = removal_cost(self._splats(), self._target.planar)
+        rendered, cost = self._target.removal_cost(self._splats())
         total = len(self.state)
         count = int(_RELOCATION_SHARE * total)
         if count:
             kept = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
             self.state = self.state.select(kept)
             if self._manner.additive:  # the sum of those gone may be missed more than each
-                rendered = self._rendered()
+                rendered = self._target.rendered(self._splats())
             self._add(rendered, count, total)
 
     def _prune(self) -> None:
@@ -381,7 +351,7 @@ class Run:
         least = self.rule.least_gain()
         if least == -math.inf or not len(self.state):
             return
-        rendered, cost = removal_cost(self._splats(), self._target.planar)
+        rendered, cost = self._target.removal_cost(self._splats())
         error = float(np.sum(np.square(rendered - self._target.planar), dtype=np.float64))
         # Taking one away turns the error e into e + cost: 10 log10(1 + cost / e) dB.
         worth = error * (10 ** (least / 10) - 1)
@@ -390,7 +360,7 @@ class Run:
     def _drop_undrawable(self) -> None:
         """Drop what renderers would not draw: too faint, or nothing of it on the canvas."""
         splats = self._splats()
-        _, cost = removal_cost(splats, self._target.planar)
+        _, cost = self._target.removal_cost(splats)
         self.state = self.state.select((splats.paint[:, 0] >= LEAST_OPACITY) & (cost[:, 1] > 0))
 
 
