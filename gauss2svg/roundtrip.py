@@ -51,7 +51,8 @@ def round_trip(
     height, width = photo.shape[:2]
     raster = rasterize(svg, width, height, renderer)
     # The exact composite lies in 0..1; float32 may pass the ends by a rounding.
-    model = np.clip(render(scene, width, height), 0, 1)
+    model = render(scene, width, height)
+    np.clip(model, 0, 1, out=model)
     return RoundTrip(
         raster=raster,
         renderer=renderer_version(renderer),
