@@ -61,6 +61,7 @@ def vectorize_command(
     portable: Annotated[bool, Parameter(negative="")] = False,
     falloff: Literal["gaussian", "adaptive"] | None = None,
     max_size: int | None = None,
+    max_memory: str | None = None,
     form: Literal["gradient", "blur", "hybrid"] = "gradient",
     palette: int | None = None,
     stops: Literal[5, 6, 8, 10, 12] | None = None,
@@ -128,6 +129,9 @@ def vectorize_command(
         in the paper and in every sum.
     max_size
         Longest side in pixels of the picture that the fit runs on.
+    max_memory
+        What the process may take, by an estimate: 500M, 2G; 80 % of what is free if not given.
+        Over it the fit runs on fewer pixels.
     form
         Of shapes in the file: gradient, for every renderer; blur, smaller, and hybrid, only large
         shapes blurred, for Chromium, Firefox and Inkscape.
@@ -224,6 +228,7 @@ def vectorize_command(
             blend=blend,
             portable=portable,
             max_size=max_size,
+            max_memory=max_memory,
             form=form,
             palette=palette,
             stops=stops,

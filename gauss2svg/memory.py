@@ -5,28 +5,44 @@ on F px and N Gaussians: the largest of what three stages take,
 
     decoding    31 P
     fitting     12 P + a F + t,  a by the loss and the type of the numbers, t torch's own
-    measuring   12 P + b F + c P,  c by the renderer
+    measuring   12 P + 36 F + 45 P
 
-and what the interpreter, the libraries and each shape take. `python examples/memory.py` prints
-what processes took and what was estimated; the coefficients are what it found, and a fifth more.
-Other processes are not counted: Chromium, Firefox, Inkscape and rsvg-convert; nor is a finish,
-which keeps some drawings of the photo's size.
+and what the interpreter, the libraries and each shape take, and a fifth more. `python
+examples/memory.py` prints what processes took beside it. Not counted are programs that draw
+(Chromium, Firefox, Inkscape, rsvg-convert), a finish, which keeps some drawings of the photo's
+size, and the compilation of the kernels in the first run ever.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import psutil
 
 from gauss2svg.errors import InputError
+from gauss2svg.fit.losses import DEFAULT_LOSS, has_ssim
+from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.targets import size_in_bytes
 
 SHARE = 0.8  # of what is free, which a run may take if nothing else is said
 _CGROUPS = Path("/sys/fs/cgroup")
 _UNLIMITED = 1 << 60  # more than any machine has: cgroup v1 says so where there is no limit
+
+# Bytes, as measured.
+_BASE = 205e6  # a photo of a few pixels
+_PHOTO, _DECODED, _DRAWN = 12, 31, 45  # for each pixel of the photo
+_HELD = 36  # for each pixel of the fit, once it is over
+_FIT = {  # for each pixel of the fit, by whether the loss has SSIM
+    (False, "float32"): 75,
+    (False, "float64"): 230,
+    (True, "float32"): 105,
+    (True, "float64"): 280,
+}
+_SHAPE = 3000
+_TORCH = 440e6  # imported for every loss but the default one
+_MARGIN = 1.2
 
 
 @dataclass(frozen=True)
@@ -43,30 +59,19 @@ class Load:
     fit_width: int
     fit_height: int
     gaussians: int
-    ssim: bool = False
-    float64: bool = False
-    renderer: str = "resvg"
+    loss: str = DEFAULT_LOSS
+    dtype: str = DEFAULT_DTYPE
 
     @property
     def bytes(self) -> int:
         """The estimate, an upper bound."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
-        wide = 2 if self.float64 else 1
-        fitting = 12 * photo + wide * (_SSIM_PX if self.ssim else _FIT_PX) * fit
-        measuring = 12 * photo + wide * _HELD_PX * fit + _DRAW_PX.get(self.renderer, 60) * photo
-        most = max(_DECODE_PX * photo, fitting + _TORCH * self.ssim, measuring)
+        by_torch = self.loss != DEFAULT_LOSS
+        a_pixel = _FIT[has_ssim(self.loss), self.dtype]
+        fitting = _PHOTO * photo + a_pixel * fit + _TORCH * by_torch
+        measuring = (_PHOTO + _DRAWN) * photo + _HELD * fit + _TORCH * by_torch
+        most = max(_DECODED * photo, fitting, measuring)
         return math.ceil(_MARGIN * (_BASE + most + _SHAPE * self.gaussians))
-
-
-_BASE = 205e6
-_DECODE_PX = 31
-_FIT_PX = 140
-_SSIM_PX = 350
-_HELD_PX = 60
-_DRAW_PX = {"resvg": 60, "cairo": 60}
-_SHAPE = 2500
-_TORCH = 230e6
-_MARGIN = 1.2
 
 
 def allowed(max_memory: int | str | None) -> int:
@@ -112,10 +117,7 @@ def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[int, int, str |
 
 def _scaled(load: Load, share: float) -> Load:
     width, height = (max(1, int(share * side)) for side in (load.fit_width, load.fit_height))
-    return Load(
-        load.width, load.height, width, height, load.gaussians, load.ssim, load.float64,
-        load.renderer,
-    )  # fmt: skip
+    return replace(load, fit_width=width, fit_height=height)
 
 
 def _megabytes(size: float) -> str:

@@ -27,8 +27,9 @@ from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
 from gauss2svg.image import ImageSource, load_image, shrink
+from gauss2svg.memory import Load, allowed, size_that_fits
 from gauss2svg.presentation import page_for
-from gauss2svg.pursuit import Pursuit
+from gauss2svg.pursuit import CAP_FOR_PSNR, Pursuit
 from gauss2svg.quality import DEFAULT_QUALITY
 from gauss2svg.raster import DEFAULT_RENDERER
 from gauss2svg.reporting import decibels, run_report
@@ -125,6 +126,7 @@ def vectorize(
     portable: bool = False,
     falloff: str | None = None,
     max_size: int | None = None,
+    max_memory: int | str | None = None,
     form: str = GRADIENT,
     palette: int | None = None,
     stops: int | None = None,
@@ -156,6 +158,9 @@ def vectorize(
                 >= 1; palette: most gradients in the file, 0 for all; stops: of a gradient,
                 5, 6, 8, 10 or 12; precision: of coordinates in px, 0.001..1;
                 None: the quality's
+    max_memory  bytes that the process may take, such as "2G", by gauss2svg.memory's estimate;
+                None: 80 % of what is free. Over it the fit runs on fewer pixels, unless
+                max_size was given
     form        of shapes in the file: gradient, for every renderer; blur or hybrid, for those
                 of gauss2svg.raster.DRAW_TURNED_BLURS
     init        placement selective, error or random; live: the paper's selective one
@@ -204,12 +209,15 @@ def vectorize(
         palette, stops, precision, seed, dtype, falloff, renderer, finish, targets,
         portable, per_round, round_iterations, ssim_weight, relocate, gzip,
     )  # fmt: skip
+    most_bytes = allowed(max_memory)
     tell = progress or (lambda _: None)
 
     tell(Progress("read"))
     photo = load_image(image)
     _check_precision(max(photo.width, photo.height), request)
-    width, height = _working_size(photo.width, photo.height, request)
+    width, height, note = _working_size(photo.width, photo.height, request, most_bytes)
+    if note is not None:
+        photo = dataclasses.replace(photo, notes=(*photo.notes, note))
     working = shrink(photo.pixels, height, width)
     page = page_for(
         photo, working, title=title, alt=alt, size=size, aspect=aspect, segments=segments,
@@ -247,13 +255,28 @@ def _check_precision(side: int, request: Request) -> None:
         )
 
 
-def _working_size(width: int, height: int, request: Request) -> tuple[int, int]:
-    """Size in px that the fit runs on: the quality's, less where time is short."""
+def _working_size(
+    width: int, height: int, request: Request, most_bytes: int
+) -> tuple[int, int, str | None]:
+    """Size in px that the fit runs on: the quality's, less where time or memory is short.
+
+    And a note where it is memory. Raises InputError where there is too little of it.
+    """
     shrunk = min(1.0, request.side / max(width, height))
     limit = request.targets.time_limit_s
     if limit is not None and request.max_size is None:
         shrunk = min(shrunk, math.sqrt(PIXELS_A_SECOND * limit / (width * height)))
-    return max(1, round(width * shrunk)), max(1, round(height * shrunk))
+    most = request.preset.cap if request.targets.psnr is None else CAP_FOR_PSNR
+    load = Load(
+        width,
+        height,
+        max(1, round(width * shrunk)),
+        max(1, round(height * shrunk)),
+        gaussians=most if request.count is None else request.count,
+        loss=request.loss,
+        dtype=request.dtype,
+    )
+    return size_that_fits(load, most_bytes, asked=request.max_size is not None)
 
 
 @contextmanager
