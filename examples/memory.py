@@ -83,12 +83,12 @@ def main() -> None:
             path = Path(folder) / f"{width}x{height}.jpg"
             if not path.exists():
                 photo(width, height).save(path, quality=85)
-            took, *fit = measured(path, options)
+            took, across, down = measured(path, options)
             kinds = {name: options[name] for name in ("loss", "dtype") if name in options}
-            expected = Load(width, height, *fit, options["gaussians"], **kinds).bytes
+            expected = Load(width, height, across, down, options["gaussians"], **kinds).bytes
             named = ", ".join(f"{name} {value}" for name, value in options.items())
             print(
-                f"| {width}x{height} | {named} | {fit[0]}x{fit[1]} | {took / 1e6:.0f} "
+                f"| {width}x{height} | {named} | {across}x{down} | {took / 1e6:.0f} "
                 f"| {expected / 1e6:.0f} | {expected / took:.2f} |",
                 flush=True,
             )

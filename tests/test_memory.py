@@ -89,7 +89,7 @@ def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
     assert 60 < report["fit_width"] == report["fit_height"] < 128
     size = f"{report['fit_width']}x{report['fit_width']} px"
     assert report["notes"] == [f"fitted at {size} to stay under {limit / 1e6:.0f} MB of memory"]
-    with pytest.raises(InputError, match="a fit on 128x128 px takes about [0-9]+ MB"):
+    with pytest.raises(InputError, match=r"a fit on 128x128 px takes about [0-9]+ MB"):
         vectorize(photo, max_memory=limit, max_size=128, **QUICK)
     assert vectorize(photo, max_memory=limit, max_size=32, **QUICK).report["notes"] == []
     assert vectorize(photo, max_memory="9G", **QUICK).report["fit_width"] == 128
