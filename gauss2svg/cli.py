@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import sys
 import time
 import warnings
@@ -13,12 +14,14 @@ from typing import Annotated, Any, Literal
 from cyclopts import App, CycloptsError, Parameter
 
 from gauss2svg.errors import Gauss2SvgError, InputError
+from gauss2svg.interruption import STATUS_OF_SIGNAL, Terminated, interruptible, terminable
 from gauss2svg.streams import drop_output, hold_closed_descriptors
 from gauss2svg.version import __version__
 
 _BEGUN = time.perf_counter()
 STATUS_BAD_INPUT = 2
-STATUS_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+STATUS_INTERRUPTED = STATUS_OF_SIGNAL + signal.SIGINT
+STATUS_TERMINATED = STATUS_OF_SIGNAL + signal.SIGTERM
 
 app = App(
     name="gauss2svg",
@@ -82,8 +85,12 @@ def vectorize_command(
     report: Path | None = None,
     preview: Path | None = None,
     save_scene: Path | None = None,
+    learning_rate: float = 1.0,
+    checkpoint: Path | None = None,
+    checkpoint_every: float = 30.0,
+    resume: Path | None = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
-) -> None:
+) -> int:
     """Turn a photo into an SVG of Gaussians, and measure how true it is.
 
     Parameters
@@ -175,6 +182,14 @@ def vectorize_command(
         Write what the renderer drew there, as PNG.
     save_scene
         Write the fitted Gaussians there, as NPZ.
+    learning_rate
+        Times the usual sizes of the fit's steps.
+    checkpoint
+        Keep there where the fit stands, to go on from by --resume.
+    checkpoint_every
+        Seconds between two checkpoints.
+    resume
+        A checkpoint of this same command, from which the fit goes on to the same file.
     quiet
         No progress and no summary.
 
@@ -203,13 +218,18 @@ def vectorize_command(
         count = int(segments)
     elif segments is not None:
         inputs[segments] = "the label image"
+    if resume is not None:
+        inputs[str(resume)] = "the checkpoint"
     check_targets(inputs, targets)
+    if checkpoint is not None:  # it may be the one that is gone on from
+        inputs.pop(str(resume), None)
+        check_targets(inputs, [*targets, checkpoint])
 
     source: Any = image
     if image == STANDARD_STREAM:
         source = standard_stream(sys.stdin, "input").read()
     stdout = standard_stream(sys.stdout, "output") if to_stdout else None
-    with show_progress(quiet) as progress:
+    with interruptible() as interruption, show_progress(quiet) as progress:
         result = vectorize(
             source,
             gaussians=gaussians,
@@ -246,7 +266,12 @@ def vectorize_command(
             segments=segments if count is None else count,
             animate=animate,
             gzip=gzip or is_svgz(output),
+            learning_rate=learning_rate,
+            checkpoint=checkpoint,
+            checkpoint_every=checkpoint_every,
+            resume=resume,
             progress=progress,
+            stop=interruption.asked,
             started=_BEGUN if time_limit is not None else None,
         )
     svg = file_bytes(result.svg, bool(result.report["gzip"]))
@@ -268,6 +293,18 @@ def vectorize_command(
             print(f"gauss2svg: {line}", file=sys.stderr)
     else:
         print_summary(result.report, None if to_stdout else output)
+    if interruption.signal is not None:
+        _tell_interrupted(result.report, "standard output" if to_stdout else output, checkpoint)
+    return interruption.status
+
+
+def _tell_interrupted(report: dict[str, Any], output: str, checkpoint: Path | None) -> None:
+    again = f"; go on with --resume {checkpoint}" if checkpoint is not None else ""
+    print(
+        f"gauss2svg: interrupted after {report['iterations']} iterations; the best so far is in "
+        f"{output}{again}",
+        file=sys.stderr,
+    )
 
 
 def _npz(scene: Any) -> bytes:
@@ -281,14 +318,16 @@ def _npz(scene: Any) -> bytes:
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status: 0, or 2 with one line on standard error.
 
-    1 is that of a benchmark of which a run failed, and of a check under its --min-psnr.
+    130 and 143 are those of Ctrl-C and SIGTERM, also where the best so far was written. 1 is that
+    of a benchmark of which a run failed, and of a check under its --min-psnr.
     """
     hold_closed_descriptors()
     warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
     try:
-        status = app(
-            arguments, exit_on_error=False, print_error=False, result_action="return_value"
-        )
+        with terminable():
+            status = app(
+                arguments, exit_on_error=False, print_error=False, result_action="return_value"
+            )
     except CycloptsError as error:
         return _refuse(f"{' '.join(str(error).split())}; see gauss2svg --help")
     except Gauss2SvgError as error:
@@ -300,12 +339,12 @@ def main(arguments: list[str] | None = None) -> int:
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except (KeyboardInterrupt, SystemError) as error:
         # A Ctrl-C inside a kernel arrives wrapped in numba's SystemError.
-        if isinstance(error, SystemError) and not isinstance(
-            error.__cause__ or error.__context__, KeyboardInterrupt
-        ):
+        cause = error if isinstance(error, KeyboardInterrupt) else None
+        cause = cause or error.__cause__ or error.__context__
+        if not isinstance(cause, KeyboardInterrupt):
             raise
         print("gauss2svg: interrupted; every file is whole or untouched", file=sys.stderr)
-        return STATUS_INTERRUPTED
+        return STATUS_TERMINATED if isinstance(cause, Terminated) else STATUS_INTERRUPTED
     return status if isinstance(status, int) else 0
 
 

@@ -39,7 +39,8 @@ from gauss2svg import metrics
 from gauss2svg.falloff import cut_radius
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.options import FitProgress
-from gauss2svg.fit.run import LEAST_OPACITY, LEAST_SIGMA
+from gauss2svg.fit.population import LEAST_OPACITY
+from gauss2svg.fit.run import LEAST_SIGMA
 from gauss2svg.raster import rasterize
 from gauss2svg.render.cpu import moments_of_gradient, splats_of
 from gauss2svg.scene import RHO_LIMIT, Scene

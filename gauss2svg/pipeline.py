@@ -19,6 +19,7 @@ from numba.core import config
 from numpy.typing import NDArray
 
 from gauss2svg.atomic import write_atomically
+from gauss2svg.checkpoint import EVERY_S, Checkpoint, identity_of, resumed
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
 from gauss2svg.fit import FitProgress
@@ -143,7 +144,12 @@ def vectorize(
     segments: int | str | os.PathLike[str] | NDArray[np.integer] | None = None,
     animate: float | None = None,
     gzip: bool = False,
+    learning_rate: float = 1.0,
+    checkpoint: str | os.PathLike[str] | None = None,
+    checkpoint_every: float = EVERY_S,
+    resume: str | os.PathLike[str] | None = None,
     progress: ProgressCallback | None = None,
+    stop: Callable[[], bool] | None = None,
     started: float | None = None,
 ) -> Result:
     """Fit Gaussians to a photo, write them as an SVG, draw it and measure it.
@@ -190,7 +196,14 @@ def vectorize(
     gzip        the file is to be gzipped: max_bytes holds for that, and save does it
     finish      resvg, cairo, chromium or all: last changes by what they really draw, which
                 takes some thirty drawings of each; not with time_limit
+    learning_rate  times the usual sizes of all steps of the fit, 1e-6..1e6; one that runs away
+                goes back to its best state and on in smaller steps, and the report says so
+    checkpoint  path of a file in which the fit keeps where it stands, every checkpoint_every
+                seconds, 0..86400; not with time_limit
+    resume      path of such a file, of the same photo and options: the fit goes on from there,
+                to the same result, bit for bit
     progress    called with a Progress at every step; nothing is ever printed
+    stop        called after every step: True ends the run with the best so far
     started     time.perf_counter() from which time_limit and total_s count; None: now
 
     With targets a given count is the most there may be. The first bound that binds ends
@@ -207,9 +220,15 @@ def vectorize(
     request = Request(
         gaussians, quality, iterations, init, schedule, loss, blend, max_size, form,
         palette, stops, precision, seed, dtype, falloff, renderer, finish, targets,
-        portable, per_round, round_iterations, ssim_weight, relocate, gzip,
+        portable, per_round, round_iterations, ssim_weight, relocate, gzip, learning_rate,
     )  # fmt: skip
     most_bytes = allowed(max_memory)
+    for name, given in (("checkpoint", checkpoint), ("resume", resume)):
+        if given is not None and time_limit is not None:
+            raise InputError(
+                f"{name} and time_limit are both given; needed is one of them, for a run against "
+                "the clock never repeats itself: give --iterations in place of the limit"
+            )
     tell = progress or (lambda _: None)
 
     tell(Progress("read"))
@@ -224,6 +243,11 @@ def vectorize(
         animate=animate,
     )  # fmt: skip
     request = dataclasses.replace(request, page=page)
+    keeper = memory = None
+    if checkpoint is not None or resume is not None:
+        identity = identity_of(request, photo.pixels, working)
+        keeper = None if checkpoint is None else Checkpoint(checkpoint, checkpoint_every, identity)
+        memory = None if resume is None else resumed(resume, identity)
     with _threads(threads) as thread_count:
         tell(Progress("compile"))
         compile_s = compile_kernels(dtype, blend)
@@ -237,6 +261,9 @@ def vectorize(
             request,
             deadline,
             lambda phase, fitting: tell(Progress(phase, fitting)),
+            stop,
+            keeper,
+            memory,
         ).run()
     report = run_report(
         request, photo, outcome, (width, height), threads=thread_count, compile_s=compile_s,

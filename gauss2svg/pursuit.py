@@ -12,16 +12,18 @@ import math
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
 from gauss2svg.attempt import Attempt, Outcome, finished_attempt, measured, trimmed
+from gauss2svg.checkpoint import Checkpoint
+from gauss2svg.correction import AIM, FILL, FULL, TOO_GOOD, Attempts
 from gauss2svg.finish import Finish
 from gauss2svg.fit.options import FitProgress, FitResult
 from gauss2svg.fit.rules import (
-    FIRST_ROUND,
     Demand,
     FixedCount,
     Revise,
@@ -49,11 +51,6 @@ from gauss2svg.targets import TOLERANCE
 KILOBYTES_A_GAUSSIAN = 0.12
 # A target of PSNR lifts the quality's cap to this.
 CAP_FOR_PSNR = 50000
-_AIM = 0.12  # dB over the target that a correction aims at
-_TOO_LITTLE = 0.02  # dB under the target from which some are added
-_TOO_GOOD = 0.35  # dB over the target from which Gaussians are taken away again
-_FILL = 0.975  # share of the bytes allowed that a fit aims at
-_FULL = 0.93  # share from which a file counts as full
 _GZIPPED = 0.17  # share of the bytes that is left then, until a file tells
 _LEAST_MEASURED = 200  # Gaussians from which a file tells the bytes of one
 _CORRECTIONS = 5
@@ -66,14 +63,6 @@ _SUM_SHARE = 0.35  # of the time, for the sum that a portable form begins with
 _REHEARSE_AT = 0.4  # share of the fit done
 _MOST_RESERVED = 0.6  # share of the time left then for what follows; with more, Gaussians go
 _AT_THE_CAP = 0.95
-_LEAST_LEFT = 0.05  # of an attempt's error, whatever the photo's own size takes off
-# dB that a fit may end under and over the quality's PSNR without a correction; over it only
-# where there are more than a few Gaussians to take away.
-_LESS_THAN_ENOUGH, _FAR_MORE = 0.8, 3.0
-_FEW = 100
-_SAME = 0.004  # a count that differs by a smaller share is the same
-_TELLING = 0.25  # doublings between two attempts that tell a slope
-_SLOPES = 1.5, 6.0  # dB a doubling, the flattest and steepest that are believed
 
 
 class Pursuit:
@@ -83,6 +72,9 @@ class Pursuit:
     working   the same, perhaps smaller: what the fit runs on
     deadline  as time.perf_counter() counts, in s, or None
     tell      is called with "fit", "correct", "write" or "measure", and a fit's progress
+    stop      asked after every step: True ends the run with what it has
+    checkpoint  is offered where the run stands after every step of a fit; resumed is what one
+              kept, from which to go on
     """
 
     def __init__(
@@ -92,6 +84,9 @@ class Pursuit:
         request: Request,
         deadline: float | None,
         tell: Callable[[str, FitProgress | None], None],
+        stop: Callable[[], bool] | None = None,
+        checkpoint: Checkpoint | None = None,
+        resumed: dict[str, Any] | None = None,
     ) -> None:
         self._photo = photo
         self._working = working
@@ -99,12 +94,15 @@ class Pursuit:
         self._targets = request.targets
         self._deadline = deadline
         self._tell = tell
+        self._stop = stop or (lambda: False)
+        self._ended = False
+        self._checkpoint = checkpoint
+        self._resumed = resumed or {}
         self._phase = "fit"
-        self._detail = 0.0  # squared error of the photo that the working picture has not
         self._bytes_each = KILOBYTES_A_GAUSSIAN * 1000 * (_GZIPPED if request.gzip else 1)
         self._bytes_known = False
         self._rehearsed = deadline is None
-        self._attempts: list[Attempt] = []
+        self._attempts = Attempts(request)
         self._sum: FitResult | None = None
         self._most = 0, "gaussians"
         self._rule = self._rule_asked_for(as_demanded if request.portable else self._revise)
@@ -118,7 +116,9 @@ class Pursuit:
             self._working, self._request.fit_options, self._rule, self._fit_deadline(),
             self._on_step, self._as_written,
             segment_at=None if labels is None else partial(segment_at, labels),
+            stop=self._is_ended,
         )  # fmt: skip
+        self._recall("fit", self._run)
 
     def _fit_deadline(self, share: float = 1 - _RESERVE_SHARE) -> float | None:
         """When the fit is to end that may use this share of the time left."""
@@ -130,19 +130,22 @@ class Pursuit:
     def run(self) -> Outcome:
         """Fit, then correct until the targets are met or out of reach."""
         with kernel_lock:
+            self._ended = self._stop()
             if self._request.portable:
                 self._begin_with_a_sum()
             self._run.fit()
+            if not self._ended:  # what was kept then is before its hasty end
+                self._keep("fit", self._run, due=True)
             if self._most[1] == "time_limit":  # told too late for the rule to be asked again
                 self._run.trim(self._most[0])
-            self._attempts.append(self._attempt())
+            self._attempts.made.append(self._attempt())
             best, found = self._search()
             for _ in range(_CALIBRATIONS):
-                if not self._calibrate(best, found):
+                if self._ended or not self._calibrate(best, found):
                     break
                 best, found = self._search()
             finish = None
-            if self._request.finish is not None:
+            if self._request.finish is not None and not self._ended:
                 best, finish = self._finished(best, self._request.finish)
                 self._tell("measure", None)
                 found = self._measured(best)
@@ -154,7 +157,7 @@ class Pursuit:
             svg_options=self._request.svg_options(len(best.scene), None),
             fitted=fitted,
             measured=found,
-            corrections=len(self._attempts) - 1,
+            corrections=len(self._attempts.made) - 1,
             finish=finish,
         )
 
@@ -162,15 +165,60 @@ class Pursuit:
         """Fit a sum, and go on with its Gaussians painted over each other."""
         run = Run(
             self._working, self._request.sum_options, self._rule,
-            self._fit_deadline(_SUM_SHARE), partial(self._tell, "sum"),
+            self._fit_deadline(_SUM_SHARE), lambda progress: self._on_step_of_sum(run, progress),
+            stop=self._is_ended,
         )  # fmt: skip
-        run.fit()
-        self._sum = run.result()
+        if self._resumed.get("stage") != "fit":
+            self._recall("sum", run)
+            run.fit()
+            self._sum = run.result()
         if isinstance(self._rule, SceneDecides):  # what rounds of the sum bought still tells
             self._rule.revise = self._revise
         self._begin()
-        asked = 0 if self._request.scene_decides else self._request.fit_options.gaussians
-        self._run.adopt(self._sum.scene, asked)
+        if self._resumed.get("stage") != "fit":
+            assert self._sum is not None  # it was fitted above
+            asked = 0 if self._request.scene_decides else self._request.fit_options.gaussians
+            self._run.adopt(self._sum.scene, asked)
+
+    def _recall(self, stage: str, run: Run) -> None:
+        """Put a run where a checkpoint of this stage left it."""
+        memory = self._resumed
+        if memory.get("stage") != stage:
+            return
+        run.recall(memory["fit"])
+        self._bytes_each, self._bytes_known = memory["bytes_each"], memory["bytes_known"]
+        self._most = memory["most"][0], memory["most"][1]
+        if memory["sum"] is not None:
+            self._sum = FitResult(scene=run.scene(), **memory["sum"])  # its costs alone are asked
+
+    def _memory(self, stage: str, run: Run) -> dict[str, Any]:
+        costs = None
+        if self._sum is not None:
+            names = (f.name for f in dataclasses.fields(FitResult) if f.name != "scene")
+            costs = {name: getattr(self._sum, name) for name in names}
+        return {
+            "stage": stage,
+            "fit": run.memory(),
+            "sum": costs,
+            "bytes_each": self._bytes_each,
+            "bytes_known": self._bytes_known,
+            "most": list(self._most),
+        }
+
+    def _keep(self, stage: str, run: Run, due: bool = False) -> None:
+        if self._checkpoint is not None and self._phase != "correct":
+            self._checkpoint.offer(partial(self._memory, stage, run), due)
+
+    def _is_ended(self) -> bool:
+        return self._ended
+
+    def _on_step_of_sum(self, run: Run, progress: FitProgress) -> None:
+        self._tell("sum", progress)
+        self._after_step("sum", run)
+
+    def _after_step(self, stage: str, run: Run) -> None:
+        self._ended = self._ended or self._stop()
+        self._keep(stage, run, due=self._ended)
 
     def _finished(self, best: Attempt, name: str) -> tuple[Attempt, Finish]:
         limit = self._targets.max_bytes or math.inf
@@ -179,7 +227,7 @@ class Pursuit:
 
     def _search(self) -> tuple[Attempt, RoundTrip]:
         self._correct()
-        best = self._best()
+        best = self._attempts.best()
         if self._targets.max_bytes is not None:
             best = trimmed(best, self._targets.max_bytes, self._working)
         self._tell("measure", None)
@@ -200,7 +248,7 @@ class Pursuit:
                 0.0, KILOBYTES_A_GAUSSIAN, math.inf, request.count, cap_named="gaussians"
             )
         if self._targets.psnr is not None:
-            wanted = self._targets.psnr + _AIM + 10 * math.log10(1 + _WRITING_LOSS)
+            wanted = self._targets.psnr + AIM + 10 * math.log10(1 + _WRITING_LOSS)
             cap = demand.cap
             if request.count is None:
                 cap = max(cap, min(CAP_FOR_PSNR, width * height))
@@ -220,14 +268,15 @@ class Pursuit:
                 self._bytes_known = True
                 svg = self._write(now.scene(), now.psnr)
                 self._bytes_each = len(file_bytes(svg, self._request.gzip)) / now.count
-            if limit * _FILL / self._bytes_each < most:
-                most, named = int(limit * _FILL / self._bytes_each), "max_bytes"
+            if limit * FILL / self._bytes_each < most:
+                most, named = int(limit * FILL / self._bytes_each), "max_bytes"
         if self._run.clock.growth_is_late and now.done <= GROWTH_SHARE and now.count < most:
             most, named = max(now.count, 1), "time_limit"
         return dataclasses.replace(demand, cap=most, cap_named=named)
 
     def _on_step(self, progress: FitProgress) -> None:
         self._tell(self._phase, progress)
+        self._after_step("fit", self._run)
         if not self._rehearsed and progress.done > _REHEARSE_AT and self._deadline is not None:
             self._rehearsed = True
             write = partial(self._write, psnr=progress.psnr)
@@ -273,99 +322,22 @@ class Pursuit:
             error = metrics.mean_squared_error(drawn, self._working)
         return Attempt(scaled, svg, options, page, self._request.gzip, model, error)
 
-    def _psnr(self, attempt: Attempt) -> float:
-        if math.isnan(attempt.error):  # not drawn: nothing is known to be reached
-            return -math.inf
-        error = attempt.error + self._detail
-        # A detail from another attempt may be a little too much to take off.
-        error = max(error, attempt.error * _LEAST_LEFT)
-        return -10 * math.log10(error) if error > 0 else math.inf
-
     def _correct(self) -> None:
         """Change the count and refine until the last attempt needs no correction."""
         iterations = self._request.fit_options.iterations or self._request.preset.iterations
         steps = max(_LEAST_STEPS, round(_CORRECTION_SHARE * iterations))
         for _ in range(_CORRECTIONS):
-            wanted = self._correction()
-            if wanted is None or self._run.clock.out_of_time:
+            if self._ended or self._run.clock.out_of_time:
+                break
+            if not isinstance(self._rule, SceneDecides):
+                break
+            count = len(self._run.state)
+            wanted = self._attempts.correction(self._rule, count, self._most)
+            if wanted is None:
                 break
             self._phase = "correct"
             self._run.resize(wanted, steps)
-            self._attempts.append(self._attempt())
-
-    def _correction(self) -> int | None:
-        """Count that the next attempt should have, None where nothing is left to correct."""
-        last, count = self._attempts[-1], len(self._run.state)
-        limit, target = self._targets.max_bytes, self._targets.psnr
-        if not isinstance(self._rule, SceneDecides):
-            return None
-        most = self._most[0]
-        if not count:
-            lacking = target is not None and self._psnr(last) < target - TOLERANCE
-            room = last.size < (limit or math.inf)
-            return min(FIRST_ROUND, most) if lacking and room and most else None
-        if limit is not None:
-            most = min(most, int(limit * _FILL * count / last.size))
-            if last.size > limit:
-                self._rule.stop_reason = "max_bytes"
-                return min(most, count - 1)
-        wanted = count
-        if target is not None:
-            psnr = self._psnr(last)
-            if not target - _TOO_LITTLE <= psnr <= target + _TOO_GOOD:
-                missing = (target + _AIM - psnr) / self._slope()
-                wanted = min(round(count * 2 ** max(min(missing, 2.0), -2.0)), most)
-        elif self._rule.stop_reason in ("max_bytes", "enough"):
-            wanted = self._enough(last, count, most)
-        return wanted if abs(wanted - count) > _SAME * count else None
-
-    def _enough(self, last: Attempt, count: int, most: int) -> int:
-        """Count that ends at the quality's PSNR, or as near to it as the bytes allow."""
-        missing = self._request.preset.enough - last.model
-        if self._request.count is not None:
-            missing = math.inf
-        far_more = missing < -_FAR_MORE and count > _FEW
-        if missing <= _LESS_THAN_ENOUGH and not far_more:
-            return count
-        limit = self._targets.max_bytes
-        if missing > 0 and limit is not None and last.size > _FULL * limit:
-            return count
-        needed = count * 2 ** max(min(missing / self._slope(), 2.0), -2.0)
-        self._rule.stop_reason = "enough" if needed < most else "max_bytes"
-        if needed >= most and limit is None:
-            self._rule.stop_reason = self._most[1]
-        return min(math.ceil(needed), most)
-
-    def _slope(self) -> float:
-        """PSNR that a doubling buys: from the last two attempts, or from the growth."""
-        if len(self._attempts) >= 2:
-            before, last = self._attempts[-2:]
-            doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
-            if abs(doublings) > _TELLING:
-                rise = last.model - before.model
-                if self._targets.psnr is not None:
-                    rise = self._psnr(last) - self._psnr(before)
-                slope = rise / doublings
-                return min(max(slope, _SLOPES[0]), _SLOPES[1])
-        assert isinstance(self._rule, SceneDecides)
-        return min(max(self._rule.slope, _SLOPES[0]), _SLOPES[1])
-
-    def _best(self) -> Attempt:
-        """The fewest Gaussians that meet every target, or what comes nearest."""
-        limit = self._targets.max_bytes or math.inf
-        small = [a for a in self._attempts if a.size <= limit]
-        if not small:
-            return min(self._attempts, key=lambda a: a.size)
-        target = self._targets.psnr
-        if target is None:
-            enough = self._request.preset.enough - _LESS_THAN_ENOUGH
-            good = [a for a in small if a.model >= enough and self._request.count is None]
-            return min(good, key=lambda a: a.size) if good else max(small, key=lambda a: a.model)
-        good = [a for a in small if self._psnr(a) >= target - TOLERANCE]
-        if good:
-            close = [a for a in good if self._psnr(a) <= target + _TOO_GOOD]
-            return min(close or good, key=lambda a: len(a.scene))
-        return max(small, key=self._psnr)
+            self._attempts.made.append(self._attempt())
 
     def _measured(self, best: Attempt) -> RoundTrip:
         renderer = self._request.renderer
@@ -379,18 +351,21 @@ class Pursuit:
             return False
         if math.isnan(best.error):  # trimmed to its bytes: nothing is left to search for
             return False
-        if target - TOLERANCE <= measured.psnr_svg <= target + _TOO_GOOD:
+        if target - TOLERANCE <= measured.psnr_svg <= target + TOO_GOOD:
             return False
-        before, self._detail = self._detail, 10 ** (-measured.psnr_svg / 10) - best.error
-        return self._detail != before
+        before = self._attempts.detail
+        self._attempts.detail = 10 ** (-measured.psnr_svg / 10) - best.error
+        return self._attempts.detail != before
 
     def _stop_reason(self, best: Attempt, psnr: float) -> str:
         limit, target = self._targets.max_bytes, self._targets.psnr
         if target is not None and psnr >= target - TOLERANCE:
             return "target_psnr"
+        if self._ended:
+            return "interrupted"
         if self._run.clock.out_of_time:
             return "time_limit"
-        if limit is not None and best.size > _FULL * limit:
+        if limit is not None and best.size > FULL * limit:
             return "max_bytes"
         reason = self._rule.stop_reason
         if reason != "target_psnr":

@@ -44,6 +44,12 @@ def run_report(
     measured_height, measured_width = measured.raster.shape[:2]
     if (measured_width, measured_height) != (photo.width, photo.height):
         notes.append(f"measured at {measured_width}x{measured_height} px for want of time")
+    if fitted.rollbacks:
+        times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"
+        notes.append(
+            f"fit ran away {times}, was taken back to its best state, and went on in smaller "
+            f"steps: in the end {fitted.rate:.3g} of the usual ones"
+        )
     return {
         "width": photo.width,
         "height": photo.height,
@@ -64,6 +70,8 @@ def run_report(
         "per_round": request.per_round,
         "round_iterations": request.round_iterations,
         "relocate": request.relocate,
+        "learning_rate": request.learning_rate,
+        "rollbacks": fitted.rollbacks,
         "blend": request.blend,
         "portable": request.portable,
         "falloff": request.fit_options.falloff,

@@ -52,6 +52,7 @@ class Request:
     ssim_weight: float | None = None
     relocate: bool = True
     gzip: bool = False
+    learning_rate: float = 1.0
     page: Page = field(default_factory=Page)
 
     def __post_init__(self) -> None:
@@ -192,6 +193,7 @@ class Request:
             round_iterations=self.round_iterations,
             ssim_weight=self.ssim_weight,
             relocate=self.relocate,
+            learning_rate=self.learning_rate,
         )
 
     def svg_options(self, gaussians: int, error: float | None) -> SvgOptions:

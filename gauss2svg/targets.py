@@ -40,7 +40,8 @@ class Targets:
     def unreached(self, psnr: float, size: int, seconds: float, reason: str) -> list[str]:
         """One line for each bound that the written result misses."""
         lines = []
-        ended = f"{reason.replace('_', ' ')} ended the run" if reason != "target_psnr" else ""
+        told = reason not in ("target_psnr", "interrupted")
+        ended = f"{reason.replace('_', ' ')} ended the run" if told else ""
         if self.psnr is not None and psnr < self.psnr - TOLERANCE:
             lines.append(
                 f"target of {self.psnr:g} dB not reached: {psnr:.2f} dB"

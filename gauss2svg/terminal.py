@@ -38,6 +38,7 @@ _ENDED_BY = {
     "target_psnr": "the target PSNR",
     "max_bytes": "the limit of bytes",
     "time_limit": "the time limit",
+    "interrupted": "an interruption",
 }
 _MOST_TAGS = 6  # of a checked SVG, the commonest
 

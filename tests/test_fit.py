@@ -11,14 +11,16 @@ from conftest import random_scene
 from gauss2svg import metrics
 from gauss2svg.errors import InputError
 from gauss2svg.fit import FitOptions, adam, fit
+from gauss2svg.fit import population as population_module
 from gauss2svg.fit import run as run_module
 from gauss2svg.fit.adam import Limits, Rates, gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.losses import LOSSES, image_gradient, structural_similarity
 from gauss2svg.fit.options import DTYPES
 from gauss2svg.fit.placement import PLACEMENTS, Target, place
+from gauss2svg.fit.population import LEAST_OPACITY
 from gauss2svg.fit.rules import FixedCount
-from gauss2svg.fit.run import LEAST_OPACITY, LEAST_SIGMA, Run
+from gauss2svg.fit.run import LEAST_SIGMA, Run
 from gauss2svg.fit.schedule import SCHEDULES, rate, reduction, totals
 from gauss2svg.fit.state import State
 from gauss2svg.render import render
@@ -85,7 +87,7 @@ def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype):
 @pytest.mark.parametrize("loss", ["mse", "mse+ssim"])
 def test_dtype_changes_the_bits_and_not_the_quality(photo, loss, monkeypatch):
     # Without relocation: one Gaussian moved instead of another is worth 0.2 dB either way.
-    monkeypatch.setattr(run_module, "_RELOCATION_SHARE", 0.0)
+    monkeypatch.setattr(population_module, "_RELOCATION_SHARE", 0.0)
     single, double = (
         fit(photo, FitOptions(200, 60, loss=loss, dtype=p, falloff="gaussian")).scene
         for p in DTYPES
@@ -147,7 +149,7 @@ def test_relocation_moves_the_least_missed_and_pays(photo, monkeypatch):
         relocated = quality_of(photo, gaussians=400, iterations=120)
     # the first moves are made on a reduced picture, which the spy does not see
     assert sum(moved) >= len(moved) - 2 > 2
-    monkeypatch.setattr(run_module, "_RELOCATION_SHARE", 0.0)
+    monkeypatch.setattr(population_module, "_RELOCATION_SHARE", 0.0)
     assert relocated > quality_of(photo, gaussians=400, iterations=120) + 0.2
 
 
@@ -164,13 +166,13 @@ def test_background_is_a_colour_that_can_be_written(photo):
 
 def test_what_renderers_would_not_draw_is_dropped(photo):
     run = Run(photo, FitOptions(4), FixedCount("exponential", 4, 300))
-    run.state = state_of(
+    run.population.state = state_of(
         Scene(
             128, 128, np.array([[60, 60], [60, 60], [-500, 60]]), np.full((3, 2), 5.0),
             np.zeros(3), np.ones((3, 3)), np.array([0.5, LEAST_OPACITY / 2, 0.5]),
         )
     )  # fmt: skip
-    run._drop_undrawable()
+    run.population.drop_undrawable()
     assert len(run.state) == 1
 
 
@@ -393,5 +395,5 @@ def test_flat_areas_come_out_truer_with_their_weight(monkeypatch):
         return metrics.mean_squared_error(image[flat], pixels[flat])
 
     weighted = flat_error()
-    monkeypatch.setattr(run_module, "FLAT_WEIGHT", 0.0)
+    monkeypatch.setattr(population_module, "FLAT_WEIGHT", 0.0)
     assert weighted < 0.8 * flat_error()

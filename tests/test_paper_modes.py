@@ -75,9 +75,9 @@ def test_new_gaussians_of_a_sum_share_what_is_missing(photo):
         FitOptions(60, 10, blend="add", placement="error"),
         FixedCount("exponential", 60, 10),
     )
-    run.background = np.zeros(3)
-    run._add(np.zeros((3, 64, 64), np.float32), 60, 60)
-    assert 0.7 < run._target.rendered(run._splats()).max() < 1.5
+    run.population.background = np.zeros(3)
+    run.population._add(np.zeros((3, 64, 64), np.float32), 60, 60)
+    assert 0.7 < run.population.rendered().max() < 1.5
 
 
 def blank(target: Target) -> np.ndarray:
@@ -260,7 +260,7 @@ def test_rounds_run_on_the_full_picture_where_that_is_asked_for(photo):
         seen = set()
         options = FitOptions(64, 40, blend="add", reduce=reduce)
         rule = FixedCount(options.schedule, options.gaussians, options.iterations)
-        run = Run(photo, options, rule, progress=lambda _: seen.add(run._target.width))
+        run = Run(photo, options, rule, progress=lambda _: seen.add(run.population.target.width))
         run.fit()
         return seen
 

@@ -87,13 +87,13 @@ def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, t
 def test_exchange_never_makes_the_picture_worse_and_helps_this_one(shared_state, target):
     pixels = np.ascontiguousarray(np.moveaxis(target, 0, -1))
     run = Run(pixels, FitOptions(COUNT, 10), FixedCount("exponential", COUNT, 10))
-    run.state = shared_state
+    run.population.state = shared_state
     shared = SharedColors(run.state, blending("over"))
-    errors = [squared_error(run.state.splats(run.background), target)[1]]
+    errors = [squared_error(run.state.splats(run.population.background), target)[1]]
     rng = np.random.default_rng(0)
     for _ in range(4):
-        shared.exchange(run.state, run._splats, target, rng)
-        errors.append(squared_error(run.state.splats(run.background), target)[1])
+        shared.exchange(run.state, run.population.splats, target, rng)
+        errors.append(squared_error(run.state.splats(run.population.background), target)[1])
     assert (np.diff(errors) <= 1e-6).all()
     assert errors[-1] < errors[0]
 

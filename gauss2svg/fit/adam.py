@@ -11,6 +11,13 @@ kernels' moments m of h (gauss2svg.render.kernels) the gradients are
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
     dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,
     dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
+
+Sizes, ratios and exponents are stepped as logarithms, opacities as logits, and rho follows from L,
+which no step can make indefinite. What is still bounded, such as colours by 0..1, is put back onto
+its bound after the step: the gradient there is the picture's own, and the first one that points
+inward moves it. Colours as logits, whose gradient dies at the bounds, end at 30.16, 21.76, 31.38,
+40.25 and 28.65 dB where these end at 30.27, 21.80, 31.35, 40.27 and 28.62 (Kodak 04, 08 and 20,
+logo, page; 1000 shapes, 120 iterations).
 """
 
 import math
@@ -64,6 +71,7 @@ class Limits:
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
+_FARTHEST = 1e9  # px, from the canvas's origin and of a shape: what a scene may have
 # ln beta of a shape that is a Gaussian for now: with 0 it would be one for good.
 LEAST_RAW_BETA = 1e-6
 
@@ -87,8 +95,11 @@ def gradients(
 
 def step(
     state: State, gradient: NDArray[np.float64], rates: Rates, limits: Limits, rate: float
-) -> None:
-    """Move every Gaussian of the state by one Adam step, in place."""
+) -> bool:
+    """Move every Gaussian of the state by one Adam step, in place; whether all stayed finite.
+
+    One whose step would make a parameter infinite or no number stays where it is, and forgets.
+    """
     sizes = np.array(
         [rates.shift] * 2 + [rates.stretch, rates.shear, rates.stretch, rates.opacity]
         + [rates.color] * 3 + [rates.beta]
@@ -98,15 +109,16 @@ def step(
         math.log(limits.most_beta), RIM_WIDTH / limits.least_rim,
         limits.least_color, limits.most_color,
     ])  # fmt: skip
-    _step(
+    return _step(
         state.mean, state.factor, state.raw_opacity, state.color, state.raw_beta,
         state.first, state.second, state.age, gradient, rate * sizes, bounds,
-    )  # fmt: skip
+    ) == 0  # fmt: skip
 
 
 @njit(parallel=True, cache=True)
 def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradient, sizes, bounds):
     least, most, aspect, sharpest, rim, darkest, brightest = bounds
+    lost = 0
     for i in prange(mean.shape[0]):
         age[i] += 1
         correct1 = 1 - FIRST_DECAY ** age[i]
@@ -119,8 +131,8 @@ def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradie
             d[k] = -sizes[k] * (first[i, k] / correct1)
             d[k] /= np.sqrt(second[i, k] / correct2) + 1e-12
         l11, l21, l22 = factor[i, 0], factor[i, 1], factor[i, 2]
-        mean[i, 0] += l11 * d[0]
-        mean[i, 1] += l21 * d[0] + l22 * d[1]
+        mx = mean[i, 0] + l11 * d[0]
+        my = mean[i, 1] + l21 * d[0] + l22 * d[1]
         # exp(A) to second order; L exp(A) gives a valid covariance whatever the error
         a, c, b = d[2], d[3], d[4]
         e11 = 1 + a + 0.5 * (a * a + c * c)
@@ -146,12 +158,28 @@ def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradie
             xy = co * si * (p - q)
             yy = si * si * p + co * co * q
         l11 = np.sqrt(xx)
+        l22 = np.sqrt(max(xx * yy - xy * xy, 0.0)) / l11
+        # One sum is finite only if all of it is; infinite l11 and l22 make xy / l11 no number.
+        reach = abs(mx) + abs(my) + l11 + abs(xy / l11) + l22
+        known = d[5] + d[6] + d[7] + d[8] + d[9]
+        for k in range(PARAMETERS):
+            known += second[i, k]
+        if not (reach < _FARTHEST and l22 > 0 and np.isfinite(known)):
+            lost += 1
+            age[i] = 0
+            for k in range(PARAMETERS):
+                first[i, k] = 0.0
+                second[i, k] = 0.0
+            continue
+        mean[i, 0] = mx
+        mean[i, 1] = my
         factor[i, 0] = l11
         factor[i, 1] = xy / l11
-        factor[i, 2] = np.sqrt(max(xx * yy - xy * xy, 0.0)) / l11
+        factor[i, 2] = l22
         raw_opacity[i] = min(max(raw_opacity[i] + d[5], -8.0), 12.0)
         for k in range(3):
             color[i, k] = min(max(color[i, k] + d[6 + k], darkest), brightest)
         if raw_beta[i] != 0.0 and sizes[9] != 0.0:
             bound = min(max(np.log(rim * new_minor), LEAST_RAW_BETA), sharpest)
             raw_beta[i] = min(max(raw_beta[i] + d[9], LEAST_RAW_BETA), bound)
+    return lost

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from typing import Any
 
 from gauss2svg.fit.schedule import GROWTH_SHARE
 
@@ -17,6 +19,7 @@ class Clock:
     iterations  of both stages, or None for as many as the time allows
     deadline    as time.perf_counter() counts, in s, or None; may be moved
     round_iterations  of each round of growth; None: growth has GROWTH_SHARE of all
+    stop        asked at every question; once it is True all is over
     """
 
     def __init__(
@@ -25,6 +28,7 @@ class Clock:
         rounds: int,
         deadline: float | None,
         round_iterations: int | None = None,
+        stop: Callable[[], bool] | None = None,
     ) -> None:
         self.iterations = iterations
         self.deadline = deadline
@@ -36,11 +40,19 @@ class Clock:
         self._stage_steps: int | None = None
         self._from = 0.0
         self.out_of_time = False
+        self._stop = stop or (lambda: False)
+        self._stopped = False
 
     @property
     def elapsed_s(self) -> float:
         """Wall-clock seconds since the beginning."""
         return time.perf_counter() - self._begun
+
+    @property
+    def stopped(self) -> bool:
+        """Whether whoever runs the fit wants it to end."""
+        self._stopped = self._stopped or self._stop()
+        return self._stopped
 
     def round_is_over(self, index: int) -> bool:
         """Whether round `index` (0, 1, ...) of growth has had its steps or its time."""
@@ -50,7 +62,8 @@ class Clock:
             steps = self._round_iterations * (index + 1)
         elif self.iterations is not None:
             steps = int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds
-        return self.iteration >= steps or self._time_share() >= GROWTH_SHARE * share
+        late = self._time_share() >= GROWTH_SHARE * share
+        return self.iteration >= steps or late or self.stopped
 
     @property
     def growth_is_late(self) -> bool:
@@ -68,6 +81,8 @@ class Clock:
 
     def refining(self) -> float:
         """Share done, in `done`..1; 1 ends the fit."""
+        if self.stopped:
+            return 1.0
         by_steps = 0.0
         if self._stage_steps is not None:
             taken = self.iteration - self._stage_first
@@ -79,6 +94,22 @@ class Clock:
             by_time = (now - self._stage_begun) / left if left > 0 else 1.0
         self.out_of_time = by_time > by_steps
         return self._from + (1 - self._from) * min(max(by_steps, by_time), 1.0)
+
+    def memory(self) -> dict[str, Any]:
+        """What `recall` needs; a deadline is not part of it."""
+        return {
+            "iteration": self.iteration,
+            "stage_first": self._stage_first,
+            "stage_steps": self._stage_steps,
+            "from": self._from,
+            "elapsed_s": self.elapsed_s,
+        }
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Go on as a clock does that gave this memory."""
+        self.iteration, self._from = memory["iteration"], memory["from"]
+        self._stage_first, self._stage_steps = memory["stage_first"], memory["stage_steps"]
+        self._begun = time.perf_counter() - memory["elapsed_s"]
 
     def _time_share(self) -> float:
         if self.deadline is None:

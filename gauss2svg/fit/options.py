@@ -17,6 +17,8 @@ from gauss2svg.scene import ADD, BLENDS, OVER, Scene
 # 228 bytes of optimiser state each: over 2 GB.
 MOST_GAUSSIANS = 10_000_000
 
+LEARNING_RATES = 1e-6, 1e6
+
 # What the kernels compute in. Neither ends truer: at 200 to 1000 Gaussians they differ by
 # up to 0.2 dB either way, as each does from itself under noise of 1e-6, since another
 # Gaussian is relocated; without relocation by 0.002.
@@ -48,6 +50,8 @@ class FitOptions:
     ssim_weight  of 1 - SSIM in the losses that have it, 0..1, the rest being the pixel term's;
                 None: 0.2
     relocate    whether those that are missed least are placed anew on the way
+    learning_rate  times the usual sizes of all steps, in LEARNING_RATES; a fit that runs away
+                with it goes back to its best state and lowers them
     reduce      whether rounds of few Gaussians run on a reduced picture, which is quicker
     """
 
@@ -65,11 +69,13 @@ class FitOptions:
     ssim_weight: float | None = None
     relocate: bool = True
     reduce: bool = True
+    learning_rate: float = 1.0
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
         if self.iterations is not None:
             whole_number("iterations", self.iterations, 1, 10**9)
+        number_within("learning_rate", self.learning_rate, *LEARNING_RATES)
         whole_number("seed", self.seed, 0, 2**63 - 1)
         if self.placement not in PLACEMENTS:
             raise InputError(
@@ -151,7 +157,8 @@ class FitResult:
 
     cpu_s counts the CPU seconds of all threads, pixel_pairs the pixel-Gaussian pairs
     of the optimiser's steps, forward and backward counted once. stop_reason is one of
-    gauss2svg.fit.rules.STOP_REASONS.
+    gauss2svg.fit.rules.STOP_REASONS. rollbacks is how often the fit ran away and was taken back
+    to its best state, rate what its steps were in the end, as a share of the usual ones.
     """
 
     scene: Scene
@@ -161,10 +168,12 @@ class FitResult:
     cpu_s: float
     pixel_pairs: int
     stop_reason: str
+    rollbacks: int = 0
+    rate: float = 1.0
 
     def after(self, before: FitResult | None, stop_reason: str) -> FitResult:
         """With the costs of a fit before it, and another reason of its end."""
-        costs = ("iterations", "wall_s", "cpu_s", "pixel_pairs")
+        costs = ("iterations", "wall_s", "cpu_s", "pixel_pairs", "rollbacks")
         changes: dict[str, Any] = {
             name: getattr(self, name) + (getattr(before, name) if before else 0) for name in costs
         }

@@ -28,11 +28,12 @@ class SegmentOrder:
     """Keeps the shapes of each round in the order of the segments under their centres.
 
     segment_at    tells the segments
+    home          (n, 2) centres since `settle`, as shares of the width and the height, or None
     """
 
     def __init__(self, segment_at: SegmentAt) -> None:
         self._segment_at = segment_at
-        self._home: NDArray[np.float64] | None = None
+        self.home: NDArray[np.float64] | None = None
 
     def arranged(self, state: State, width: float, height: float) -> State:
         """The state in that order; positions in px of a picture of width x height."""
@@ -42,7 +43,7 @@ class SegmentOrder:
     def settle(self, state: State, width: float, height: float) -> State:
         """The same, and from here on shapes stay in their segments, for `kept`."""
         state = self.arranged(state, width, height)
-        self._home = state.mean / [width, height]
+        self.home = state.mean / [width, height]
         return state
 
     def kept(self, state: State, width: float, height: float) -> State:
@@ -51,12 +52,12 @@ class SegmentOrder:
         Each goes back on its way until it is inside: some tenths of a pixel, where another
         place in the order could change the picture altogether.
         """
-        if self._home is None:
+        if self.home is None:
             return state
         now = state.mean / [width, height]
-        segment = self._segment_at(self._home)
+        segment = self._segment_at(self.home)
         left = self._segment_at(now) != segment
-        inside, outside = self._home[left], now[left]
+        inside, outside = self.home[left], now[left]
         for _ in range(_HALVINGS):
             middle = 0.5 * (inside + outside)
             within = self._segment_at(middle) == segment[left]

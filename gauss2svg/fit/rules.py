@@ -6,20 +6,23 @@ few times later, while all are refined, whether the count should change.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 from gauss2svg.fit.schedule import totals
 from gauss2svg.scene import Scene
 
 # What ended a fit. iterations: the steps asked for are done; gaussians: none were asked
 # for; gain: another round would buy less than the quality's gain; enough: the quality's
-# PSNR is reached; cap: the most Gaussians allowed; the others: the targets of that name.
+# PSNR is reached; cap: the most Gaussians allowed; interrupted: whoever ran it wanted it to
+# end; the others: the targets of that name.
 STOP_REASONS = (
     "iterations", "gaussians", "gain", "enough", "cap", "target_psnr", "max_bytes", "time_limit",
+    "interrupted",
 )  # fmt: skip
 
 FIRST_ROUND = 8
@@ -53,6 +56,15 @@ class Snapshot:
     measure: Callable[[], float]
     scene: Callable[[], Scene]
 
+    @classmethod
+    def of_old(cls, count: int, done: float, psnr: float) -> Snapshot:
+        """Of a round gone by, of which no more is known."""
+
+        def scene() -> Scene:
+            raise AssertionError("the scene of a round gone by is not kept")
+
+        return cls(count, done, lambda: psnr, scene)
+
     @cached_property
     def psnr(self) -> float:
         """PSNR of the model on the working picture in dB, measured when first asked for."""
@@ -75,6 +87,14 @@ class Rule(Protocol):
 
     def least_gain(self) -> float:
         """What a Gaussian must be worth, in dB, not to be removed before the last steps."""
+        ...
+
+    def memory(self) -> dict[str, Any]:
+        """What `recall` needs, for a checkpoint."""
+        ...
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Become as a rule for the same was that gave this memory."""
         ...
 
 
@@ -103,6 +123,13 @@ class FixedCount:
     def least_gain(self) -> float:
         """Minus infinity: all are kept."""
         return -math.inf
+
+    def memory(self) -> dict[str, Any]:
+        """Nothing: it has not changed."""
+        return {}
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Nothing."""
 
 
 @dataclass(frozen=True)
@@ -210,6 +237,33 @@ class SceneDecides:
     def least_gain(self) -> float:
         """What its bytes are worth."""
         return self.demand.gain * self.demand.kilobytes
+
+    def memory(self) -> dict[str, Any]:
+        """All that changes, and what the snapshots of rounds gone by told."""
+        rounds = [None if s is None else [s.count, s.done, s.psnr] for s in self._snapshots()]
+        return {
+            "demand": dataclasses.asdict(self.demand),
+            "stop_reason": self.stop_reason,
+            "slope": self.slope,
+            "paying": self._paying,
+            "rise": self._rise,
+            "rounds": rounds,
+            "leaps": self._last is self._before_leap,
+        }
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Become as one was that gave this memory."""
+        self.demand = Demand(**memory["demand"])
+        self.stop_reason, self.slope = memory["stop_reason"], memory["slope"]
+        self._paying, self._rise = memory["paying"], memory["rise"]
+        self._last, self._before_leap = (
+            None if r is None else Snapshot.of_old(*r) for r in memory["rounds"]
+        )
+        if memory["leaps"]:
+            self._before_leap = self._last
+
+    def _snapshots(self) -> tuple[Snapshot | None, Snapshot | None]:
+        return self._last, self._before_leap
 
     def _wanted(self, count: int, settled: float) -> float:
         """The least of the counts that the bounds allow; says which bound that is."""

@@ -11,6 +11,7 @@ exponent, PSNR of the drawn SVG in dB; with every colour 33.06 is reached:
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,13 +32,39 @@ class SharedColors:
     """The distinct pairs of a colour and an exponent in a state, and which one each shape has."""
 
     def __init__(self, state: State, manner: Blending) -> None:
-        self._bounds = manner.least_color, manner.most_color
+        self._manner = manner
         keys = np.column_stack([state.color, state.raw_beta])
         shared, entry = np.unique(keys, axis=0, return_inverse=True)
         self._color, self._raw_beta = shared[:, :3].copy(), shared[:, 3]
         self.entry: NDArray[np.intp] = entry.reshape(-1)
         self._first, self._second = np.zeros_like(self._color), np.zeros_like(self._color)
         self._age = 0
+
+    def copy(self) -> SharedColors:
+        """The same, which steps of this one leave alone."""
+        return SharedColors.recalled(
+            {name: np.copy(value) for name, value in self.memory().items()}, self._manner
+        )
+
+    def memory(self) -> dict[str, Any]:
+        """What `recalled` needs, for a checkpoint."""
+        return {
+            "color": self._color,
+            "raw_beta": self._raw_beta,
+            "entry": self.entry,
+            "first": self._first,
+            "second": self._second,
+            "age": self._age,
+        }
+
+    @classmethod
+    def recalled(cls, memory: dict[str, Any], manner: Blending) -> SharedColors:
+        """Those that gave this memory."""
+        shared = cls(State.empty(), manner)
+        shared._color, shared._raw_beta = memory["color"], memory["raw_beta"]
+        shared.entry, shared._age = memory["entry"], int(memory["age"])
+        shared._first, shared._second = memory["first"], memory["second"]
+        return shared
 
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
         """One Adam step by the gradient (n, PARAMETERS), summed over each colour's shapes.
@@ -53,7 +80,7 @@ class SharedColors:
         first = self._first / (1 - FIRST_DECAY**self._age)
         second = self._second / (1 - SECOND_DECAY**self._age)
         moved = self._color - _RATE * rate * first / (np.sqrt(second) + 1e-12)
-        self._color = np.clip(moved, *self._bounds)
+        self._color = np.clip(moved, self._manner.least_color, self._manner.most_color)
         self.wear(state, self.entry)
 
     def wear(self, state: State, entry: NDArray[np.intp]) -> None:

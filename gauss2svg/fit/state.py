@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from gauss2svg.errors import InputError
 from gauss2svg.falloff import CUT
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, OVER, RHO_LIMIT, Scene
@@ -58,6 +60,30 @@ class State:
 
     def __len__(self) -> int:
         return len(self.mean)
+
+    def copy(self) -> State:
+        """With arrays of its own, which steps of this one leave alone."""
+        return State(**{name: array.copy() for name, array in self.memory().items()})
+
+    def memory(self) -> dict[str, Any]:
+        """Its arrays by name, for a checkpoint."""
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+
+    @classmethod
+    def recalled(cls, memory: dict[str, Any]) -> State:
+        """The state that gave this memory; raises InputError for arrays that cannot be one's."""
+        usual = cls.empty()
+        count = len(np.atleast_1d(memory.get("mean", [])))
+        for name, array in usual.memory().items():
+            got = memory.get(name)
+            shape = (count, *array.shape[1:])
+            if not isinstance(got, np.ndarray) or got.shape != shape or got.dtype != array.dtype:
+                raise InputError(f"{name} of a checkpoint is not {array.dtype} {shape}; begin anew")
+            if not np.isfinite(got).all():
+                raise InputError(f"{name} of a checkpoint is not finite; begin anew")
+        if not (memory["factor"][:, [0, 2]] > 0).all():
+            raise InputError("factor of a checkpoint has no extent; begin anew")
+        return cls(**memory)
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
         """The Gaussians that a mask or an index picks, with their memory; rounds never decrease."""

@@ -1,0 +1,155 @@
+"""Checkpoints: where a fit stands, in a file from which it goes on to the same bits.
+
+The file is a .npz of plain arrays and one text of JSON, which refers to them; nothing in it is
+ever executed. It says which run it is of, and is refused by any other.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import io
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.atomic import write_atomically
+from gauss2svg.checks import number_within
+from gauss2svg.errors import Gauss2SvgError, InputError
+from gauss2svg.request import Request
+from gauss2svg.version import __version__
+
+EVERY_S = 30.0  # a second of a fit is soon done again, and a file of 5000 Gaussians has 3 MB
+_LONGEST_S = 86400.0
+_FORMAT = 1
+_ARRAY = "array:"
+
+Memory = dict[str, Any]
+
+
+class Checkpoint:
+    """Writes where a fit stands, every so many seconds, whole or not at all.
+
+    path      of the file, which is replaced every time
+    every_s   seconds between two, 0..86400; 0: after every step
+    identity  of the run, by `identity_of`
+    """
+
+    def __init__(self, path: str | os.PathLike[str], every_s: float, identity: Memory) -> None:
+        self._path = path
+        self._every_s = number_within("checkpoint_every", every_s, 0, _LONGEST_S)
+        self._identity = identity
+        self._last = time.monotonic()
+
+    def offer(self, memory: Callable[[], Memory], due: bool = False) -> None:
+        """Write what memory() tells if it is time, or if it is due in any case."""
+        if due or time.monotonic() - self._last >= self._every_s:
+            write_atomically(self._path, packed({"run": self._identity, "memory": memory()}))
+            self._last = time.monotonic()
+
+
+def identity_of(request: Request, *pictures: NDArray[np.float32]) -> Memory:
+    """What a run must share with the one of a checkpoint: version, options, the pictures."""
+    digest = hashlib.sha256()
+    for picture in (*pictures, request.page.segments):
+        if picture is not None:
+            digest.update(repr((picture.shape, str(picture.dtype))).encode())
+            digest.update(np.ascontiguousarray(picture).data)
+    options = {
+        f.name: getattr(request, f.name) for f in dataclasses.fields(request) if f.name != "page"
+    }
+    options["targets"] = dataclasses.asdict(request.targets)
+    return {"version": __version__, **options, "photo": digest.hexdigest()}
+
+
+def resumed(path: str | os.PathLike[str], identity: Memory) -> Memory:
+    """The memory in a checkpoint of the run with this identity.
+
+    Raises InputError for a file that is none, is damaged, or is of another run.
+    """
+    name = os.fspath(path)
+    try:
+        stored = unpacked(Path(path).read_bytes())
+        theirs, memory = stored["run"], stored["memory"]
+    except OSError as error:
+        raise InputError(
+            f"cannot read {name}: {error.strerror or error}; give a file of --checkpoint"
+        ) from error
+    except Gauss2SvgError:
+        raise
+    except Exception as error:  # numpy, zipfile, zlib and json each raise their own
+        raise InputError(
+            f"{name} is no checkpoint, or is damaged ({type(error).__name__}); begin anew"
+        ) from error
+    for key, ours in json.loads(json.dumps(identity)).items():
+        if theirs.get(key) != ours:
+            was = "another" if key == "photo" else f"{theirs.get(key)!r}, now {ours!r}"
+            raise InputError(
+                f"{name} is a checkpoint of another run: its {key} was {was}; give the command "
+                "that it was made by, with --resume"
+            )
+    return memory
+
+
+def packed(memory: Memory) -> bytes:
+    """A file of nested dictionaries and lists of arrays, numbers and text."""
+    arrays: dict[str, NDArray[Any]] = {}
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            key = f"{len(arrays)}"
+            arrays[key] = value
+            return _ARRAY + key
+        if isinstance(value, dict):
+            return {key: plain(inner) for key, inner in value.items()}
+        if isinstance(value, (list, tuple)):
+            return [plain(inner) for inner in value]
+        return value.item() if isinstance(value, np.generic) else value
+
+    text = json.dumps(plain(memory)).encode()
+    stream = io.BytesIO()
+    fields: dict[str, Any] = {
+        "format": np.array(_FORMAT),
+        "text": np.frombuffer(text, np.uint8),
+        "digest": np.frombuffer(_digest(text, arrays), np.uint8),
+        **arrays,
+    }
+    np.savez(stream, **fields)
+    return stream.getvalue()
+
+
+def unpacked(data: bytes) -> Memory:
+    """What was packed; raises InputError for another format, and what numpy raises for no .npz."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+        if int(stored["format"]) != _FORMAT:
+            raise InputError(
+                f"checkpoint has format {int(stored['format'])}; needed is {_FORMAT}: begin anew"
+            )
+        text = stored["text"].tobytes()
+        names = set(stored.files) - {"format", "text", "digest"}
+        arrays = {name: stored[name] for name in sorted(names, key=int)}
+        if stored["digest"].tobytes() != _digest(text, arrays):
+            raise InputError("checkpoint is damaged; begin anew")
+
+    def whole(value: Any) -> Any:
+        if isinstance(value, str) and value.startswith(_ARRAY):
+            return arrays[value.removeprefix(_ARRAY)]
+        if isinstance(value, dict):
+            return {key: whole(inner) for key, inner in value.items()}
+        return [whole(inner) for inner in value] if isinstance(value, list) else value
+
+    return whole(json.loads(text))
+
+
+def _digest(text: bytes, arrays: dict[str, NDArray[Any]]) -> bytes:
+    digest = hashlib.sha256(text)
+    for name, array in arrays.items():
+        digest.update(repr((name, array.shape, str(array.dtype))).encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.digest()

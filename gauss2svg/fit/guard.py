@@ -1,0 +1,140 @@
+"""What keeps a fit from running away: it goes back to its best state with smaller steps.
+
+Photos do not need it: at the usual rates their squared error never grew by more than 1.4 times
+over the least since the last change, save for one sum of three (2.4 times, once, as the last 500
+of 1000 overlapping Gaussians took their first steps). Where few pixels are all that is to be
+drawn it pays: 1000 summed Gaussians on one white pixel in 32x32 black ones end at 80 dB instead
+of 61, on a step at 66 instead of 58 to 60. Kodak 04 at 384x256, 1000 shapes, 120 iterations, PSNR
+of the model in dB by `learning_rate`, painted / summed:
+
+    rate      0.1    1      10     100    1e3    1e6
+    painted   31.20  33.86  33.36  33.68  33.87  33.76
+    summed    30.68  33.00  32.89  33.08  33.07  32.69
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from gauss2svg.fit.blending import Blending
+from gauss2svg.fit.shared import SharedColors
+from gauss2svg.fit.state import State
+
+# A loss that is so many times the least since the last change has run away; so has one that
+# is so many times the least of all after so many steps that brought nothing better, and one
+# that is so many times the least when a stage ends.
+_RUN_AWAY = 2.0
+_LOST, _LOST_STEPS = 1.5, 25
+_LEFT_BEHIND = 1.2
+# Mean squared error under which nothing does: 50 dB.
+_NEGLIGIBLE = 1e-5
+# After going back steps begin at a quarter of those that ran away and grow to half of them: one
+# bad step among many good ones, such as the first of shapes that overlap, costs little then.
+# Where the next few steps run away as well, they become a tenth.
+_CEILING, _LOWERED, _GROWTH = 0.5, 0.5, 1.1
+_AGAIN, _CEILING_AGAIN = 3, 0.1
+
+
+class Guard:
+    """The best state of a fit so far, and how much smaller its steps have become.
+
+    A change of the problem (another picture, another number of Gaussians, colours that are
+    shared) begins anew; a relocation is a change of the state alone. learning_rate is what steps
+    are asked to be, as a multiple of the usual ones, rate what they are, as a share of that.
+    """
+
+    def __init__(self, learning_rate: float = 1.0) -> None:
+        self._usual = min(1 / learning_rate, 1.0)
+        self.rate = self._ceiling = 1.0
+        self.rollbacks = 0
+        self._best: tuple[State, SharedColors | None] | None = None
+        self._least = self._recent = math.inf
+        self._since = 0  # steps since the best state
+        self._accepted = 0  # since going back
+        self._last_is_bad = False
+
+    def begin(self) -> None:
+        """Forget the best state: losses to come are not comparable, and steps may be larger."""
+        self._ceiling = max(self._ceiling, min(self._ceiling / _CEILING, self._usual))
+        self._best, self._least, self._recent, self._since = None, math.inf, math.inf, 0
+        self._last_is_bad = False
+
+    def moved(self) -> None:
+        """Gaussians were relocated: the next loss may be larger."""
+        self._recent = math.inf
+
+    def accepts(self, loss: float, error: float, state: State, shared: SharedColors | None) -> bool:
+        """Whether to go on from a state of this loss and mean squared error; keeps it if best."""
+        if not math.isfinite(loss):
+            return False
+        self._since += 1
+        self._accepted += 1
+        is_lost = loss > _LOST * self._least and self._since > _LOST_STEPS
+        if error > _NEGLIGIBLE and (loss > _RUN_AWAY * self._recent or is_lost):
+            return False
+        self._recent = min(self._recent, loss)
+        self._last_is_bad = error > _NEGLIGIBLE and loss > _LEFT_BEHIND * self._least
+        self.rate = min(self.rate * _GROWTH, self._ceiling)
+        if loss < self._least:
+            self._least, self._since = loss, 0
+            self._best = state.copy(), None if shared is None else shared.copy()
+        return True
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether a stage that ends now should go back to its best state first."""
+        return self._last_is_bad
+
+    def back(self) -> tuple[State, SharedColors | None] | None:
+        """The best state, from which to go on in smaller steps; None where none was good."""
+        self.rollbacks += 1
+        again = self._accepted < _AGAIN
+        self._ceiling = self.rate * (_CEILING_AGAIN if again and self.rollbacks > 1 else _CEILING)
+        self._accepted = 0
+        self.rate = self._ceiling * _LOWERED
+        self._last_is_bad = False
+        self._recent, self._since = math.inf, 0
+        return self.best()
+
+    def best(self) -> tuple[State, SharedColors | None] | None:
+        """A copy of the best state, with the colours that it shares."""
+        if self._best is None:
+            return None
+        state, shared = self._best
+        return state.copy(), None if shared is None else shared.copy()
+
+    def memory(self) -> dict[str, Any]:
+        """What `recall` needs."""
+        state, shared = self._best or (None, None)
+        return {
+            "rate": self.rate,
+            "ceiling": self._ceiling,
+            "behind": self._last_is_bad,
+            "rollbacks": self.rollbacks,
+            "least": self._least,
+            "recent": self._recent,
+            "since": self._since,
+            "accepted": self._accepted,
+            "state": None if state is None else state.memory(),
+            "shared": None if shared is None else shared.memory(),
+        }
+
+    def recall(self, memory: dict[str, Any], manner: Blending) -> None:
+        """Become as one was that gave this memory."""
+        self.rate, self.rollbacks = memory["rate"], memory["rollbacks"]
+        self._ceiling, self._last_is_bad = memory["ceiling"], memory["behind"]
+        self._least, self._recent = memory["least"], memory["recent"]
+        self._since, self._accepted = memory["since"], memory["accepted"]
+        self._best = None
+        if memory["state"] is not None:
+            shared = memory["shared"]
+            self._best = (
+                State.recalled(memory["state"]),
+                None if shared is None else SharedColors.recalled(shared, manner),
+            )
+
+    @property
+    def least(self) -> float:
+        """Loss of the best state; infinite where there is none."""
+        return self._least

@@ -1,0 +1,128 @@
+"""Signals: the first ends a fit with the best so far, the second everything, at once."""
+
+import json
+import signal
+
+import pytest
+from PIL import Image
+from skimage import data
+
+from gauss2svg.cli import main
+from gauss2svg.fit.run import Run
+
+STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
+
+
+@pytest.fixture
+def command(tmp_path):
+    photo = tmp_path / "photo.png"
+    Image.fromarray(data.coffee()[::8, ::8]).save(photo)
+    (tmp_path / "out.svg").write_text("old")
+    return [
+        str(photo), "-o", str(tmp_path / "out.svg"), "--gaussians", "30", "--iterations", "60",
+        "--report", str(tmp_path / "report.json"), "--quiet",
+    ]  # fmt: skip
+
+
+@pytest.fixture
+def after(monkeypatch):
+    """Have a signal come after these steps of a fit."""
+
+    def arrange(number, *steps):
+        tell = Run._tell
+
+        def and_a_signal(run, done):
+            if run.clock.iteration in steps:
+                signal.raise_signal(number)
+            tell(run, done)
+
+        monkeypatch.setattr(Run, "_tell", and_a_signal)
+
+    return arrange
+
+
+@pytest.mark.parametrize("number", STATUS)
+@pytest.mark.parametrize("step", [1, 5, 30, 59])
+def test_first_signal_ends_the_fit_with_the_best_so_far(
+    number, step, command, after, tmp_path, capsys
+):
+    after(number, step)
+    assert main(command) == STATUS[number]
+    said = capsys.readouterr().err.splitlines()
+    assert "once more ends at once" in said[0]
+    assert f"interrupted after {step} iterations; the best so far is in" in said[-1]
+    told = json.loads((tmp_path / "report.json").read_text())
+    assert (told["iterations"], told["stop_reason"]) == (step, "interrupted")
+    assert (tmp_path / "out.svg").read_text().startswith("<?xml")
+    assert told["svg_bytes"] == (tmp_path / "out.svg").stat().st_size
+    assert told["gaussians"] > 0
+
+
+@pytest.mark.parametrize("number", STATUS)
+def test_second_signal_ends_everything_and_leaves_the_old_file(
+    number, command, after, tmp_path, capsys
+):
+    def again(run, done):
+        for _ in range(2):
+            signal.raise_signal(number)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Run, "_tell", again)
+        assert main(command) == STATUS[number]
+    assert "every file is whole or untouched" in capsys.readouterr().err
+    assert (tmp_path / "out.svg").read_text() == "old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["out.svg", "photo.png"]
+
+
+@pytest.mark.parametrize("number", STATUS)
+def test_signal_before_the_fit_ends_everything(number, command, tmp_path, monkeypatch, capsys):
+    def signalled(*_, **__):
+        signal.raise_signal(number)
+
+    monkeypatch.setattr("gauss2svg.pipeline.load_image", signalled)
+    assert main(command) == STATUS[number]
+    assert "every file is whole or untouched" in capsys.readouterr().err
+    assert (tmp_path / "out.svg").read_text() == "old"
+
+
+def test_targets_are_not_pursued_any_further(command, after, tmp_path):
+    after(signal.SIGINT, 10)
+    assert main([*command, "--target-psnr", "60"]) == 130
+    told = json.loads((tmp_path / "report.json").read_text())
+    assert told["corrections"] == 0
+    assert told["iterations"] == 10
+
+
+def test_limit_of_bytes_holds_for_what_an_interruption_leaves(command, after, tmp_path):
+    after(signal.SIGINT, 40)
+    assert main([*command, "--max-bytes", "3k"]) == 130
+    assert (tmp_path / "out.svg").stat().st_size <= 3000
+
+
+def test_checkpoint_of_an_interrupted_run_leads_to_the_same_file(
+    command, after, tmp_path, monkeypatch, capsys
+):
+    fit = str(tmp_path / "fit")
+    assert main(command) == 0
+    whole = (tmp_path / "out.svg").read_bytes()
+    with pytest.MonkeyPatch.context() as patch:
+        tell = Run._tell
+
+        def and_a_signal(run, done):
+            if run.clock.iteration == 23:
+                signal.raise_signal(signal.SIGTERM)
+            tell(run, done)
+
+        patch.setattr(Run, "_tell", and_a_signal)
+        assert main([*command, "--checkpoint", fit]) == 143
+    assert f"go on with --resume {fit}" in capsys.readouterr().err
+    assert (tmp_path / "out.svg").read_bytes() != whole
+    assert main([*command, "--resume", fit]) == 0
+    assert (tmp_path / "out.svg").read_bytes() == whole
+
+
+def test_handlers_are_as_they_were_afterwards(command, after):
+    before = {number: signal.getsignal(number) for number in STATUS}
+    after(signal.SIGINT, 3)
+    main(command)
+    assert {number: signal.getsignal(number) for number in STATUS} == before
