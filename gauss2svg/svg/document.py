@@ -88,7 +88,7 @@ def parse_document(
         raise
     except (ParseError, ValueError, LookupError) as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{name} is no SVG: {what}; needed is a file of write_svg") from None
+        raise InputError(f"{name} is no SVG: {what[:200]}; needed is a file of write_svg") from None
 
 
 def _within(data: str | bytes, max_bytes: int, name: str) -> None:

@@ -238,8 +238,10 @@ class _Reader:
             np.add(sides[start], [0.0, sides[extent]])
             for start, extent in (("x", "width"), ("y", "height"))
         )
-        across, down = np.sort(a * x + c * y + e), np.sort(b * x + d * y + f)
+        with np.errstate(all="ignore"):
+            across, down = np.sort(a * x + c * y + e), np.sort(b * x + d * y + f)
         upright = max(abs(b), abs(c)) <= 1e-9 * max(abs(a), abs(d))
+        upright &= bool(np.isfinite([*across, *down]).all())
         if (
             not upright
             or max(across[0], down[0]) > _COVERED

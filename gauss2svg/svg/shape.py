@@ -19,6 +19,7 @@ from gauss2svg.svg.gradient import SVG, Gradient, Gradients
 from gauss2svg.svg.outline import outline
 from gauss2svg.svg.values import Color, color, length, numbers, quoted, reference
 
+_LEAST_RATIO = 1e-6  # beyond it either way a blur is no profile of ours, nor are its logarithms
 _SAME_RATIO = 0.005  # to a known one: the rounding of a deviation that an editor wrote
 # Deviations around a circle that the region of its filter has at least: write_svg writes 3.5, of
 # which Inkscape leaves 2.4, and so two levels at the end.
@@ -90,6 +91,11 @@ def blurred_profile(radius: float, deviation: float) -> tuple[float, float, floa
     Both lengths are in user units of the circle. Raises InputError for ratios unlike ours.
     """
     ratio = radius / deviation
+    if not _LEAST_RATIO < ratio < 1 / _LEAST_RATIO:
+        raise InputError(
+            f"its radius is {radius:g} and its blur's deviation {deviation:g}; needed are such as "
+            "write_svg writes: remove its filter"
+        )
     blur = min(blurs(), key=lambda known: abs(math.log(ratio * known.deviation)))
     if abs(ratio * blur.deviation - 1) > _SAME_RATIO:
         blur = blur_of(ratio)
