@@ -24,6 +24,7 @@ from random import Random
 SPARE_BYTES = 1 << 30
 CPU_S, WALL_S = 5, 60
 _BLOCK = 10_000  # inputs of one worker process
+_NOT_BEGUN = b"\xff" * 8
 _KEPT = 3  # inputs of one kind of finding that are stored
 
 
@@ -117,7 +118,7 @@ def run(target: str, seed: int, inputs: int, jobs: int, start: int, folder: Path
         while pending and len(running) < jobs:
             first, last = pending.pop()
             place = folder / f".at-{target}-{seed}-{first}"
-            place.write_bytes(first.to_bytes(8, "little"))
+            place.write_bytes(_NOT_BEGUN)
             words = [target, str(seed), str(first), str(last), str(place)]
             said = (folder / f".said-{target}-{seed}-{first}").open("w+")
             process = subprocess.Popen(
@@ -132,6 +133,8 @@ def run(target: str, seed: int, inputs: int, jobs: int, start: int, folder: Path
         for row in done:
             tally.add(*row)
         if first + len(done) < last:  # ended by a signal, or by an exit
+            if place.read_bytes() == _NOT_BEGUN:
+                raise SystemExit(f"a worker ended with status {status} before its first input")
             at = int.from_bytes(place.read_bytes(), "little")
             how = signal.Signals(-status).name if status < 0 else f"exit {status}"
             if at == first + len(done):
