@@ -21,7 +21,7 @@ import sys
 from pathlib import Path
 
 from gauss2svg import vectorize
-from gauss2svg.image import load_image
+from gauss2svg.image import WHITE, load_image
 from gauss2svg.roundtrip import round_trip
 
 
@@ -39,7 +39,7 @@ def measure(image: Path, options: argparse.Namespace) -> dict[str, float]:
         threads=options.threads,
     )
     report = result.report
-    cairo = round_trip(result.svg, result.scene, load_image(image).pixels, "cairo")
+    cairo = round_trip(result.svg, result.scene, load_image(image, matte=WHITE).pixels, "cairo")
     row = {
         "model_dB": report["psnr_model"],
         "svg_dB": report["psnr_svg"],

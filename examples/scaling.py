@@ -15,7 +15,7 @@ import sys
 from numba import set_num_threads
 
 from gauss2svg.fit import FitOptions, fit
-from gauss2svg.image import load_image
+from gauss2svg.image import WHITE, load_image
 
 COUNTS = (1000, 2000, 5000, 10_000, 20_000, 50_000)
 ITERATIONS = 300
@@ -24,7 +24,7 @@ RUNS = 3
 
 def main() -> None:
     """Print the table."""
-    pixels = load_image(sys.argv[1]).pixels
+    pixels = load_image(sys.argv[1], matte=WHITE).pixels
     fit(pixels, FitOptions(100, 10))
     print("gaussians  Mpairs/step  ns/pair, 1 thread  ns/pair, 2 threads  ratio")
     for count in COUNTS:

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from gauss2svg import vectorize
-from gauss2svg.image import load_image
+from gauss2svg.image import WHITE, load_image
 
 COUNTS = (200, 1000, 5000)
 GAP_PX = 6
@@ -20,7 +20,7 @@ GAP_PX = 6
 def main() -> None:
     """Write the photo and the drawn SVGs side by side, two by two."""
     source, target = sys.argv[1:]
-    photo = load_image(source).pixels
+    photo = load_image(source, matte=WHITE).pixels
     panels = []
     for count in COUNTS:
         result = vectorize(photo, gaussians=count)

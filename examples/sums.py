@@ -20,7 +20,7 @@ import numpy as np
 from numba import get_num_threads, set_num_threads
 
 from gauss2svg import vectorize
-from gauss2svg.image import load_image
+from gauss2svg.image import WHITE, load_image
 from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.roundtrip import round_trip
 from gauss2svg.scene import Scene
@@ -75,7 +75,7 @@ def measure(image: str, options: argparse.Namespace) -> dict[str, float]:
         row[f"{name}_dB"] = result.report["psnr_model"]
         row[f"{name}_s"] = result.report["fit_cpu_s"]
         if name == "summed":
-            pixels = load_image(image).pixels
+            pixels = load_image(image, matte=WHITE).pixels
             for renderer in options.renderers.split(","):
                 found = round_trip(result.svg, result.scene, pixels, renderer)
                 row[renderer] = found.psnr_roundtrip

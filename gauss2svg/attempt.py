@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from gauss2svg.finish import Finish, finished
 from gauss2svg.fit.options import FitProgress, FitResult
-from gauss2svg.render.cpu import removal_cost, splats_of
+from gauss2svg.fit.target import target_of
+from gauss2svg.render.cpu import splats_of
 from gauss2svg.roundtrip import RoundTrip, round_trip
 from gauss2svg.scene import Scene
 from gauss2svg.svg import Page, SvgOptions, file_bytes, write_svg
@@ -27,7 +28,8 @@ class Attempt:
     """A scene on the photo's canvas, in the colours of its palette, and its SVG.
 
     model  PSNR in dB of the scene itself on the working picture
-    error  mean squared, of the drawn SVG there; NaN if it was not drawn
+    error  mean squared, of the drawn SVG there, over white or over black where it has alpha,
+           whichever is larger; NaN if it was not drawn
     """
 
     scene: Scene
@@ -64,14 +66,14 @@ class Outcome:
 def trimmed(attempt: Attempt, limit: int, picture: NDArray[np.float32]) -> Attempt:
     """Without the Gaussians that are missed least, as many of them as `limit` bytes ask for.
 
-    Missed on picture (h, w, 3); what is left is not refined.
+    Missed on picture (h, w, 3) or (h, w, 4); what is left is not refined.
     """
+    target = target_of(picture, np.float32)
     while attempt.size > limit and len(attempt.scene):
         scene = attempt.scene
         height, width = picture.shape[:2]
-        planar = np.ascontiguousarray(np.moveaxis(picture, -1, 0))
         splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
-        cost = removal_cost(splats, planar)[1][:, 0]
+        cost = target.removal_cost(splats)[1][:, 0]
         kept = min(len(scene) - 1, int(len(scene) * limit / attempt.size))
         scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
         svg = write_svg(scene, attempt.options, attempt.page)
@@ -88,7 +90,7 @@ def measured(
 ) -> RoundTrip:
     """At the photo's size; where time is short, at the size that the fit ran on.
 
-    photo and working (h, w, 3); deadline as time.perf_counter() counts, in s, or None.
+    photo and working (h, w, 3) or (h, w, 4); deadline as time.perf_counter() counts, in s, or None.
     """
     if photo.shape != working.shape and deadline is not None:
         begun = time.perf_counter()

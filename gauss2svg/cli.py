@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import signal
@@ -13,8 +14,9 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import App, CycloptsError, Parameter
 
-from gauss2svg.errors import Gauss2SvgError, InputError
+from gauss2svg.errors import Gauss2SvgError, InputError, on_one_line
 from gauss2svg.interruption import STATUS_OF_SIGNAL, Terminated, interruptible, terminable
+from gauss2svg.photo.chatter import own_standard_error
 from gauss2svg.streams import drop_output, hold_closed_descriptors
 from gauss2svg.version import __version__
 
@@ -81,7 +83,9 @@ def vectorize_command(
     animate: float | None = None,
     outline: Path | None = None,
     gzip: Annotated[bool, Parameter(negative="")] = False,
+    matte: str | None = None,
     finish: Literal["resvg", "cairo", "chromium", "all"] | None = None,
+    max_pixels: int = 89_478_485,
     report: Path | None = None,
     preview: Path | None = None,
     save_scene: Path | None = None,
@@ -174,6 +178,11 @@ def vectorize_command(
         Write the shapes as bare strokes there, as another SVG.
     gzip
         Gzip the SVG, also where its name does not end in .svgz; --max-bytes holds for the file.
+    max_pixels
+        Most pixels of the photo, told by its header before it is decoded; up to 178956970.
+    matte
+        Colour over which a transparent photo is shown first: white, black, #fa0 or #ffaa00; the SVG
+        is transparent where the photo is if not given.
     finish
         Last changes by what this renderer, or all three, really draws: slow, a little truer.
     report
@@ -270,6 +279,8 @@ def vectorize_command(
             checkpoint=checkpoint,
             checkpoint_every=checkpoint_every,
             resume=resume,
+            max_pixels=max_pixels,
+            matte=matte,
             progress=progress,
             stop=interruption.asked,
             started=_BEGUN if time_limit is not None else None,
@@ -323,8 +334,10 @@ def main(arguments: list[str] | None = None) -> int:
     """
     hold_closed_descriptors()
     warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
+    for library in ("PIL", "tifffile"):  # whose complaints would be more lines than one
+        logging.getLogger(library).addHandler(logging.NullHandler())
     try:
-        with terminable():
+        with terminable(), own_standard_error():
             status = app(
                 arguments, exit_on_error=False, print_error=False, result_action="return_value"
             )
@@ -349,7 +362,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _refuse(message: str) -> int:
-    print(f"gauss2svg: {' '.join(message.split())}", file=sys.stderr)
+    print(f"gauss2svg: {on_one_line(' '.join(message.split()))}", file=sys.stderr)
     return STATUS_BAD_INPUT
 
 

@@ -23,3 +23,9 @@ class PeerError(Gauss2SvgError, RuntimeError):
 
 class OutputError(Gauss2SvgError, OSError):
     """A target that cannot be written."""
+
+
+def on_one_line(text: str) -> str:
+    """Text for a terminal: one line, in which nothing of a file or its name steers it."""
+    plain = (" " if c.isspace() else c for c in text)
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in plain)

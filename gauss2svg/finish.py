@@ -28,7 +28,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -36,13 +36,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
+from gauss2svg.alpha import PAGES, has_alpha, stacked, views
 from gauss2svg.falloff import cut_radius
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.options import FitProgress
 from gauss2svg.fit.population import LEAST_OPACITY
 from gauss2svg.fit.run import LEAST_SIGMA
-from gauss2svg.raster import rasterize
+from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import moments_of_gradient, splats_of
+from gauss2svg.render.kernels import MOMENTS
 from gauss2svg.scene import RHO_LIMIT, Scene
 from gauss2svg.svg import Page, SvgOptions, write_svg
 from gauss2svg.svg.layers import segment_of
@@ -70,7 +72,8 @@ class Finish:
     """A scene after its finish.
 
     drawings  how often each renderer drew it
-    gains     PSNR in dB of the drawn SVG before and after, by renderer
+    gains     PSNR in dB of the drawn SVG before and after, by renderer; over white and over
+              black together where the photo has alpha
     """
 
     scene: Scene
@@ -93,7 +96,8 @@ def finished(
 ) -> Finish:
     """Change a settled scene so that what renderers draw of its file is nearer to a photo.
 
-    scene    on the canvas of photo (h, w, 3); options and page write it, in its own colours
+    scene    on the canvas of photo, (h, w, 3), or (h, w, 4): then it is nearer over white and
+             over black; options and page write it, in its own colours
     finish   one of FINISHES; with all the squared errors of the three are summed
     tell     is called at every drawing but the first
 
@@ -102,11 +106,13 @@ def finished(
     """
     names = renderers_of(finish)
     height, width = photo.shape[:2]
+    wanted = views(photo)
+    grounds = [np.full(3, level) for level in PAGES] if has_alpha(photo) else [scene.background]
 
     def drawn(one: Scene) -> NDArray[np.float32]:
-        """(renderers, h, w, 3) what each draws, less the photo."""
+        """(renderers, pages, h, w, 3) what each draws over each page, less the photo."""
         svg = write_svg(one, options, page)
-        return np.stack([rasterize(svg, width, height, name) for name in names]) - photo
+        return np.stack([views(rasterize_like(svg, photo, name)) for name in names]) - wanted
 
     failures = np.zeros((len(scene), 3))
     changed, drawings, begun = scene, 1, time.perf_counter()
@@ -115,14 +121,14 @@ def finished(
     while drawings < _DRAWINGS and error > 0 and _is_gaining(gained):
         if tell is not None:
             tell(_progress(len(scene), drawings, error / first.size, begun))
-        steps = _steps(changed, missed.sum(axis=0), options)
+        steps = _steps(changed, missed.sum(axis=0), grounds, options)
         promise = steps.gain * _AFTER_FAILURE**failures
         kind, order = promise.argmax(axis=1), np.argsort(-promise.max(axis=1), kind="stable")
         owner = claimed(changed, order, height, width)
         turn = np.unique(owner[owner >= 0])
         tried = _changed(changed, steps, turn, kind)
         new = drawn(tried)
-        gain = (np.square(missed) - np.square(new)).sum(axis=(0, 3)).reshape(-1)
+        gain = (np.square(missed) - np.square(new)).sum(axis=(0, 1, 4)).reshape(-1)
         kept = np.bincount(owner.reshape(-1) + 1, gain, len(scene) + 1)[1:] > 0
         if page.segments is not None:  # the layers, and with them the order, stay
             kept &= segment_of(tried, page.segments) == segment_of(changed, page.segments)
@@ -140,10 +146,15 @@ def finished(
     if _squared(last) >= _squared(first):
         changed, last = scene, first
     gains = {
-        name: (metrics.psnr(before + photo, photo), metrics.psnr(after + photo, photo))
+        name: (_psnr(before + wanted, photo), _psnr(after + wanted, photo))
         for name, before, after in zip(names, first, last, strict=True)
     }
     return Finish(changed, drawings + 1, gains)
+
+
+def _psnr(drawn: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
+    """Of what is drawn, (pages, h, w, 3), over all pages."""
+    return metrics.psnr(drawn.reshape(-1, *drawn.shape[2:]), stacked(photo))
 
 
 def _progress(count: int, drawings: int, error: float, begun: float) -> FitProgress:
@@ -222,11 +233,22 @@ class _Steps:
     gain: NDArray[np.floating]
 
 
-def _steps(scene: Scene, missed: NDArray[np.float32], options: SvgOptions) -> _Steps:
-    """Steps by what the raster has more than the photo, missed (h, w, 3)."""
+def _steps(
+    scene: Scene,
+    missed: NDArray[np.float32],
+    grounds: Sequence[NDArray[np.float64]],
+    options: SvgOptions,
+) -> _Steps:
+    """Steps by what the raster has more than the photo, missed (pages, h, w, 3).
+
+    grounds  colour (3,) of each page
+    """
     splats, opacity = splats_of(scene), scene.opacity
-    by_image: NDArray[np.float32] = np.ascontiguousarray(np.moveaxis(missed, -1, 0))
-    gradient = gradients(moments_of_gradient(splats, by_image), opacity, scene.betas)
+    moments = np.zeros((len(scene), MOMENTS))
+    for ground, of_page in zip(grounds, missed, strict=True):
+        by_image: NDArray[np.float32] = np.ascontiguousarray(np.moveaxis(of_page, -1, 0))
+        moments += moments_of_gradient(splats._replace(background=ground), by_image)
+    gradient = gradients(moments, opacity, scene.betas)
     # Of the mean in px: it is moved by factor t.
     by_shift = np.linalg.solve(np.swapaxes(scene.factor, 1, 2), gradient[:, :2, None])[:, :, 0]
     shift = -max(_SHIFT, options.precision) * _unit(by_shift)

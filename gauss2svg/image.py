@@ -1,46 +1,61 @@
-"""Any picture in, one clean array out: sRGB, float32 in 0..1, (height, width, 3)."""
+"""Any picture in, one clean array out: sRGB, float32 in 0..1, (height, width, 3), and its alpha."""
 
 from __future__ import annotations
 
 import dataclasses
 import io
-import math
-import numbers
 import os
 import sys
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image, ImageCms, ImageOps, UnidentifiedImageError
+from PIL import Image
 
+from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
+from gauss2svg.photo.decode import Decoded, decode_file, decode_picture
+from gauss2svg.photo.files import (
+    DEFAULT_MAX_PIXELS,
+    MOST_PIXELS,
+    check_size,
+    reading,
+    seekable,
+)
+from gauss2svg.photo.samples import unit
+
+__all__ = [
+    "DEFAULT_MAX_PIXELS",
+    "MOST_PIXELS",
+    "WHITE",
+    "ImageSource",
+    "Photo",
+    "load_image",
+    "over_white",
+    "shrink",
+    "shrink_photo",
+]
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
-
-# Decoders that are tried; anything else is refused unread.
-FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "GIF", "BMP", "AVIF", "PPM")
-_LEAST_DPI = 1.0  # what says this or less says nothing
-_PROFILE_MODES = {"GRAY": "L", "RGB": "RGB", "CMYK": "CMYK"}  # Pillow's name of a colour space
+WHITE = (1.0, 1.0, 1.0)  # a matte: the page that browsers show
 
 
 @dataclass(frozen=True, eq=False)
 class Photo:
     """A decoded picture.
 
-    pixels  (height, width, 3) float32 sRGB in 0..1
+    pixels  (height, width, 3) float32 sRGB in 0..1, alpha not multiplied in; 0 where it is 0
     notes   what was changed on the way in, for the report
     dpi     px an inch across and down, by the file's resolution tag; None where it has none
+    alpha   (height, width) float32 in 0..1; None where every pixel is opaque
     """
 
     pixels: NDArray[np.float32]
     notes: tuple[str, ...] = ()
     dpi: tuple[float, float] | None = None
+    alpha: NDArray[np.float32] | None = None
 
     @property
     def width(self) -> int:
@@ -53,159 +68,53 @@ class Photo:
         return self.pixels.shape[0]
 
 
-def load_image(source: ImageSource) -> Photo:
+def load_image(
+    source: ImageSource,
+    *,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
+    matte: Sequence[float] | None = None,
+) -> Photo:
     """Decode a path, bytes, binary file, PIL image, numpy array or torch tensor.
 
-    Arrays are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or
-    (h, w): uint8, uint16, bool, or floating point in 0..1. EXIF orientation is applied,
-    embedded colour profiles are converted to sRGB, transparency is shown over white.
+    max_pixels  most pixels that are decoded, 1..MOST_PIXELS; asked of the header before
+    matte       sRGB colour in 0..1 over which transparency is shown; None: alpha is kept
+
+    Files are JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF, of which the first frame is read. Arrays
+    are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or (h, w): uint8,
+    uint16, bool, or floating point in 0..1. EXIF orientation is applied; ICC profiles and the
+    gamma of a PNG are converted to sRGB. Colour under alpha 0, which nobody sees, is 0.
     Raises InputError for anything that cannot be read as a picture.
     """
+    whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
+    return _shown_over(_photo(_decode(source, max_pixels)), matte)
+
+
+def _decode(source: ImageSource, max_pixels: int) -> Decoded:
     torch = sys.modules.get("torch")  # a tensor can only exist once torch is loaded
     if torch is not None and isinstance(source, torch.Tensor):
         dense = source.detach().cpu().to_dense()
         array = (dense.float() if dense.dtype == torch.bfloat16 else dense).numpy()
-        return _from_array(np.moveaxis(array, 0, -1) if array.ndim == 3 else array, "tensor")
+        last = np.moveaxis(array, 0, -1) if array.ndim == 3 else array
+        return _from_array(last, "tensor", max_pixels)
     if isinstance(source, np.ndarray):
-        return _from_array(source, "array")
+        return _from_array(source, "array", max_pixels)
     if isinstance(source, Image.Image):
-        return _from_lazy_pillow(source, "image")
+        check_size(source.size, "image", max_pixels)
+        return decode_picture(source, "image")
     if isinstance(source, (bytes, bytearray, memoryview)):
-        return _decode(io.BytesIO(source), f"{len(source)} bytes")
+        return decode_file(io.BytesIO(source), f"photo of {len(source)} bytes", max_pixels)
     if isinstance(source, (str, os.PathLike)):
-        path = Path(source)
-        try:
-            with path.open("rb") as file:
-                return _decode(file, str(path))
-        except InputError:
-            raise
-        except (OSError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error)
-            raise InputError(f"cannot read {path}: {reason}; give the path of a photo") from error
+        with reading(source, "give the path of a photo") as file:
+            return decode_file(file, os.fsdecode(source), max_pixels)
     if hasattr(source, "read"):
-        return _decode(source, "file object")
+        return decode_file(seekable(source, "file object"), "file object", max_pixels)
     raise InputError(
         f"got {type(source).__name__}; needed is a path, bytes, a binary file, a PIL image, "
         "a numpy array or a torch tensor"
     )
 
 
-def _decodable() -> tuple[str, ...]:
-    """FORMATS less those that this build of Pillow lacks, as some lack AVIF."""
-    Image.init()
-    return tuple(name for name in FORMATS if name in Image.OPEN)
-
-
-def _decode(file: BinaryIO, name: str) -> Photo:
-    with opened(file, name) as picture:
-        return _from_lazy_pillow(picture, name)
-
-
-@contextmanager
-def opened(file: BinaryIO, name: str) -> Iterator[Image.Image]:
-    """A picture file of one of FORMATS, closed afterwards; raises InputError that names it."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(file, formats=_decodable()) as picture:
-                yield picture
-    except UnidentifiedImageError as error:
-        known = ", ".join(_decodable())
-        raise InputError(
-            f"{name} is no picture that can be read; needed is one of {known}"
-        ) from error
-    except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
-        raise InputError(f"{name} is too large to decode: {error}; shrink it first") from error
-    except InputError:
-        raise
-    except (OSError, SyntaxError, ValueError, EOFError, RuntimeError) as error:
-        raise _broken(name, error) from error
-
-
-def _broken(name: str, error: Exception) -> InputError:
-    return InputError(f"{name} is broken: {error}; save it anew and try again")
-
-
-def _from_lazy_pillow(picture: Image.Image, name: str) -> Photo:
-    try:
-        picture.load()
-    except (OSError, SyntaxError, ValueError, EOFError, RuntimeError) as error:
-        raise _broken(name, error) from error
-    return dataclasses.replace(_from_pillow(picture, name), dpi=_resolution(picture))
-
-
-def _resolution(picture: Image.Image) -> tuple[float, float] | None:
-    """Pixels an inch across and down after EXIF orientation; None where no tag says so."""
-    # Pillow makes up 72 for a JPEG and 1 for a TIFF without one, so their tags are asked.
-    stated = picture.info.get("jfif_unit") in (1, 2) or picture.format in ("PNG", "BMP", None)
-    dpi = picture.info.get("dpi") if stated else None
-    exif = picture.getexif()
-    if dpi is None and ExifTags.Base.XResolution in exif and ExifTags.Base.YResolution in exif:
-        inch = {2: 1.0, 3: 2.54}.get(exif.get(ExifTags.Base.ResolutionUnit, 2), 0.0)
-        tags = exif[ExifTags.Base.XResolution], exif[ExifTags.Base.YResolution]
-        dpi = [inch * float(tag) for tag in tags] if all(map(_is_number, tags)) else None
-    if dpi is None or not all(_LEAST_DPI < v < math.inf for v in dpi):
-        return None
-    turned = exif.get(ExifTags.Base.Orientation, 1) in (5, 6, 7, 8)
-    across, down = (float(v) for v in (reversed(dpi) if turned else dpi))
-    return across, down
-
-
-def _is_number(tag: Any) -> bool:
-    return isinstance(tag, numbers.Real)
-
-
-def _from_pillow(picture: Image.Image, name: str) -> Photo:
-    notes = []
-    oriented = picture
-    if picture.getexif().get(ExifTags.Base.Orientation, 1) != 1:
-        oriented = ImageOps.exif_transpose(picture)
-        notes.append("turned as its EXIF orientation says")
-    if oriented.mode in ("I;16", "I;16L", "I;16B", "I", "F"):
-        return _from_array(_wide_grey(oriented, name), name, tuple(notes))
-    has_alpha = oriented.has_transparency_data
-    profile = picture.info.get("icc_profile")
-    if oriented.mode in ("P", "PA", "LA", "La", "RGBa"):
-        oriented = oriented.convert("RGBA" if has_alpha else "RGB")
-    if profile:
-        converted = _to_srgb(oriented, profile, has_alpha)
-        if converted is not None:
-            oriented = converted
-            notes.append("converted from its embedded colour profile to sRGB")
-        else:
-            notes.append("embedded colour profile unreadable, taken as sRGB")
-    array = np.asarray(oriented.convert("RGBA" if has_alpha else "RGB"))
-    return _from_array(array, name, tuple(notes))
-
-
-def _wide_grey(picture: Image.Image, name: str) -> NDArray[Any]:
-    array = np.asarray(picture)
-    if picture.mode == "F":
-        return array
-    if array.min() < 0 or array.max() > np.iinfo(np.uint16).max:
-        raise InputError(
-            f"{name} has grey levels {array.min()}..{array.max()}; needed are 0..65535: "
-            "rescale it and try again"
-        )
-    return array.astype(np.uint16)
-
-
-def _to_srgb(picture: Image.Image, profile: bytes, has_alpha: bool) -> Image.Image | None:
-    try:
-        opened = ImageCms.ImageCmsProfile(io.BytesIO(profile))
-        space: str = opened.profile.xcolor_space  # pyright: ignore[reportAttributeAccessIssue]
-        mode = _PROFILE_MODES.get(space.strip(), "RGB")
-        return ImageCms.profileToProfile(
-            picture.convert("RGBA" if mode == "RGB" and has_alpha else mode),
-            opened,
-            ImageCms.createProfile("sRGB"),
-            outputMode="RGBA" if has_alpha else "RGB",
-        )
-    except (ImageCms.PyCMSError, OSError, ValueError):
-        return None  # noted by the caller
-
-
-def _from_array(array: NDArray[Any], name: str, notes: tuple[str, ...] = ()) -> Photo:
+def _from_array(array: NDArray[Any], name: str, max_pixels: int) -> Decoded:
     if array.ndim == 2:
         array = array[:, :, None]
     if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
@@ -213,38 +122,38 @@ def _from_array(array: NDArray[Any], name: str, notes: tuple[str, ...] = ()) -> 
             f"{name} has shape {array.shape}; needed is (h, w), (h, w, 1), (h, w, 3) or "
             "(h, w, 4), for a torch tensor the channels first"
         )
-    if 0 in array.shape:
-        raise InputError(f"{name} has shape {array.shape}; needed is at least one pixel")
-    array = array.astype(array.dtype.newbyteorder("="), copy=False)
-    if array.dtype == np.bool_:
-        pixels = array.astype(np.float32)
-    elif array.dtype in (np.uint8, np.uint16):
-        pixels = array.astype(np.float32) / np.iinfo(array.dtype).max
-    elif np.issubdtype(array.dtype, np.floating):
-        bad = ~((array >= 0) & (array <= 1))
-        if bad.any():
-            y, x, c = (int(v) for v in np.argwhere(bad)[0])
-            raise InputError(
-                f"{name} is {array[y, x, c]} at row {y}, column {x}, channel {c}; needed are "
-                "finite values in 0..1: divide by the largest value, or clip"
-            )
-        pixels = array.astype(np.float32)
-    else:
-        raise InputError(f"{name} has type {array.dtype}; needed is uint8, uint16, bool or float")
-    return Photo(*_three_channels(np.asarray(pixels, np.float32), notes))
+    check_size((array.shape[1], array.shape[0]), name, max_pixels)
+    values = unit(array, name)
+    alpha = values[:, :, 3] if array.shape[2] == 4 else None
+    return Decoded(values[:, :, :3], alpha, (), None)
 
 
-def _three_channels(
-    pixels: NDArray[np.float32], notes: tuple[str, ...]
-) -> tuple[NDArray[np.float32], tuple[str, ...]]:
-    if pixels.shape[2] == 4:
-        alpha = pixels[:, :, 3:]
-        if (alpha < 1).any():
-            notes = (*notes, "transparency shown over white")
-        pixels = over_white(pixels[:, :, :3], alpha)
-    elif pixels.shape[2] == 1:
-        pixels = np.repeat(pixels, 3, axis=2)
-    return np.ascontiguousarray(pixels), notes
+def _photo(decoded: Decoded) -> Photo:
+    color, alpha = decoded.color, decoded.alpha
+    if color.shape[2] == 1:
+        color = np.repeat(color, 3, axis=2)
+    if alpha is not None and not (alpha < 1).any():
+        alpha = None
+    if alpha is not None:
+        color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
+        alpha = np.ascontiguousarray(alpha)
+    return Photo(np.ascontiguousarray(color), decoded.notes, decoded.dpi, alpha)
+
+
+def _shown_over(photo: Photo, matte: Sequence[float] | None) -> Photo:
+    """The photo opaque, over a colour where one is given."""
+    if matte is None:
+        return photo
+    color = np.asarray(matte, np.float32)
+    if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
+        raise InputError(f"matte is {matte!r}; needed are three numbers in 0..1: red, green, blue")
+    if photo.alpha is None:
+        return photo
+    alpha = photo.alpha[:, :, None]
+    pixels = np.asarray(photo.pixels * alpha + color * (1 - alpha), np.float32)
+    shown = "".join(f"{round(255 * float(level)):02x}" for level in color)
+    notes = (*photo.notes, f"transparency shown over #{shown}")
+    return dataclasses.replace(photo, pixels=pixels, alpha=None, notes=notes)
 
 
 def over_white(color: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -253,13 +162,35 @@ def over_white(color: NDArray[np.float32], alpha: NDArray[np.float32]) -> NDArra
 
 
 def shrink(pixels: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
-    """Area average of (h, w, 3) float32 pixels on a smaller grid; the mean is kept."""
+    """Area average of (h, w, channels) float32 pixels on a smaller grid; the mean is kept."""
     if (height, width) == pixels.shape[:2]:
         return pixels
     planes = [
         Image.fromarray(np.ascontiguousarray(pixels[:, :, c])).resize(
             (width, height), Image.Resampling.BOX
         )
-        for c in range(3)
+        for c in range(pixels.shape[2])
     ]
     return np.clip(np.stack([np.asarray(p) for p in planes], axis=2), 0, 1, dtype=np.float32)
+
+
+def shrink_photo(photo: Photo, height: int, width: int) -> Photo:
+    """A photo on a smaller grid: area averages of alpha, and of colour in proportion to alpha.
+
+    Its dpi shrink with it, so that its size on paper stays.
+    """
+    if (height, width) == (photo.height, photo.width):
+        return photo
+    dpi = photo.dpi
+    if dpi is not None:
+        dpi = dpi[0] * width / photo.width, dpi[1] * height / photo.height
+    if photo.alpha is None:
+        pixels = shrink(photo.pixels, height, width)
+        return dataclasses.replace(photo, pixels=pixels, dpi=dpi)
+    weight = photo.alpha[:, :, None]
+    alpha = shrink(weight, height, width)
+    premultiplied = shrink(photo.pixels * weight, height, width)
+    pixels = np.divide(premultiplied, alpha, out=np.zeros_like(premultiplied), where=alpha > 0)
+    return dataclasses.replace(
+        photo, pixels=np.clip(pixels, 0, 1), alpha=np.ascontiguousarray(alpha[:, :, 0]), dpi=dpi
+    )

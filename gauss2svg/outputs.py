@@ -58,7 +58,7 @@ def _are_one(name: str, other: str) -> bool:
 
 
 def as_png(pixels: NDArray[np.floating]) -> bytes:
-    """PNG of a picture (h, w, 3) in 0..1, rounded to 8 bits a channel."""
+    """PNG of a picture (h, w, 3), or (h, w, 4) with alpha, in 0..1, on 8 bits a channel."""
     stream = io.BytesIO()
     Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(stream, "PNG")
     return stream.getvalue()

@@ -18,6 +18,7 @@ from numba import get_num_threads, set_num_threads
 from numba.core import config
 from numpy.typing import NDArray
 
+from gauss2svg.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.atomic import write_atomically
 from gauss2svg.checkpoint import EVERY_S, Checkpoint, identity_of, resumed
 from gauss2svg.checks import whole_number
@@ -27,7 +28,7 @@ from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
-from gauss2svg.image import ImageSource, load_image, shrink
+from gauss2svg.image import DEFAULT_MAX_PIXELS, ImageSource, load_image
 from gauss2svg.memory import Load, allowed, size_that_fits
 from gauss2svg.presentation import page_for
 from gauss2svg.pursuit import CAP_FOR_PSNR, Pursuit
@@ -71,7 +72,8 @@ class Result:
     svg     the text of the file
     scene   the fitted Gaussians, on the photo's canvas, in the order of the file
     report  numbers of the run, ready for JSON; see the README for the keys
-    raster  (h, w, 3) float32: the SVG as the renderer drew it
+    raster  (h, w, 3) float32: the SVG as the renderer drew it; (h, w, 4), alpha not multiplied
+            in, of a transparent photo
     page    how the file presents the picture
     """
 
@@ -148,6 +150,8 @@ def vectorize(
     checkpoint: str | os.PathLike[str] | None = None,
     checkpoint_every: float = EVERY_S,
     resume: str | os.PathLike[str] | None = None,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
+    matte: str | None = None,
     progress: ProgressCallback | None = None,
     stop: Callable[[], bool] | None = None,
     started: float | None = None,
@@ -194,6 +198,8 @@ def vectorize(
                 image of the photo's size, or its labels as an array (h, w) of whole numbers
     animate     seconds in which the rounds fade in, where motion is welcome; up to an hour
     gzip        the file is to be gzipped: max_bytes holds for that, and save does it
+    max_pixels  most pixels of the photo, told by its header before it is decoded; up to
+                gauss2svg.image.MOST_PIXELS
     finish      resvg, cairo, chromium or all: last changes by what they really draw, which
                 takes some thirty drawings of each; not with time_limit
     learning_rate  times the usual sizes of all steps of the fit, 1e-6..1e6; one that runs away
@@ -202,6 +208,8 @@ def vectorize(
                 seconds, 0..86400; not with time_limit
     resume      path of such a file, of the same photo and options: the fit goes on from there,
                 to the same result, bit for bit
+    matte       colour over which a transparent photo is shown first: "white", "black", "#fa0",
+                "#ffaa00"; None: the SVG is transparent where the photo was
     progress    called with a Progress at every step; nothing is ever printed
     stop        called after every step: True ends the run with the best so far
     started     time.perf_counter() from which time_limit and total_s count; None: now
@@ -220,7 +228,7 @@ def vectorize(
     request = Request(
         gaussians, quality, iterations, init, schedule, loss, blend, max_size, form,
         palette, stops, precision, seed, dtype, falloff, renderer, finish, targets,
-        portable, per_round, round_iterations, ssim_weight, relocate, gzip, learning_rate,
+        portable, per_round, round_iterations, ssim_weight, relocate, gzip, learning_rate, matte,
     )  # fmt: skip
     most_bytes = allowed(max_memory)
     for name, given in (("checkpoint", checkpoint), ("resume", resume)):
@@ -232,12 +240,16 @@ def vectorize(
     tell = progress or (lambda _: None)
 
     tell(Progress("read"))
-    photo = load_image(image)
+    photo = load_image(
+        image, max_pixels=max_pixels, matte=None if matte is None else matte_color(matte)
+    )
+    request.check_alpha(photo)
     _check_precision(max(photo.width, photo.height), request)
     width, height, note = _working_size(photo.width, photo.height, request, most_bytes)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
-    working = shrink(photo.pixels, height, width)
+    pixels = pixels_of(photo)
+    working = shrunk(pixels, height, width)
     page = page_for(
         photo, working, title=title, alt=alt, size=size, aspect=aspect, segments=segments,
         animate=animate,
@@ -245,7 +257,7 @@ def vectorize(
     request = dataclasses.replace(request, page=page)
     keeper = memory = None
     if checkpoint is not None or resume is not None:
-        identity = identity_of(request, photo.pixels, working)
+        identity = identity_of(request, pixels, working)
         keeper = None if checkpoint is None else Checkpoint(checkpoint, checkpoint_every, identity)
         memory = None if resume is None else resumed(resume, identity)
     with _threads(threads) as thread_count:
@@ -256,7 +268,7 @@ def vectorize(
             # A compilation, once in a machine's life, does not count.
             deadline = begun + time_limit + (compile_s if compile_s > COMPILED_S else 0.0)
         outcome = Pursuit(
-            photo.pixels,
+            pixels,
             working,
             request,
             deadline,

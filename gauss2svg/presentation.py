@@ -31,7 +31,7 @@ def page_for(
 ) -> Page:
     """The page of a photo; see `vectorize` for the options.
 
-    working  (h, w, 3) the photo, perhaps smaller, for superpixels
+    working  (h, w, 3) or (h, w, 4) the photo, perhaps smaller, for superpixels
     Raises InputError for options that are not valid, or that the photo has nothing for.
     """
     if size == PHOTO_SIZE:

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
+from gauss2svg.alpha import over, views
 from gauss2svg.attempt import Attempt, Outcome, finished_attempt, measured, trimmed
 from gauss2svg.checkpoint import Checkpoint
 from gauss2svg.correction import AIM, FILL, FULL, TOO_GOOD, Attempts
@@ -34,12 +35,11 @@ from gauss2svg.fit.rules import (
 )
 from gauss2svg.fit.run import Run
 from gauss2svg.fit.schedule import GROWTH_SHARE
-from gauss2svg.raster import rasterize
+from gauss2svg.raster import rasterize_like
 from gauss2svg.rehearsal import seconds_after
-from gauss2svg.render import render
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.request import Request
-from gauss2svg.roundtrip import RoundTrip
+from gauss2svg.roundtrip import RoundTrip, model_psnr
 from gauss2svg.scene import Scene
 from gauss2svg.svg import arranged, file_bytes, settled, write_svg
 from gauss2svg.svg.layers import segment_at
@@ -68,7 +68,7 @@ _AT_THE_CAP = 0.95
 class Pursuit:
     """One run towards the targets of a request.
 
-    photo     (h, w, 3) float32 in 0..1, what is measured against
+    photo     (h, w, 3) float32 in 0..1, or (h, w, 4), what is measured against
     working   the same, perhaps smaller: what the fit runs on
     deadline  as time.perf_counter() counts, in s, or None
     tell      is called with "fit", "correct", "write" or "measure", and a fit's progress
@@ -149,7 +149,7 @@ class Pursuit:
                 best, finish = self._finished(best, self._request.finish)
                 self._tell("measure", None)
                 found = self._measured(best)
-        reason = self._stop_reason(best, found.psnr_svg)
+        reason = self._stop_reason(best, found.psnr_lowest)
         fitted = self._run.result().after(self._sum, reason)
         return Outcome(
             scene=best.scene,
@@ -164,7 +164,7 @@ class Pursuit:
     def _begin_with_a_sum(self) -> None:
         """Fit a sum, and go on with its Gaussians painted over each other."""
         run = Run(
-            self._working, self._request.sum_options, self._rule,
+            over(self._working), self._request.sum_options, self._rule,
             self._fit_deadline(_SUM_SHARE), lambda progress: self._on_step_of_sum(run, progress),
             stop=self._is_ended,
         )  # fmt: skip
@@ -306,9 +306,8 @@ class Pursuit:
 
     def _attempt(self) -> Attempt:
         self._tell("write", None)
-        height, width = self._working.shape[:2]
         scene = self._run.scene()
-        model = metrics.psnr(render(scene), self._working)
+        model = model_psnr(scene, self._working)
         # Its colours are those of the palette already, save for plain ellipses that no longer are.
         options = self._request.svg_options(len(scene), None)
         page = self._request.page
@@ -318,8 +317,8 @@ class Pursuit:
         error = math.nan
         if self._targets.psnr is not None:
             self._tell("measure", None)
-            drawn = rasterize(svg, width, height, self._request.renderer)
-            error = metrics.mean_squared_error(drawn, self._working)
+            drawn = views(rasterize_like(svg, self._working, self._request.renderer))
+            error = max(map(metrics.mean_squared_error, drawn, views(self._working)))
         return Attempt(scaled, svg, options, page, self._request.gzip, model, error)
 
     def _correct(self) -> None:
@@ -351,10 +350,10 @@ class Pursuit:
             return False
         if math.isnan(best.error):  # trimmed to its bytes: nothing is left to search for
             return False
-        if target - TOLERANCE <= measured.psnr_svg <= target + TOO_GOOD:
+        if target - TOLERANCE <= measured.psnr_lowest <= target + TOO_GOOD:
             return False
         before = self._attempts.detail
-        self._attempts.detail = 10 ** (-measured.psnr_svg / 10) - best.error
+        self._attempts.detail = 10 ** (-measured.psnr_lowest / 10) - best.error
         return self._attempts.detail != before
 
     def _stop_reason(self, best: Attempt, psnr: float) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.raster import rasterize
+from gauss2svg.raster import rasterize_like
 from gauss2svg.roundtrip import measure_pixels
 from gauss2svg.scene import Scene
 from gauss2svg.svg import write_svg
@@ -22,16 +22,16 @@ _SLACK_S = 0.1  # for what is not measured: the report, saving, the end of the p
 def seconds_after(
     scene: Scene, write: Callable[[Scene], str], picture: NDArray[np.float32], renderer: str
 ) -> float:
-    """Seconds that writing, drawing and measuring all of a scene on picture (h, w, 3) will take."""
-    height, width = picture.shape[:2]
+    """Seconds that writing, drawing and measuring all of a scene on picture will take."""
+    height = picture.shape[0]
     part = scene.select(np.arange(0, len(scene), _SAMPLE))
     write(part)  # stops are computed once, for all
     begun = time.perf_counter()
     svg = write(part)
     written = time.perf_counter()
-    rasterize(svg, width, height, renderer)
+    rasterize_like(svg, picture, renderer)
     drawn = time.perf_counter()
-    rasterize(write_svg(scene.select(np.arange(0))), width, height, renderer)
+    rasterize_like(write_svg(scene.select(np.arange(0))), picture, renderer)
     blank = time.perf_counter()
     strip = picture[: max(height // _STRIPS, 1)]
     measure_pixels(strip, strip)

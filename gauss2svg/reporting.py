@@ -39,7 +39,7 @@ def run_report(
     fit_width, fit_height = fit_size
     run_s = total_s - (compile_s if compile_s > COMPILED_S else 0.0)
     size_reached = measured.svgz_bytes if request.gzip else measured.svg_bytes
-    unreached = targets.unreached(measured.psnr_svg, size_reached, run_s, fitted.stop_reason)
+    unreached = targets.unreached(measured.psnr_lowest, size_reached, run_s, fitted.stop_reason)
     notes = list(photo.notes)
     measured_height, measured_width = measured.raster.shape[:2]
     if (measured_width, measured_height) != (photo.width, photo.height):
@@ -106,6 +106,8 @@ def run_report(
         "finish_drawings": outcome.finish.drawings if outcome.finish else None,
         "finish_gains": _gains(outcome.finish),
         "bytes_by_part": bytes_by_part(outcome.svg),
+        "transparent": photo.alpha is not None,
+        "matte": request.matte,
         "notes": notes,
         "versions": _versions(),
         "total_s": total_s,

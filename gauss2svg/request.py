@@ -6,10 +6,12 @@ import dataclasses
 from dataclasses import dataclass, field
 from functools import cached_property
 
+from gauss2svg.alpha import matte_color
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.finish import FINISHES, renderers_of
 from gauss2svg.fit.options import MOST_GAUSSIANS, FitOptions, check_blend
+from gauss2svg.image import Photo
 from gauss2svg.quality import Quality, quality_named
 from gauss2svg.raster import DRAW_BLENDS, DRAW_TURNED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
@@ -53,6 +55,7 @@ class Request:
     relocate: bool = True
     gzip: bool = False
     learning_rate: float = 1.0
+    matte: str | None = None
     page: Page = field(default_factory=Page)
 
     def __post_init__(self) -> None:
@@ -66,6 +69,8 @@ class Request:
             count = whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
             object.__setattr__(self, "gaussians", count)
         check_blend(self.blend)
+        if self.matte is not None:
+            matte_color(self.matte)
         for name in ("gzip", "portable", "relocate"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{name} is {getattr(self, name)!r}; needed is True or False")
@@ -81,6 +86,14 @@ class Request:
         renderer_version(self.renderer)
         self._check_finish()
         _ = self.fit_options, self.svg_options(0, None)
+
+    def check_alpha(self, photo: Photo) -> None:
+        """Refuse what a transparent photo cannot have, before the fit."""
+        if photo.alpha is not None and self.writes == ADD:
+            raise InputError(
+                f"the photo is transparent, and blend is {ADD}, whose signed colours cover "
+                "nothing; needed is a colour under it: --matte white, or blend it over: --portable"
+            )
 
     def _check_blending(self) -> None:
         """Refuse what a sum cannot have, unless it is written in the portable form."""

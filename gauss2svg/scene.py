@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import io
+import math
 import os
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, Self
@@ -19,12 +20,26 @@ OVER, ADD = "over", "add"
 BLENDS = (OVER, ADD)
 # Of a signed colour, either way: more is no picture, and sums of 8-bit renderers would drown in it.
 MOST_SIGNED = 100.0
-# rho is kept this far from +-1, so that 1 - rho^2 is a normal number in float64.
-RHO_LIMIT = 1 - 1e-12
+# The last number under 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
+RHO_LIMIT = math.nextafter(1, 0)
+# px. Thinner is not seen: a Gaussian is where it holds a pixel centre. At the other ends all that
+# float64 renderers and float32 gradients compute stays finite, with a thousand to spare for
+# scenes that are scaled.
+LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e9
+MOST_MEAN = 1e12
+LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9
 
 _PER_GAUSSIAN = ("mean", "sigma", "rho", "color", "opacity", "beta", "round_index")
-_FORMAT_VERSION = 2
-_WITHOUT_BETA = 1  # the version before exponents: every shape was a Gaussian
+_FORMAT_VERSION = 3
+# What scenes of earlier versions lack: shapes were Gaussians, and the background was drawn.
+_LACKING = {1: ("beta", "transparent"), 2: ("transparent",), _FORMAT_VERSION: ()}
+# What to do about a value out of range, where clipping it would draw something else.
+_ADVICE = {
+    "mean": "drop what lies so far off, or scale the scene down",
+    "sigma": "clip it, scale the scene, or drop the Gaussian",
+    "rho": "clip it to RHO_LIMIT",
+    "round_index": "number the rounds from 0 on",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,24 +50,29 @@ class Scene:
     positive definite for every |rho| < 1 (the parametrisation of "Investigation into
     2D Gaussian Splatting for Image Representation").
 
-    width, height  canvas in px, > 0
-    mean           (n, 2) x, y in px; pixel centres lie at +0.5
-    sigma          (n, 2) standard deviations along x and y in px, > 0
-    rho            (n,) correlation, |rho| <= RHO_LIMIT
+    width, height  canvas in px, LEAST_CANVAS..MOST_CANVAS
+    mean           (n, 2) x, y in px, up to MOST_MEAN either way; pixel centres lie at +0.5
+    sigma          (n, 2) standard deviations along x and y in px, LEAST_SIGMA..MOST_SIGMA each,
+                   in whatever proportion
+    rho            (n,) correlation, up to RHO_LIMIT either way: the last number before 1
     color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, where blend is "add"
     opacity        (n,) in 0..1; all 1 where blend is "add"
-    background     (3,) sRGB in 0..1
+    background     (3,) sRGB in 0..1; where the scene is transparent, the page that shows it
     round_index    (n,) round of the fit in which each was added, never decreasing
     blend          "over": source-over in sRGB, what every SVG renderer does; "add": the paper's,
                    image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
     beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian: see
                    gauss2svg.falloff; None for all 1, which they are where blend is "add"
+    transparent    whether the background is no part of the picture: a file has none, and what is
+                   rendered shows it through; not where blend is "add"
 
     A signed colour is what its Gaussian adds at its mean. The paper has coefficients of normal
     densities instead: see `densities` and `peaks_of`.
 
-    Arrays are converted to float64 (round_index to int32) and made read-only.
-    Raises SceneError naming the field, what was got and what is needed.
+    Arrays are converted to float64 (round_index to int32) and made read-only. Any scene of this
+    domain is drawn, with finite gradients, by both renderers; what a file cannot hold is refused
+    by write_svg.
+    Raises SceneError naming the field, what was got, what is needed and what to try.
     """
 
     width: float
@@ -66,16 +86,20 @@ class Scene:
     round_index: NDArray[np.int32] | None = None
     blend: str = "over"
     beta: NDArray[np.float64] | None = None
+    transparent: bool = False
 
     def __post_init__(self) -> None:
         count = np.shape(self.mean)[0] if np.ndim(self.mean) else 0
         for name in ("width", "height"):
             value = float(getattr(self, name))
-            if not (np.isfinite(value) and value > 0):
-                raise SceneError(f"scene {name} is {value}; needed is a finite size above 0 px")
+            if not LEAST_CANVAS <= value <= MOST_CANVAS:
+                raise SceneError(
+                    f"scene {name} is {value}; needed is {LEAST_CANVAS:g}..{MOST_CANVAS:g} px: "
+                    "scale the scene"
+                )
             object.__setattr__(self, name, value)
-        self._freeze("mean", (count, 2), -np.inf, np.inf)
-        self._freeze("sigma", (count, 2), np.nextafter(0, 1), np.inf)
+        self._freeze("mean", (count, 2), -MOST_MEAN, MOST_MEAN)
+        self._freeze("sigma", (count, 2), LEAST_SIGMA, MOST_SIGMA)
         self._freeze("rho", (count,), -RHO_LIMIT, RHO_LIMIT)
         if self.blend not in BLENDS:
             raise SceneError(f"scene blend is {self.blend!r}; needed is one of {BLENDS}")
@@ -98,6 +122,13 @@ class Scene:
                 "scene blend is 'add', with an opacity or a beta that is not 1; needed are "
                 "Gaussians of eight parameters: fold the opacity into the colour"
             )
+        if not isinstance(self.transparent, bool):
+            raise SceneError(f"scene transparent is {self.transparent!r}; needed is True or False")
+        if self.blend == ADD and self.transparent:
+            raise SceneError(
+                "scene blend is 'add', and transparent; needed is a background, for signed colours "
+                "cover nothing: give it one, or blend 'over'"
+            )
 
     def _freeze(
         self, name: str, shape: tuple[int, ...], low: float, high: float, dtype: Any = np.float64
@@ -115,7 +146,8 @@ class Scene:
         if bad.any():
             at = tuple(int(i) for i in np.argwhere(bad)[0])
             raise SceneError(
-                f"scene {name}{list(at)} is {array[at]}; needed is finite and in {low:g}..{high:g}"
+                f"scene {name}{list(at)} is {array[at]}; needed is finite and in "
+                f"{_bound(low)}..{_bound(high)}: {_ADVICE.get(name, 'clip it')}"
             )
         array.flags.writeable = False
         object.__setattr__(self, name, array)
@@ -153,7 +185,7 @@ class Scene:
         factor = np.zeros((len(self), 2, 2))
         factor[:, 0, 0] = sx
         factor[:, 1, 0] = self.rho * sy
-        factor[:, 1, 1] = np.sqrt((1 - self.rho) * (1 + self.rho)) * sy
+        factor[:, 1, 1] = narrowing_of(self.rho) * sy
         return factor
 
     @property
@@ -162,9 +194,7 @@ class Scene:
 
         r^2 = (w11 u)^2 + (w21 u + w22 v)^2 for the offset (u, v) from the mean.
         """
-        factor = self.factor
-        l11, l21, l22 = factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]
-        return np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=1)
+        return whitening_of(self.sigma, self.rho)
 
     @property
     def conic(self) -> NDArray[np.float64]:
@@ -212,7 +242,8 @@ class Scene:
     def concatenate(self, top: Scene) -> Self:
         """The scene with the Gaussians of another painted over it, as later rounds.
 
-        Canvas and background stay this scene's. Raises SceneError if they blend differently.
+        Canvas, background and transparency stay this scene's. Raises SceneError if they blend
+        differently.
         """
         if self.blend != top.blend:
             raise SceneError(
@@ -226,7 +257,10 @@ class Scene:
         return self.replace(**joined)
 
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
-        """The same picture on a canvas scaled by factor_x and factor_y (> 0; the same if None)."""
+        """The same picture on a canvas scaled by factor_x and factor_y (> 0; the same if None).
+
+        Raises SceneError where that leaves the domain.
+        """
         scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
         if not (np.isfinite(scale).all() and (scale > 0).all()):
             raise SceneError(f"scale factors are {scale.tolist()}; needed are finite, above 0")
@@ -256,21 +290,37 @@ class Scene:
         try:
             with np.load(file, allow_pickle=False) as stored:
                 version = int(stored["format_version"])
-                if version not in (_WITHOUT_BETA, _FORMAT_VERSION):
+                if version not in _LACKING:
                     raise InputError(
-                        f"scene file has format version {version}; needed is {_WITHOUT_BETA} or "
-                        f"{_FORMAT_VERSION}"
+                        f"scene file has format version {version}; needed is one of "
+                        f"{', '.join(map(str, _LACKING))}"
                     )
-                names = {f.name for f in dataclasses.fields(cls)}
-                if version == _WITHOUT_BETA:
-                    names.remove("beta")
+                names = {f.name for f in dataclasses.fields(cls)}.difference(_LACKING[version])
                 values = {name: stored[name] for name in names}
         except Gauss2SvgError:
             raise
         except Exception as error:  # numpy, zipfile and zlib each raise their own
             raise InputError(f"not a scene written by Scene.save: {error}") from error
         values["blend"] = str(values["blend"])
+        values["transparent"] = bool(values.get("transparent", False))
         return cls(**values)
+
+
+def narrowing_of(rho: NDArray[np.float64]) -> NDArray[np.float64]:
+    """sqrt(1 - rho^2), (n,), without cancellation where |rho| is nearly 1."""
+    return np.sqrt((1 - rho) * (1 + rho))
+
+
+def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) entries w11, w21, w22 of Scene.whitening, in 1/px, for sigma (n, 2) and rho (n,)."""
+    sx, sy = sigma.T
+    k = narrowing_of(rho)
+    return np.stack([1 / sx, -rho / (sx * k), 1 / (sy * k)], axis=1)
+
+
+def _bound(value: float) -> str:
+    """As short as it may be and still that number."""
+    return f"{value:g}" if float(f"{value:g}") == value else repr(float(value))
 
 
 def peaks_of(
@@ -281,5 +331,5 @@ def peaks_of(
     densities / (2 pi sx sy sqrt(1 - rho^2)), for sigma (n, 2) in px and rho (n,): what a scene
     that blends as "add" has for `color`; the inverse of Scene.densities.
     """
-    root = sigma.prod(axis=1) * np.sqrt((1 - rho) * (1 + rho))
+    root = sigma.prod(axis=1) * narrowing_of(rho)
     return densities / (2 * np.pi * root)[:, None]

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image
 from skimage.segmentation import slic
 
+from gauss2svg.alpha import alpha_of, has_alpha, over
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
-from gauss2svg.image import opened
+from gauss2svg.photo.files import DEFAULT_MAX_PIXELS, loaded, opened, reading
+from gauss2svg.photo.tags import orientation_left, upright
 
 MOST_SEGMENTS = 10_000
 _SEVERAL_CHANNELS = 3  # dimensions of an array of colours
@@ -27,11 +28,12 @@ def labels_of(
     segments  about how many superpixels, 1..MOST_SEGMENTS; the path of a label image, each
               value or colour a segment; or an array (h, w) of whole numbers >= 0
     size      width and height of the photo in px, which the last two must have
-    pixels    (h, w, 3) float32 in 0..1: the photo, perhaps smaller, for the superpixels
+    pixels    (h, w, 3) or (h, w, 4) float32 in 0..1: the photo, perhaps smaller, for superpixels
     Raises InputError for what is none of these, of another size, or has more segments.
     """
     if isinstance(segments, (str, os.PathLike)):
-        name, labels = os.fspath(segments), _read(Path(segments))
+        name = os.fsdecode(segments)
+        labels = _read(name, max(size[0] * size[1], DEFAULT_MAX_PIXELS))
     elif isinstance(segments, np.ndarray):
         name, labels = "segments", segments.astype(np.uint8) if segments.dtype == bool else segments
     elif isinstance(segments, (list, tuple)):
@@ -58,26 +60,27 @@ def labels_of(
 
 
 def superpixels(pixels: NDArray[np.float32], count: int) -> NDArray[np.integer]:
-    """(h, w) labels 1, 2, .. of about `count` superpixels of (h, w, 3) pixels; always the same."""
-    return slic(pixels, n_segments=count, start_label=1, channel_axis=2)
+    """(h, w) labels 1, 2, .. of about `count` superpixels of (h, w, 3) pixels; always the same.
+
+    Of (h, w, 4) what shows is divided, 0 is what does not.
+    """
+    if not has_alpha(pixels):
+        return slic(pixels, n_segments=count, start_label=1, channel_axis=2)
+    shown = alpha_of(pixels)[:, :, 0] > 0
+    if not shown.any():
+        return np.zeros(shown.shape, np.intp)
+    count = min(count, int(shown.sum()))
+    return slic(over(pixels), n_segments=count, start_label=1, channel_axis=2, mask=shown)
 
 
-def _read(path: Path) -> NDArray[Any]:
-    try:
-        with path.open("rb") as file, opened(file, str(path)) as picture:
-            picture.load()
-            return _labels(ImageOps.exif_transpose(picture), str(path))
-    except InputError:
-        raise
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(
-            f"cannot read {path}: {reason}; give the path of a label image, or how many segments "
-            "there shall be"
-        ) from error
+def _read(path: str, max_pixels: int) -> NDArray[Any]:
+    needed = "give the path of a label image, or how many segments there shall be"
+    with reading(path, needed) as file, opened(file, path, max_pixels) as picture:
+        labels = _labels(loaded(picture, path))
+        return upright(labels, orientation_left(picture))
 
 
-def _labels(picture: Image.Image, name: str) -> NDArray[Any]:
+def _labels(picture: Image.Image) -> NDArray[Any]:
     """Values of a picture of one channel; of more the rank of each colour, from 1."""
     array = np.asarray(picture)
     if array.ndim == _SEVERAL_CHANNELS:

@@ -12,6 +12,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
+from gauss2svg.errors import on_one_line
 from gauss2svg.pipeline import Progress, ProgressCallback
 from gauss2svg.reporting import decibels
 
@@ -89,6 +90,7 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         + (f", {report['compile_s']:.0f} to compile once" if report["compile_s"] > 2 else ""),
         "against photo": f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])}, "
         f"drawn by {report['renderer']}",
+        **_of_alpha(report),
         "against model": f"PSNR {decibels(report['psnr_roundtrip'])}, "
         f"bias {report['bias_roundtrip']:+.2f} of 255; "
         f"the model itself has {decibels(report['psnr_model'])}",
@@ -114,10 +116,22 @@ def print_check(report: dict[str, Any], svg: str | None) -> None:
         "against photo": f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])}, "
         f"MS-SSIM {_ssim(report['ms_ssim_svg'], 176)}, drawn by {report['renderer']} at "
         f"{report['width']}x{report['height']} px",
+        **_of_alpha(report),
         "errors": f"largest {report['largest_error_svg']:.0f}, "
         f"bias {report['bias_svg']:+.2f} of 255",
     }
     _print_table([*rows.items(), *(("note", note) for note in report["notes"])])
+
+
+def _of_alpha(report: dict[str, Any]) -> dict[str, str]:
+    """A line for a transparent photo: the PSNR above is over white."""
+    if not report["transparent"]:
+        return {}
+    return {
+        "transparent": f"PSNR {decibels(report['psnr_svg'])} over white, "
+        f"{decibels(report['psnr_svg_black'])} over black, "
+        f"{decibels(report['psnr_svg_alpha'])} of alpha"
+    }
 
 
 def _print_table(rows: list[tuple[str, str]]) -> None:
@@ -125,7 +139,8 @@ def _print_table(rows: list[tuple[str, str]]) -> None:
     table.add_column(style="dim")
     table.add_column()
     for name, text in rows:
-        table.add_row(name, Text(text))  # as it is: a file name may look like markup
+        # No markup, and no escapes: a file name may look like either.
+        table.add_row(name, Text(on_one_line(text)))
     Console(stderr=True, highlight=False).print(table)
 
 

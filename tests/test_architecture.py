@@ -33,6 +33,7 @@ def test_no_file_is_longer_than_400_lines(path):
         ("resvg_py", ["raster/resvg.py"]),
         ("matplotlib", ["bench/plots.py"]),
         ("playwright", ["raster/chromium.py"]),
+        ("tifffile", ["photo/tiff.py"]),
     ],
 )
 def test_only_its_modules_know_a_package(package, homes):

@@ -272,7 +272,7 @@ def test_standard_input_is_a_stream(which, fitted):
         (["no.png", "SVG"], "cannot read no.png"),
         (["PHOTO", "no.svg"], "cannot read no.svg"),
         (["PHOTO", "PHOTO"], "no text in utf-8"),
-        (["SVG", "SVG"], "is no picture"),
+        (["SVG", "SVG"], "no picture that can be read"),
         (["PHOTO", "SVG", "--report", "SVG"], "is also the svg"),
         (["PHOTO", "SVG", "--heatmap", "PHOTO"], "is also the photo"),
         (["PHOTO", "SVG", "--heatmap", "X", "--preview", "X"], "is also another output"),

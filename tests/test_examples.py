@@ -1,4 +1,4 @@
-"""The pictures that examples/drawings.py measures on, and the tables of examples/renderers.py."""
+"""The pictures of examples/drawings.py, the tables of bad_inputs.py and renderers.py."""
 
 import importlib
 import re
@@ -31,6 +31,16 @@ def test_drawings_are_ten_pictures_on_8_bits_the_same_every_time(drawings):
         levels = np.round(pixels * 255).astype(np.uint8)
         np.testing.assert_array_equal(pixels, levels / np.float32(255))
         np.testing.assert_array_equal(pixels, second[name])
+
+
+def test_bad_inputs_are_refused_in_one_line_each(monkeypatch, capsys):
+    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "examples")
+    importlib.import_module("bad_inputs").main()
+    head, rule, *rows = capsys.readouterr().out.splitlines()
+    assert head.count("|") == rule.count("|") == 4
+    assert len(rows) > 25
+    for row in rows:
+        assert re.fullmatch(r"\| [^|]+ \| 2 \| `[^|]+` \|", row), row
 
 
 @pytest.fixture

@@ -98,7 +98,7 @@ def test_same_scene_gives_the_same_finish(fitted, photo, monkeypatch):
 
 def test_steps_promise_what_the_error_of_the_model_falls_by(fitted, photo):
     missed = render(fitted) - photo
-    steps = finish_module._steps(fitted, missed, OPTIONS)
+    steps = finish_module._steps(fitted, missed[None], [fitted.background], OPTIONS)
 
     def error(scene):
         return 0.5 * np.sum(np.square(render(scene, dtype=np.float64) - photo))

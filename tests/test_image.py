@@ -3,19 +3,21 @@ import io
 import numpy as np
 import pytest
 import torch
-from PIL import Image, ImageCms
+from pictures import encoded
+from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.image import load_image, shrink
+from gauss2svg.image import (
+    DEFAULT_MAX_PIXELS,
+    MOST_PIXELS,
+    Photo,
+    load_image,
+    shrink,
+    shrink_photo,
+)
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
-
-
-def encoded(picture: Image.Image, name: str, **options) -> bytes:
-    stream = io.BytesIO()
-    picture.save(stream, name, **options)
-    return stream.getvalue()
 
 
 def test_every_kind_of_source_gives_the_same_pixels(tmp_path):
@@ -43,14 +45,6 @@ def test_every_kind_of_source_gives_the_same_pixels(tmp_path):
         np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", ["BMP", "TIFF", "GIF", "WEBP", "PPM"])
-def test_formats_are_decoded(name):
-    options = {"lossless": True} if name == "WEBP" else {}
-    photo = load_image(encoded(Image.fromarray(BYTES), name, **options))
-    atol = 0.1 if name == "GIF" else 1e-7
-    np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=atol)
-
-
 @pytest.mark.parametrize("shape", [(6, 9), (6, 9, 1)])
 def test_grey_is_repeated_over_the_channels(shape):
     grey = RNG.random(shape).astype(np.float32)
@@ -59,54 +53,50 @@ def test_grey_is_repeated_over_the_channels(shape):
         assert (pixels[:, :, channel] == grey.reshape(6, 9)).all()
 
 
-def test_sixteen_bit_grey_png_keeps_its_levels():
-    levels = RNG.integers(0, 65536, (6, 9), dtype=np.uint16)
-    pixels = load_image(encoded(Image.fromarray(levels), "PNG")).pixels
-    np.testing.assert_allclose(pixels[:, :, 0], levels / 65535, atol=1e-7)
+RGBA = np.dstack([BYTES, RNG.integers(0, 3, (6, 9), dtype=np.uint8) * 100])
 
 
-def test_transparency_is_shown_over_white_and_noted():
-    rgba = np.dstack([BYTES, np.full((6, 9), 51, np.uint8)])
-    photo = load_image(encoded(Image.fromarray(rgba), "PNG"))
-    np.testing.assert_allclose(photo.pixels, BYTES / 255 * 0.2 + 0.8, atol=1e-6)
-    assert any("transparency" in note for note in photo.notes)
+@pytest.mark.parametrize("source", [RGBA, RGBA / 255, encoded(Image.fromarray(RGBA), "PNG")])
+def test_alpha_is_kept_beside_colours_that_it_is_not_multiplied_with(source):
+    photo = load_image(source)
+    assert photo.alpha is not None
+    assert photo.alpha.dtype == np.float32
+    np.testing.assert_allclose(photo.alpha, RGBA[:, :, 3] / 255, atol=1e-7)
+    shows = RGBA[:, :, 3] > 0
+    np.testing.assert_allclose(photo.pixels[shows], BYTES[shows] / 255, atol=1e-7)
+    assert (photo.pixels[~shows] == 0).all()
+    assert photo.notes == ()
 
 
-def test_palette_with_transparency_is_shown_over_white():
-    picture = Image.new("P", (4, 4), 1)
-    picture.putpalette([255, 0, 0, 0, 0, 0])
-    photo = load_image(encoded(picture, "PNG", transparency=1))
-    assert (photo.pixels == 1).all()
+def test_colour_that_nobody_sees_changes_nothing():
+    other = np.where(RGBA[:, :, 3:] > 0, RGBA, np.uint8([9, 8, 7, 0]))
+    assert (load_image(RGBA).pixels == load_image(other).pixels).all()
 
 
-def test_orientation_is_applied_and_noted():
-    exif = Image.Exif()
-    exif[0x0112] = 6  # turn right by a quarter to see it upright
-    photo = load_image(encoded(Image.fromarray(BYTES), "PNG", exif=exif))
-    np.testing.assert_allclose(photo.pixels, np.rot90(BYTES, -1) / 255, atol=1e-7)
-    assert any("EXIF" in note for note in photo.notes)
+@pytest.mark.parametrize("matte", [(1, 1, 1), (0.2, 0.4, 0.6)])
+def test_matte_shows_through_and_is_noted(matte):
+    photo = load_image(RGBA, matte=matte)
+    alpha = RGBA[:, :, 3:] / 255
+    expected = BYTES / 255 * alpha + np.array(matte) * (1 - alpha)
+    np.testing.assert_allclose(photo.pixels, expected, atol=1e-6)
+    assert photo.alpha is None
+    color = "#ffffff" if matte == (1, 1, 1) else "#336699"
+    assert photo.notes == (f"transparency shown over {color}",)
 
 
-def test_cmyk_is_converted():
-    assert load_image(encoded(Image.new("CMYK", (4, 4)), "JPEG")).pixels.min() > 0.97
+def test_opaque_photo_has_no_alpha_and_needs_no_matte():
+    opaque = np.dstack([BYTES, np.full((6, 9), 255, np.uint8)])
+    for matte in (None, (0, 0, 0)):
+        photo = load_image(opaque, matte=matte)
+        assert photo.alpha is None
+        assert photo.notes == ()
+        np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
 
 
-def test_embedded_profile_is_converted_to_srgb():
-    profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
-    # Exchange the red and the blue primary in the table of tags: what a file in this
-    # space calls red is shown blue.
-    red, blue = profile.index(b"rXYZ"), profile.index(b"bXYZ")
-    profile[red : red + 4], profile[blue : blue + 4] = b"bXYZ", b"rXYZ"
-    photo = load_image(encoded(Image.fromarray(BYTES), "PNG", icc_profile=bytes(profile)))
-    np.testing.assert_allclose(photo.pixels, BYTES[:, :, ::-1] / 255, atol=3 / 255)
-    assert any("sRGB" in note for note in photo.notes)
-
-
-def test_grey_picture_with_a_colour_profile_is_converted():
-    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-    photo = load_image(encoded(Image.fromarray(BYTES[:, :, 0]), "PNG", icc_profile=profile))
-    assert any("sRGB" in note for note in photo.notes)
-    np.testing.assert_allclose(photo.pixels[:, :, 1], BYTES[:, :, 0] / 255, atol=2 / 255)
+@pytest.mark.parametrize("matte", [(1, 1), (1, 1, 1.5), (0, 0, float("nan")), 0.5])
+def test_matte_that_is_no_colour_is_refused(matte):
+    with pytest.raises(InputError, match="matte is"):
+        load_image(RGBA, matte=matte)
 
 
 def test_grey_levels_that_would_wrap_are_refused():
@@ -128,25 +118,17 @@ def test_picture_opened_lazily_and_broken_is_refused():
         load_image(Image.open(io.BytesIO(encoded(Image.fromarray(BYTES), "PNG")[:60])))
 
 
-def test_unreadable_profile_is_noted_not_hidden():
-    photo = load_image(encoded(Image.fromarray(BYTES), "PNG", icc_profile=b"nonsense"))
-    assert any("profile unreadable" in note for note in photo.notes)
-
-
 @pytest.mark.parametrize(
     ("source", "message"),
     [
-        ("no/such/photo.png", "cannot read no/such/photo.png: No such file"),
-        (b"", "no picture that can be read"),
-        (b"<svg/>", "no picture that can be read"),
-        (encoded(Image.fromarray(BYTES), "PNG")[:60], "broken"),
         (np.zeros((4, 4, 2)), r"shape \(4, 4, 2\)"),
         (np.zeros((0, 4, 3)), "at least one pixel"),
         (np.zeros((4, 4), np.int64), "type int64"),
         (np.full((4, 4), 1.5), "is 1.5 at row 0, column 0, channel 0"),
         (torch.full((3, 2, 2), float("nan")), "is nan at row 0"),
-        ("a\0b.png", "cannot read"),
+        (np.array([[0, float("inf")]]), "is inf at row 0, column 1, channel 0"),
         (42, "got int"),
+        (io.StringIO("text"), "gives str; needed are bytes"),
     ],
 )
 def test_what_is_no_picture_is_refused_in_one_line(source, message):
@@ -155,10 +137,16 @@ def test_what_is_no_picture_is_refused_in_one_line(source, message):
     assert "\n" not in str(caught.value)
 
 
-def test_bomb_is_refused_before_it_is_decoded(monkeypatch):
-    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 20)
-    with pytest.raises(InputError, match="too large"):
-        load_image(encoded(Image.fromarray(BYTES), "PNG"))
+def test_limit_of_pixels_holds_for_arrays_as_well():
+    assert load_image(BYTES, max_pixels=54).width == 9
+    with pytest.raises(InputError, match=r"9x6 px, 54; needed are at most 53 \(--max-pixels\)"):
+        load_image(BYTES, max_pixels=53)
+    with pytest.raises(InputError, match="9x6 px"):
+        load_image(Image.fromarray(BYTES), max_pixels=53)
+    for limit in (0, -1, MOST_PIXELS + 1, 1.5):
+        with pytest.raises(InputError, match="max_pixels is"):
+            load_image(BYTES, max_pixels=limit)
+    assert Image.MAX_IMAGE_PIXELS == DEFAULT_MAX_PIXELS  # as Pillow has it by itself
 
 
 def test_shrinking_keeps_the_mean_and_averages_areas():
@@ -167,3 +155,27 @@ def test_shrinking_keeps_the_mean_and_averages_areas():
     expected = pixels.reshape(4, 3, 6, 3, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(small, expected, atol=1e-6)
     assert shrink(pixels, 12, 18) is pixels
+
+
+def test_shrinking_a_photo_weighs_colours_by_alpha():
+    pixels = RNG.random((12, 18, 3), dtype=np.float32)
+    alpha = RNG.random((12, 18), dtype=np.float32)
+    alpha[:3, :3] = 0
+    small = shrink_photo(Photo(pixels, ("a note",), (300, 150), alpha), 4, 6)
+    blocks = alpha.reshape(4, 3, 6, 3)
+    np.testing.assert_allclose(small.alpha, blocks.mean(axis=(1, 3)), atol=1e-6)
+    sums = (pixels * alpha[:, :, None]).reshape(4, 3, 6, 3, 3).sum(axis=(1, 3))
+    weights = blocks.sum(axis=(1, 3))[:, :, None]
+    expected = np.divide(sums, weights, out=np.zeros_like(sums), where=weights > 0)
+    np.testing.assert_allclose(small.pixels, expected, atol=1e-5)
+    assert (small.pixels[0, 0] == 0).all()
+    assert small.dpi == (100, 50)
+    assert small.notes == ("a note",)
+
+
+def test_shrinking_an_opaque_photo_is_shrinking_its_pixels():
+    photo = Photo(RNG.random((12, 18, 3), dtype=np.float32))
+    small = shrink_photo(photo, 5, 7)
+    assert (small.pixels == shrink(photo.pixels, 5, 7)).all()
+    assert small.alpha is None
+    assert shrink_photo(photo, 12, 18) is photo

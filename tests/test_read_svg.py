@@ -268,10 +268,10 @@ def test_what_draws_nothing_is_skipped():
     assert_same(read_svg(document(body)), read_svg(document()))
 
 
-def test_missing_background_is_asked_for():
+def test_missing_background_is_a_transparent_scene_and_a_glassy_one_is_asked_for():
     text = document(rect="")
-    with pytest.raises(InputError, match="no background"):
-        read_svg(text)
+    assert read_svg(text).transparent
+    assert not read_svg(text, background=(0, 0.5, 1)).transparent
     assert read_svg(text, background=(0, 0.5, 1)).background.tolist() == [0, 0.5, 1]
     glass = document(rect='<rect width="40" height="30" fill="#fff" opacity=".5"/>')
     with pytest.raises(InputError, match=r"opacity is 0\.5"):

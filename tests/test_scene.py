@@ -105,9 +105,9 @@ def test_scene_saved_before_there_were_exponents_is_one_of_gaussians():
 
 def test_later_format_is_refused_with_the_known_ones():
     stream = io.BytesIO()
-    np.savez(stream, format_version=3)
+    np.savez(stream, format_version=4)
     stream.seek(0)
-    with pytest.raises(InputError, match="version 3; needed is 1 or 2"):
+    with pytest.raises(InputError, match="version 4; needed is one of 1, 2, 3"):
         Scene.load(stream)
 
 

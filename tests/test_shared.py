@@ -92,7 +92,7 @@ def test_exchange_never_makes_the_picture_worse_and_helps_this_one(shared_state,
     errors = [squared_error(run.state.splats(run.population.background), target)[1]]
     rng = np.random.default_rng(0)
     for _ in range(4):
-        shared.exchange(run.state, run.population.splats, target, rng)
+        shared.exchange(run.state, run.population.splats, run.population.target, rng)
         errors.append(squared_error(run.state.splats(run.population.background), target)[1])
     assert (np.diff(errors) <= 1e-6).all()
     assert errors[-1] < errors[0]

@@ -11,6 +11,7 @@ from gauss2svg.cli import main
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.convert import painted
 from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.target import target_of
 from gauss2svg.raster import DRAW_BLENDS
 from gauss2svg.scene import ADD, OVER
 
@@ -63,8 +64,7 @@ def test_the_portable_form_costs_both_fits(summed, portable):
 
 
 def test_painting_begins_with_the_sum_s_shapes_largest_first(photo, summed):
-    planar = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
-    state = painted(summed.scene, planar, FitOptions(150))
+    state = painted(summed.scene, target_of(photo, np.float32), FitOptions(150))
     back = state.scene(summed.scene.background, summed.scene.width, summed.scene.height)
     area = np.sqrt(np.linalg.det(back.covariance))
     assert (np.diff(area) <= 1e-9).all()

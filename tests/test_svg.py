@@ -10,14 +10,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError, SceneError
-from gauss2svg.falloff import cut_radius
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.svg import Page, SvgOptions, settled, write_svg
+from gauss2svg.svg import Page, SvgOptions, write_svg
 from gauss2svg.svg import settle as settle_module
 from gauss2svg.svg.encode import number, short_id
 from gauss2svg.svg.palette import Palette, quantize
-from gauss2svg.svg.plain import is_plain, plain_radius
+from gauss2svg.svg.plain import is_plain
 from gauss2svg.svg.settle import visible_mass
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -26,42 +25,6 @@ INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
 
 def parse(svg: str) -> ElementTree.Element:
     return ElementTree.fromstring(svg.encode())
-
-
-@given(st.integers(0, 1000), st.sampled_from([0.2, 0.04, 0.001]))
-def test_file_gives_the_scene_back_within_the_rounding(seed, precision):
-    options = SvgOptions(palette=0, precision=precision, opacity_decimals=3)
-    scene = settled(random_scene(20, seed=seed), options)
-    root = parse(write_svg(scene, options))
-    colors = {g.get("id"): g[0].get("stop-color") for g in root.iter(SVG + "radialGradient")}
-    gradient_radius = {
-        f"url(#{g.get('id')})": float(g.get("r", 0)) for g in root.iter(SVG + "radialGradient")
-    }
-    circles = list(root.iter(SVG + "circle"))
-    plain = is_plain(scene)
-    radius = [
-        plain_radius(b) if p else cut_radius(b) for b, p in zip(scene.betas, plain, strict=True)
-    ]
-    factor = scene.factor * np.array(radius)[:, None, None]
-    written = factor[:, [0, 1], [0, 1]] > 0.5 * precision
-    drawn = np.flatnonzero(written.all(axis=1) & (scene.opacity >= 0.0005))
-    assert len(circles) == len(drawn)
-    step = 0.5 * precision + 1e-9
-    for circle, i in zip(circles, drawn, strict=True):
-        fill, matrix = circle.get("fill", ""), circle.get("transform", "")
-        a, b, c, d, e, f = (float(v) for v in matrix[len("matrix(") : -1].split())
-        unit = gradient_radius.get(fill, 1.0)
-        shown = precision * unit * np.array([a, b, d])
-        np.testing.assert_allclose(shown, factor[i][[0, 1, 1], [0, 0, 1]], atol=step)
-        assert float(circle.get("r", 0)) >= unit
-        assert c == 0
-        np.testing.assert_allclose(np.multiply([e, f], precision), scene.mean[i], atol=step)
-        assert float(circle.get("fill-opacity", 1)) == pytest.approx(scene.opacity[i], abs=6e-4)
-        assert fill.startswith("#") == plain[i]
-        text = fill if plain[i] else colors[fill[5:-1]]
-        digits = text[1:] if len(text) == 7 else "".join(2 * v for v in text[1:])
-        levels = [int(digits[k : k + 2], 16) for k in (0, 2, 4)]
-        np.testing.assert_allclose(levels, scene.color[i] * 255, atol=0.5 + 1e-9)
 
 
 def test_size_background_title_and_layers_are_there():
@@ -144,7 +107,7 @@ def test_what_renderers_cannot_draw_is_never_written(value):
 
 
 @pytest.mark.parametrize(
-    "change", [{"mean": np.full((3, 2), 1e9)}, {"sigma": np.full((3, 2), 1e9)}, {"width": 1e-5}]
+    "change", [{"sigma": np.full((3, 2), 1e9)}, {"width": 1e-5}, {"width": 1e8}]
 )
 def test_what_lies_beyond_renderers_is_refused(change):
     with pytest.raises(SceneError):

@@ -31,7 +31,7 @@ from gauss2svg.bench.summary import markdown, summarise
 from gauss2svg.bench.worker import TOOL, one_line
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError, OutputError
-from gauss2svg.image import load_image
+from gauss2svg.image import WHITE, load_image
 from gauss2svg.version import __version__
 
 DEFAULT_PEER_TIMEOUT = 300.0  # s
@@ -211,7 +211,7 @@ def _do(run: Run, peer_timeout: float) -> Row:
     row["versions"][run.tool] = run.version
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
         png = Path(folder) / "photo.png"
-        pixels = np.round(load_image(run.image).pixels * 255).astype(np.uint8)
+        pixels = np.round(load_image(run.image, matte=WHITE).pixels * 255).astype(np.uint8)
         Image.fromarray(pixels).save(png)
         return row | in_own_process(job | {"folder": folder, "png": str(png)}, peer_timeout)
 

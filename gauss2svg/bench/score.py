@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.errors import RendererError
-from gauss2svg.image import load_image
+from gauss2svg.image import WHITE, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize, renderer_version
 from gauss2svg.roundtrip import measure_pixels
+
+_WHITE = (1.0, 1.0, 1.0)  # peers are compared as a page shows them
 
 
 def score(drawn: Path, image: str) -> dict[str, Any]:
@@ -18,7 +20,7 @@ def score(drawn: Path, image: str) -> dict[str, Any]:
     An SVG is drawn at the photo's size. Raises RendererError for one that cannot be drawn
     and for a picture of another size.
     """
-    photo = load_image(image).pixels
+    photo = load_image(image, matte=WHITE).pixels
     height, width = photo.shape[:2]
     data = drawn.read_bytes()
     if drawn.suffix == ".svg":
@@ -26,7 +28,7 @@ def score(drawn: Path, image: str) -> dict[str, Any]:
         raster = rasterize(data.decode(), width, height)
     else:
         renderer = "Pillow"
-        raster = load_image(data).pixels
+        raster = load_image(data, matte=WHITE).pixels
         if raster.shape != photo.shape:
             raise RendererError(
                 f"picture is {raster.shape[1]}x{raster.shape[0]} px; needed is {width}x{height}"

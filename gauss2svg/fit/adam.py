@@ -71,7 +71,7 @@ class Limits:
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
-_FARTHEST = 1e9  # px, from the canvas's origin and of a shape: what a scene may have
+_FARTHEST = 1e9  # px, from the origin and of a shape: well within what a scene may have
 # ln beta of a shape that is a Gaussian for now: with 0 it would be one for good.
 LEAST_RAW_BETA = 1e-6
 

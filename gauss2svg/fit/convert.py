@@ -10,7 +10,6 @@ over each other from the start, mean PSNR of the model on the eight Kodak photos
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit.blending import blending
@@ -18,26 +17,31 @@ from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.placement import FIRST_RAW_BETA
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE, totals
 from gauss2svg.fit.state import State
+from gauss2svg.fit.target import Target
 from gauss2svg.scene import OVER, Scene
 
 
-def painted(scene: Scene, planar: NDArray[np.floating], options: FitOptions) -> State:
-    """The beginning of a fit over each other: a sum's Gaussians on its target planar (3, h, w).
+def painted(scene: Scene, target: Target, options: FitOptions) -> State:
+    """The beginning of a fit over each other: a sum's Gaussians on its target.
 
-    options are those of that fit; its rounds take the place of the sum's, coarse first.
+    options are those of that fit; its rounds take the place of the sum's, coarse first. Gaussians
+    whose mean lies where nothing of the target shows are left out.
     """
-    _, height, width = planar.shape
+    height, width = target.height, target.width
     scene = scene.scaled(width / scene.width, height / scene.height)
     order = np.argsort(-scene.sigma.prod(axis=1) * np.sqrt(1 - scene.rho**2), kind="stable")
     mean, factor = scene.mean[order], scene.factor[order]
     x, y = np.clip(mean.astype(np.intp), 0, [width - 1, height - 1]).T
+    if target.visible is not None:
+        shown = target.visible[y, x]
+        mean, factor, x, y = mean[shown], factor[shown], x[shown], y[shown]
     learns = options.falloff == ADAPTIVE
-    count = len(scene)
+    count = len(mean)
     state = State.empty().append(
         mean,
         np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1),
-        np.full(count, blending(OVER).first_opacity_logit),
-        planar[:, y, x].T.astype(np.float64),
+        target.opacity_logits(mean, blending(OVER).first_opacity_logit),
+        target.paint[:, y, x].T.astype(np.float64),
         np.full(count, FIRST_RAW_BETA if learns else 0.0),
         0,
     )

@@ -100,7 +100,7 @@ def fit(
     options: FitOptions | None = None,
     progress: Callable[[FitProgress], None] | None = None,
 ) -> FitResult:
-    """Fit a given number of Gaussians to pixels (h, w, 3) float32 in 0..1.
+    """Fit a given number of Gaussians to pixels (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha.
 
     Deterministic in the seed. progress is called once an iteration, from this thread.
     """

@@ -29,6 +29,10 @@ _BINS = 8
 # A component's axes are lengthened no more than this ratio; round starts lose 0.1 to 0.3 dB
 # on drawings of 32 to 512 shapes and 0.03 dB on photos of 1000.
 _MOST_FIRST_ASPECT = 6.0
+# More paint cannot mend what covers too much: from so much alpha on the difference counts by that
+# share. 300 / 1000 Gaussians on a ramp of alpha 30.30 / 34.52 dB without, 30.98 / 34.90 with it, by
+# a share of 0 30.71 / 34.92; a soft ellipse 29.73 / 35.91, 29.71 / 35.85, 29.71 / 35.86.
+_TOO_COVERED, _MENDS_LESS = 0.03, 0.3
 _PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
 # live: sigma = sqrt(A / (r s^2)) of the grid's units for a component of A px and a kernel of
 # s samples; the grid reaches from -5 to 5, so that a unit is s / 10 px and s cancels:
@@ -70,7 +74,8 @@ def place(
 ) -> New:
     """New Gaussians, `count` of them, for a scene that has `total` with them.
 
-    rendered is the scene so far, (3, h, w).
+    rendered is the scene so far, like target.planar. Where the target has alpha and nothing of
+    it shows, none go: more paint can only make that worse.
     Raises InputError for an unknown placement.
     """
     placing = _Placing(target, rendered, target.spacing(total), rng, manner)
@@ -98,7 +103,12 @@ class _Placing:
     ) -> None:
         self._target = target
         self._missed = target.planar - rendered
-        self._paint = self._missed if manner.by_residual else target.planar
+        if target.visible is not None:
+            self._missed *= target.visible
+            over_white, over_black = self._missed[:3], self._missed[3:]
+            covered = (over_white - over_black).mean(axis=0)  # more than in the target
+            self._missed *= np.where(covered > _TOO_COVERED, _MENDS_LESS, 1.0)
+        self._paint = self._missed if manner.by_residual else target.paint
         self._spacing = spacing
         self._rng = rng
         self._sigma_share = manner.sigma_share
@@ -107,6 +117,8 @@ class _Placing:
         """Drawn in proportion to the squared error, one from each of `count` equal parts of it."""
         error = np.square(self._missed).sum(axis=0)
         smooth = gaussian_filter(error, min(max(0.5 * self._spacing, 0.5), 4.0))
+        if self._target.visible is not None:
+            smooth *= self._target.visible
         chance = np.cumsum(smooth.ravel(), dtype=np.float64)
         drawn = (np.arange(count) + self._rng.random(count)) / count * chance[-1]
         pixel = np.minimum(np.searchsorted(chance, drawn), chance.size - 1)
@@ -158,9 +170,12 @@ class _Placing:
         return New(center + 0.5, factor, self._paint_at(x, y)).with_more(self.at_random, count)
 
     def at_random(self, count: int) -> New:
-        """Means over the whole canvas, sigma in (0, 1) spacings, rho in (-1, 1)."""
+        """Means wherever the target shows, sigma in (0, 1) spacings, rho in (-1, 1)."""
         target, rng = self._target, self._rng
         mean = rng.random((count, 2)) * [target.width, target.height]
+        if target.visible is not None:
+            y, x = np.divmod(rng.choice(np.flatnonzero(target.visible), count), target.width)
+            mean = rng.random((count, 2)) + np.stack([x, y], axis=1)
         sigma = np.maximum(rng.random((count, 2)) * self._spacing, _LEAST_SIGMA)
         rho = rng.uniform(-1, 1, count) * 0.95  # nearer to 1 it would start as a needle
         x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T

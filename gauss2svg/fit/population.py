@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.alpha import has_alpha
 from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.convert import painted
@@ -32,7 +33,7 @@ _RELOCATION_SHARE = 0.08
 class Population:
     """Gaussians in pixels of a perhaps reduced picture, and the ways in which their number changes.
 
-    pixels      (h, w, 3) float32 in 0..1
+    pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
     segment_at  the segments by which each round's shapes are ordered, or None
     """
 
@@ -45,6 +46,8 @@ class Population:
         self.round_index = 0
         # On 8 bits already, as it will be written: the fit makes up for the rounding.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
+        if has_alpha(pixels):
+            self.background = np.ones(3)  # the page; none of it is written
         self.rng = np.random.default_rng(options.seed)
         self._views = Views(pixels, options.dtype, FLAT_WEIGHT)
         self._reduction = 1
@@ -71,6 +74,8 @@ class Population:
         """The Gaussians so far, on the whole working canvas."""
         size = self.target.width, self.target.height
         scene = self.state.scene(self.background, *size, self.options.blend)
+        if self.target.is_transparent:
+            scene = scene.replace(transparent=True)
         height, width = self._views.pixels.shape[:2]
         if (width, height) == size:
             return scene
@@ -96,7 +101,7 @@ class Population:
 
     def adopt(self, scene: Scene) -> None:
         """Begin with a sum's Gaussians, painted over each other."""
-        self.state = painted(scene, self.target.planar, self.options)
+        self.state = painted(scene, self.target, self.options)
         self.round_index = int(self.state.round_index.max(initial=0))
 
     def change_count(self, count: int) -> None:
@@ -134,10 +139,16 @@ class Population:
         self.state = self.state.select(cost[:, 0] > worth)
 
     def drop_undrawable(self) -> None:
-        """Drop what renderers would not draw: too faint, or nothing of it on the canvas."""
+        """Drop what renderers would not draw: too faint, or nothing of it on the canvas.
+
+        And haze: what a picture with alpha is nearer without.
+        """
         splats = self.splats()
         _, cost = self.target.removal_cost(splats)
-        self.state = self.state.select((splats.paint[:, 0] >= LEAST_OPACITY) & (cost[:, 1] > 0))
+        kept = (splats.paint[:, 0] >= LEAST_OPACITY) & (cost[:, 1] > 0)
+        if self.target.is_transparent:
+            kept &= cost[:, 0] > 0
+        self.state = self.state.select(kept)
 
     def settle_segments(self) -> None:
         """From here on shapes stay in their segments, where there are any."""
@@ -153,7 +164,7 @@ class Population:
         new = place(
             self.options.placement, self.target, rendered, count, total, self.rng, self.manner
         )
-        opacity = np.full(count, self.manner.first_opacity_logit)
+        opacity = self.target.opacity_logits(new.mean, self.manner.first_opacity_logit)
         raw_beta = np.full(count, FIRST_RAW_BETA if self.options.falloff == ADAPTIVE else 0.0)
         color = new.color
         if self.manner.additive:

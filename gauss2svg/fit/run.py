@@ -77,7 +77,7 @@ class _Stage:
 class Run:
     """The Gaussians of one fit, and where it stands.
 
-    pixels    (h, w, 3) float32 in 0..1
+    pixels    (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
     rule      how many Gaussians; deadline in s of time.perf_counter, or None
     progress  called once an iteration, from this thread
     as_written  the same shapes with the exponents and colours that a file has, from a scene
@@ -123,6 +123,8 @@ class Run:
     def fit(self) -> None:
         """Grow and refine until the rule and the clock are content; or go on, after `recall`."""
         with self._timed():
+            if self.population.target.is_blank:
+                self.rule.stop_reason, self._stage = "enough", _Stage(_OVER)
             if self._stage.name == _GROWING:
                 self._grow()
             if self._stage.name == _REFINING:
@@ -279,7 +281,10 @@ class Run:
         while (done := self.clock.refining()) < 1:
             if stage.adjust_at and done >= stage.adjust_at[0]:
                 stage.adjust_at = [at for at in stage.adjust_at if at > done]
-                self._change_count(self.rule.adjust(self._snapshot(done, self._recent_psnr)))
+                count = self.rule.adjust(self._snapshot(done, self._recent_psnr))
+                if count != len(self.state):
+                    population.change_count(count)
+                    self.guard.begin()
             if done >= DECAY_START and not stage.pruned:
                 stage.pruned = True
                 population.prune(self.rule.least_gain())
@@ -289,8 +294,9 @@ class Run:
                 self._settle()
             if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
                 stage.exchange_at = [at for at in stage.exchange_at if at > done]
-                planar = population.target.planar
-                self._shared.exchange(self.state, population.splats, planar, population.rng)
+                self._shared.exchange(
+                    self.state, population.splats, population.target, population.rng
+                )
             self._step(done)
         if not stage.settled:  # no time or no steps were left for it
             self._settle()
@@ -330,11 +336,6 @@ class Run:
     def _recent_psnr(self) -> float:
         """Of the last steps, which cost nothing more; they ran on the full picture."""
         return _decibels(float(np.mean(self._errors))) if self._errors else self._psnr_now()
-
-    def _change_count(self, count: int) -> None:
-        if count != len(self.state):
-            self.population.change_count(count)
-            self.guard.begin()
 
     def _judged(self, splats: Splats) -> Judgement:
         options = self.options

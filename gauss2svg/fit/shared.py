@@ -20,7 +20,8 @@ from scipy.spatial import KDTree
 from gauss2svg.fit.adam import FIRST_DECAY, SECOND_DECAY
 from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.state import COLOR, State
-from gauss2svg.render.cpu import Splats, removal_cost, squared_error
+from gauss2svg.fit.target import Target
+from gauss2svg.render.cpu import Splats
 
 # Adam's step size; 0.002 to 0.015 end within 0.01 dB.
 _RATE = 0.006
@@ -92,21 +93,21 @@ class SharedColors:
         self,
         state: State,
         splats: Callable[[], Splats],
-        planar: NDArray[np.floating],
+        target: Target,
         rng: np.random.Generator,
     ) -> None:
         """Shapes change to the shared colour that suits them best, if the picture gains by it.
 
         Overlapping ones that change together may overdo it: then only half of them do, or none.
-        splats() are those of the state as it is; planar (3, h, w) is the target.
+        splats() are those of the state as it is.
         """
-        _, before, moments, _ = squared_error(splats(), planar)
-        mass = removal_cost(splats(), planar)[1][:, 1]
+        before, moments = target.squares(splats())
+        mass = target.removal_cost(splats())[1][:, 1]
         kept, wanted = self.entry, self.wanted(state, moments, mass)
         half = np.where(rng.random(len(kept)) < 0.5, wanted, kept)
         for entry in (wanted, half, kept):
             self.wear(state, entry)
-            if entry is kept or squared_error(splats(), planar)[1] < before:
+            if entry is kept or target.squares(splats())[0] < before:
                 break
 
     def wanted(

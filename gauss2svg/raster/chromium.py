@@ -38,8 +38,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from gauss2svg.alpha import straight
 from gauss2svg.errors import RendererError
-from gauss2svg.raster.page import HTML, IMAGE
+from gauss2svg.raster.page import CLEAR, IMAGE, WHITE, html
 from gauss2svg.raster.program import TIMEOUT_S, find, version_line
 
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
@@ -71,7 +72,12 @@ def version() -> str:
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Pixels (height, width, 4) of the SVG, over white; finer than 8 bits, as a mean is."""
-    return _worker().draw(svg, width, height)
+    return _worker().draw(svg, width, height, WHITE)
+
+
+def draw_clear(svg: str, width: int, height: int) -> NDArray[np.float32]:
+    """Pixels (height, width, 4) of the SVG on a page without a background."""
+    return _worker().draw(svg, width, height, CLEAR)
 
 
 def _playwright() -> Any:
@@ -137,10 +143,10 @@ class _Worker:
         self._thread = threading.Thread(target=self._work, name="gauss2svg-chromium", daemon=True)
         self._thread.start()
 
-    def draw(self, svg: str, width: int, height: int) -> NDArray[np.float32]:
-        """Have a picture drawn, and wait for it."""
+    def draw(self, svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
+        """Have a picture drawn on a page of that colour, and wait for it."""
         api, program = _playwright(), _program()
-        return self.call(lambda: self._draw(api, program, svg, width, height))
+        return self.call(lambda: self._draw(api, program, svg, width, height, color))
 
     def call(self, job: Callable[[], Any]) -> Any:
         """What the job returns or raises in the browser's thread."""
@@ -165,12 +171,12 @@ class _Worker:
             self._playwright.stop()
 
     def _draw(
-        self, api: Any, program: str, svg: str, width: int, height: int
+        self, api: Any, program: str, svg: str, width: int, height: int, color: str
     ) -> NDArray[np.float32]:
         try:
             context = self._context(api, program, width + 1, height + 1)
             try:
-                return _mean(context, svg, width, height)
+                return _mean(context, svg, width, height, color)
             finally:
                 if self._browser.is_connected():
                     context.close()
@@ -197,10 +203,10 @@ class _Worker:
         return self._browser.new_context(**options)
 
 
-def _mean(context: Any, svg: str, width: int, height: int) -> NDArray[np.float32]:
+def _mean(context: Any, svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
     context.set_default_timeout(TIMEOUT_S * 1000)
     page = context.new_page()
-    page.route("**/*", lambda route: _answer(route, svg))
+    page.route("**/*", lambda route: _answer(route, svg, html(color)))
     page.goto(_SITE)
     # Not evaluate(), which would wait for a page that hangs without end.
     found = page.wait_for_function(_SIZE).json_value()
@@ -211,19 +217,21 @@ def _mean(context: Any, svg: str, width: int, height: int) -> NDArray[np.float32
             f"chromium drew {found[0]}x{found[1]} px; needed is {width}x{height}: give the SVG a "
             "viewBox"
         )
-    total = np.zeros((height, width, 3), np.uint16)
+    clear = color == CLEAR
+    total = np.zeros((height, width, 4), np.float32)
     for x, y in _OFFSETS:
         page.wait_for_function(_PLACE, arg=[x, y])
-        with Image.open(io.BytesIO(page.screenshot())) as picture:
-            total += np.asarray(picture.convert("RGB"))[y : y + height, x : x + width]
-    drawn = np.ones((height, width, 4), np.float32)
-    drawn[:, :, :3] = total / np.float32(255 * len(_OFFSETS))
-    return drawn
+        with Image.open(io.BytesIO(page.screenshot(omit_background=clear))) as picture:
+            levels = np.asarray(picture.convert("RGBA"), np.float32)[y : y + height, x : x + width]
+        levels[:, :, :3] *= levels[:, :, 3:] / 255  # transparent places count for no colour
+        total += levels
+    total /= np.float32(255 * len(_OFFSETS))
+    return straight(total[:, :, :3], total[:, :, 3]) if clear else total
 
 
-def _answer(route: Any, svg: str) -> None:
+def _answer(route: Any, svg: str, page: str) -> None:
     if route.request.url == _SITE:
-        route.fulfill(body=HTML, content_type="text/html")
+        route.fulfill(body=page, content_type="text/html")
     elif route.request.url == _SITE + IMAGE:
         route.fulfill(body=svg, content_type="image/svg+xml")
     else:

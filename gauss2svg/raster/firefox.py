@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.alpha import from_views
 from gauss2svg.errors import RendererError
-from gauss2svg.raster.page import HTML, IMAGE
+from gauss2svg.raster.page import BLACK, IMAGE, WHITE, html
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
@@ -30,7 +31,7 @@ _PREFERENCES = {
 _VERDICT = """<style>
 html, body {{ background: #000 }}
 body {{ overflow: hidden; height: {height}px; padding-bottom: 1px }}
-img {{ visibility: hidden }}
+img {{ visibility: hidden; background: {color} }}
 </style>
 <script>
 addEventListener("load", () => {{
@@ -52,11 +53,22 @@ def version() -> str:
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Pixels (height, width, 4) of the SVG, over white."""
+    return _draw(svg, width, height, WHITE)
+
+
+def draw_clear(svg: str, width: int, height: int) -> NDArray[np.float32]:
+    """Pixels (height, width, 4) of the SVG without its page, found by drawing it over two."""
+    white, black = (_draw(svg, width, height, color)[:, :, :3] for color in (WHITE, BLACK))
+    return from_views(white, black)
+
+
+def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
     with tempfile.TemporaryDirectory(prefix="gauss2svg-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
         (folder / IMAGE).write_text(svg, encoding="utf-8")
         page = folder / "page.html"
-        page.write_text(HTML + _VERDICT.format(width=width, height=height), encoding="utf-8")
+        verdict = _VERDICT.format(width=width, height=height, color=color)
+        page.write_text(html(WHITE) + verdict, encoding="utf-8")
         profile = folder / "profile"
         profile.mkdir()
         (profile / "user.js").write_text(_user_js())

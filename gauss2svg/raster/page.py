@@ -4,7 +4,12 @@ In an <img> an SVG runs no script and loads nothing, whatever it says.
 """
 
 IMAGE = "drawing.svg"
-HTML = f"""<!doctype html><meta charset="utf-8">
-<style>html, body {{ margin: 0; background: #fff }} img {{ display: block }}</style>
+WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"
+
+
+def html(page: str) -> str:
+    """The page, of the colour WHITE, BLACK or CLEAR."""
+    return f"""<!doctype html><meta charset="utf-8">
+<style>html, body {{ margin: 0; background: {page} }} img {{ display: block }}</style>
 <img src="{IMAGE}">
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.alpha import straight
 from gauss2svg.errors import InputError
 from gauss2svg.render.cpu import Real, render_planar, splats_of
 from gauss2svg.scene import ADD, Scene
@@ -19,6 +20,7 @@ def render(
     """Image (height, width, 3) in 0..1 of a scene at any size, by default that of its canvas.
 
     dtype is np.float32, within 3e-5 of the formula, or np.float64, within 1e-13 in twice the time.
+    A transparent scene is shown over its background, white if it was not given another.
     The scene has no resolution: it is scaled to the output and sampled at pixel centres.
     By the fast CPU renderer; gauss2svg.render.reference.render_reference is its slow twin.
     Raises InputError for a size under one pixel or another dtype.
@@ -27,8 +29,28 @@ def render(
     height = round(scene.height) if height is None else height
     if width < 1 or height < 1:
         raise InputError(f"output size is {width}x{height}; needed is at least 1x1 px")
-    shown = scene.scaled(width / scene.width, height / scene.height)
-    planar = render_planar(splats_of(shown), height, width, dtype)
+    splats = splats_of(scene, (width / scene.width, height / scene.height))
+    planar = render_planar(splats, height, width, dtype)
     if scene.blend == ADD:
         planar = np.clip(planar, 0, 1)
     return np.ascontiguousarray(np.moveaxis(planar, 0, -1))
+
+
+def render_rgba(
+    scene: Scene,
+    width: int | None = None,
+    height: int | None = None,
+    dtype: type[Real] = np.float32,
+) -> NDArray[np.float32]:
+    """Colour and alpha (height, width, 4) in 0..1 of a scene, alpha not multiplied in.
+
+    With w_k as in gauss2svg.render.reference alpha is A = sum w_k, the colour sum w_k c_k / A,
+    black where A is 0; an opaque scene has A = 1. Arguments and errors are those of render.
+    """
+    if not scene.transparent:
+        color = np.clip(render(scene, width, height, dtype), 0, 1)
+        return np.dstack([color, np.ones(color.shape[:2])]).astype(np.float32)
+    on_black = scene.replace(background=np.zeros(3))
+    color = render(on_black, width, height, dtype)
+    covered = render(on_black.replace(color=np.ones((len(scene), 3))), width, height, dtype)
+    return straight(color, covered[:, :, 0])

@@ -12,10 +12,12 @@ from torch.autograd.function import once_differentiable
 
 from gauss2svg.falloff import cut_radius
 from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar
+from gauss2svg.render.domain import check_domain
+from gauss2svg.scene import whitening_of
 
-# An opacity of 0 hides the falloff that its gradient needs; at these the gradient is exact
-# to seven and fifteen digits and the picture changes by less than the dtype resolves.
-_LEAST_OPACITY = {np.float32: 1e-7, np.float64: 1e-15}
+# An opacity of 0 hides the falloff that its gradient needs; at these it is there, and ten
+# thousand of them in one pixel still change less than the dtype resolves.
+_LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
 
 
 class _FastRender(torch.autograd.Function):
@@ -34,7 +36,7 @@ class _FastRender(torch.autograd.Function):
     ) -> tuple[Any, ...]:
         mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
         real = _precision(ctx.saved_tensors)
-        seen = opacity.clamp(min=_LEAST_OPACITY[real]).double()
+        seen = opacity.double().clamp(min=_LEAST_OPACITY[real])
         # Gaussians proper leave out what the exponent's gradient needs.
         near = beta.double()
         if ctx.needs_input_grad[6]:
@@ -65,11 +67,8 @@ def _splats(*tensors: torch.Tensor) -> Splats:
     mean, sigma, rho, color, opacity, background, beta = (
         tensor.detach().to(torch.float64).numpy() for tensor in tensors
     )
-    k = np.sqrt((1 - rho) * (1 + rho))
-    sx, sy = sigma.T
     radius = cut_radius(beta)
-    whitening = 1 / sx, -rho / (sx * k), 1 / (sy * k)
-    shape = np.column_stack([mean, *whitening, beta, radius**2])
+    shape = np.column_stack([mean, whitening_of(sigma, rho), beta, radius**2])
     paint = np.concatenate([opacity[:, None], color], axis=1)
     return Splats(mean, sigma, rho, radius, shape, paint, background)
 
@@ -115,9 +114,14 @@ def fast_composite(
     CPU tensors of any floating dtype; the image (height, width, 3) is float64 if all of
     them are, else float32. Gradients flow to every tensor, once: a second derivative raises
     torch's error. Nearer to a mean than r^2 / 2 = 1e-12 powers are those of 1e-12: there the
-    gradients of beta < 1, which grow with r^(2 beta - 1) or faster, end.
+    gradients of beta < 1, which grow with r^(2 beta - 1) or faster, end. Raises InputError
+    outside of the domain (gauss2svg.render.domain).
     """
     beta = torch.ones_like(rho) if beta is None else beta
+    check_domain(
+        mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity, background=background,
+        beta=beta,
+    )  # fmt: skip
     arguments = (mean, sigma, rho, color, opacity, background, beta, height, width, False)
     image = _FastRender.apply(*arguments)
     assert isinstance(image, torch.Tensor)
@@ -137,6 +141,7 @@ def fast_accumulate(
 
     Tensors and gradients as those of fast_composite.
     """
+    check_domain(mean=mean, sigma=sigma, rho=rho, color=color, background=background)
     one = torch.ones_like(rho)
     arguments = (mean, sigma, rho, color, one, background, one, height, width, True)
     image = _FastRender.apply(*arguments)

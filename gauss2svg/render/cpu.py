@@ -36,7 +36,7 @@ from gauss2svg.render.walk import (
     sum_tiles,
     walk_tiles,
 )
-from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene import ADD, Scene, whitening_of
 
 # numba's fallback threading layer aborts the process if two Python threads are in a
 # parallel kernel at once; whoever calls one holds this lock.
@@ -65,16 +65,20 @@ class Splats(NamedTuple):
     additive: bool = False
 
 
-def splats_of(scene: Scene) -> Splats:
-    """The kernels' view of a scene."""
+def splats_of(scene: Scene, scale: tuple[float, float] = (1.0, 1.0)) -> Splats:
+    """The kernels' view of a scene, scaled along x and y.
+
+    As of scene.scaled(*scale), save that a scale may lead out of the domain of scenes.
+    """
+    # New arrays: numba compiles everything once more for read-only ones.
+    mean, sigma = scene.mean * scale, scene.sigma * scale
     radius = cut_radius(scene.betas)
-    # Copies: numba compiles everything once more for read-only arrays.
     return Splats(
-        scene.mean.copy(),
-        scene.sigma.copy(),
+        mean,
+        sigma,
         scene.rho.copy(),
         radius,
-        np.column_stack([scene.mean, scene.whitening, scene.betas, radius**2]),
+        np.column_stack([mean, whitening_of(sigma, scene.rho), scene.betas, radius**2]),
         np.concatenate([scene.opacity[:, None], scene.color], axis=1),
         scene.background.copy(),
         scene.blend == ADD,

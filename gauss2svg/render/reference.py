@@ -13,10 +13,12 @@ time grow with Gaussians times pixels, so keep it to small pictures.
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 
 from gauss2svg.errors import InputError
 from gauss2svg.falloff import CUT, RIM
+from gauss2svg.render.domain import below_one, check_domain
 from gauss2svg.scene import ADD, Scene
 
 
@@ -35,9 +37,27 @@ def composite(
 
     mean (n, 2) and sigma (n, 2) in px, rho (n,), color (n, 3), opacity (n,),
     background (3,), beta (n,) or None for Gaussians; all of one dtype and device, which the
-    image shares.
+    image shares. Raises InputError outside of the domain (gauss2svg.render.domain).
     """
     beta = torch.ones_like(rho) if beta is None else beta
+    check_domain(
+        mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity, background=background,
+        beta=beta,
+    )  # fmt: skip
+    return _composite(mean, sigma, rho, color, opacity, background, height, width, beta)
+
+
+def _composite(
+    mean: torch.Tensor,
+    sigma: torch.Tensor,
+    rho: torch.Tensor,
+    color: torch.Tensor,
+    opacity: torch.Tensor,
+    background: torch.Tensor,
+    height: int,
+    width: int,
+    beta: torch.Tensor,
+) -> torch.Tensor:
     image = background.expand(height, width, 3)
     for k in range(len(mean)):
         alpha = opacity[k] * _falloff(mean[k], sigma[k], rho[k], beta[k], height, width)
@@ -56,8 +76,21 @@ def accumulate(
 ) -> torch.Tensor:
     """Sum (height, width, 3) of n Gaussians of signed colour (n, 3) and the background, unclipped.
 
-    Shapes, dtype and device as those of composite; the order does not matter.
+    Shapes, dtype, device and domain as those of composite; the order does not matter.
     """
+    check_domain(mean=mean, sigma=sigma, rho=rho, color=color, background=background)
+    return _accumulate(mean, sigma, rho, color, background, height, width)
+
+
+def _accumulate(
+    mean: torch.Tensor,
+    sigma: torch.Tensor,
+    rho: torch.Tensor,
+    color: torch.Tensor,
+    background: torch.Tensor,
+    height: int,
+    width: int,
+) -> torch.Tensor:
     image = background.expand(height, width, 3)
     one = torch.ones((), dtype=mean.dtype, device=mean.device)
     for k in range(len(mean)):
@@ -74,7 +107,13 @@ def _falloff(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """(height, width) falloff of one shape, by the formula of gauss2svg.falloff."""
+    """(height, width) falloff of one shape, by the formula of gauss2svg.falloff.
+
+    Computed in float64, for in float32 a thin sheared shape's z2 would be the difference of two
+    numbers that are sqrt(1 - rho^2) times apart, and an offset from a far mean be lost.
+    """
+    dtype = mean.dtype
+    mean, sigma, rho, beta = (t.to(_wide(t.device)) for t in (mean, sigma, rho, beta))
     y = torch.arange(height, dtype=mean.dtype, device=mean.device) + 0.5
     x = torch.arange(width, dtype=mean.dtype, device=mean.device) + 0.5
     z1 = (x - mean[0]) / sigma[0]
@@ -87,7 +126,12 @@ def _falloff(
     seen = inside & (half > 0)
     power = torch.where(seen, half, torch.ones_like(half)) ** beta
     bell = torch.exp(-torch.where(seen, power, torch.zeros_like(power)))
-    return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell))
+    return torch.where(inside, (bell - RIM) / (1 - RIM), torch.zeros_like(bell)).to(dtype)
+
+
+def _wide(device: torch.device) -> torch.dtype:
+    """float64, where a device has it."""
+    return torch.float32 if device.type == "mps" else torch.float64
 
 
 def render_reference(
@@ -99,21 +143,24 @@ def render_reference(
 ) -> torch.Tensor:
     """Image (height, width, 3) of a scene at any output size, by default that of its canvas.
 
-    Values lie in 0..1. Raises InputError for a size under one pixel.
+    Values lie in 0..1. Parameters are rounded to the dtype first, rho to within 1.
+    Raises InputError for a size under one pixel.
     """
     width = round(scene.width) if width is None else width
     height = round(scene.height) if height is None else height
     if width < 1 or height < 1:
         raise InputError(f"output size is {width}x{height}; needed is at least 1x1 px")
-    shown = scene.scaled(width / scene.width, height / scene.height)
+    # Not Scene.scaled: a size may lead out of the domain of scenes.
+    scale = np.array([width / scene.width, height / scene.height])
     arrays = (
-        shown.mean, shown.sigma, shown.rho, shown.color, shown.opacity, shown.background,
-        shown.betas,
+        scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity,
+        scene.background, scene.betas,
     )  # fmt: skip
     mean, sigma, rho, color, opacity, background, beta = (
         torch.tensor(array, dtype=dtype, device=device) for array in arrays
     )
+    rho = rho.clamp(-below_one(dtype), below_one(dtype))
     with torch.no_grad():
         if scene.blend == ADD:
-            return accumulate(mean, sigma, rho, color, background, height, width).clamp(0, 1)
-        return composite(mean, sigma, rho, color, opacity, background, height, width, beta)
+            return _accumulate(mean, sigma, rho, color, background, height, width).clamp(0, 1)
+        return _composite(mean, sigma, rho, color, opacity, background, height, width, beta)

@@ -10,6 +10,7 @@ plain code.
     load(array, i)      lanes from array.flat[i : i + 16] (C-contiguous, float32 or float64)
     store(array, i, v)  and back
     splat(x, like)      sixteen times x, of the element type of like: lanes or an array
+    narrow(v, like)     lanes of float64 rounded to the element type of like
     + - *               between lanes of one element type
     least, most         lane by lane minimum and maximum
     exponent(v), mantissa(v)  v = mantissa 2^exponent, mantissa in 0.75..1.5, v normal and > 0
@@ -110,6 +111,20 @@ def splat(typingctx, value, like):
         single = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
         mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
         return builder.shuffle_vector(single, undefined, mask)
+
+    return _Lanes(like.dtype)(value, like), codegen
+
+
+@intrinsic
+def narrow(typingctx, value, like):
+    """Lanes of float64, rounded to the element type of like; as they are where that is float64."""
+    if value != _Lanes(types.float64) or not _has_lanes(like):
+        return None
+
+    def codegen(context, builder, signature, args):
+        if signature.args[1].dtype == types.float64:
+            return args[0]
+        return builder.fptrunc(args[0], ir.VectorType(_ELEMENTS[types.float32], LANES))
 
     return _Lanes(like.dtype)(value, like), codegen
 

@@ -63,7 +63,7 @@ def walk_tiles(mode, workers, shape, paint, background, image, weight, pairs, pa
         behind = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
         left = np.empty((TILE_HEIGHT, TILE_WIDTH), real)
         inside = np.empty(TILE_WIDTH, real)
-        column = np.empty(TILE_WIDTH, real)
+        column = np.empty(TILE_WIDTH, np.float64)
         for x in range(TILE_WIDTH):
             column[x] = x
         for tile in range(worker, tiles, workers):
@@ -116,7 +116,7 @@ def sum_tiles(mode, workers, shape, paint, background, image, weight, pairs, pai
         g = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
         left = np.ones((TILE_HEIGHT, TILE_WIDTH), real)  # the background is never covered
         inside = np.empty(TILE_WIDTH, real)
-        column = np.empty(TILE_WIDTH, real)
+        column = np.empty(TILE_WIDTH, np.float64)
         for x in range(TILE_WIDTH):
             column[x] = x
         for tile in range(worker, tiles, workers):

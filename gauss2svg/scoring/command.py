@@ -25,6 +25,8 @@ def check_command(
     max_svg_bytes: str = "256M",
     max_elements: int = 1_000_000,
     draw_timeout: float = 300.0,
+    max_pixels: int = 89_478_485,
+    matte: str | None = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Measure how true any SVG is to a photo.
@@ -45,13 +47,19 @@ def check_command(
     report
         Write all numbers there, as JSON.
     min_psnr
-        Decibels under which the exit status is 1; the files are written all the same.
+        Decibels under which the exit status is 1, over black too where the photo is transparent;
+        the files are written all the same.
     max_svg_bytes
         Most bytes of the SVG, gunzipped: 150000, 150k, 1.5M.
     max_elements
         Most elements of the SVG.
     draw_timeout
         Seconds that the drawing may take, up to 86400; the last four renderers end after 300.
+    max_pixels
+        Most pixels of the photo, told by its header before it is decoded.
+    matte
+        Colour over which a transparent photo is shown first: white, black, #fa0 or #ffaa00; its
+        alpha is compared as well if not given.
     quiet
         No summary.
 
@@ -84,6 +92,8 @@ def check_command(
         max_svg_bytes=max_svg_bytes,
         max_elements=max_elements,
         draw_timeout=draw_timeout,
+        max_pixels=max_pixels,
+        matte=matte,
     )
     files: dict[str | os.PathLike[str], bytes] = {}
     if heatmap is not None:
@@ -95,9 +105,10 @@ def check_command(
     write_all_atomically(files)
     if not quiet:
         print_check(result.report, None if svg == STANDARD_STREAM else svg)
-    if min_psnr is not None and result.psnr < min_psnr:
+    lowest = result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)
+    if min_psnr is not None and lowest < min_psnr:
         print(
-            f"gauss2svg: PSNR is {result.psnr:.2f} dB, under the {min_psnr:g} dB asked for",
+            f"gauss2svg: PSNR is {lowest:.2f} dB, under the {min_psnr:g} dB asked for",
             file=sys.stderr,
         )
         return STATUS_UNDER

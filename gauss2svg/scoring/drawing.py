@@ -16,17 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, RendererError
-from gauss2svg.raster import rasterize
+from gauss2svg.raster import rasterize, rasterize_rgba
 
 _REFUSED = 2
 _COMMAND = (sys.executable, "-P", "-m", "gauss2svg.scoring.drawing")
 _ENDING_S = 5.0  # in which a process that is told to end can end what it has started
 
 
-def draw(svg: str, width: int, height: int, renderer: str, timeout_s: float) -> NDArray[np.float32]:
-    """What `rasterize` returns; a crash and more than timeout_s seconds are RendererErrors."""
+def draw(
+    svg: str, width: int, height: int, renderer: str, timeout_s: float, channels: int = 3
+) -> NDArray[np.float32]:
+    """What `rasterize` returns, or `rasterize_rgba` for 4 channels.
+
+    A crash and more than timeout_s seconds are RendererErrors.
+    """
     process = subprocess.Popen(
-        [*_COMMAND, str(width), str(height), renderer],
+        [*_COMMAND, str(width), str(height), renderer, str(channels)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -50,7 +55,7 @@ def draw(svg: str, width: int, height: int, renderer: str, timeout_s: float) -> 
     if process.returncode:
         said = complaint[-4000:].decode(errors="replace").strip().splitlines()
         raise RendererError(said[-1] if said else f"{renderer} cannot draw the SVG")
-    return np.frombuffer(drawn, np.float32).reshape(height, width, 3)
+    return np.frombuffer(drawn, np.float32).reshape(height, width, channels)
 
 
 def _path() -> str:
@@ -84,8 +89,9 @@ def main() -> int:
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a library may chat; the pixels are all that goes to standard output
+    draw_it = rasterize_rgba if sys.argv[4:] == ["4"] else rasterize
     try:
-        pixels = rasterize(sys.stdin.buffer.read().decode(), width, height, renderer)
+        pixels = draw_it(sys.stdin.buffer.read().decode(), width, height, renderer)
     except Gauss2SvgError as error:
         return _refuse(str(error))
     except MemoryError:

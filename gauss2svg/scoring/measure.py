@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg import metrics
+from gauss2svg.alpha import has_alpha, matte_color, over, pixels_of
 from gauss2svg.checks import whole_number
 from gauss2svg.errors import InputError
-from gauss2svg.image import ImageSource, load_image
+from gauss2svg.image import DEFAULT_MAX_PIXELS, ImageSource, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import BROWSERS
@@ -46,8 +47,11 @@ class CheckResult:
     svg_bytes      of the file, gunzipped; svgz_bytes: gzipped at level 9
     survey         the elements that it has; frame: the size that it gives itself
     renderer       what drew it, with its version
-    raster         (h, w, 3) float32 in 0..1: what it drew; photo: what it is compared with
+    raster         (h, w, 3) float32 in 0..1: what it drew; photo: what it is compared with;
+                   both (h, w, 4) where the photo has alpha
     notes          what else has to be known
+    psnr_black     dB over black, psnr_alpha: of alpha; None where the photo is opaque. All
+                   other numbers are over white
     """
 
     psnr: float
@@ -63,6 +67,8 @@ class CheckResult:
     raster: NDArray[np.float32]
     photo: NDArray[np.float32]
     notes: tuple[str, ...]
+    psnr_black: float | None = None
+    psnr_alpha: float | None = None
 
     @cached_property
     def report(self) -> dict[str, Any]:
@@ -75,7 +81,10 @@ class CheckResult:
             "svg_height": self.frame.height,
             "view_box": list(self.frame.view_box),
             "renderer": self.renderer,
-            "psnr_svg": None if math.isinf(self.psnr) else self.psnr,
+            "transparent": has_alpha(self.photo),
+            "psnr_svg": _finite(self.psnr),
+            "psnr_svg_black": _finite(self.psnr_black),
+            "psnr_svg_alpha": _finite(self.psnr_alpha),
             "ssim_svg": self.ssim,
             "ms_ssim_svg": self.ms_ssim,
             "largest_error_svg": self.largest_error,
@@ -90,8 +99,8 @@ class CheckResult:
         }
 
     def heatmap(self) -> bytes:
-        """PNG of where it differs from the photo, on the scale of gauss2svg.scoring.heatmap."""
-        return heatmap(self.raster, self.photo)
+        """PNG of where it differs from the photo, over white: see gauss2svg.scoring.heatmap."""
+        return heatmap(over(self.raster), over(self.photo))
 
     def __repr__(self) -> str:
         height, width = self.photo.shape[:2]
@@ -109,14 +118,21 @@ def check(
     max_svg_bytes: int | str = MOST_SVG_BYTES,
     max_elements: int = MOST_ELEMENTS,
     draw_timeout: float = DRAW_TIMEOUT_S,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
+    matte: str | None = None,
 ) -> CheckResult:
     """Draw an SVG at a photo's size, over white, and measure how true it is.
+
+    Where the photo has alpha the SVG's is compared as well, and both over black.
 
     photo          whatever `vectorize` takes
     svg            a path, text that begins with <, bytes or a binary file; gzipped or not
     renderer       one of RENDERERS
     max_svg_bytes  most bytes of it, gunzipped: 256000000, "256M"; max_elements: most elements
                    of it, >= 1; draw_timeout: seconds that the drawing may take, > 0
+    max_pixels     most pixels of the photo, as of `vectorize`
+    matte          colour, such as white or #fa0, over which the photo is shown, as if it were
+                   opaque; None: its alpha is compared too
 
     The SVG is not trusted: entities, links to anything outside of it and what passes the
     limits are refused, and it is drawn in a process of its own, whose memory is not limited.
@@ -131,7 +147,9 @@ def check(
             f"{LONGEST_DRAW_TIMEOUT_S:g}"
         )
     drawn_by = renderer_version(renderer)
-    picture = load_image(photo)
+    matted = None if matte is None else matte_color(matte)
+    picture = load_image(photo, max_pixels=max_pixels, matte=matted)
+    wanted = pixels_of(picture)
     data, text = svg_source(svg, most_bytes)
     surveyed = survey(text, max_elements)
     frame = frame_of(surveyed.root)
@@ -139,13 +157,13 @@ def check(
     sized = stretched(text, picture.width, picture.height, box)
     if sized is None:
         raise InputError("SVG has a root that cannot be read; save it as plain SVG")
-    raster = draw(sized, picture.width, picture.height, renderer, draw_timeout)
-    measured = measure_pixels(raster, picture.pixels)
+    raster = draw(sized, picture.width, picture.height, renderer, draw_timeout, wanted.shape[2])
+    measured = measure_pixels(raster, wanted)
     measurable = min(picture.width, picture.height) >= metrics.LEAST_SIDE_FOR_MS_SSIM
     return CheckResult(
         psnr=measured["psnr_svg"],
         ssim=measured["ssim_svg"],
-        ms_ssim=metrics.ms_ssim(raster, picture.pixels) if measurable else None,
+        ms_ssim=metrics.ms_ssim(over(raster), over(wanted)) if measurable else None,
         largest_error=measured["largest_error_svg"],
         bias=measured["bias_svg"],
         svg_bytes=len(data),
@@ -154,12 +172,19 @@ def check(
         frame=frame,
         renderer=drawn_by,
         raster=raster,
-        photo=picture.pixels,
+        photo=wanted,
         notes=(
             *(f"photo {note}" for note in picture.notes),
             *_notes(surveyed, frame, picture.width, picture.height, renderer),
         ),
+        psnr_black=measured["psnr_svg_black"],
+        psnr_alpha=measured["psnr_svg_alpha"],
     )
+
+
+def _finite(psnr: float | None) -> float | None:
+    """None for an infinite PSNR, of equal pictures: JSON has no infinity."""
+    return None if psnr is None or math.isinf(psnr) else psnr
 
 
 def _notes(surveyed: Survey, frame: Frame, width: int, height: int, renderer: str) -> list[str]:

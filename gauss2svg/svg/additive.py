@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.falloff import cut_radius
 from gauss2svg.scene import Scene
-from gauss2svg.svg.encode import check_canvas, hex_color, matrix_text, number, short_id
+from gauss2svg.svg.encode import check_canvas, hex_color, matrix_text, number, short_id, writable
 from gauss2svg.svg.levels import whole_stops
 from gauss2svg.svg.options import SvgOptions
 from gauss2svg.svg.phases import Phase, canvas_of, partial_sums, phases_of
@@ -90,8 +90,9 @@ class EncodedSum:
 def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
     """Numbers of the SVG of an additive scene; depends on nothing but the two arguments.
 
-    Gaussians whose extent is written as 0 or whose colour as black are left out.
-    Raises InputError for a form other than gradients.
+    Gaussians whose extent is written as 0 or whose colour as black are left out, as are those off
+    the canvas whose numbers are too large (gauss2svg.svg.encode.writable, which raises SceneError
+    for others). Raises InputError for a form other than gradients.
     """
     check_canvas(scene)
     scene = settled(scene, options)
@@ -155,9 +156,11 @@ class _Shapes:
             for k, count in enumerate(before.tolist())
         ]
         radius = float(cut_radius(1.0)) * reach[self._entry]
+        fits = writable(scene, radius, options.precision)
+        discs = zip(fits, radius[:, None, None] * scene.factor, scene.mean, strict=True)
         self._matrices = [
-            matrix_text(factor, mean, options.precision)
-            for factor, mean in zip(radius[:, None, None] * scene.factor, scene.mean, strict=True)
+            matrix_text(factor, mean, options.precision) if fit else ""
+            for fit, factor, mean in discs
         ]
         self._ids: dict[tuple[tuple[str, str], ...], str] = {}
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from gauss2svg.errors import InputError
+from gauss2svg.scene import LEAST_CANVAS, MOST_CANVAS
 from gauss2svg.svg.affine import Affine
 from gauss2svg.svg.values import length, numbers, quoted
 
@@ -42,8 +43,11 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
                 f"{CANVAS} is {quoted(root[CANVAS])}; needed are a width and a height in px"
             )
         width, height = sides
-    if min(width, height) <= 0:
-        raise InputError(f"canvas is {width:g}x{height:g} px; needed is a size above 0")
+    if not LEAST_CANVAS <= min(width, height) <= max(width, height) <= MOST_CANVAS:
+        raise InputError(
+            f"canvas is {width:g}x{height:g} px; needed is {LEAST_CANVAS:g}..{MOST_CANVAS:g} px a "
+            "side"
+        )
     if not box:
         return width, height, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0), (width, height)
     x, y, across, down = box

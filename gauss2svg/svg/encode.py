@@ -24,7 +24,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import SceneError
 from gauss2svg.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
@@ -43,8 +43,14 @@ _MOST_MARGIN = 20.0  # times the gradient's radius: thinner shapes are not drawn
 # px of rim across the minor axis from which the edge does little harm; 5000 shapes, three Kodak
 # photos, raster against model / gzipped bytes: 0 48.4 dB / 95.1 k, 1 49.0 / 97.2, 2 49.1 / 98.0
 _SOFT = 1.0
-# Renderers compute in float32, and resvg panics from about 1e9 on.
-LARGEST_NUMBER = 1e7
+# Renderers compute in float32, and resvg panics from about 1e9 on. All six draw numbers up to 1e8
+# within 2.1 levels of 255 (sigmas up to 1e6 px, at 0.04 px, three exponents, canvas on the rim).
+LARGEST_NUMBER = 1e8
+# px. Cairo has 23 bits for whole pixels: at 1e7 CairoSVG, librsvg and Inkscape are 47 levels off.
+_FARTHEST = 8e6
+# Times a shape's radius around its mean: all that is drawn of it, for a blur fills up to 2.5 radii
+# around its disc. And px for antialiasing.
+_DRAWN_WITHIN, _EDGE = 4.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,8 @@ class Ellipse:
 class EncodedScene:
     """Everything that the writer puts into elements, as text.
 
-    width, height in px; view_width, view_height in user units
+    width, height in px; view_width, view_height in user units; background "" where the scene is
+    transparent
     """
 
     width: str
@@ -134,10 +141,43 @@ def check_canvas(scene: Scene) -> None:
         )
 
 
+def writable(
+    scene: Scene, radius: ArrayLike, precision: float, unit: ArrayLike = 1
+) -> NDArray[np.bool_]:
+    """(n,) whether each shape's numbers, in user units of `precision` px, fit into a file.
+
+    radius  in sigmas, of the drawn discs, whose matrices are for circles of radius `unit`
+    A shape whose numbers do not fit, or that reaches farther than renderers do, may lie wholly off
+    the canvas: then nothing of it would be drawn, and it can be left out. Raises SceneError for
+    one that may show.
+    """
+    extent = np.asarray(radius)[..., None] * scene.sigma
+    offset = np.abs(scene.mean)
+    number = np.maximum(offset, extent / np.asarray(unit)[..., None]).max(axis=1) / precision
+    farthest = (offset + extent).max(axis=1)
+    canvas = np.array([scene.width, scene.height])
+    beyond = np.maximum(-scene.mean, scene.mean - canvas)
+    off = (beyond > _DRAWN_WITHIN * extent + _EDGE).any(axis=1)
+    fits = (number <= LARGEST_NUMBER) & (farthest <= _FARTHEST)
+    lost = ~fits & ~off
+    if lost.any():
+        i = int(lost.argmax())
+        raise SceneError(
+            f"Gaussian {i}, with mean {scene.mean[i].tolist()} and sigma {scene.sigma[i].tolist()} "
+            f"px, reaches {farthest[i]:.3g} px and takes numbers up to {number[i]:.3g} at a "
+            f"precision of {precision:g} px; needed are at most {_FARTHEST:g} px and "
+            f"{LARGEST_NUMBER:g}: clip its sigma, take a coarser precision, scale the scene down, "
+            "or drop it"
+        )
+    return fits
+
+
 def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
     """Numbers of the SVG of a scene; depends on nothing but the two arguments.
 
-    Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out.
+    Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out, as are
+    those off the canvas whose numbers are too large for a file (writable). Raises SceneError for
+    others that are, and for such a canvas.
     """
     check_canvas(scene)
     scene = settled(scene, options)
@@ -165,7 +205,8 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
         scene.factor * radius[:, None, None], scene.mean,
     )  # fmt: skip
-    layers = _layers(discs, scene.rounds, options)
+    fits = writable(scene, radius, options.precision, unit)
+    layers = _layers(discs, fits, scene.rounds, options)
     drawn = [ellipse for _, ellipses in layers for ellipse in ellipses]
     fills_used, filters_used = {e.fill for e in drawn}, {e.filter for e in drawn}
     return EncodedScene(
@@ -173,7 +214,7 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
         height=number(scene.height, 3),
         view_width=number(scene.width / options.precision, 6),
         view_height=number(scene.height / options.precision, 6),
-        background=hex_color(np.round(scene.background * 255).astype(np.uint8)),
+        background=_background(scene),
         gradients=tuple(
             _gradient(name, BETA_CLASSES[key[0]], key[1:], options.stops)
             for name, key in zip(ids, shared, strict=True)
@@ -186,6 +227,12 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
         ),
         layers=layers,
     )
+
+
+def _background(scene: Scene) -> str:
+    if scene.transparent:
+        return ""
+    return hex_color(np.round(scene.background * 255).astype(np.uint8))
 
 
 @dataclass(frozen=True)
@@ -208,12 +255,13 @@ class _Discs:
 
 
 def _layers(
-    discs: _Discs, rounds: NDArray[np.int32], options: SvgOptions
+    discs: _Discs, fits: NDArray[np.bool_], rounds: NDArray[np.int32], options: SvgOptions
 ) -> tuple[tuple[int, tuple[Ellipse, ...]], ...]:
     """Rounds that draw something, and what they draw."""
     layers = []
     for layer in np.unique(rounds).tolist():
-        ellipses = (_ellipse(discs, i, options) for i in np.flatnonzero(rounds == layer).tolist())
+        members = np.flatnonzero((rounds == layer) & fits).tolist()
+        ellipses = (_ellipse(discs, i, options) for i in members)
         drawn = tuple(ellipse for ellipse in ellipses if ellipse is not None)
         if drawn:
             layers.append((layer, drawn))

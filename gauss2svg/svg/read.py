@@ -23,10 +23,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.scene import RHO_LIMIT, Scene
+from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT, Scene
 from gauss2svg.svg.affine import Affine, compose, parse_transform
 from gauss2svg.svg.canvas import read_canvas
 from gauss2svg.svg.document import MOST_BYTES, MOST_ELEMENTS, parse_document
@@ -79,7 +79,8 @@ def read_svg(
     group at the top level without either as a round of its own. Numbers are as exact as the file.
 
     source       a path (.svg, .svgz), text, or bytes
-    background   sRGB colour in 0..1 for a file without a background, or with a translucent one
+    background   sRGB colour in 0..1 for a file without a background, which is a transparent scene
+                 if it is not given, or with a translucent one
     skip_hidden  leave hidden shapes and layers out, instead of refusing the file
     max_bytes, max_elements  most that are read, gunzipped; more for a file that is trusted
 
@@ -261,8 +262,8 @@ class _Reader:
         alpha = state.opacity * share(state.fill_opacity, "fill-opacity")
         if alpha < 1 and self._background is None:
             raise InputError(
-                f"the background's opacity is {alpha:g} and a scene is opaque; set it to 1, or "
-                "give what is under it by read_svg(.., background=(1, 1, 1))"
+                f"the background's opacity is {alpha:g}; needed is 1, or no background at all: "
+                "delete it, or give what is under it by read_svg(.., background=(1, 1, 1))"
             )
         under = 0.0 if self._background is None else self._background
         self._background = alpha * paint + (1 - alpha) * under
@@ -281,11 +282,6 @@ class _Reader:
         self._elements.append(element)
 
     def scene(self) -> Scene:
-        if self._background is None:
-            raise InputError(
-                "the SVG has no background and a scene is opaque; give one by "
-                "read_svg(.., background=(1, 1, 1))"
-            )
         shapes = [shape for shape, _, _ in self._shapes]
         disc = np.array([shape.disc for shape in shapes]).reshape(-1, 3, 2)
         rows = np.swapaxes(disc[:, :2], 1, 2)  # (n, 2, 2): M
@@ -295,27 +291,37 @@ class _Reader:
             rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
             drawn = np.isfinite(extent).all(axis=1) & (np.linalg.det(rows) != 0)
         drawn &= np.isfinite(rho) & np.isfinite(disc).all(axis=(1, 2))
-        if not drawn.all():
-            with _naming(self._elements[int(drawn.argmin())]):
-                raise InputError("its extent is 0 or beyond numbers, so that nothing is drawn; "
-                                 "delete it")  # fmt: skip
+        self._refuse(~drawn, "its extent is 0 or beyond numbers, so that nothing is drawn")
         beta = np.array([shape.beta or 0.0 for shape in shapes])
         radius = np.array([shape.radius or 0.0 for shape in shapes])
         plain = np.array([shape.beta is None for shape in shapes], bool)
         beta[plain] = plain_beta(np.linalg.svd(rows[plain], compute_uv=False))
         radius[plain] = [plain_radius(one) for one in beta[plain]]
+        sigma = extent / radius[:, None]
+        thin, wide = sigma.min(axis=1) < LEAST_SIGMA, sigma.max(axis=1) > MOST_SIGMA
+        far = np.abs(disc[:, 2]).max(axis=1) > MOST_MEAN
+        self._refuse(thin, f"its sigma is under {LEAST_SIGMA:g} px, where a scene's begin")
+        self._refuse(wide, f"its sigma is over {MOST_SIGMA:g} px, where a scene's end")
+        self._refuse(far, f"it lies over {MOST_MEAN:g} px off, where a scene ends")
         return Scene(
             self._width,
             self._height,
             mean=disc[:, 2],
-            sigma=extent / radius[:, None],
+            sigma=sigma,
             rho=rho,
             color=np.array([shape.color for shape in shapes]).reshape(-1, 3),
             opacity=np.array([opacity for _, opacity, _ in self._shapes]),
-            background=self._background,
+            background=np.ones(3) if self._background is None else self._background,
             round_index=np.array([number for _, _, number in self._shapes], np.int32),
             beta=beta,
+            transparent=self._background is None,
         )
+
+    def _refuse(self, bad: NDArray[np.bool_], why: str) -> None:
+        """Raise InputError about the first of the shapes that are bad."""
+        if bad.any():
+            with _naming(self._elements[int(bad.argmax())]):
+                raise InputError(f"{why}; delete it")
 
 
 def _round_of(group: Any) -> int | None:

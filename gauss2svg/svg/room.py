@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from gauss2svg.falloff import cut_radius, profile
-from gauss2svg.scene import Scene
+from gauss2svg.scene import Scene, narrowing_of, whitening_of
 
 _FINEST = 4.0  # samples of the grid per px, each way
 _SIDE = 1536  # samples of the grid, at most
@@ -56,22 +56,21 @@ def samples_of(scene: Scene) -> Samples:
     touched = max(1.0, float(sides.prod(axis=1).sum()))
     factor = min(_FINEST, _SIDE / canvas.max(), float(np.sqrt(_TOUCHED / touched)))
     size = np.maximum(1, np.ceil(factor * canvas)).astype(int)
-    scene = scene.scaled(*(size / canvas))
+    mean, sigma = scene.mean * (size / canvas), scene.sigma * (size / canvas)
     y, x = np.mgrid[: size[1], : size[0]] + 0.5
     grid = np.stack([x, y], axis=-1).reshape(-1, 2)
-    means = scene.mean[((scene.mean >= 0) & (scene.mean < size)).all(axis=1)]
+    means = mean[((mean >= 0) & (mean < size)).all(axis=1)]
     # Two sorted runs, which a stable sort but merges.
     keys = [size[0] * np.floor(part[:, 1]) + part[:, 0] for part in (grid, means)]
     means, keys[1] = means[np.argsort(keys[1])], np.sort(keys[1])
     order = np.argsort(np.concatenate(keys), kind="stable")
     place = np.concatenate([grid, means])[order].astype(np.float32)
     start = np.searchsorted(np.concatenate(keys)[order], size[0] * np.arange(size[1] + 1))
-    narrow = np.sqrt((1 - scene.rho) * (1 + scene.rho))
     shape = np.column_stack(
         [
-            scene.mean, scene.whitening, _RADIUS * scene.sigma,
-            scene.rho * scene.sigma[:, 0] / scene.sigma[:, 1],
-            _RADIUS * narrow * scene.sigma[:, 0],
+            mean, whitening_of(sigma, scene.rho), _RADIUS * sigma,
+            scene.rho * sigma[:, 0] / sigma[:, 1],
+            _RADIUS * narrowing_of(scene.rho) * sigma[:, 0],
         ]
     )  # fmt: skip
     falloff = profile(_RADIUS * np.sqrt(np.arange(_TABLE + 1) / _TABLE), 1.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError
 from gauss2svg.falloff import widening
 from gauss2svg.render.cpu import removal_cost, splats_of
-from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, Scene
 from gauss2svg.svg.blur import GRADIENT, HYBRID, blurs, chosen_blurs, drawn_blurs
 from gauss2svg.svg.options import SvgOptions
 from gauss2svg.svg.palette import quantize, quantize_signed
@@ -54,7 +54,7 @@ def settled(scene: Scene, options: SvgOptions) -> Scene:
         )  # fmt: skip
         color[shaded] = palette.color[palette.entry] / 255
         beta[shaded] = palette.beta[palette.entry]
-    sigma *= widening(scene.betas, beta)[:, None]
+    sigma = np.clip(sigma * widening(scene.betas, beta)[:, None], LEAST_SIGMA, MOST_SIGMA)
     return scene.replace(beta=beta, sigma=sigma, color=color)
 
 
@@ -93,6 +93,6 @@ def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:
     """
     shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
-    splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
+    splats = splats_of(scene, (width / scene.width, height / scene.height))
     blank = np.zeros((3, height, width), np.float32)
     return np.maximum(removal_cost(splats, blank)[1][:, 1], 0.0), width * height

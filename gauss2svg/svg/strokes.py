@@ -9,7 +9,7 @@ import numpy as np
 
 from gauss2svg.falloff import half_radius
 from gauss2svg.scene import Scene
-from gauss2svg.svg.encode import hex_color, number
+from gauss2svg.svg.encode import hex_color, number, writable
 
 OUTLINE_WIDTH = 0.5  # px
 STROKE_WIDTHS = 0.01, 100.0
@@ -33,12 +33,15 @@ class Stroke:
 
 
 def stroked(scene: Scene) -> list[Stroke]:
-    """The strokes of a scene in its order, without those of no extent or opacity as written."""
+    """The strokes of a scene in its order, without those of no extent or opacity as written.
+
+    And without those off the canvas whose numbers are too large (gauss2svg.svg.encode.writable).
+    """
     axes, angle_rad = scene.ellipse_axes
     radii = axes * half_radius(scene.betas)[:, None]
     levels = np.round(scene.color * 255).astype(int)
     strokes = []
-    for i in range(len(scene)):
+    for i in np.flatnonzero(writable(scene, half_radius(scene.betas), 1.0)).tolist():
         rx, ry = (number(v, STROKE_DECIMALS) for v in radii[i])
         if "0" in (rx, ry) or scene.opacity[i] < _LEAST_OPACITY:
             continue

@@ -49,7 +49,7 @@ def write_svg(scene: Scene, options: SvgOptions | None = None, page: Page | None
 
     What is drawn is gauss2svg.svg.settled(scene, options): exponents become those of
     BETA_CLASSES, under 1 too, and colours those of the palette. With segments shapes are in the
-    order of gauss2svg.svg.arranged(scene, page.segments).
+    order of gauss2svg.svg.arranged(scene, page.segments). A transparent scene has no <rect>.
 
     An additive scene is written as gauss2svg.svg.additive explains: its layers are phases, and
     InputError is raised for a page with segments or animation.
@@ -66,8 +66,9 @@ def write_svg(scene: Scene, options: SvgOptions | None = None, page: Page | None
     for blur in encoded.filters:
         drawing.defs.add(_filter(drawing, blur))
     _add_style(drawing, page, [index for index, _ in encoded.layers])
-    background = drawing.rect(size=("100%", "100%"), fill=encoded.background, id="background")
-    drawing.add(background)
+    if encoded.background:
+        background = drawing.rect(size=("100%", "100%"), fill=encoded.background, id="background")
+        drawing.add(background)
     circles = [_circle(drawing, ellipse) for ellipse in ellipses]
     _add_layers(drawing, circles, scene, [ellipse.index for ellipse in ellipses], page.segments)
     return _text(drawing)

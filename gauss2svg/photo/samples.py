@@ -1,0 +1,32 @@
+"""Samples of any type as float32 in 0..1."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError
+
+
+def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
+    """Samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
+
+    Raises InputError for other types, and for the first sample that is not within 0..1.
+    """
+    array = array.astype(array.dtype.newbyteorder("="), copy=False)
+    if array.dtype == np.bool_:
+        return array.astype(np.float32)
+    if array.dtype in (np.uint8, np.uint16):
+        return array.astype(np.float32) / np.float32(np.iinfo(array.dtype).max)
+    if not np.issubdtype(array.dtype, np.floating):
+        raise InputError(f"{name} has type {array.dtype}; needed is uint8, uint16, bool or float")
+    bad = ~((array >= 0) & (array <= 1))  # NaN as well
+    if bad.any():
+        y, x, c = (int(v) for v in np.argwhere(bad)[0])
+        raise InputError(
+            f"{name} is {array[y, x, c]} at row {y}, column {x}, channel {c}; needed are "
+            "finite values in 0..1: divide by the largest value, or clip"
+        )
+    return array.astype(np.float32)

@@ -1,0 +1,106 @@
+"""Pages of a TIFF whose pixels Pillow does not know: colours in floating point, 16 bits with alpha.
+
+Read by tifffile, of which only what it decodes by itself is asked: plain, deflate, PackBits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError
+from gauss2svg.photo.files import broken, check_size
+from gauss2svg.photo.tags import Tags, dpi_in, tags_from
+
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = 0, 1, 2  # PhotometricInterpretation
+_CHANNELS = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _RGB: 3}
+_MOST_EXTRA = 4  # samples beside the colours: memory is asked for before they are decoded
+_PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples
+_TYPES = (np.uint8, np.uint16, np.float16, np.float32, np.float64)
+_ICC_PROFILE, _ORIENTATION, _UNIT, _DENSITIES = 34675, 274, 296, (282, 283)  # tags
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """The first page of a TIFF, as stored: color (h, w, 1 or 3), alpha (h, w); pages in all."""
+
+    color: NDArray[Any]
+    alpha: NDArray[Any] | None
+    profile: bytes | None
+    tags: Tags
+    pages: int
+
+
+def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
+    """The first page of a TIFF; InputError for one that cannot be read or has too many pixels."""
+    import tifffile  # 0.1 s, for few files
+
+    file.seek(0)
+    try:
+        with tifffile.TiffFile(file, name=name) as tiff:  # whose own may be a number
+            if not len(tiff.pages):
+                raise broken(name, ValueError("it has no page"))
+            page: Any = tiff.pages[0]
+            check_size((page.imagewidth, page.imagelength), name, max_pixels)
+            channels = _CHANNELS.get(int(page.photometric))
+            extra = page.samplesperpixel - (channels or 0)
+            if (
+                channels is None
+                or not 0 <= extra <= _MOST_EXTRA
+                or page.imagedepth != 1
+                or page.dtype not in map(np.dtype, _TYPES)
+            ):
+                raise InputError(
+                    f"{name} is a TIFF of {page.dtype} samples, {page.samplesperpixel} a pixel, "
+                    f"photometric {int(page.photometric)}; needed are grey or RGB, with or without "
+                    "alpha, of 8 or 16 bits or floating point: save it as such, or as PNG"
+                )
+            samples = _samples_last(page.asarray().reshape(page.shaped))
+            kinds = [int(kind) for kind in page.extrasamples]
+            profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
+            pages = len(tiff.pages)
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # hostile bytes make decoders raise anything
+        raise InputError(
+            f"{name} is a TIFF that cannot be read: {error}; save it without compression, or as PNG"
+        ) from error
+    color, alpha = samples[:, :, :channels], None
+    if int(page.photometric) == _WHITE_IS_ZERO:
+        color = (1 if color.dtype.kind == "f" else np.iinfo(color.dtype).max) - color
+    for k, kind in enumerate(kinds[:extra]):
+        if kind in (_PREMULTIPLIED, _STRAIGHT):
+            alpha = samples[:, :, channels + k]
+            if kind == _PREMULTIPLIED:
+                color = _straight(color, alpha)
+            break
+    return Page(color, alpha, profile if isinstance(profile, bytes) else None, tags, pages)
+
+
+def _tags(page: Any) -> Tags:
+    """Orientation and resolution, whose numbers are pairs of a numerator and a denominator."""
+    pairs = [page.tags.valueof(tag) for tag in _DENSITIES]
+    valid = all(isinstance(p, tuple) and len(p) == 2 and min(p) > 0 for p in pairs)
+    density = (pairs[0][0] / pairs[0][1], pairs[1][0] / pairs[1][1]) if valid else None
+    dpi = dpi_in(density, page.tags.valueof(_UNIT, default=2))
+    return tags_from(page.tags.valueof(_ORIENTATION), dpi, density)
+
+
+def _samples_last(planes: NDArray[Any]) -> NDArray[Any]:
+    """(h, w, samples) of tifffile's (planes, depth 1, h, w, samples)."""
+    return planes[0, 0] if planes.shape[0] == 1 else np.moveaxis(planes[:, 0, :, :, 0], 0, -1)
+
+
+def _straight(color: NDArray[Any], alpha: NDArray[Any]) -> NDArray[Any]:
+    """Colour with alpha divided out, of the same type; 0 where nothing shows."""
+    top = 1.0 if color.dtype.kind == "f" else float(np.iinfo(color.dtype).max)
+    shows = alpha[:, :, None] > 0
+    divided = np.divide(
+        color.astype(np.float64) * top, alpha[:, :, None], where=shows, out=np.zeros(color.shape)
+    )
+    if color.dtype.kind == "f":
+        return divided.astype(color.dtype)
+    return np.clip(np.round(divided), 0, top).astype(color.dtype)

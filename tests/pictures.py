@@ -1,0 +1,79 @@
+"""Picture files that no library writes, made by hand."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+# First column, first row, step across and step down of each pass (PNG, third edition, 8.1).
+_ADAM7 = (
+    (0, 0, 8, 8),
+    (4, 0, 8, 8),
+    (0, 4, 4, 8),
+    (2, 0, 4, 4),
+    (0, 2, 2, 4),
+    (1, 0, 2, 2),
+    (0, 1, 1, 2),
+)
+_COLOR_TYPES = {1: 0, 2: 4, 3: 2, 4: 6}  # by channels
+
+
+def encoded(picture: Image.Image, name: str, **options) -> bytes:
+    """The file that Pillow makes of it."""
+    stream = io.BytesIO()
+    picture.save(stream, name, **options)
+    return stream.getvalue()
+
+
+def chunk(kind: bytes, data: bytes) -> bytes:
+    """One chunk of a PNG, with its length and checksum."""
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def png(
+    samples: NDArray,
+    *chunks: bytes,
+    bits: int = 8,
+    interlaced: bool = False,
+    kind: int | None = None,
+) -> bytes:
+    """A PNG of (h, w, 1..4) samples of so many bits, with more chunks before its pixels.
+
+    kind  of its colours, None: by the number of channels
+    """
+    height, width, channels = samples.shape
+    passes = _ADAM7 if interlaced else ((0, 0, 1, 1),)
+    rows = b""
+    for x, y, across, down in passes:
+        part = samples[y::down, x::across]
+        if part.size:
+            rows += b"".join(b"\0" + _packed(row, bits) for row in part)
+    color_type = _COLOR_TYPES[channels] if kind is None else kind
+    head = struct.pack(">IIBBBBB", width, height, bits, color_type, 0, 0, int(interlaced))
+    return b"".join(
+        (
+            b"\x89PNG\r\n\x1a\n",
+            chunk(b"IHDR", head),
+            *chunks,
+            chunk(b"IDAT", zlib.compress(rows)),
+            chunk(b"IEND", b""),
+        )
+    )
+
+
+def _packed(row: NDArray, bits: int) -> bytes:
+    """A row (w, channels), highest bits first, filled up to whole bytes."""
+    if bits == 16:
+        return row.astype(">u2").tobytes()
+    digits = np.unpackbits(row.astype(np.uint8).reshape(-1, 1), axis=1)[:, 8 - bits :]
+    return np.packbits(digits.reshape(-1)).tobytes()
+
+
+def srgb_curve(light: NDArray) -> NDArray:
+    """Values of linear light by IEC 61966-2-1, written once more for the tests."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)

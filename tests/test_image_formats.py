@@ -1,0 +1,299 @@
+"""What each format can hold arrives as it was stored."""
+
+import io
+import struct
+
+import numpy as np
+import pytest
+import tifffile
+from pictures import chunk, encoded, png
+from PIL import Image, features
+
+from gauss2svg import vectorize
+from gauss2svg.image import load_image
+
+RNG = np.random.default_rng(0)
+BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
+WIDE = RNG.integers(0, 65536, (11, 13, 4), dtype=np.uint16)
+SMOOTH = np.uint8(np.mgrid[:24, :40].sum(0)[:, :, None] * [3, 2, 1] + [20, 60, 100])
+
+
+def tiff(array, **options) -> bytes:
+    stream = io.BytesIO()
+    tifffile.imwrite(stream, array, **options)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("name", ["PNG", "BMP", "TIFF", "GIF", "WEBP"])
+def test_lossless_formats_give_what_was_stored(name):
+    options = {"lossless": True} if name == "WEBP" else {}
+    few = BYTES // 64 * 64  # colours that a GIF's palette holds
+    photo = load_image(encoded(Image.fromarray(few), name, **options))
+    np.testing.assert_allclose(photo.pixels, few / 255, atol=1e-7)
+    assert photo.alpha is None
+    assert photo.notes == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("JPEG", {"quality": 95}),
+        ("JPEG", {"quality": 95, "progressive": True}),
+        ("WEBP", {"quality": 95}),
+        ("AVIF", {"quality": 95}),
+    ],
+)
+def test_lossy_formats_are_near_it(name, options):
+    if name == "AVIF" and not features.check("avif"):
+        pytest.skip("this build of Pillow has no AVIF")
+    pixels = load_image(encoded(Image.fromarray(SMOOTH), name, **options)).pixels
+    assert np.abs(pixels - SMOOTH / 255).max() < 10 / 255
+
+
+@pytest.mark.parametrize("side", [(1, 1), (1, 5000), (5000, 1), (2, 2), (3, 3)])
+@pytest.mark.parametrize("name", ["JPEG", "PNG", "WEBP", "TIFF", "GIF", "BMP"])
+def test_smallest_and_thinnest_pictures_are_read(name, side):
+    photo = load_image(encoded(Image.new("RGB", side, (255, 255, 255)), name))
+    assert (photo.width, photo.height) == side
+    assert (photo.pixels == 1).all()
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
+@pytest.mark.parametrize("interlaced", [False, True])
+@pytest.mark.parametrize("bits", [8, 16])
+def test_png_keeps_every_bit(channels, interlaced, bits):
+    samples = WIDE[:, :, :channels] >> (16 - bits)
+    photo = load_image(png(samples, bits=bits, interlaced=interlaced))
+    alpha = samples[:, :, -1] / (2**bits - 1) if channels in (2, 4) else np.ones((11, 13))
+    color = samples[:, :, : 3 if channels > 2 else 1] / (2**bits - 1)
+    np.testing.assert_allclose(
+        photo.pixels, color * np.ones(3) * (alpha > 0)[:, :, None], atol=1e-7
+    )
+    np.testing.assert_allclose(1 if photo.alpha is None else photo.alpha, alpha, atol=1e-7)
+
+
+@pytest.mark.parametrize("bits", [1, 2, 4])
+@pytest.mark.parametrize("interlaced", [False, True])
+def test_few_bits_of_grey_spread_over_the_range_and_one_may_be_clear(bits, interlaced):
+    samples = WIDE[:, :, :1] >> (16 - bits)
+    clear = chunk(b"tRNS", b"\0\1")
+    photo = load_image(png(samples, clear, bits=bits, interlaced=interlaced))
+    shows = samples[:, :, 0] != 1
+    assert photo.alpha is not None
+    assert (photo.alpha == shows).all()
+    np.testing.assert_allclose(
+        photo.pixels[shows], (samples / (2**bits - 1) * np.ones(3))[shows], atol=1e-7
+    )
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_one_colour_of_a_png_may_be_clear(channels, bits):
+    samples = WIDE[:, :, :channels] >> (16 - bits)
+    clear = chunk(b"tRNS", samples[2, 3].astype(">u2").tobytes())
+    photo = load_image(png(samples, clear, bits=bits))
+    assert photo.alpha is not None
+    assert (photo.alpha == (samples != samples[2, 3]).any(axis=2)).all()
+    assert photo.alpha[2, 3] == 0
+
+
+def test_palette_has_colours_and_an_alpha_for_each():
+    entries = RNG.integers(0, 256, (4, 3), dtype=np.uint8)
+    indices = RNG.integers(0, 4, (5, 7, 1))
+    alphas = np.uint8([255, 128, 7, 200])
+    file = png(
+        indices, chunk(b"PLTE", entries.tobytes()), chunk(b"tRNS", alphas.tobytes()), bits=2, kind=3
+    )
+    photo = load_image(file)
+    np.testing.assert_allclose(photo.pixels, entries[indices[:, :, 0]] / 255, atol=1e-7)
+    np.testing.assert_allclose(photo.alpha, alphas[indices[:, :, 0]] / 255, atol=1e-7)
+
+
+def test_gif_has_one_clear_colour():
+    picture = Image.fromarray(np.uint8([[0, 1], [1, 0]])).convert("P")
+    picture.putpalette([10, 20, 30, 200, 100, 50])
+    photo = load_image(encoded(picture, "GIF", transparency=0))
+    np.testing.assert_array_equal(photo.alpha, [[0, 1], [1, 0]])
+    np.testing.assert_allclose(photo.pixels[0, 1] * 255, [200, 100, 50], atol=1e-4)
+
+
+# Where the corners of the stored rows are seen (EXIF 2.32, 4.6.4, tag 274).
+STORED = np.uint8([[10, 20, 30], [40, 50, 60]])
+SEEN = {
+    1: [[10, 20, 30], [40, 50, 60]],
+    2: [[30, 20, 10], [60, 50, 40]],
+    3: [[60, 50, 40], [30, 20, 10]],
+    4: [[40, 50, 60], [10, 20, 30]],
+    5: [[10, 40], [20, 50], [30, 60]],
+    6: [[40, 10], [50, 20], [60, 30]],
+    7: [[60, 30], [50, 20], [40, 10]],
+    8: [[30, 60], [20, 50], [10, 40]],
+}
+
+
+@pytest.mark.parametrize("orientation", SEEN)
+@pytest.mark.parametrize("name", ["JPEG", "PNG", "WEBP", "TIFF"])
+def test_picture_is_turned_as_its_orientation_says(name, orientation):
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    blocks = np.kron(STORED, np.ones((16, 16), np.uint8))  # so that JPEG keeps them
+    options = {"lossless": True} if name == "WEBP" else {}
+    photo = load_image(encoded(Image.fromarray(blocks), name, exif=exif, **options))
+    seen = np.round(photo.pixels[8::16, 8::16, 0] * 255)
+    np.testing.assert_allclose(seen, SEEN[orientation], atol=1)
+    assert ("turned as its EXIF orientation says" in photo.notes) == (orientation != 1)
+
+
+def exif_of(kind: int, count: int, value: bytes) -> bytes:
+    """EXIF data with an orientation of any type."""
+    entry = struct.pack("<HHI4s", 0x0112, kind, count, value)
+    return b"Exif\0\0II*\0\x08\0\0\0\x01\0" + entry + bytes(4)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    ("kind", "count", "value"),
+    [
+        (3, 1, b"\0\0"),
+        (3, 1, b"\x09\0"),
+        (3, 1, b"\xff\xff"),
+        (2, 2, b"6\0"),
+        (5, 1, b"\xff\0\0\0"),
+        (12, 1, b"\xff\xff\xff\xff"),
+        (7, 1, b"\x06"),
+        (3, 9999, b"\x06\0"),
+        (99, 1, b"\x06\0"),
+    ],
+)
+@pytest.mark.parametrize("name", ["JPEG", "PNG", "WEBP"])
+def test_orientation_that_is_none_turns_nothing(name, kind, count, value):
+    picture = Image.fromarray(np.kron(STORED, np.ones((16, 16), np.uint8)))
+    options = {"lossless": True} if name == "WEBP" else {}
+    photo = load_image(encoded(picture, name, exif=exif_of(kind, count, value), **options))
+    np.testing.assert_allclose(photo.pixels[8::16, 8::16, 0] * 255, STORED, atol=1)
+
+
+def test_orientation_turns_sixteen_bits_and_floats_as_well():
+    turned = {"extratags": [(274, "H", 1, 6, True)]}
+    for array in (WIDE[:, :, :3].copy(), WIDE[:, :, 0].copy(), np.float32(WIDE[:, :, :3] / 65535)):
+        stored = array if array.ndim == 3 else array[:, :, None]
+        top = 1 if array.dtype.kind == "f" else 65535
+        photo = load_image(tiff(array, photometric="rgb" if array.ndim == 3 else None, **turned))
+        np.testing.assert_allclose(photo.pixels, np.rot90(stored, -1) / top * np.ones(3), atol=1e-6)
+
+
+@pytest.mark.parametrize("data", [b"II*\0\x08\0\0\0\xff", b"nonsense", b"MM\0*\xff\xff\xff\xff"])
+def test_broken_exif_is_noted_not_fatal(data):
+    photo = load_image(encoded(Image.fromarray(STORED), "PNG", exif=b"Exif\0\0" + data))
+    np.testing.assert_allclose(photo.pixels[:, :, 0] * 255, STORED, atol=1e-4)
+    assert photo.notes == ("EXIF data broken, left out",)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("compression", [None, "zlib"])
+@pytest.mark.parametrize("channels", [3, 4])
+def test_tiff_keeps_sixteen_bits_of_colours(channels, compression, order):
+    array = WIDE[:, :, :channels].copy()
+    options = {"extrasamples": ["unassalpha"]} if channels == 4 else {}
+    file = tiff(array, photometric="rgb", compression=compression, byteorder=order, **options)
+    photo = load_image(file)
+    np.testing.assert_allclose(photo.pixels, array[:, :, :3] / 65535, atol=1e-7)
+    if channels == 4:
+        np.testing.assert_allclose(photo.alpha, array[:, :, 3] / 65535, atol=1e-7)
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_tiff_in_floating_point_is_taken_as_it_is(channels, kind, compression):
+    array = RNG.random((5, 7, channels)).astype(kind)
+    squeezed = array[:, :, 0] if channels == 1 else array
+    photometric = "minisblack" if channels == 1 else "rgb"
+    photo = load_image(tiff(squeezed, photometric=photometric, compression=compression))
+    np.testing.assert_allclose(photo.pixels, np.float32(array) * np.ones(3, np.float32), atol=1e-7)
+
+
+@pytest.mark.parametrize("planar", ["contig", "separate"])
+def test_tiff_of_float_rgba_has_its_alpha(planar):
+    array = RNG.uniform(0.1, 1, (5, 7, 4)).astype(np.float32)
+    stored = np.moveaxis(array, 2, 0) if planar == "separate" else array
+    options = {"photometric": "rgb", "planarconfig": planar, "extrasamples": ["unassalpha"]}
+    photo = load_image(tiff(np.ascontiguousarray(stored), **options))
+    np.testing.assert_allclose(photo.pixels, array[:, :, :3], atol=1e-7)
+    np.testing.assert_allclose(photo.alpha, array[:, :, 3], atol=1e-7)
+    premultiplied = array.copy()
+    premultiplied[:, :, :3] *= array[:, :, 3:]
+    photo = load_image(tiff(premultiplied, photometric="rgb", extrasamples=["assocalpha"]))
+    np.testing.assert_allclose(photo.pixels, array[:, :, :3], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
+def test_tiff_whose_white_is_zero_is_turned_over(kind):
+    top = 1 if kind is np.float32 else np.iinfo(kind).max
+    levels = (RNG.random((5, 7)) * top).astype(kind)
+    photo = load_image(tiff(levels, photometric="miniswhite"))
+    np.testing.assert_allclose(photo.pixels[:, :, 0], 1 - levels / top, atol=1e-6)
+
+
+def test_bilevel_is_black_and_white():
+    bits = RNG.random((5, 11)) < 0.5
+    for name in ("PNG", "TIFF", "BMP"):
+        photo = load_image(encoded(Image.fromarray(bits), name))
+        assert (photo.pixels == bits[:, :, None]).all()
+
+
+@pytest.mark.parametrize("name", ["TIFF", "GIF", "WEBP", "PNG", "AVIF", "MPO"])
+def test_first_of_several_frames_is_taken_and_noted(name):
+    if name == "AVIF" and not features.check("avif"):
+        pytest.skip("this build of Pillow has no AVIF")
+    frames = [Image.new("RGB", (16, 16), (level, level, level)) for level in (200, 100, 0)]
+    file = encoded(frames[0], name, save_all=True, append_images=frames[1:])
+    photo = load_image(file)
+    assert np.abs(photo.pixels * 255 - 200).max() < 2
+    what = "pages" if name == "TIFF" else "frames"
+    assert f"first of 3 {what}" in photo.notes
+
+
+def test_float_tiff_of_several_pages_is_noted_too():
+    stack = RNG.random((2, 5, 7, 3)).astype(np.float32)
+    photo = load_image(tiff(stack, photometric="rgb"))
+    np.testing.assert_allclose(photo.pixels, stack[0], atol=1e-7)
+    assert "first of 2 pages" in photo.notes
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("PNG", {"dpi": (300, 150)}),
+        ("TIFF", {"dpi": (300, 150)}),
+        ("JPEG", {"dpi": (300, 150)}),
+    ],
+)
+def test_pixels_that_are_not_square_stay_and_are_noted(name, options):
+    photo = load_image(encoded(Image.fromarray(BYTES), name, **options))
+    assert (photo.width, photo.height) == (9, 6)
+    assert any(note.startswith("pixels are 0.5 times as wide as high") for note in photo.notes)
+    square = load_image(encoded(Image.fromarray(BYTES), name, dpi=(300, 300)))
+    assert square.notes == ()
+
+
+def test_proportions_of_pixels_in_no_unit_are_noted():
+    aspect = chunk(b"pHYs", b"\0\0\0\2\0\0\0\1\0")
+    photo = load_image(png(BYTES, aspect))
+    assert any(note.startswith("pixels are 0.5 times as wide") for note in photo.notes)
+    assert photo.dpi is None
+    jpeg = bytearray(encoded(Image.fromarray(BYTES), "JPEG"))
+    place = jpeg.index(b"JFIF") + 7
+    jpeg[place : place + 5] = b"\0\0\1\0\3"
+    notes = load_image(bytes(jpeg)).notes
+    assert any(note.startswith("pixels are 3 times as wide") for note in notes)
+
+
+def test_nothing_of_the_file_reaches_the_svg(tmp_path):
+    words = b"</svg><script>alert(1)</script>&\x1b[31m"
+    text = b"".join(chunk(b"tEXt", key + b"\0" + words) for key in (b"Title", b"Description"))
+    path = tmp_path / "<script>&'\".png"
+    path.write_bytes(png(BYTES, text))
+    result = vectorize(path, gaussians=3, iterations=2)
+    assert "script" not in result.svg
+    assert "script" not in repr(result.report)

@@ -1,0 +1,317 @@
+"""Whatever is no photo, or broken, or too large, is one line and exit status 2."""
+
+import io
+import os
+import struct
+import subprocess
+import zlib
+
+import numpy as np
+import pytest
+import tifffile
+from pictures import chunk, encoded, png
+from PIL import Image, features
+
+from gauss2svg import vectorize
+from gauss2svg.cli import main
+from gauss2svg.errors import InputError
+from gauss2svg.image import DEFAULT_MAX_PIXELS, MOST_PIXELS, Photo, load_image
+from gauss2svg.photo.files import FORMATS
+
+RNG = np.random.default_rng(0)
+BYTES = RNG.integers(0, 256, (12, 19, 3), dtype=np.uint8)
+NAMES = [name for name in FORMATS if name != "AVIF" or features.check("avif")]
+
+
+def bmp_of(width: int, height: int) -> bytes:
+    return b"BM" + struct.pack("<IHHIIiiHHIIiiII", 54, 0, 0, 54, 40, width, height, 1, 24, *[0] * 6)
+
+
+def tiff_of(*entries: tuple[int, int, int]) -> bytes:
+    """A TIFF of one directory of numbers."""
+    tags = b"".join(struct.pack("<HHII", tag, kind, 1, value) for tag, kind, value in entries)
+    return b"II*\0\x08\0\0\0" + struct.pack("<H", len(entries)) + tags + bytes(4)
+
+
+def float_tiff(array) -> bytes:
+    stream = io.BytesIO()
+    tifffile.imwrite(stream, array, photometric="rgb" if array.ndim == 3 else "minisblack")
+    return stream.getvalue()
+
+
+def png_head(width: int, height: int) -> bytes:
+    head = chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0))
+    return b"\x89PNG\r\n\x1a\n" + head + chunk(b"IDAT", b"") + chunk(b"IEND", b"")
+
+
+def gif_head(width: int, height: int) -> bytes:
+    frame = b"," + struct.pack("<HHHHB", 0, 0, width, height, 0) + b"\x08\x01\0\0;"
+    return b"GIF89a" + struct.pack("<HHBBB", width, height, 0x80, 0, 0) + bytes(6) + frame
+
+
+def webp_head(width: int, height: int) -> bytes:
+    sides = b"".join((side - 1).to_bytes(3, "little") for side in (width, height))
+    chunks = b"VP8X" + struct.pack("<I", 10) + bytes(4) + sides
+    return b"RIFF" + struct.pack("<I", 4 + len(chunks)) + b"WEBP" + chunks
+
+
+def jpeg_head(width: int, height: int) -> bytes:
+    file = bytearray(encoded(Image.new("L", (8, 8)), "JPEG"))
+    place = file.index(b"\xff\xc0") + 5
+    file[place : place + 4] = struct.pack(">HH", height, width)
+    return bytes(file)
+
+
+BOMBS = {
+    "PNG": png_head(50000, 40000),
+    "BMP": bmp_of(50000, 40000),
+    "GIF": gif_head(50000, 40000),
+    "JPEG": jpeg_head(50000, 40000),
+    "TIFF": tiff_of((256, 4, 50000), (257, 4, 40000), (258, 3, 8), (262, 3, 1), (273, 4, 8)),
+    "float TIFF": tiff_of(
+        (256, 4, 50000), (257, 4, 40000), (258, 3, 32), (262, 3, 2), (273, 4, 8), (277, 3, 3),
+        (278, 4, 40000), (279, 4, 8), (339, 3, 3),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_bomb_is_refused_before_it_is_decoded(name, tmp_path, capsys):
+    path = tmp_path / "bomb"
+    path.write_bytes(BOMBS[name])
+    assert main([str(path), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert "2000000000" in line
+    assert f"at most {DEFAULT_MAX_PIXELS} (--max-pixels)" in line
+    assert line.endswith("(--max-pixels): shrink it\n")  # no limit is so high
+
+
+def test_animated_bomb_is_refused_as_well():
+    with pytest.raises(InputError, match=r"too large to decode|broken"):
+        load_image(webp_head(16000, 16000))
+    frames = [Image.new("RGB", (40, 30), (level, 0, 0)) for level in (200, 100)]
+    for name in ("GIF", "WEBP", "PNG", "TIFF"):
+        file = encoded(frames[0], name, save_all=True, append_images=frames[1:])
+        assert load_image(file, max_pixels=1200).width == 40
+        with pytest.raises(InputError, match="40x30 px, 1200; needed are at most 1199"):
+            load_image(file, max_pixels=1199)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_limit_of_pixels_holds_for_every_format(name):
+    file = encoded(Image.fromarray(BYTES), name)
+    assert load_image(file, max_pixels=228).height == 12
+    with pytest.raises(InputError, match=r"19x12 px, 228; needed are at most 227 \(--max-pixels\)"):
+        load_image(file, max_pixels=227)
+
+
+def test_limit_of_pixels_is_heeded_by_both_commands(tmp_path, capsys):
+    path, svg = tmp_path / "photo.png", tmp_path / "o.svg"
+    path.write_bytes(encoded(Image.fromarray(BYTES), "PNG"))
+    result = vectorize(path, gaussians=2, iterations=1, max_pixels=228)
+    result.save(svg)
+    before = svg.read_bytes()
+    few = ["--quiet", "--max-pixels", "227"]
+    advice = f"raise --max-pixels, up to {MOST_PIXELS}"
+    assert main([str(path), "-o", str(svg), *few]) == 2
+    assert main(["check", str(path), str(svg), *few]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == lines[1]
+    assert advice in lines[0]
+    assert "19x12 px, 228; needed are at most 227 (--max-pixels)" in lines[0]
+    assert svg.read_bytes() == before
+    assert main(["check", str(path), str(svg), "--quiet", "--max-pixels", "228"]) == 0
+    for command in (["--help"], ["check", "--help"]):
+        assert main(command) == 0
+        assert f"{DEFAULT_MAX_PIXELS}" in capsys.readouterr().out
+
+
+def test_limit_of_the_process_is_left_alone_and_changes_nothing(monkeypatch):
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 20)
+    result = vectorize(encoded(Image.fromarray(BYTES), "PNG"), gaussians=2, iterations=1)
+    assert result.raster.shape == (12, 19, 3)
+    assert Image.MAX_IMAGE_PIXELS == 20
+    for name in ("WEBP", "TIFF", "GIF"):  # whose plugins of Pillow look by themselves
+        photo = photo_or_refusal(encoded(Image.fromarray(BYTES), name))
+        assert isinstance(photo, Photo) or "MAX_IMAGE_PIXELS of this process" in str(photo)
+
+
+@pytest.mark.parametrize("kind", [b"iCCP", b"zTXt", b"iTXt"])
+def test_chunk_that_unpacks_to_too_much_is_one_line(kind):
+    packed = zlib.compress(bytes(50_000_000), 9)
+    head = b"x\0\1\0\0\0" if kind == b"iTXt" else b"x\0\0"
+    with pytest.raises(InputError, match="unpack to more than"):
+        load_image(png(BYTES, chunk(kind, head + packed)))
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"", "is empty, no picture that can be read; needed is one of JPEG, PNG"),
+        (b"hello, this is a text", "is no picture that can be read"),
+        (b'<svg xmlns="http://www.w3.org/2000/svg"/>', "is an SVG or other XML, no picture"),
+        (b'<?xml version="1.0"?><svg/>', "is an SVG or other XML, no picture"),
+        (b"<!DOCTYPE html><html></html>", "is a web page, no picture"),
+        (b"%PDF-1.7\n", "is a PDF, no picture"),
+        (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "is PostScript, no picture"),
+        (b"8BPS\0\1" + bytes(20), "is a Photoshop file, no picture"),
+        (b"\0\0\0\x18ftypheic" + bytes(20), "is HEIC, no picture"),
+        (b"\0\0\0\x0cjP  \r\n\x87\n", "is JPEG 2000, no picture"),
+        (b"\x1f\x8b\x08" + bytes(20), "is gzipped, no picture"),
+        (b"P6 2 2 255\n" + bytes(12), "is a Netpbm file, no picture"),
+        (b"\0\0\1\0\1\0" + bytes(20), "is an icon, no picture"),
+        (b"\x89PNG\r\n\x1a\n", "is broken"),
+        (b"\xff\xd8\xff\xe0", "is broken"),
+        (b"RIFF\0\0\0\0WEBPVP8 ", "is broken"),
+        (b"II*\0\x08\0\0\0", "is broken or cut off: it has no page"),
+        (b"II*\0\x10\0\0\0CR\2\0" + bytes(20), "is a camera's raw file"),
+        (tiff_of((254, 4, 1), (256, 3, 2), (257, 3, 2), (258, 3, 8), (262, 3, 1), (273, 4, 8)),
+         "is a camera's raw file, or begins with a preview"),
+        (png(np.zeros((0, 4, 3), np.uint8)), "its header gives no size"),
+        (float_tiff(np.float32([[0, 1.5]])), "is 1.5 at row 0, column 1, channel 0"),
+        (float_tiff(np.full((2, 3, 3), np.nan, np.float32)), "is nan at row 0, column 0"),
+        (float_tiff(np.int32([[-5, 7]])), "grey levels -5..7"),
+        (float_tiff(np.zeros((4, 4), np.complex64)), "is a TIFF of complex64 samples"),
+    ],
+)  # fmt: skip
+def test_what_is_no_photo_is_told_by_its_name(data, message, tmp_path, capsys):
+    path = tmp_path / "x.jpg"
+    path.write_bytes(data)
+    assert main([str(path), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert message in err
+    assert sorted(tmp_path.iterdir()) == [path]
+
+
+def test_places_that_are_no_files_are_refused_unread(tmp_path, capsys):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    places = {
+        tmp_path / "no.jpg": "No such file",
+        tmp_path: "it is a folder",
+        pipe: "it is a pipe or a device",
+        "/dev/zero": "it is a pipe or a device",
+        tmp_path / "no.jpg" / "x": "No such file",
+    }
+    with pytest.raises(InputError, match="embedded null byte"):
+        load_image("a\0b.png")
+    for place, message in places.items():
+        assert main([str(place), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
+        err = capsys.readouterr().err
+        assert message in err
+        assert err.count("\n") == 1
+
+
+def test_no_program_is_started_for_a_photo(tmp_path, monkeypatch):
+    def refuse(*_, **__):
+        raise AssertionError("a program was started")
+
+    monkeypatch.setattr(subprocess, "Popen", refuse)
+    monkeypatch.setattr(os, "system", refuse)
+    eps = io.BytesIO()
+    Image.fromarray(BYTES).save(eps, "EPS")
+    for data in (eps.getvalue(), b"\xc5\xd0\xd3\xc6" + bytes(40)):
+        with pytest.raises(InputError, match="PostScript"):
+            load_image(data)
+
+
+def photo_or_refusal(data: bytes) -> Photo | InputError:
+    try:
+        return load_image(data, max_pixels=100_000)
+    except InputError as error:
+        return error
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_file_that_is_cut_off_is_refused_or_whole(name):
+    options = {"progressive": True} if name == "JPEG" else {}
+    file = encoded(Image.fromarray(BYTES), name, **options)
+    whole = load_image(file).pixels
+    refused = 0
+    for length in range(len(file)):
+        photo = photo_or_refusal(file[:length])
+        if isinstance(photo, InputError):
+            refused += 1
+        else:
+            np.testing.assert_array_equal(photo.pixels, whole)
+    assert refused > 0.9 * len(file)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("name", [*NAMES, "float TIFF", "16-bit PNG"])
+def test_file_with_wrong_bytes_is_a_photo_or_an_input_error(name):
+    exif = Image.Exif()
+    exif[0x0112], exif[0x011A], exif[0x011B] = 6, 300.0, 150.0
+    if name == "float TIFF":
+        file = float_tiff(np.float32(BYTES / 255))
+    elif name == "16-bit PNG":
+        file = png(BYTES.astype(np.uint16) * 257, chunk(b"gAMA", b"\0\1\2\3"), bits=16)
+    else:
+        options = {} if name in ("GIF", "BMP") else {"exif": exif}
+        file = encoded(Image.fromarray(BYTES), name, **options)
+    rng = np.random.default_rng(1)
+    for _ in range(150):
+        wrong = bytearray(file)
+        for place in rng.integers(0, min(len(file), 400), rng.integers(1, 6)):
+            wrong[place] = rng.integers(0, 256)
+        photo = photo_or_refusal(bytes(wrong))
+        if not isinstance(photo, InputError):
+            assert 0 <= photo.pixels.min() <= photo.pixels.max() <= 1
+
+
+@pytest.mark.parametrize("compression", ["tiff_lzw", "tiff_adobe_deflate"])
+def test_libraries_add_no_lines_to_ours(compression, tmp_path, capfd):
+    file = bytearray(encoded(Image.fromarray(BYTES), "TIFF", compression=compression))
+    file[8:300] = RNG.integers(0, 256, 292, dtype=np.uint8).tobytes()
+    path = tmp_path / "x.tif"
+    path.write_bytes(file)
+    assert main([str(path), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
+    assert capfd.readouterr().err.count("\n") == 1
+
+
+def test_name_cannot_steer_the_terminal(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a\nb\x1b[31m.png", "a\u202egnp.x", "\x9b2J", "bad\udcff.png"):
+        assert main([name, "-o", "o.svg", "--quiet"]) == 2
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1
+        assert err.removesuffix("\n").isprintable()
+    assert "cannot read bad\\udcff.png" in err
+
+
+def test_text_of_the_file_cannot_steer_the_terminal(tmp_path, capsys):
+    path = tmp_path / "x.png"
+    path.write_bytes(png(BYTES, chunk(b"\x1b[3m", b"\x1b[31m")))
+    assert main([str(path), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
+    assert capsys.readouterr().err.removesuffix("\n").isprintable()
+
+
+def test_label_image_is_read_with_the_same_care(tmp_path):
+    photo = np.zeros((12, 19, 3), np.uint8)
+    labels = tmp_path / "labels.png"
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path, data, message in (
+        (labels, BOMBS["PNG"], "too large to decode"),
+        (labels, encoded(Image.fromarray(BYTES), "PNG")[:80], "broken"),
+        (labels, b"%!PS-Adobe-3.0 EPSF-3.0\n", "PostScript"),
+        (pipe, None, "it is a pipe"),
+    ):
+        if data is not None:
+            path.write_bytes(data)
+        with pytest.raises(InputError, match=message):
+            vectorize(photo, gaussians=2, iterations=1, segments=path)
+
+
+def test_label_image_is_turned_as_its_orientation_says(tmp_path):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    for name in ("PNG", "TIFF"):
+        path = tmp_path / f"labels.{name.lower()}"
+        stored = np.uint8([[1, 2, 3], [4, 5, 6]])
+        path.write_bytes(encoded(Image.fromarray(stored), name, exif=exif))
+        result = vectorize(np.zeros((3, 2, 3), np.uint8), gaussians=1, iterations=1, segments=path)
+        np.testing.assert_array_equal(result.page.segments, np.rot90(stored, -1))

@@ -1,0 +1,287 @@
+"""Pictures with alpha: how pages show them, how they are rendered, fitted and kept in scenes."""
+
+import io
+
+import numpy as np
+import pytest
+from conftest import random_scene, random_sum
+
+from gauss2svg.alpha import PAGES, from_views, matte_color, over, shrunk, straight
+from gauss2svg.errors import InputError, SceneError
+from gauss2svg.fit import FitOptions, fit
+from gauss2svg.fit.adam import gradients
+from gauss2svg.fit.blending import blending
+from gauss2svg.fit.losses import LOSSES
+from gauss2svg.fit.placement import PLACEMENTS, place
+from gauss2svg.fit.target import target_of
+from gauss2svg.render import render, render_rgba
+from gauss2svg.render.cpu import splats_of
+from gauss2svg.render.reference import render_reference
+from gauss2svg.scene import Scene
+from gauss2svg.svg import read_svg, write_svg
+
+FIELDS = ("mean", "sigma", "rho", "color", "opacity", "beta", "background", "round_index")
+
+
+def clear_scene(count=12, seed=0, **options):
+    """A random scene that is transparent."""
+    scene = random_scene(count, seed=seed, **options)
+    return scene.replace(transparent=True, background=np.ones(3))
+
+
+def with_alpha(photo, shape="disc"):
+    """A photo (h, w, 3) with an alpha that takes all values, 0 and 1 among them."""
+    height, width = photo.shape[:2]
+    y, x = np.mgrid[:height, :width]
+    if shape == "ramp":
+        alpha = x / (width - 1)
+    else:
+        alpha = np.clip((0.42 * width - np.hypot(x - width / 2, y - height / 2)) / 3, 0, 1)
+    return np.dstack([photo, alpha]).astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def small(photo):
+    """48 px of a face, cut out by a disc."""
+    return with_alpha(shrunk(photo, 48, 48))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_page_shows_is_the_colour_and_the_page_that_shines_through(seed):
+    scene, page = clear_scene(seed=seed), np.random.default_rng(seed).random(3)
+    rgba = render_rgba(scene, dtype=np.float64)
+    color, alpha = rgba[:, :, :3], rgba[:, :, 3:]
+    shown = render(scene.replace(background=page), dtype=np.float64)
+    np.testing.assert_allclose(shown, color * alpha + (1 - alpha) * page, atol=1e-6)
+
+
+def test_alpha_is_what_the_oracle_covers():
+    scene = clear_scene(seed=4)
+    white, black = (
+        render_reference(scene.replace(background=np.full(3, page))).numpy() for page in PAGES
+    )
+    expected = from_views(white, black)
+    rgba = render_rgba(scene, dtype=np.float64)
+    np.testing.assert_allclose(rgba[:, :, 3], expected[:, :, 3], atol=1e-6)
+    np.testing.assert_allclose(over(rgba, 0.0), black, atol=1e-6)
+    assert 0.05 < rgba[:, :, 3].mean() < 0.95
+
+
+def test_opaque_scene_has_an_alpha_of_one():
+    scene = random_scene(5)
+    rgba = render_rgba(scene)
+    assert (rgba[:, :, 3] == 1).all()
+    np.testing.assert_allclose(rgba[:, :, :3], render(scene), atol=1e-6)
+
+
+def test_two_pages_say_all_of_a_picture():
+    rng = np.random.default_rng(0)
+    alpha = rng.choice([0.0, 0.25, 1.0], (9, 7))
+    rgba = straight(alpha[:, :, None] * rng.random((9, 7, 3)), alpha)
+    np.testing.assert_allclose(from_views(over(rgba, 1.0), over(rgba, 0.0)), rgba, atol=1e-6)
+
+
+def oracle_loss(scene, rgba, weight):
+    """Half the weighted squared error of a scene over white and over black, by the reference."""
+    total = 0.0
+    for page in PAGES:
+        shown = render_reference(scene.replace(background=np.full(3, page))).numpy()
+        alpha = rgba[:, :, 3:].astype(np.float64)
+        wanted = rgba[:, :, :3] * alpha + (1 - alpha) * page
+        total += 0.5 * float(np.sum(weight[:, :, None] * np.square(shown - wanted)))
+    return total
+
+
+def changed(scene, name, at, step):
+    values = getattr(scene, name).copy()
+    values[at] += step
+    return scene.replace(**{name: values})
+
+
+def test_gradient_over_both_pages_is_that_of_the_oracle(small):
+    rgba = shrunk(small, 30, 40)
+    scene = clear_scene(8, seed=3, beta=(1.0, 4.0))
+    scene = scene.replace(opacity=0.2 + 0.6 * scene.opacity, color=0.1 + 0.8 * scene.color)
+    target = target_of(rgba, np.float64, flat_weight=4.0)
+    judged = target.judged(splats_of(scene), "mse", None)
+    gradient = gradients(judged.moments, scene.opacity, scene.betas)
+    by_mean = np.linalg.solve(np.swapaxes(scene.factor, 1, 2), gradient[:, :2, None])[:, :, 0]
+    by_opacity = gradient[:, 5] / (scene.opacity * (1 - scene.opacity))
+    step = 1e-5
+    for i in range(len(scene)):
+        checks = [("opacity", i, by_opacity[i])]
+        checks += [("color", (i, c), gradient[i, 6 + c]) for c in range(3)]
+        checks += [("mean", (i, k), by_mean[i, k]) for k in range(2)]
+        for name, at, told in checks:
+            losses = (
+                oracle_loss(changed(scene, name, at, d), rgba, target.weight) for d in (step, -step)
+            )
+            found = np.subtract(*losses) / (2 * step)
+            assert told == pytest.approx(found, rel=2e-3, abs=2e-4), (name, at)
+
+
+@pytest.mark.parametrize("loss", LOSSES[1:])
+def test_gradients_of_other_losses_look_over_both_pages(small, loss):
+    target = target_of(shrunk(small, 24, 24), np.float64)
+    splats = splats_of(clear_scene(5, seed=1, width=24, height=24))
+    judged = target.judged(splats, loss, 0.5)
+    step = 1e-6
+    for i in range(5):
+        for c in range(3):
+            losses = []
+            for d in (step, -step):
+                paint = splats.paint.copy()
+                paint[i, 1 + c] += d
+                losses.append(target.judged(splats._replace(paint=paint), loss, 0.5).loss)
+            found = (losses[0] - losses[1]) / (2 * step)
+            assert judged.moments[i, 6 + c] == pytest.approx(found, rel=1e-3, abs=1e-3)
+
+
+def test_removal_costs_what_the_error_over_both_pages_grows_by(small):
+    target = target_of(small, np.float64)
+    scene = clear_scene(9, seed=2, width=48, height=48)
+    splats = splats_of(scene)
+    before = target.squares(splats)[0]
+    rendered, cost = target.removal_cost(splats)
+    assert before == pytest.approx(np.square(rendered - target.planar).sum(), rel=1e-9)
+    for i in range(9):
+        without = target.squares(splats_of(scene.select(np.arange(9) != i)))[0]
+        assert cost[i, 0] == pytest.approx(without - before, abs=1e-6)
+
+
+@pytest.mark.parametrize("placement", PLACEMENTS)
+def test_new_gaussians_go_where_the_picture_shows_in_colours_that_show(photo, placement):
+    rgba = np.dstack([np.full((40, 60, 3), [1.0, 0.0, 1.0]), np.zeros((40, 60))])
+    rgba[10:30, 20:40] = [0.0, 0.5, 0.25, 0.6]
+    target = target_of(rgba, np.float32)
+    spot = {"color": [[0, 0, 0]], "opacity": [0.9]}  # paint where there should be none
+    far = Scene(60, 40, mean=[[52, 34]], sigma=[[3, 3]], rho=[0], transparent=True, **spot)
+    rendered = target.rendered(splats_of(far))
+    rng = np.random.default_rng(0)
+    new = place(placement, target, rendered, 30, 30, rng, blending("over"))
+    x, y = new.mean.T
+    assert ((x >= 19) & (x <= 41) & (y >= 9) & (y <= 31)).all()
+    np.testing.assert_allclose(new.color, np.tile([0.0, 0.5, 0.25], (30, 1)), atol=1e-6)
+
+
+def test_gaussian_in_the_hole_of_a_ring_begins_in_the_colour_of_the_ring():
+    y, x = np.mgrid[:31, :31] - 15
+    ring = np.abs(np.hypot(x, y) - 10) < 3
+    rgba = np.where(ring[:, :, None], [0.0, 0.5, 0.25, 1.0], [1.0, 0.0, 1.0, 0.0])
+    target = target_of(rgba, np.float32)
+    blank = target.rendered(splats_of(Scene(31, 31)))
+    new = place("live", target, blank, 1, 1, np.random.default_rng(0), blending("over"))
+    np.testing.assert_allclose(new.mean, [[15.5, 15.5]], atol=0.1)
+    np.testing.assert_allclose(new.color, [[0.0, 0.5, 0.25]], atol=1e-6)
+
+
+def test_colours_that_do_not_show_change_nothing(small):
+    other = small.copy()
+    other[small[:, :, 3] == 0, :3] = [1.0, 0.0, 1.0]
+    options = FitOptions(40, 40)
+    one, same = (fit(pixels, options).scene for pixels in (small, other))
+    for name in FIELDS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(same, name))
+
+
+def test_hidden_colours_do_not_bleed_into_a_smaller_picture(small):
+    other = small.copy()
+    other[small[:, :, 3] == 0, :3] = [1.0, 0.0, 1.0]
+    np.testing.assert_array_equal(shrunk(small, 12, 16), shrunk(other, 12, 16))
+    reduced = shrunk(small, 12, 16)
+    np.testing.assert_allclose(reduced[:, :, 3].mean(), small[:, :, 3].mean(), atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", ["disc", "ramp"])
+def test_fit_comes_near_over_both_pages(photo, shape):
+    rgba = with_alpha(shrunk(photo, 64, 64), shape)
+    scene = fit(rgba, FitOptions(200, 120)).scene
+    assert scene.transparent
+    fitted = render_rgba(scene)
+    for page in PAGES:
+        assert np.mean(np.square(over(fitted, page) - over(rgba, page))) < 10**-2.6
+    assert np.mean(np.square(fitted[:, :, 3] - rgba[:, :, 3])) < 10**-2.9
+
+
+def test_nothing_is_drawn_far_from_what_shows(photo):
+    rgba = with_alpha(shrunk(photo, 64, 64))
+    drawn = render_rgba(fit(rgba, FitOptions(150, 120)).scene)
+    y, x = np.mgrid[:64, :64]
+    far = np.hypot(x - 32, y - 32) > 0.42 * 64 + 5
+    assert drawn[far, 3].mean() < 0.003
+
+
+def test_picture_of_which_nothing_shows_gets_no_gaussian():
+    rgba = np.dstack([np.full((20, 30, 3), 0.7), np.zeros((20, 30))]).astype(np.float32)
+    result = fit(rgba, FitOptions(50, 30))
+    assert len(result.scene) == result.iterations == 0
+    assert result.scene.transparent
+    assert (render_rgba(result.scene) == 0).all()
+
+
+def test_scene_comes_back_transparent_from_a_file_and_stays_so():
+    scene = clear_scene(6)
+    stream = io.BytesIO()
+    scene.save(stream)
+    stream.seek(0)
+    for back in (Scene.load(stream), scene.select([0, 2]), scene.scaled(2)):
+        assert back.transparent is True
+    assert scene.concatenate(random_scene(2)).transparent
+    assert not random_scene(2).concatenate(scene).transparent
+
+
+def test_scene_saved_before_there_was_transparency_is_opaque():
+    scene = random_scene(6)
+    stream = io.BytesIO()
+    fields = {name: getattr(scene, name) for name in FIELDS}
+    np.savez(stream, format_version=2, width=40, height=30, blend="over", **fields)
+    stream.seek(0)
+    assert not Scene.load(stream).transparent
+
+
+def test_sum_cannot_be_transparent():
+    with pytest.raises(SceneError, match="transparent; needed is a background"):
+        random_sum(3, 20, 20, 0).replace(transparent=True)
+    with pytest.raises(SceneError, match="transparent is 1"):
+        random_scene(1).replace(transparent=1)
+
+
+def test_file_of_a_transparent_scene_has_no_background_and_reads_as_one():
+    scene = clear_scene(9, sigma=(2.0, 8.0))
+    text = write_svg(scene)
+    assert "<rect" not in text
+    back = read_svg(text)
+    assert back.transparent
+    for page in PAGES:
+        shown, again = (
+            render(one.replace(background=np.full(3, page))) for one in (read_svg(text), back)
+        )
+        np.testing.assert_array_equal(shown, again)
+    assert write_svg(back) == write_svg(read_svg(write_svg(back)))
+    assert "<rect" in write_svg(scene.replace(transparent=False))
+
+
+@pytest.mark.parametrize(
+    ("text", "color"),
+    [("white", (1, 1, 1)), ("Black", (0, 0, 0)), ("#f00", (1, 0, 0)), ("#336699", (0.2, 0.4, 0.6))],
+)
+def test_mattes_are_colours(text, color):
+    assert matte_color(text) == pytest.approx(color)
+
+
+@pytest.mark.parametrize("text", ["", "glass", "#12", "#12345", "#ggg", "rgb(1,2,3)", "#fff "])
+def test_other_mattes_are_refused(text):
+    with pytest.raises(InputError, match="such as white, black"):
+        matte_color(text)
+
+
+def test_new_gaussians_go_where_paint_is_missing_and_not_where_there_is_too_much():
+    rgba = np.full((32, 64, 4), 0.5)
+    target = target_of(rgba, np.float32)
+    covered = np.where(np.arange(64) < 32, 0.8, 0.2) * np.ones((32, 1))
+    rendered = np.concatenate([[0.5 * covered + (1 - covered) * page] * 3 for page in PAGES])
+    errors = np.square(target.planar - rendered).sum(axis=0)
+    assert errors[:, :32].sum() == pytest.approx(errors[:, 32:].sum(), rel=1e-4)
+    rng = np.random.default_rng(0)
+    new = place("error", target, rendered.astype(np.float32), 100, 100, rng, blending("over"))
+    assert (new.mean[:, 0] > 32).mean() > 0.85

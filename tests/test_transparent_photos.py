@@ -1,0 +1,205 @@
+"""Transparent photos from end to end: the file, its drawings, the report, the check."""
+
+import io
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import gauss2svg
+from gauss2svg import metrics, vectorize
+from gauss2svg.alpha import BLACK, over, shrunk
+from gauss2svg.cli import main
+from gauss2svg.errors import InputError
+from gauss2svg.finish import finished
+from gauss2svg.raster import rasterize, rasterize_rgba
+from gauss2svg.scene import ADD
+from gauss2svg.segments import superpixels
+
+QUICK = {"gaussians": 150, "iterations": 80}
+GLASS = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="40" height="30">'
+    '<rect width="20" height="30" fill="#f80" fill-opacity=".5"/>'
+    '<rect width="10" height="10" fill="#08f"/></svg>'
+)
+
+
+@pytest.fixture(scope="module")
+def cut_out(photo):
+    """64 px of a face, in a disc with an edge of 2 px; uint8 (64, 64, 4)."""
+    y, x = np.mgrid[:64, :64]
+    alpha = np.clip((27 - np.hypot(x - 31.5, y - 31.5)) / 2, 0, 1)
+    return np.round(255 * np.dstack([shrunk(photo, 64, 64), alpha])).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def result(cut_out):
+    return vectorize(cut_out, **QUICK)
+
+
+def pixels_of(picture):
+    return picture.astype(np.float32) / 255
+
+
+def psnrs(drawn, cut_out):
+    """Over white, over black, of alpha."""
+    photo = pixels_of(cut_out)
+    pairs = [(over(drawn), over(photo)), (over(drawn, BLACK), over(photo, BLACK))]
+    return [metrics.psnr(*pair) for pair in [*pairs, (drawn[:, :, 3:], photo[:, :, 3:])]]
+
+
+def test_every_renderer_draws_glass_as_glass(renderer):
+    drawn = rasterize_rgba(GLASS, 40, 30, renderer)
+    np.testing.assert_allclose(drawn[5, 5], [0, 0x88 / 255, 1, 1], atol=0.006)
+    np.testing.assert_allclose(drawn[20, 10], [1, 0x88 / 255, 0, 0.5], atol=0.006)
+    assert drawn[5, 30, 3] == 0
+    np.testing.assert_allclose(over(drawn), rasterize(GLASS, 40, 30, renderer), atol=0.006)
+
+
+def test_every_renderer_draws_the_file_transparent_where_the_photo_is(renderer, result, cut_out):
+    drawn = rasterize_rgba(result.svg, 64, 64, renderer)
+    white, black, alpha = psnrs(drawn, cut_out)
+    assert min(white, black) > 27
+    assert alpha > 32
+    y, x = np.mgrid[:64, :64]
+    distance = np.hypot(x - 31.5, y - 31.5)
+    assert drawn[distance > 32, 3].mean() < 0.004
+    assert drawn[distance < 23, 3].mean() > 0.99
+
+
+def test_report_has_the_numbers_of_the_raster(result, cut_out):
+    report = result.report
+    assert report["transparent"]
+    assert result.raster.shape == (64, 64, 4)
+    told = [report[key] for key in ("psnr_svg", "psnr_svg_black", "psnr_svg_alpha")]
+    assert told == pytest.approx(psnrs(result.raster, cut_out), abs=1e-4)
+    model = [report[key] for key in ("psnr_model", "psnr_model_black", "psnr_model_alpha")]
+    assert model == pytest.approx(told, abs=0.5)
+    assert result.scene.transparent
+    assert "<rect" not in result.svg
+
+
+def test_it_is_nearly_as_true_as_the_same_photo_over_white(result, cut_out):
+    flat = vectorize(cut_out, matte="white", **QUICK).report
+    assert result.report["psnr_svg"] > flat["psnr_svg"] - 1
+
+
+def test_opaque_alpha_is_no_alpha(cut_out):
+    opaque = cut_out.copy()
+    opaque[:, :, 3] = 255
+    one, same = (vectorize(pixels, **QUICK) for pixels in (opaque, opaque[:, :, :3]))
+    assert one.svg == same.svg
+    assert not one.report["transparent"]
+    assert one.raster.shape == (64, 64, 3)
+    for key in ("psnr_svg_black", "psnr_svg_alpha", "psnr_model_black", "psnr_model_alpha"):
+        assert one.report[key] is None
+
+
+def test_matte_flattens_before_anything_else(cut_out):
+    alpha = cut_out[:, :, 3:].astype(np.float32) / 255
+    page = np.float32([0x20, 0x40, 0x60]) / 255
+    flat = pixels_of(cut_out)[:, :, :3] * alpha + (1 - alpha) * page
+    one, same = vectorize(cut_out, matte="#204060", **QUICK), vectorize(flat, **QUICK)
+    assert one.svg == same.svg
+    assert not one.scene.transparent
+    assert one.report["matte"] == "#204060"
+    assert "transparency shown over #204060" in one.report["notes"]
+
+
+def test_photo_of_which_nothing_shows_is_an_empty_file():
+    clear = np.full((20, 30, 4), [200, 10, 10, 0], np.uint8)
+    for options in ({}, {"gaussians": 20}, {"target_psnr": 40}, {"segments": 5}):
+        result = vectorize(clear, **options)
+        assert result.report["gaussians"] == 0
+        assert "<circle" not in result.svg
+        assert (rasterize_rgba(result.svg, 30, 20)[:, :, 3] == 0).all()
+        assert result.report["psnr_svg"] is result.report["psnr_svg_alpha"] is None
+
+
+def test_one_pixel_is_found(cut_out):
+    dot = np.zeros((24, 24, 4), np.uint8)
+    dot[9, 14] = [10, 200, 30, 255]
+    alpha = vectorize(dot, gaussians=8).raster[:, :, 3]
+    assert alpha[9, 14] > 0.9
+    assert alpha.sum() - alpha[9, 14] < 0.3
+
+
+def test_target_holds_over_both_pages(cut_out):
+    report = vectorize(cut_out, target_psnr=27, quality="fast").report
+    assert report["stop_reason"] == "target_psnr"
+    assert min(report["psnr_svg"], report["psnr_svg_black"]) >= 26.95
+
+
+def test_bytes_are_kept_and_nothing_but_what_is_missed_least_goes(cut_out):
+    report = vectorize(cut_out, max_bytes="12k", quality="fast").report
+    assert report["svg_bytes"] <= 12_000
+    assert report["psnr_svg_black"] > 20
+
+
+def test_sums_are_refused_and_their_portable_form_is_not(cut_out):
+    with pytest.raises(InputError, match="--matte white"):
+        vectorize(cut_out, blend=ADD, **QUICK)
+    portable = vectorize(cut_out, blend=ADD, portable=True, **QUICK).report
+    assert portable["psnr_svg_alpha"] > 30
+    assert vectorize(cut_out, blend=ADD, matte="white", **QUICK).report["psnr_svg"] > 20
+
+
+def test_finish_brings_it_nearer_over_both_pages(result, cut_out):
+    photo = pixels_of(cut_out)
+    options = gauss2svg.SvgOptions(palette=0)
+    finish = finished(result.scene, options, result.page, photo, "resvg")
+    before, after = finish.gains["resvg"]
+    assert after > before
+    assert finish.scene.transparent
+    drawn = rasterize_rgba(gauss2svg.write_svg(finish.scene, options), 64, 64)
+    errors = [10 ** (-p / 10) for p in psnrs(drawn, cut_out)[:2]]
+    assert -10 * np.log10(np.mean(errors)) == pytest.approx(after, abs=0.01)
+
+
+def test_superpixels_divide_what_shows_alone(cut_out):
+    labels = superpixels(pixels_of(cut_out), 12)
+    assert ((labels == 0) == (cut_out[:, :, 3] == 0)).all()
+    assert 6 <= len(np.unique(labels)) <= 20
+    report = vectorize(cut_out, segments=12, **QUICK).report
+    assert report["psnr_svg_alpha"] > 30
+
+
+def test_check_compares_alpha_too(result, cut_out):
+    checked = gauss2svg.check(cut_out, result.svg)
+    for key in ("psnr_svg", "psnr_svg_black", "psnr_svg_alpha", "ssim_svg", "transparent"):
+        assert checked.report[key] == pytest.approx(result.report[key], abs=1e-4), key
+    assert checked.raster.shape == checked.photo.shape == (64, 64, 4)
+    with Image.open(io.BytesIO(checked.heatmap())) as picture:
+        assert picture.width == 64
+    over_black = gauss2svg.check(cut_out, result.svg, matte="black")
+    assert over_black.psnr_black is over_black.report["psnr_svg_alpha"] is None
+    assert over_black.psnr < 15  # the SVG is drawn over white, as a page shows it
+
+
+def test_check_tells_a_background_that_should_not_be_there(cut_out, result):
+    opaque = gauss2svg.write_svg(result.scene.replace(transparent=False))
+    checked = gauss2svg.check(cut_out, opaque)
+    assert checked.psnr == pytest.approx(result.report["psnr_svg"], abs=0.5)
+    assert checked.psnr_black < 10
+    assert checked.psnr_alpha < 10
+
+
+def test_command_writes_a_transparent_preview_and_tells_all_three(cut_out, tmp_path, capsys):
+    source, out, seen, told = (tmp_path / name for name in ("i.png", "o.svg", "p.png", "r.json"))
+    Image.fromarray(cut_out).save(source)
+    command = [str(source), "-o", str(out), "--gaussians", "60", "--iterations", "30"]
+    assert main([*command, "--preview", str(seen), "--report", str(told)]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    report = json.loads(told.read_text())
+    for key, where in (("psnr_svg_black", "over black"), ("psnr_svg_alpha", "of alpha")):
+        assert f"{report[key]:.2f} dB {where}" in said
+    with Image.open(seen) as picture:
+        assert picture.mode == "RGBA"
+        assert picture.getpixel((0, 0))[3] == 0
+    assert main(["check", str(source), str(out), "--preview", str(seen)]) == 0
+    assert "over black" in capsys.readouterr().err
+    assert main([*command, "--matte", "glass"]) == 2
+    assert "matte is 'glass'" in capsys.readouterr().err
+    assert main([*command, "--blend", "add"]) == 2
+    assert "--matte white" in capsys.readouterr().err
