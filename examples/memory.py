@@ -84,7 +84,7 @@ def main() -> None:
             if not path.exists():
                 photo(width, height).save(path, quality=85)
             took, across, down = measured(path, options)
-            kinds = {name: options[name] for name in ("loss", "dtype") if name in options}
+            kinds = {name: options[name] for name in ("loss", "dtype", "blend") if name in options}
             expected = Load(width, height, across, down, options["gaussians"], **kinds).bytes
             named = ", ".join(f"{name} {value}" for name, value in options.items())
             print(

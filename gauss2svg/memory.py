@@ -5,12 +5,13 @@ on F px and N Gaussians: the largest of what three stages take,
 
     decoding    31 P
     fitting     12 P + a F + t,  a by the loss and the type of the numbers, t torch's own
-    measuring   12 P + 36 F + 45 P
+    measuring   57 P + 36 F
 
-and what the interpreter, the libraries and each shape take, and a fifth more. `python
-examples/memory.py` prints what processes took beside it. Not counted are programs that draw
-(Chromium, Firefox, Inkscape, rsvg-convert), a finish, which keeps some drawings of the photo's
-size, and the compilation of the kernels in the first run ever.
+(70, 28 and 151 P where it is transparent), and what the interpreter, the libraries and each shape
+take, and a fifth more. `python examples/memory.py` prints what processes took beside it. Not
+counted are programs that draw (Chromium, Firefox, Inkscape, rsvg-convert), a finish, which keeps
+some drawings of the photo's size, and the compilation of the kernels in the first run ever, which
+took 105 MB.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ import psutil
 from gauss2svg.errors import InputError
 from gauss2svg.fit.losses import DEFAULT_LOSS, has_ssim
 from gauss2svg.fit.options import DEFAULT_DTYPE
+from gauss2svg.scene import ADD, OVER
 from gauss2svg.targets import size_in_bytes
 
 SHARE = 0.8  # of what is free, which a run may take if nothing else is said
@@ -32,7 +34,8 @@ _UNLIMITED = 1 << 60  # more than any machine has: cgroup v1 says so where there
 
 # Bytes, as measured.
 _BASE = 205e6  # a photo of a few pixels
-_PHOTO, _DECODED, _DRAWN = 12, 31, 45  # for each pixel of the photo
+# For each pixel of the photo: once it is there, while it is decoded, and while it is measured.
+_OPAQUE, _ALPHA = (12, 31, 57), (28, 70, 151)
 _HELD = 36  # for each pixel of the fit, once it is over
 _FIT = {  # for each pixel of the fit, by whether the loss has SSIM
     (False, "float32"): 75,
@@ -41,6 +44,7 @@ _FIT = {  # for each pixel of the fit, by whether the loss has SSIM
     (True, "float64"): 280,
 }
 _SHAPE = 3000
+_SUMS = 110e6  # what writes a sum
 _TORCH = 440e6  # imported for every loss but the default one
 _MARGIN = 1.2
 
@@ -61,6 +65,8 @@ class Load:
     gaussians: int
     loss: str = DEFAULT_LOSS
     dtype: str = DEFAULT_DTYPE
+    blend: str = OVER
+    has_alpha: bool = False
 
     @property
     def bytes(self) -> int:
@@ -68,9 +74,10 @@ class Load:
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
         by_torch = self.loss != DEFAULT_LOSS
         a_pixel = _FIT[has_ssim(self.loss), self.dtype]
-        fitting = _PHOTO * photo + a_pixel * fit + _TORCH * by_torch
-        measuring = (_PHOTO + _DRAWN) * photo + _HELD * fit + _TORCH * by_torch
-        most = max(_DECODED * photo, fitting, measuring)
+        held, decoded, drawn = _ALPHA if self.has_alpha else _OPAQUE
+        fitting = held * photo + a_pixel * fit + _TORCH * by_torch
+        measuring = drawn * photo + _HELD * fit + _TORCH * by_torch + _SUMS * (self.blend == ADD)
+        most = max(decoded * photo, fitting, measuring)
         return math.ceil(_MARGIN * (_BASE + most + _SHAPE * self.gaussians))
 
 

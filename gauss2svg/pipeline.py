@@ -28,7 +28,7 @@ from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
-from gauss2svg.image import DEFAULT_MAX_PIXELS, ImageSource, load_image
+from gauss2svg.image import DEFAULT_MAX_PIXELS, ImageSource, Photo, load_image
 from gauss2svg.memory import Load, allowed, size_that_fits
 from gauss2svg.presentation import page_for
 from gauss2svg.pursuit import CAP_FOR_PSNR, Pursuit
@@ -245,7 +245,7 @@ def vectorize(
     )
     request.check_alpha(photo)
     _check_precision(max(photo.width, photo.height), request)
-    width, height, note = _working_size(photo.width, photo.height, request, most_bytes)
+    width, height, note = _working_size(photo, request, most_bytes)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
     pixels = pixels_of(photo)
@@ -294,13 +294,12 @@ def _check_precision(side: int, request: Request) -> None:
         )
 
 
-def _working_size(
-    width: int, height: int, request: Request, most_bytes: int
-) -> tuple[int, int, str | None]:
+def _working_size(photo: Photo, request: Request, most_bytes: int) -> tuple[int, int, str | None]:
     """Size in px that the fit runs on: the quality's, less where time or memory is short.
 
     And a note where it is memory. Raises InputError where there is too little of it.
     """
+    width, height = photo.width, photo.height
     shrunk = min(1.0, request.side / max(width, height))
     limit = request.targets.time_limit_s
     if limit is not None and request.max_size is None:
@@ -314,6 +313,8 @@ def _working_size(
         gaussians=most if request.count is None else request.count,
         loss=request.loss,
         dtype=request.dtype,
+        blend=request.blend,
+        has_alpha=photo.alpha is not None,
     )
     return size_that_fits(load, most_bytes, asked=request.max_size is not None)
 

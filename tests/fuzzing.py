@@ -64,7 +64,7 @@ def picture_seeds() -> tuple[bytes, ...]:
         (color, "TIFF", {"compression": "jpeg"}), (color, "TIFF", {"compression": "tiff_deflate"}),
         (grey.convert("1"), "TIFF", {"compression": "group4"}), (cmyk, "TIFF", frames),
         (palette, "GIF", {}), (palette, "GIF", frames | {"transparency": 2}), (grey, "GIF", {}),
-        (color, "BMP", {}), (palette, "BMP", {}), (color, "PPM", {}), (wide, "PPM", {}),
+        (color, "BMP", {}), (palette, "BMP", {}),
     ]  # fmt: skip
     if "AVIF" in Image.SAVE:
         made += [(color, "AVIF", {"exif": exif}), (alpha, "AVIF", {})]

@@ -276,14 +276,18 @@ def test_names_that_differ_by_case_are_one_where_the_file_system_says_so(
         assert {"o.svg", "O.SVG"} <= set(content(tmp_path))
 
 
-def test_photo_and_svg_may_come_through_pipes(picture, svg, tmp_path):
-    names = " ".join(map(shlex.quote, (str(picture), str(svg))))
+def test_svg_may_come_through_a_pipe_and_a_photo_says_how_to(picture, svg, tmp_path):
+    photo = shlex.quote(str(picture))
     done = shell(
-        f'set -- {names}; GAUSS2SVG <(cat "$1") -o - {" ".join(TINY)} | '
-        'GAUSS2SVG check <(cat "$1") <(cat) --quiet --report >(cat)'
+        f"GAUSS2SVG - -o - {' '.join(TINY)} < {photo} | "
+        f"GAUSS2SVG check {photo} <(cat) --quiet --report >(cat)"
     )
     assert done.returncode == 0, done.stderr
     assert b'"psnr_svg"' in done.stdout
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)  # without a writer: whoever opens it waits for ever
+    for command in (["check", pipe, svg], [pipe, "-o", tmp_path / "o.svg"]):
+        assert main([str(word) for word in command]) == 2
 
 
 def test_closed_and_broken_streams_are_one_line_and_status_two(picture, tmp_path):
