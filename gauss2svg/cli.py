@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import re
 import signal
 import sys
@@ -16,6 +17,7 @@ from cyclopts import App, CycloptsError, Parameter
 from gauss2svg.errors import Gauss2SvgError, InputError, on_one_line
 from gauss2svg.interruption import STATUS_OF_SIGNAL, Terminated, interruptible, terminable
 from gauss2svg.photo.chatter import own_standard_error
+from gauss2svg.streams import drop_output, hold_closed_descriptors
 from gauss2svg.version import __version__
 
 _BEGUN = time.perf_counter()
@@ -64,6 +66,7 @@ def vectorize_command(
     portable: Annotated[bool, Parameter(negative="")] = False,
     falloff: Literal["gaussian", "adaptive"] | None = None,
     max_size: int | None = None,
+    max_memory: str | None = None,
     form: Literal["gradient", "blur", "hybrid"] = "gradient",
     palette: int | None = None,
     stops: Literal[5, 6, 8, 10, 12] | None = None,
@@ -137,6 +140,9 @@ def vectorize_command(
         in the paper and in every sum.
     max_size
         Longest side in pixels of the picture that the fit runs on.
+    max_memory
+        What the process may take, by an estimate: 500M, 2G; 80 % of what is free if not given.
+        Over it the fit runs on fewer pixels.
     form
         Of shapes in the file: gradient, for every renderer; blur, smaller, and hybrid, only large
         shapes blurred, for Chromium, Firefox and Inkscape.
@@ -197,17 +203,11 @@ def vectorize_command(
         No progress and no summary.
 
     """
-    from gauss2svg.atomic import write_atomically
-    from gauss2svg.outputs import (
-        STANDARD_STREAM,
-        as_json,
-        as_png,
-        check_targets,
-        refuse_option_like,
-        standard_stream,
-    )
+    from gauss2svg.atomic import write_all_atomically
+    from gauss2svg.outputs import as_json, as_png, check_targets, refuse_option_like
     from gauss2svg.pipeline import vectorize
     from gauss2svg.scene import ADD
+    from gauss2svg.streams import STANDARD_STREAM, standard_stream
     from gauss2svg.svg import file_bytes, is_svgz
     from gauss2svg.terminal import print_summary, show_progress
 
@@ -257,6 +257,7 @@ def vectorize_command(
             blend=blend,
             portable=portable,
             max_size=max_size,
+            max_memory=max_memory,
             form=form,
             palette=palette,
             stops=stops,
@@ -284,19 +285,20 @@ def vectorize_command(
             stop=interruption.asked,
             started=_BEGUN if time_limit is not None else None,
         )
-    if stdout is not None:
-        stdout.write(file_bytes(result.svg, gzip))
-        stdout.flush()
-    else:
-        result.save(output)
+    svg = file_bytes(result.svg, bool(result.report["gzip"]))
+    files: dict[str | os.PathLike[str], bytes] = {} if to_stdout else {output: svg}
     if outline is not None:
-        write_atomically(outline, file_bytes(result.outline(), is_svgz(outline)))
+        files[outline] = file_bytes(result.outline(), is_svgz(outline))
     if preview is not None:
-        write_atomically(preview, as_png(result.raster))
+        files[preview] = as_png(result.raster)
     if save_scene is not None:
-        write_atomically(save_scene, _npz(result.scene))
+        files[save_scene] = _npz(result.scene)
     if report is not None:
-        write_atomically(report, as_json(result.report))
+        files[report] = as_json(result.report)
+    if stdout is not None:
+        stdout.write(svg)
+        stdout.flush()
+    write_all_atomically(files)
     if quiet:
         for line in result.report["unreached"]:  # bad news is told all the same
             print(f"gauss2svg: {line}", file=sys.stderr)
@@ -330,6 +332,7 @@ def main(arguments: list[str] | None = None) -> int:
     130 and 143 are those of Ctrl-C and SIGTERM, also where the best so far was written. 1 is that
     of a benchmark of which a run failed, and of a check under its --min-psnr.
     """
+    hold_closed_descriptors()
     warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
     for library in ("PIL", "tifffile"):  # whose complaints would be more lines than one
         logging.getLogger(library).addHandler(logging.NullHandler())
@@ -345,6 +348,7 @@ def main(arguments: list[str] | None = None) -> int:
     except MemoryError as error:
         return _refuse(f"out of memory ({error}); try a smaller photo or fewer --gaussians")
     except OSError as error:  # a stream that broke: files are Gauss2SvgErrors already
+        drop_output()
         return _refuse(f"{error.strerror or error}; nothing more was written")
     except (KeyboardInterrupt, SystemError) as error:
         # A Ctrl-C inside a kernel arrives wrapped in numba's SystemError.

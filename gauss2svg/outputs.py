@@ -1,4 +1,4 @@
-"""Files and streams that a command is given by name, and pictures as they are put into them."""
+"""Files that a command is given by name, and pictures as they are put into them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.atomic import check_writable
+from gauss2svg.atomic import check_writable, folds_case
 from gauss2svg.errors import InputError
-
-STANDARD_STREAM = "-"
+from gauss2svg.streams import STANDARD_STREAM
 
 
 def refuse_option_like(*names: str) -> None:
@@ -32,25 +31,30 @@ def check_targets(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
     inputs  what each file that is read is, by its name: {"photo.jpg": "the photo"}
     Raises InputError for a clash, OutputError for a target that cannot be written.
     """
-    taken = {
-        os.path.realpath(name): what for name, what in inputs.items() if name != STANDARD_STREAM
-    }
-    for target in targets:
-        place = os.path.realpath(target)
-        if place in taken:
-            raise InputError(
-                f"{target} is also {taken[place]}; give each its own name so that nothing is lost"
-            )
-        taken[place] = "another output"
+    taken = {name: what for name, what in inputs.items() if name != STANDARD_STREAM}
+    for target in map(os.fspath, targets):
+        for name, what in taken.items():
+            if _are_one(name, target):
+                raise InputError(
+                    f"{target} is also {what}; give each its own name so that nothing is lost"
+                )
+        taken[target] = "another output"
     for target in targets:
         check_writable(target)  # told now, not after the work
 
 
-def standard_stream(stream: Any, name: str) -> Any:
-    """The binary side of sys.stdin or sys.stdout; raises InputError if it is closed."""
-    if stream is None:  # what Python makes of a closed descriptor
-        raise InputError(f"standard {name} is closed; give a file name instead of -")
-    return stream.buffer
+def _are_one(name: str, other: str) -> bool:
+    """Whether two names are one file's: by links of either kind, or by case where it is folded."""
+    first, second = (os.path.realpath(path) for path in (name, other))
+    if first == second:
+        return True
+    try:
+        if os.path.lexists(first) and os.path.lexists(second):
+            return os.path.samefile(first, second)
+    except (OSError, ValueError):
+        return False  # told where it is read or written
+    # Neither is there, or one alone is: a file system that folds case would know both.
+    return first.casefold() == second.casefold() and folds_case(os.path.dirname(second))
 
 
 def as_png(pixels: NDArray[np.floating]) -> bytes:

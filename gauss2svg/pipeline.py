@@ -28,9 +28,10 @@ from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.placement import DEFAULT_PLACEMENT
 from gauss2svg.fit.schedule import DEFAULT_SCHEDULE
-from gauss2svg.image import DEFAULT_MAX_PIXELS, ImageSource, load_image
+from gauss2svg.image import DEFAULT_MAX_PIXELS, ImageSource, Photo, load_image
+from gauss2svg.memory import Load, allowed, size_that_fits
 from gauss2svg.presentation import page_for
-from gauss2svg.pursuit import Pursuit
+from gauss2svg.pursuit import CAP_FOR_PSNR, Pursuit
 from gauss2svg.quality import DEFAULT_QUALITY
 from gauss2svg.raster import DEFAULT_RENDERER
 from gauss2svg.reporting import decibels, run_report
@@ -128,6 +129,7 @@ def vectorize(
     portable: bool = False,
     falloff: str | None = None,
     max_size: int | None = None,
+    max_memory: int | str | None = None,
     form: str = GRADIENT,
     palette: int | None = None,
     stops: int | None = None,
@@ -166,6 +168,9 @@ def vectorize(
                 >= 1; palette: most gradients in the file, 0 for all; stops: of a gradient,
                 5, 6, 8, 10 or 12; precision: of coordinates in px, 0.001..1;
                 None: the quality's
+    max_memory  bytes that the process may take, such as "2G", by gauss2svg.memory's estimate;
+                None: 80 % of what is free. Over it the fit runs on fewer pixels, unless
+                max_size was given
     form        of shapes in the file: gradient, for every renderer; blur or hybrid, for those
                 of gauss2svg.raster.DRAW_TURNED_BLURS
     init        placement selective, error or random; live: the paper's selective one
@@ -225,6 +230,7 @@ def vectorize(
         palette, stops, precision, seed, dtype, falloff, renderer, finish, targets,
         portable, per_round, round_iterations, ssim_weight, relocate, gzip, learning_rate, matte,
     )  # fmt: skip
+    most_bytes = allowed(max_memory)
     for name, given in (("checkpoint", checkpoint), ("resume", resume)):
         if given is not None and time_limit is not None:
             raise InputError(
@@ -239,7 +245,9 @@ def vectorize(
     )
     request.check_alpha(photo)
     _check_precision(max(photo.width, photo.height), request)
-    width, height = _working_size(photo.width, photo.height, request)
+    width, height, note = _working_size(photo, request, most_bytes)
+    if note is not None:
+        photo = dataclasses.replace(photo, notes=(*photo.notes, note))
     pixels = pixels_of(photo)
     working = shrunk(pixels, height, width)
     page = page_for(
@@ -286,13 +294,29 @@ def _check_precision(side: int, request: Request) -> None:
         )
 
 
-def _working_size(width: int, height: int, request: Request) -> tuple[int, int]:
-    """Size in px that the fit runs on: the quality's, less where time is short."""
+def _working_size(photo: Photo, request: Request, most_bytes: int) -> tuple[int, int, str | None]:
+    """Size in px that the fit runs on: the quality's, less where time or memory is short.
+
+    And a note where it is memory. Raises InputError where there is too little of it.
+    """
+    width, height = photo.width, photo.height
     shrunk = min(1.0, request.side / max(width, height))
     limit = request.targets.time_limit_s
     if limit is not None and request.max_size is None:
         shrunk = min(shrunk, math.sqrt(PIXELS_A_SECOND * limit / (width * height)))
-    return max(1, round(width * shrunk)), max(1, round(height * shrunk))
+    most = request.preset.cap if request.targets.psnr is None else CAP_FOR_PSNR
+    load = Load(
+        width,
+        height,
+        max(1, round(width * shrunk)),
+        max(1, round(height * shrunk)),
+        gaussians=most if request.count is None else request.count,
+        loss=request.loss,
+        dtype=request.dtype,
+        blend=request.blend,
+        has_alpha=photo.alpha is not None,
+    )
+    return size_that_fits(load, most_bytes, asked=request.max_size is not None)
 
 
 @contextmanager

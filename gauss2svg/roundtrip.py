@@ -70,7 +70,8 @@ def round_trip(
     raster = rasterize_like(svg, photo, renderer)
     shown = over(raster)
     # The exact composite lies in 0..1; float32 may pass the ends by a rounding.
-    model = np.clip(render(scene, width, height), 0, 1)
+    model = render(scene, width, height)
+    np.clip(model, 0, 1, out=model)
     model_black, model_alpha = None, None
     if has_alpha(photo):
         model_black, model_alpha = _psnr_with_alpha(render_rgba(scene, width, height), photo)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import math
 import os
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, BinaryIO, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from gauss2svg.atomic import write_atomically
 from gauss2svg.errors import Gauss2SvgError, InputError, SceneError
 from gauss2svg.falloff import LEAST_BETA, MOST_BETA
 
@@ -271,10 +272,14 @@ class Scene:
         )
 
     def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write the scene as .npz, bit for bit."""
+        """Write the scene as .npz, bit for bit; a named file whole or not at all.
+
+        Raises OutputError if that cannot be written.
+        """
         if isinstance(file, (str, os.PathLike)):
-            with Path(file).open("wb") as stream:  # numpy would add .npz to the name
-                self.save(stream)
+            whole = io.BytesIO()
+            self.save(whole)
+            write_atomically(file, whole.getvalue())
             return
         fields: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         np.savez_compressed(file, format_version=_FORMAT_VERSION, **fields)

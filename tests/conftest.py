@@ -34,7 +34,7 @@ def _drop_stale_kernels() -> None:
     newest = max(source.stat().st_mtime for source in package.rglob("*.py"))
     for compiled in package.rglob("*.nb[ic]"):
         if compiled.stat().st_mtime < newest:
-            compiled.unlink()
+            compiled.unlink(missing_ok=True)  # by another process at the same time
 
 
 _drop_stale_kernels()

@@ -1,20 +1,25 @@
 """An SVG from anyone is refused in one line where it would grow, load or read what it must not."""
 
 import base64
+import contextlib
 import gzip
 import io
 import struct
+import time
 import zlib
 
 import numpy as np
 import pytest
+from documents import gradient
 from PIL import Image
 
 from gauss2svg.cli import main
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.scoring.frame import frame_of
 from gauss2svg.scoring.source import svg_source
 from gauss2svg.scoring.survey import survey
-from gauss2svg.svg import document, read_svg
+from gauss2svg.svg import read_svg
 
 ROOT = (
     '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
@@ -160,9 +165,8 @@ def test_gzip_bomb_is_refused_without_being_unpacked(monkeypatch):
         svg_source(bomb, 1_000_000)
     assert sum(unpacked) == 1_000_001
     unpacked.clear()
-    monkeypatch.setattr(document, "MOST_BYTES", 2_000_000)
-    with pytest.raises(InputError, match="more than 2000000 bytes, gunzipped") as caught:
-        read_svg(bomb)
+    with pytest.raises(InputError, match="gunzipped, has more than 2000000 bytes") as caught:
+        read_svg(bomb, max_bytes=2_000_000)
     assert "\n" not in str(caught.value)
     assert sum(unpacked) == 2_000_001
 
@@ -203,3 +207,61 @@ def test_text_is_read_in_its_encoding(encoding):
 def test_declared_encoding_is_believed():
     svg = f"<?xml version='1.0' encoding='windows-1252'?>{ROOT}<title>10 €</title></svg>"
     assert svg_source(svg.encode("cp1252"), 10_000)[1] == svg
+
+
+def test_null_characters_are_no_text():
+    # expat takes these for UTF-16 and sees elements that no renderer of the text does
+    with pytest.raises(InputError, match="has null characters, read as utf-8; save it as UTF-8"):
+        svg_source(f"{ROOT}</svg>".encode("utf-16-le"), 10_000)
+
+
+def test_tree_that_is_read_has_limits(tmp_path):
+    inner = "<g></g>" * 9
+    with pytest.raises(InputError, match="more than 9 elements; give a larger max_elements"):
+        read_svg(f"{ROOT}{inner}</svg>", max_elements=9)
+    path = tmp_path / "x.svg"
+    path.write_text(f"{ROOT}{inner}</svg>")
+    with pytest.raises(InputError, match="has more than 100 bytes; give a larger max_bytes"):
+        read_svg(path, max_bytes=100)
+    for tag in ("g", "style", "title"):
+        deep = f"<{tag}>" * 1000 + f"</{tag}>" * 1000
+        with pytest.raises(InputError, match="nested more than 1000 deep"):
+            read_svg(f"{ROOT}{deep}</svg>")
+
+
+MANY = 40_000
+CHAIN = "".join(f'<radialGradient id="c{i}" xlink:href="#c{i + 1}"/>' for i in range(5000))
+CHAIN += gradient("c5000")
+HOSTILE = {
+    "digits": f'<svg width="{"9" * MANY}x" viewBox="0 0 8 8"',
+    "spaces": f'<svg width="9{" " * MANY}x" viewBox="0 0 8 8"',
+    "word": f'{ROOT[:-1]} filter="url(#a)" transform="{"a" * MANY}"',
+    "calls": f'{ROOT[:-1]} filter="url(#a)" transform="{"a(" * MANY}"',
+    "unclosed comments": f"{ROOT}<style>{'/*' * MANY}</style>",
+    "unclosed rules": f"{ROOT}<style>{'a{' * MANY}</style>",
+    "one selector": f"{ROOT}<style>{'a' * MANY}</style>",
+    "media": f"{ROOT}<style>{'@media ' * MANY}</style>",
+    "keyframes": f"{ROOT}<style>{'@keyframes a{b{c}' * MANY}</style>",
+    "open keyframes": f"{ROOT}<style>@keyframes a{{{'b{c:d}' * MANY}</style>",
+    "chain": f"{ROOT}{CHAIN}" + "".join(f'<circle r="1" fill="url(#c{i})"/>' for i in range(5000)),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_time_grows_no_faster_than_the_text(name):
+    svg = HOSTILE[name]
+    svg += "/>" if svg.endswith('"') else "</svg>"
+    begun = time.process_time()
+    with contextlib.suppress(InputError, RendererError):
+        _, text = svg_source(svg, len(svg))
+        frame_of(survey(text, MANY).root)
+        refuse_unsupported(text, 8, 8, "resvg")
+    with contextlib.suppress(InputError):
+        read_svg(svg)
+    assert time.process_time() - begun < 2
+
+
+def test_one_large_attribute_is_parsed_once():
+    begun = time.process_time()
+    survey(f'{ROOT[:-1]} a="{"x" * 20_000_000}"/>', 9)
+    assert time.process_time() - begun < 2

@@ -21,7 +21,7 @@ import numpy as np
 from numba.core import config
 from PIL import Image
 
-from gauss2svg.atomic import check_writable, write_atomically
+from gauss2svg.atomic import check_writable, write_all_atomically
 from gauss2svg.bench import plots
 from gauss2svg.bench.grid import Run, settings_of
 from gauss2svg.bench.machine import machine
@@ -174,9 +174,12 @@ def _write_tables(
         "summary": summary,
         "rows": rows,
     }
-    write_atomically(folder / "bench.json", json_text(document).encode())
-    write_atomically(folder / "bench.csv", csv_text(rows).encode())
-    write_atomically(folder / "summary.md", markdown(summary, rows, names).encode())
+    texts = {
+        "bench.json": json_text(document),
+        "bench.csv": csv_text(rows),
+        "summary.md": markdown(summary, rows, names),
+    }
+    write_all_atomically({folder / name: text.encode() for name, text in texts.items()})
     return summary
 
 

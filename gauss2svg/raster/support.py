@@ -48,7 +48,7 @@ _LIGHTER = re.compile(rf"{_PROPERTY}mix-blend-mode\s*:\s*plus-")
 _ANIMATED = re.compile(rf"{_PROPERTY}animation(?:-name)?{_VALUE}|@starting-style")
 # The browsers are told that less motion is preferred.
 _WELCOME = re.compile(r"@media\s*\(\s*prefers-reduced-motion\s*:\s*no-preference\s*\)\s*\{")
-_CALL = re.compile(r"(\w+)\s*\(([^)]*)\)")
+_CALL = re.compile(r"\b(\w++)\s*+\(([^()]*+)\)")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 # Of the matrix's length: an element turned by so little is as true as one that is not.
 _STRAIGHT = 1e-3

@@ -134,7 +134,7 @@ def render_planar(
 
     dtype is np.float32 or np.float64; InputError for another.
     """
-    blank = np.broadcast_to(np.zeros((), dtype), (3, height, width))
+    blank = np.zeros((3, height, width), dtype)  # not read, and so no memory that is really there
     return _visit(RENDER, splats, blank, 1)[0]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -63,17 +64,11 @@ def check_command(
         No summary.
 
     """
-    from gauss2svg.atomic import write_atomically
+    from gauss2svg.atomic import write_all_atomically
     from gauss2svg.errors import InputError
-    from gauss2svg.outputs import (
-        STANDARD_STREAM,
-        as_json,
-        as_png,
-        check_targets,
-        refuse_option_like,
-        standard_stream,
-    )
+    from gauss2svg.outputs import as_json, as_png, check_targets, refuse_option_like
     from gauss2svg.scoring.measure import check
+    from gauss2svg.streams import STANDARD_STREAM, standard_stream
     from gauss2svg.terminal import print_check
 
     refuse_option_like(photo, svg)
@@ -100,12 +95,14 @@ def check_command(
         max_pixels=max_pixels,
         matte=matte,
     )
+    files: dict[str | os.PathLike[str], bytes] = {}
     if heatmap is not None:
-        write_atomically(heatmap, result.heatmap())
+        files[heatmap] = result.heatmap()
     if preview is not None:
-        write_atomically(preview, as_png(result.raster))
+        files[preview] = as_png(result.raster)
     if report is not None:
-        write_atomically(report, as_json(result.report))
+        files[report] = as_json(result.report)
+    write_all_atomically(files)
     if not quiet:
         print_check(result.report, None if svg == STANDARD_STREAM else svg)
     lowest = result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)

@@ -8,15 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gauss2svg.errors import InputError
+from gauss2svg.svg.values import NUMBER
 
 # px of CSS absolute lengths, 96 to the inch.
 _UNITS = {
     "": 1.0, "px": 1.0, "in": 96.0, "cm": 96 / 2.54, "mm": 96 / 25.4, "q": 96 / 101.6,
     "pt": 96 / 72, "pc": 16.0,
 }  # fmt: skip
-_LENGTH = re.compile(
-    r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d+)?)\s*(px|in|cm|mm|q|pt|pc|)\s*", re.IGNORECASE
-)
+_LENGTH = re.compile(rf"\s*+({NUMBER})\s*+(px|in|cm|mm|q|pt|pc|)\s*+", re.IGNORECASE)
 _STYLED_SIZE = re.compile(r"(?:^|(?<=;))\s*(width|height)\s*:\s*([^;]*)", re.IGNORECASE)
 
 
@@ -63,7 +62,7 @@ def _length(name: str, value: str | None) -> float | None:
         return None
     pixels = float(match[1]) * _UNITS[match[2].lower()]
     if not 0 < pixels < math.inf:
-        raise InputError(f"{name} of the SVG is {value}; needed is more than 0")
+        raise InputError(f"{name} of the SVG is {match[0][:80]}; needed is more than 0, finite")
     return pixels
 
 

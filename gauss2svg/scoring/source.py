@@ -83,11 +83,14 @@ def _decoded(data: bytes, name: str) -> str:
         except LookupError:
             known = ""
         if not _ENCODINGS.fullmatch(known):
-            raise InputError(f"{name} says that its encoding is {encoding}; save it as UTF-8")
+            raise InputError(f"{name} says that its encoding is {encoding[:40]}; save it as UTF-8")
     try:
-        return data.decode(encoding)
+        text = data.decode(encoding)
     except UnicodeDecodeError as error:
         raise InputError(
             f"{name} is no text in {encoding}: {error.reason} at byte {error.start}; needed is an "
             "SVG: save it as UTF-8"
         ) from error
+    if "\0" in text:  # XML has none; UTF-16 without its mark has them, and expat would guess it
+        raise InputError(f"{name} has null characters, read as {encoding}; save it as UTF-8")
+    return text

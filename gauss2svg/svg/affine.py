@@ -11,7 +11,7 @@ import math
 import re
 
 from gauss2svg.errors import InputError
-from gauss2svg.svg.values import numbers
+from gauss2svg.svg.values import numbers, quoted
 
 Affine = tuple[float, float, float, float, float, float]
 
@@ -45,7 +45,7 @@ def parse_transform(text: str, name: str = "transform") -> Affine:
         values = numbers(call[2], name) if call else []
         if call is None or len(values) not in _COUNTS.get(call[1], ()):
             raise InputError(
-                f"{name} is {text[:60]!r}; needed is a list of "
+                f"{name} is {quoted(text)}; needed is a list of "
                 "matrix, translate, scale, rotate, skewX, skewY"
             )
         total = compose(total, _affine(call[1], values)) if at else _affine(call[1], values)

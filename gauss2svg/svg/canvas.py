@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from gauss2svg.errors import InputError
 from gauss2svg.scene import LEAST_CANVAS, MOST_CANVAS
 from gauss2svg.svg.affine import Affine
-from gauss2svg.svg.values import length, numbers
+from gauss2svg.svg.values import length, numbers, quoted
 
 # The canvas in px, whatever the physical size that width and height say.
 CANVAS = "data-canvas"
@@ -28,7 +28,9 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     """
     box = numbers(root["viewBox"], "viewBox") if "viewBox" in root else []
     if box and (len(box) != 4 or min(box[2:]) <= 0):
-        raise InputError(f"viewBox is {root['viewBox']!r}; needed are x, y, width and height > 0")
+        raise InputError(
+            f"viewBox is {quoted(root['viewBox'])}; needed are x, y, width and height > 0"
+        )
     whole = box[2:] or [None, None]
     width, height = (
         length(root.get(name, "100%"), name, side)
@@ -37,7 +39,9 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     if CANVAS in root:
         sides = numbers(root[CANVAS], CANVAS)
         if len(sides) != 2:
-            raise InputError(f"{CANVAS} is {root[CANVAS]!r}; needed are a width and a height in px")
+            raise InputError(
+                f"{CANVAS} is {quoted(root[CANVAS])}; needed are a width and a height in px"
+            )
         width, height = sides
     if not LEAST_CANVAS <= min(width, height) <= max(width, height) <= MOST_CANVAS:
         raise InputError(
@@ -75,7 +79,7 @@ def _fitted(
     parts = align[1:4], align[5:]
     named = align[:1] == "x" and align[4:5] == "Y" and all(part in _ALIGNED for part in parts)
     if not named or how not in ("meet", "slice") or len(words) > 2:
-        raise InputError(f"preserveAspectRatio is {rule!r}; needed is such as xMidYMid meet")
+        raise InputError(f"preserveAspectRatio is {quoted(rule)}; needed is such as xMidYMid meet")
     scale = min(scales) if how == "meet" else max(scales)
     left, top = (
         _ALIGNED[part] * (side - scale * extent)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError
 from gauss2svg.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.affine import IDENTITY, Affine, compose, parse_transform
-from gauss2svg.svg.values import Color, color, declarations, length, share
+from gauss2svg.svg.values import Color, color, declarations, length, quoted, share
 
 SVG = "{http://www.w3.org/2000/svg}"
 _RADIAL, _LINEAR = SVG + "radialGradient", SVG + "linearGradient"
@@ -35,6 +35,8 @@ _LARGEST_ERROR = 0.02
 _LARGEST_END = 0.005  # opacity of the last stop, which goes on outside the disc
 # A scale of stops this near to 1 is what piecewise linear profiles have anyway.
 _PEAK_OF_OURS = 0.01
+# Inkscape makes chains of two; without an end, as many gradients would take that squared.
+_LONGEST_CHAIN = 100
 _LARGEST_FOCUS = 0.01  # of the radius: where the focus changes what is drawn by under a level
 
 
@@ -66,16 +68,22 @@ class Gradients:
             try:
                 self._read[key] = self._gradient(key)
             except InputError as error:
-                raise InputError(f"its gradient {key!r}: {error}") from None
+                raise InputError(f"its gradient {quoted(key)}: {error}") from None
         return self._read[key]
 
     def _chain(self, key: str) -> Iterator[Any]:
         seen: set[str] = set()
         while key:
             element = self._by_id.get(key)
-            if element is None or element.tag not in (_RADIAL, _LINEAR) or key in seen:
-                why = "refers to itself" if key in seen else "is missing, or no gradient"
-                raise InputError(f"{key!r} {why}; needed is a radialGradient with stops")
+            why = ""
+            if key in seen:
+                why = "refers to itself"
+            elif element is None or element.tag not in (_RADIAL, _LINEAR):
+                why = "is missing, or no gradient"
+            elif len(seen) == _LONGEST_CHAIN:
+                why = f"comes after {_LONGEST_CHAIN} references"
+            if why or element is None:
+                raise InputError(f"{quoted(key)} {why}; needed is a radialGradient with stops")
             seen.add(key)
             yield element
             key = next((element.get(h, "") for h in _HREFS if element.get(h)), "").removeprefix("#")
@@ -99,7 +107,7 @@ class Gradients:
 def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
     units = found.get("gradientUnits", "objectBoundingBox")
     if units not in ("objectBoundingBox", "userSpaceOnUse"):
-        raise InputError(f"gradientUnits is {units!r}; needed is userSpaceOnUse")
+        raise InputError(f"gradientUnits is {quoted(units)}; needed is userSpaceOnUse")
     in_box = units == "objectBoundingBox"
     whole = 1.0 if in_box else None  # a percentage of the viewport is nothing we write
     cx, cy, r = (length(found.get(name, "50%"), name, whole) for name in ("cx", "cy", "r"))
@@ -109,7 +117,7 @@ def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
     if math.hypot(fx - cx, fy - cy) > _LARGEST_FOCUS * r or length(found.get("fr", "0"), "fr"):
         raise InputError("its focus is off its centre; needed are round ones: reset fx, fy and fr")
     if found.get("spreadMethod", "pad") != "pad":
-        raise InputError(f"its spreadMethod is {found['spreadMethod']!r}; needed is pad")
+        raise InputError(f"its spreadMethod is {quoted(found['spreadMethod'])}; needed is pad")
     turned = IDENTITY
     if "gradientTransform" in found:
         turned = parse_transform(found["gradientTransform"], "gradientTransform")

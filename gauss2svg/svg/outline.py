@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 from gauss2svg.errors import InputError
 from gauss2svg.svg.affine import Affine
-from gauss2svg.svg.values import NUMBER, length
+from gauss2svg.svg.values import NUMBER, length, quoted
 
 SHAPES = ("circle", "ellipse", "path")
 _SEPARATOR = r"[\s,]*"
@@ -94,8 +94,7 @@ def _arcs(data: str) -> tuple[tuple[float, float, float], list[tuple[float, floa
 
 
 def _no_ellipse(data: str) -> InputError:
-    shown = data if len(data) <= 60 else data[:57] + "..."
     return InputError(
-        f"its d {shown!r} is no ellipse of two or four arcs; needed are ellipses: "
+        f"its d {quoted(data)} is no ellipse of two or four arcs; needed are ellipses: "
         "undo the edit of its nodes, or delete it"
     )

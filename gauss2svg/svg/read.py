@@ -29,13 +29,13 @@ from gauss2svg.errors import InputError
 from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT, Scene
 from gauss2svg.svg.affine import Affine, compose, parse_transform
 from gauss2svg.svg.canvas import read_canvas
-from gauss2svg.svg.document import parse_document
+from gauss2svg.svg.document import MOST_BYTES, MOST_ELEMENTS, parse_document
 from gauss2svg.svg.gradient import SVG, Gradients
 from gauss2svg.svg.outline import SHAPES
 from gauss2svg.svg.plain import plain_beta, plain_radius
 from gauss2svg.svg.rules import check_animation, check_sheet, check_smil
 from gauss2svg.svg.shape import Shape, read_shape
-from gauss2svg.svg.values import color, declarations, length, reference, share
+from gauss2svg.svg.values import color, declarations, length, quoted, reference, share
 
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
@@ -66,6 +66,8 @@ def read_svg(
     *,
     background: ArrayLike | None = None,
     skip_hidden: bool = False,
+    max_bytes: int = MOST_BYTES,
+    max_elements: int = MOST_ELEMENTS,
 ) -> Scene:
     """The scene of an SVG that write_svg wrote, also after Inkscape edited and saved it.
 
@@ -80,14 +82,15 @@ def read_svg(
     background   sRGB colour in 0..1 for a file without a background, which is a transparent scene
                  if it is not given, or with a translucent one
     skip_hidden  leave hidden shapes and layers out, instead of refusing the file
+    max_bytes, max_elements  most that are read, gunzipped; more for a file that is trusted
 
     Animation is skipped. Raises InputError naming the element for all that a
     scene cannot hold: texts, pictures, other paths, strokes, masks, clips, several shapes
     under one group opacity; and for a file of an additive scene.
     """
-    root = parse_document(source)
+    root = parse_document(source, max_bytes, max_elements)
     if root.tag != SVG + "svg":
-        raise InputError(f"the document is <{_bare(root.tag)}>; needed is an <svg> of SVG")
+        raise InputError(f"the document is <{_bare(root.tag)[:40]}>; needed is an <svg> of SVG")
     if any(_SUMMED.search("".join(sheet.itertext())) for sheet in root.iter(SVG + "style")):
         raise InputError(
             "the SVG is a sum of signed Gaussians, drawn as differences, which cannot be read "
@@ -180,11 +183,13 @@ class _Reader:
                     check_animation(name, value, "remove it")
         for name in _UNREAD:
             if name in attributes:
-                raise InputError(f"its {name} is {attributes[name]!r}; needed is none: remove it")
+                raise InputError(
+                    f"its {name} is {quoted(attributes[name])}; needed is none: remove it"
+                )
         for name, harmless in _EFFECTS.items():
             if attributes.get(name, harmless).lower() not in (harmless, "inherit"):
                 raise InputError(
-                    f"its {name} is {attributes[name]!r}; needed is {harmless}: remove it"
+                    f"its {name} is {quoted(attributes[name])}; needed is {harmless}: remove it"
                 )
         changes: dict[str, Any] = {
             field: attributes[name]
@@ -217,8 +222,8 @@ class _Reader:
             if over + beneath > 1 and share(attributes.get("opacity", "1"), "opacity") < 1:
                 shapes = f"{over} shape{'s' * (over != 1)}" + " and the background" * bool(beneath)
                 raise InputError(
-                    f"its opacity is {attributes['opacity']} over {shapes} together, which is no "
-                    "painting of one over another; set it to 1, or that of each shape"
+                    f"its opacity is {attributes['opacity'][:60]} over {shapes} together, which is "
+                    "no painting of one over another; set it to 1, or that of each shape"
                 )
 
     def _rectangle(self, attributes: dict[str, str], state: _State) -> None:
@@ -234,8 +239,10 @@ class _Reader:
             np.add(sides[start], [0.0, sides[extent]])
             for start, extent in (("x", "width"), ("y", "height"))
         )
-        across, down = np.sort(a * x + c * y + e), np.sort(b * x + d * y + f)
+        with np.errstate(all="ignore"):
+            across, down = np.sort(a * x + c * y + e), np.sort(b * x + d * y + f)
         upright = max(abs(b), abs(c)) <= 1e-9 * max(abs(a), abs(d))
+        upright &= bool(np.isfinite([*across, *down]).all())
         if (
             not upright
             or max(across[0], down[0]) > _COVERED
@@ -266,7 +273,7 @@ class _Reader:
         if attributes.get("filter", "none") != "none":
             blur = self._by_id.get(reference(attributes["filter"]) or "")
             if blur is None or blur.tag != SVG + "filter":
-                raise InputError(f"its filter {attributes['filter']!r} is missing; remove it")
+                raise InputError(f"its filter {quoted(attributes['filter'])} is missing; remove it")
         shape = read_shape(tag, attributes, state.fill, state.onto, self._gradients, blur)
         # A blurred disc may be a little less opaque than its profile, but not more.
         opacity = min(1.0, state.opacity * shape.peak * share(state.fill_opacity, "fill-opacity"))
@@ -357,7 +364,7 @@ def _name(element: Any) -> str:
     """An element as one finds it in the file: its id, or else its first attributes."""
     named = [(key, element.get(key)) for key in ("id", _LABEL) if element.get(key)]
     shown = " ".join(f'{_bare(k)}="{v}"' for k, v in named or list(element.attrib.items())[:3])
-    return f"<{_bare(element.tag)} {' '.join(shown.split())[:120]}>".replace(" >", ">")
+    return f"<{_bare(element.tag)[:40]} {' '.join(shown.split())[:120]}>".replace(" >", ">")
 
 
 def _bare(tag: str) -> str:

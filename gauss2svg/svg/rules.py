@@ -7,10 +7,14 @@ from typing import Any
 
 from gauss2svg.errors import InputError
 
-_KEYFRAMES = re.compile(r"@(?:-\w+-)?keyframes[^{}]*\{(?:[^{}]*\{[^{}]*\})*[^{}]*\}", re.IGNORECASE)
-_COMMENT = re.compile(r"/\*.*?\*/|<!--|-->", re.DOTALL)
-_RULE = re.compile(r"[^{}@]*\{([^{}]*)\}")
-_MEDIA = re.compile(r"@media\b[^{}]*\{\s*\}", re.IGNORECASE)
+# Every pattern gives up at the first character that does not fit, and none begins anew within
+# what another beginning has passed: the time is linear in the length, however hostile.
+_KEYFRAMES = re.compile(
+    r"@(?:-\w++-)?keyframes[^{}@]*+\{(?:[^{}@]*+\{[^{}]*+\})*+[^{}@]*+\}", re.IGNORECASE
+)
+_COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)|<!--|-->", re.DOTALL)
+_RULE = re.compile(r"(?:\A|(?<=[{}@]))[^{}@]*+\{([^{}]*+)\}")
+_MEDIA = re.compile(r"@media\b[^{}@]*+\{\s*+\}", re.IGNORECASE)
 _ANIMATION = re.compile(r"(?:-webkit-)?animation(?:-[a-z-]+)?")
 # After these a shape stays as the animation leaves it, or is never as it is written.
 _LASTING = re.compile(r"\b(?:forwards|both|infinite|paused)\b", re.IGNORECASE)
@@ -35,10 +39,10 @@ def check_sheet(text: str) -> None:
 def check_animation(name: str, value: str, advice: str) -> None:
     """Raise InputError for a property that is none of animations, or one that does not end."""
     if not _ANIMATION.fullmatch(name):
-        raise InputError(f"it sets {name}; {advice}")
+        raise InputError(f"it sets {name[:60]}; {advice}")
     if lasting := _LASTING.search(value):
         raise InputError(
-            f"its {name} is {lasting[0]}; needed is one that ends as it began: remove it"
+            f"its {name[:60]} is {lasting[0]}; needed is one that ends as it began: remove it"
         )
 
 

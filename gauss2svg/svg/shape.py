@@ -17,8 +17,9 @@ from gauss2svg.svg.affine import Affine, compose
 from gauss2svg.svg.blur import blur_of, blurs
 from gauss2svg.svg.gradient import SVG, Gradient, Gradients
 from gauss2svg.svg.outline import outline
-from gauss2svg.svg.values import Color, color, length, numbers, reference
+from gauss2svg.svg.values import Color, color, length, numbers, quoted, reference
 
+_LEAST_RATIO = 1e-6  # beyond it either way a blur is no profile of ours, nor are its logarithms
 _SAME_RATIO = 0.005  # to a known one: the rounding of a deviation that an editor wrote
 # Deviations around a circle that the region of its filter has at least: write_svg writes 3.5, of
 # which Inkscape leaves 2.4, and so two levels at the end.
@@ -90,6 +91,11 @@ def blurred_profile(radius: float, deviation: float) -> tuple[float, float, floa
     Both lengths are in user units of the circle. Raises InputError for ratios unlike ours.
     """
     ratio = radius / deviation
+    if not _LEAST_RATIO < ratio < 1 / _LEAST_RATIO:
+        raise InputError(
+            f"its radius is {radius:g} and its blur's deviation {deviation:g}; needed are such as "
+            "write_svg writes: remove its filter"
+        )
     blur = min(blurs(), key=lambda known: abs(math.log(ratio * known.deviation)))
     if abs(ratio * blur.deviation - 1) > _SAME_RATIO:
         blur = blur_of(ratio)
@@ -102,12 +108,14 @@ def _deviation(blur: Any) -> float:
     if len(steps) != 1 or steps[0].tag != SVG + "feGaussianBlur":
         raise InputError("its filter is no single feGaussianBlur; needed is no filter: remove it")
     if blur.get("primitiveUnits", "userSpaceOnUse") != "userSpaceOnUse":
-        raise InputError(f"its filter has primitiveUnits {blur.get('primitiveUnits')!r}; remove it")
+        raise InputError(
+            f"its filter has primitiveUnits {quoted(blur.get('primitiveUnits'))}; remove it"
+        )
     for name, needed in _STEP.items():
         if steps[0].get(name, needed) != needed:
             raise InputError(
-                f"its blur has {name} {steps[0].get(name)!r}; needed is {needed or 'none'}: remove "
-                "its filter"
+                f"its blur has {name} {quoted(steps[0].get(name))}; needed is {needed or 'none'}: "
+                "remove its filter"
             )
     deviation = set(numbers(steps[0].get("stdDeviation", ""), "stdDeviation"))
     if len(deviation) != 1 or min(deviation) <= 0:

@@ -18,7 +18,7 @@ Color = tuple[float, float, float]
 # float() alone would let nan, inf and 1_000 through. Possessive quantifiers: a long run of digits
 # that ends in rubbish must not be tried in every way to cut it.
 NUMBER = r"[+-]?+(?:\d++\.?+\d*+|\.\d++)(?:[eE][+-]?+\d++)?+"
-_LENGTH = re.compile(rf"\s*({NUMBER})\s*([a-zA-Z%]*)\s*")
+_LENGTH = re.compile(rf"\s*+({NUMBER})\s*+([a-zA-Z%]*+)\s*+")
 _LIST = re.compile(rf"(?:[\s,]*+{NUMBER})*+[\s,]*+")
 _ONE = re.compile(NUMBER)
 # CSS: 96 px an inch.
@@ -36,7 +36,7 @@ def length(text: str, name: str, whole: float | None = None) -> float:
         return _finite(match[1], name) * whole / 100
     if match is None or unit not in _UNITS:
         raise InputError(
-            f"{name} is {_short(text)}; needed is a number, alone or in px, mm, cm, in, pt, pc or Q"
+            f"{name} is {quoted(text)}; needed is a number, alone or in px, mm, cm, in, pt, pc or Q"
         )
     return _finite(match[1], name) * _UNITS[unit]
 
@@ -44,7 +44,7 @@ def length(text: str, name: str, whole: float | None = None) -> float:
 def numbers(text: str, name: str) -> list[float]:
     """Numbers apart by white space or commas."""
     if not _LIST.fullmatch(text):
-        raise InputError(f"{name} is {_short(text)}; needed are finite numbers")
+        raise InputError(f"{name} is {quoted(text)}; needed are finite numbers")
     return [_finite(one, name) for one in _ONE.findall(text)]
 
 
@@ -60,7 +60,7 @@ def color(text: str, name: str) -> Color:
     except ValueError:
         levels = ()
     if len(levels) != 3:
-        raise InputError(f"{name} is {_short(text)}; needed is an opaque colour such as #1a2b3c")
+        raise InputError(f"{name} is {quoted(text)}; needed is an opaque colour such as #1a2b3c")
     return levels[0] / 255, levels[1] / 255, levels[2] / 255
 
 
@@ -81,7 +81,7 @@ def declarations(style: str) -> dict[str, str]:
     for name, colon, value in (part.partition(":") for part in style.split(";")):
         if "\\" in name or "!" in value:
             raise InputError(
-                f"its style has {_short((name + colon + value).strip())}; needed are declarations "
+                f"its style has {quoted((name + colon + value).strip())}; needed are declarations "
                 "without escapes and without !important"
             )
         if colon:
@@ -92,9 +92,10 @@ def declarations(style: str) -> dict[str, str]:
 def _finite(text: str, name: str) -> float:
     value = float(text)
     if not math.isfinite(value):
-        raise InputError(f"{name} holds {_short(text)}; needed are finite numbers")
+        raise InputError(f"{name} holds {quoted(text)}; needed are finite numbers")
     return value
 
 
-def _short(text: str) -> str:
-    return repr(text if len(text) <= 60 else text[:57] + "...")
+def quoted(text: str | None) -> str:
+    """A value as a message shows it, cut where it is long."""
+    return repr(text if text is None or len(text) <= 60 else text[:57] + "...")

@@ -1,0 +1,167 @@
+"""Laws of memory: what a run takes is told before the fit, and kept under a limit."""
+
+import json
+import resource
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import psutil
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from gauss2svg import memory, vectorize
+from gauss2svg.cli import main
+from gauss2svg.errors import InputError
+from gauss2svg.memory import Load, allowed, free_bytes, size_that_fits
+from gauss2svg.warmup import compile_kernels
+
+SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
+LOADS = st.builds(
+    lambda w, h, s, *more: Load(w, h, max(1, int(w * s)), max(1, int(h * s)), *more),
+    SIDES, SIDES, st.floats(0, 1), COUNTS,
+    st.sampled_from(["mse", "l1+ssim"]), st.sampled_from(["float32", "float64"]),
+)  # fmt: skip
+QUICK = {"gaussians": 3, "iterations": 2}
+
+
+@given(LOADS)
+def test_more_of_anything_takes_no_less(load):
+    for name in ("width", "height", "fit_width", "fit_height", "gaussians"):
+        assert replace(load, **{name: getattr(load, name) + 1}).bytes >= load.bytes
+    assert replace(load, loss="mse+ssim").bytes >= replace(load, loss="mse").bytes
+    assert replace(load, dtype="float64").bytes >= replace(load, dtype="float32").bytes
+
+
+@given(LOADS, st.integers(10**8, 10**11))
+def test_size_is_the_largest_that_fits(load, limit):
+    try:
+        width, height, note = size_that_fits(load, limit, asked=False)
+    except InputError:
+        assert replace(load, fit_width=1, fit_height=1).bytes > limit
+        return
+    assert replace(load, fit_width=width, fit_height=height).bytes <= limit
+    assert (note is None) == (load.bytes <= limit) == ((width, height) == load_size(load))
+    if note is not None:
+        assert f"{width}x{height} px to stay under {limit / 1e6:.0f} MB" in note
+        share = max((width + 2) / load.fit_width, (height + 2) / load.fit_height)
+        larger = [min(int(share * side) + 2, side) for side in load_size(load)]
+        assert replace(load, fit_width=larger[0], fit_height=larger[1]).bytes > limit
+        with pytest.raises(InputError, match="give a smaller --max-size, or a larger --max-memory"):
+            size_that_fits(load, limit, asked=True)
+
+
+def load_size(load):
+    return load.fit_width, load.fit_height
+
+
+def measured(width, height, folder, **options):
+    """Bytes that a process took to vectorise a photo of that size, and those estimated."""
+    path = folder / "photo.png"
+    Image.new("RGB", (width, height), (200, 100, 50)).save(path)
+    code = (
+        "import json, sys; from gauss2svg import vectorize; "
+        "vectorize(sys.argv[1], **json.loads(sys.argv[2])); "
+        "print(next(l for l in open('/proc/self/status') if l.startswith('VmHWM')).split()[1])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path), json.dumps(options)],
+        capture_output=True, check=True,
+    )  # fmt: skip
+    return int(done.stdout) * 1024
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_estimate_is_over_what_a_process_takes_but_not_by_far(tmp_path):
+    compile_kernels()
+    taken = measured(1500, 1000, tmp_path, gaussians=500, iterations=3)
+    assert 1 <= Load(1500, 1000, 1024, 683, 500).bytes / taken <= 1.8
+
+
+def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
+    least = Load(128, 128, 1, 1, 3).bytes
+    limit = (least + Load(128, 128, 128, 128, 3).bytes) // 2
+    report = vectorize(photo, max_memory=limit, **QUICK).report
+    assert (report["width"], report["height"]) == (128, 128)
+    assert 60 < report["fit_width"] == report["fit_height"] < 128
+    size = f"{report['fit_width']}x{report['fit_width']} px"
+    assert report["notes"] == [f"fitted at {size} to stay under {limit / 1e6:.0f} MB of memory"]
+    with pytest.raises(InputError, match=r"a fit on 128x128 px takes about [0-9]+ MB"):
+        vectorize(photo, max_memory=limit, max_size=128, **QUICK)
+    assert vectorize(photo, max_memory=limit, max_size=32, **QUICK).report["notes"] == []
+    assert vectorize(photo, max_memory="9G", **QUICK).report["fit_width"] == 128
+
+
+def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("gauss2svg.pipeline.Pursuit", None)
+    path, out = tmp_path / "photo.png", tmp_path / "o.svg"
+    Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(path)
+    command = [str(path), "-o", str(out), "--gaussians", "3", "--max-memory"]
+    for size, message in {
+        "100M": "of memory and 100 MB may be taken; shrink the photo first, or give a larger",
+        "2X": "max_memory is '2X'",
+        "0": "max_memory is '0'",
+    }.items():
+        assert main([*command, size]) == 2
+        err = capsys.readouterr().err
+        assert message in err
+        assert err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [path]
+    monkeypatch.setattr(memory, "SHARE", 0.001)
+    with pytest.raises(InputError, match="shrink the photo first"):
+        vectorize(photo, **QUICK)
+
+
+def test_four_fifths_of_what_is_free_and_its_own_are_allowed(monkeypatch):
+    monkeypatch.setattr(memory, "free_bytes", lambda: 10**12)
+    own = psutil.Process().memory_info().rss
+    assert allowed(None) == pytest.approx(0.8 * (10**12 + own), rel=1e-3)
+    assert allowed("2G") == allowed(2 * 10**9) == 2 * 10**9
+
+
+def group(folder, most, used, idle, version=2):
+    """Write the files of a control group."""
+    folder.mkdir(parents=True, exist_ok=True)
+    names = ("memory.max", "memory.current", "inactive_file")
+    if version == 1:
+        names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
+    (folder / names[0]).write_text(f"{most}\n")
+    (folder / names[1]).write_text(f"{used}\n")
+    (folder / "memory.stat").write_text(f"anon 5\n{names[2]} {idle}\n")
+
+
+@pytest.mark.parametrize(
+    ("version", "row", "place"),
+    [(2, "0::/a/b\n", ""), (1, "4:cpu:/x\n3:memory,hugetlb:/a/b\n0::/\n", "memory")],
+)
+def test_control_groups_bound_what_is_free(version, row, place, tmp_path):
+    process, groups = tmp_path / "self", tmp_path / "groups"
+    process.mkdir()
+    (process / "cgroup").write_text(row)
+    without = free_bytes(process, groups)
+    assert without > 0
+    root = groups / place
+    group(root / "a" / "b", "max" if version == 2 else 2**63 - 4096, 700, 0, version)
+    assert free_bytes(process, groups) > 10**6
+    group(root / "a", 1000, 700, 100, version)
+    assert free_bytes(process, groups) == 400
+    group(root, 800, 900, 200, version)
+    assert free_bytes(process, groups) == 100
+    group(root / "a" / "b", 500, 900, 0, version)
+    assert free_bytes(process, groups) == 0
+    # In a container the host's path is not there, and the root is the container's own.
+    (process / "cgroup").write_text(row.replace("/a/b", "/of/the/host"))
+    assert free_bytes(process, groups) == 100
+
+
+def test_limits_of_the_process_bound_what_is_free(monkeypatch):
+    none = resource.RLIM_INFINITY, resource.RLIM_INFINITY
+    for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA):
+        held = psutil.Process().memory_info()
+        limit = (held.vms if kind == resource.RLIMIT_AS else held.rss) + 50_000_000
+        bounds = {kind: (limit, resource.RLIM_INFINITY)}
+        monkeypatch.setattr(resource, "getrlimit", lambda k, b=bounds: b.get(k, none))
+        assert 0 < free_bytes() <= 50_000_000

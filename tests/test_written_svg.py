@@ -1,0 +1,123 @@
+"""Laws of what is written: no script, no entity, nothing from outside, whatever it is told to say.
+
+Read by expat alone, which knows nothing of this package.
+"""
+
+import re
+from xml.parsers import expat
+
+import numpy as np
+import pytest
+from conftest import random_scene, random_sum
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gauss2svg.errors import InputError
+from gauss2svg.svg import FORMS, Page, SvgOptions, outline_svg, write_svg
+
+SCENE, SUM = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
+LABELS = np.arange(12).reshape(3, 4) // 4
+WRITERS = {
+    **{f: lambda page, f=f: write_svg(SCENE, SvgOptions(form=f), page) for f in FORMS},
+    "stops": lambda page: write_svg(SCENE, SvgOptions(stops=12, palette=0), page),
+    "sum": lambda page: write_svg(SUM, None, page),
+    "outline": lambda page: outline_svg(SCENE, page),
+    "segments": lambda page: write_svg(
+        SCENE, None, Page(page.title, page.alt, "9mm", "none", LABELS)
+    ),
+    "animated": lambda page: write_svg(SCENE, None, Page(page.title, page.alt, animate=3.0)),
+    "animated outline": lambda page: outline_svg(SCENE, Page(page.title, page.alt, animate=3.0)),
+}  # fmt: skip
+ELEMENTS = {
+    "svg", "title", "desc", "defs", "g", "rect", "circle", "ellipse", "radialGradient", "stop",
+    "filter", "feGaussianBlur", "feComponentTransfer", "feFuncR", "feFuncG", "feFuncB", "style",
+}  # fmt: skip
+NAMESPACES = {
+    "http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink",
+    "http://www.inkscape.org/namespaces/inkscape", "http://www.w3.org/2001/xml-events",
+    "http://sodipodi.sourceforge.net/DTD/sodipodi-0.dtd",
+}  # fmt: skip
+HOSTILE = [
+    "</title><script>alert(1)</script>", "]]><script/>", "<![CDATA[<script/>]]>",
+    "--><script/><!--", "&lol;", "&amp;lt;script&amp;gt;", '"><image href="http://a/x.png"/>',
+    "<?xml-stylesheet href='a'?>", "<!DOCTYPE svg [<!ENTITY a SYSTEM 'file:///etc/passwd'>]>&a;",
+    "' onload='alert(1)", "&#60;b&#62;", "url(http://a)", "javascript:alert(1)", "\u2028 ]]&gt;",
+]  # fmt: skip
+
+
+def read(svg):
+    """Texts of the elements by name; AssertionError for what must not be in the file."""
+    texts, path = {}, []
+
+    def begin(name, attributes):
+        space, _, tag = name.rpartition(" ")
+        assert space == "http://www.w3.org/2000/svg"
+        assert tag in ELEMENTS
+        path.append(tag)
+        texts.setdefault(tag, "")
+        for key, value in attributes.items():
+            local = key.rpartition(" ")[2].lower()
+            assert not local.startswith("on")
+            assert local not in ("href", "src", "base", "absref")
+            for target in re.findall(r"url\(([^)]*)", value):
+                assert re.fullmatch(r"#[\w-]+", target)
+            assert "script:" not in value
+            assert "//" not in value
+
+    def forbidden(*_):
+        raise AssertionError("a declaration that must not be there")
+
+    parser = expat.ParserCreate(namespace_separator=" ")
+    parser.StartElementHandler = begin
+    parser.EndElementHandler = lambda _: path.pop()
+    parser.CharacterDataHandler = lambda text: texts.update({path[-1]: texts[path[-1]] + text})
+    parser.StartNamespaceDeclHandler = lambda _, uri: NAMESPACES.__contains__(uri) or forbidden()
+    for name in (
+        "StartDoctypeDeclHandler", "EntityDeclHandler", "ProcessingInstructionHandler",
+        "UnparsedEntityDeclHandler", "NotationDeclHandler", "ExternalEntityRefHandler",
+        "SkippedEntityHandler",
+    ):  # fmt: skip
+        setattr(parser, name, forbidden)
+    parser.Parse(svg.encode(), True)
+    sheet = texts.get("style", "")
+    assert not re.search(r"@import|url\(|expression|//|\\", sheet)
+    return texts
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_nothing_but_shapes_is_written_whatever_is_said(writer):
+    said = " ".join(HOSTILE)
+    texts = read(WRITERS[writer](Page(f"a {said} b", f"c {said} d")))
+    assert texts["title"] == f"a {said} b"
+    assert texts["desc"] == f"c {said} d"
+
+
+@pytest.mark.parametrize("said", HOSTILE)
+def test_each_text_is_kept_as_it_is(said):
+    assert read(write_svg(SCENE, None, Page(said, said)))["title"] == said
+
+
+@settings(max_examples=25)
+@given(st.text(max_size=40), st.sampled_from(list(WRITERS)))
+def test_any_text_is_kept_or_refused(said, writer):
+    try:
+        page = Page(said, said)
+    except InputError:
+        return
+    # XML makes every end of a line one \n.
+    expected = said.replace("\r\n", "\n").replace("\r", "\n")
+    texts = read(WRITERS[writer](page))
+    assert texts["title"] in (said, expected)
+    assert texts["desc"] in (said, expected) or not said
+
+
+def test_what_must_not_be_there_is_seen():
+    whole = write_svg(SCENE)
+    for bad in (
+        "<script/>", '<a/>', '<g onload="a"/>', '<g fill="url(http://a)"/>', "<?a b?>",
+        '<rect xlink:href="#a"/>', "<style>@import 'a'</style>", '<g xmlns="http://a"/>',
+    ):  # fmt: skip
+        with pytest.raises((AssertionError, expat.ExpatError)):
+            read(whole.replace("</svg>", f"{bad}</svg>"))
+    with pytest.raises(AssertionError):
+        read(whole.replace("<svg", "<!DOCTYPE svg><svg", 1))
