@@ -65,7 +65,8 @@ def identity_of(request: Request, *pictures: NDArray[np.float32]) -> Memory:
         f.name: getattr(request, f.name) for f in dataclasses.fields(request) if f.name != "page"
     }
     options["targets"] = dataclasses.asdict(request.targets)
-    return {"version": __version__, **options, "photo": digest.hexdigest()}
+    sizes = [list(picture.shape) for picture in pictures]
+    return {"version": __version__, **options, "sizes": sizes, "photo": digest.hexdigest()}
 
 
 def resumed(path: str | os.PathLike[str], identity: Memory) -> Memory:

@@ -204,6 +204,9 @@ def broken_picture(rng: Random) -> bytes:
     return mutated_bytes(rng, seed, other)
 
 
+_MOST_PIXELS = 16_000_000
+
+
 def broken_svg(rng: Random) -> bytes:
     """An SVG that something has happened to: to its bytes, or to its names and values."""
     seeds = svg_seeds()
@@ -214,8 +217,11 @@ def broken_svg(rng: Random) -> bytes:
 
 
 def read_photo(data: bytes) -> None:
-    """What the loader accepts is a picture; raises InputError for the rest."""
-    photo = load_image(data)
+    """What the loader accepts is a picture; raises InputError for the rest.
+
+    The limit of memory is one of pixels: what is decoded takes some 24 bytes for each.
+    """
+    photo = load_image(data, max_pixels=_MOST_PIXELS)
     height, width, channels = photo.pixels.shape
     assert channels == 3
     assert height > 0 < width

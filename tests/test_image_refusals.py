@@ -225,6 +225,16 @@ def photo_or_refusal(data: bytes) -> Photo | InputError:
         return error
 
 
+def test_colours_without_their_palette_are_refused():
+    whole = io.BytesIO()
+    Image.fromarray(np.zeros((4, 4), np.uint8)).convert("P").save(whole, "PNG")
+    data = whole.getvalue()
+    at = data.index(b"PLTE") - 4
+    length = int.from_bytes(data[at : at + 4], "big") + 12
+    with pytest.raises(InputError, match="its colours have no palette"):
+        load_image(data[:at] + data[at + length :])
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_file_that_is_cut_off_is_refused_or_whole(name):
     options = {"progressive": True} if name == "JPEG" else {}

@@ -196,6 +196,8 @@ def loaded(picture: Image.Image, name: str) -> Image.Image:
         raise
     except Exception as error:  # hostile bytes make decoders raise anything
         raise broken(name, error) from error
+    if picture.mode in ("P", "PA") and picture.palette is None:
+        raise broken(name, ValueError("its colours have no palette"))
     return picture
 
 
