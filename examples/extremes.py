@@ -109,6 +109,13 @@ def _corners() -> NDArray[np.float64]:
     return np.array([*centres, *corners, [16, 16], [32, 7.3], [5.2, 32], [16, 16.5]])
 
 
+def _needle(**more: Any) -> Scene:
+    """A needle across four tiles, along a diagonal of pixel centres, 0.9 of its widths off them."""
+    sigma, rho = 4.0, 1 - 1e-12
+    width = sigma * float(narrowing_of(np.array([rho]))[0])
+    return scene_of((20.3, 17.3 + 0.9 * width), sigma, rho, **more)
+
+
 def cases() -> Iterator[Case]:
     """All of them, "over" before "add"."""
     centre, crowd = (20.5, 17.5), np.random.default_rng(_SEED).uniform(0, 1, (10_000, 2))
@@ -143,6 +150,9 @@ def cases() -> Iterator[Case]:
     ):  # fmt: skip
         turned = scene_of(_MIDDLE, sigma, rho)
         yield Case(name, turned, **rounded, levels=40.0, reason=_ROUNDED + "; " + _THIN)
+    needles = {**rounded, **sampled, "double": 1e-10, "reason": _BOTH}
+    yield Case("needle, 0.9 widths beside centres", _needle(), **needles)
+    yield Case("needle, 0.9 widths beside centres, exponent 2", _needle(beta=2.0), **needles)
     for sign, name in ((1, "rho at its limit"), (-1, "rho at its other limit")):
         yield Case(
             name + ", sigma 12, on centres", scene_of(centre, 12.0, sign * RHO_LIMIT),
@@ -180,6 +190,7 @@ def cases() -> Iterator[Case]:
     thin = scene_of((20.500001, 17.5), 1e-6, blend=ADD)
     yield Case("sum: sigma 1e-6", thin, **rounded, **sampled, reason=_BOTH)
     yield Case("sum: sigma 1e6", scene_of((-2e6, 17.6), 1e6, blend=ADD))
+    yield Case("sum: needle, 0.9 widths beside centres", _needle(blend=ADD), **needles)
     turned = scene_of(_MIDDLE, 1e5, 1 - 2e-12, blend=ADD)
     yield Case("sum: aspect 1e6, turned", turned, **rounded, levels=40.0,
                reason=_ROUNDED + "; " + _THIN)  # fmt: skip

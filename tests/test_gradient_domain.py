@@ -132,6 +132,16 @@ def check(scene: Scene, seed: int, plain: bool) -> None:
                 assert off <= ALLOWED, f"{label}: {off:.1e} of {where}"
 
 
+@pytest.mark.parametrize(("blend", "beta"), [(OVER, 1.0), (OVER, 1.7), (ADD, 1.0)])
+@pytest.mark.parametrize("sigma", [1.0, 4.0])
+def test_gradients_are_those_of_finite_differences_for_a_needle_beside_centres(blend, beta, sigma):
+    # down a column it is 1e-6 px wide: a step of a row is 7e5 whitened units at a sigma of 1 px
+    shape = {"sigma": [[sigma, sigma]], "rho": [1 - 1e-12], "color": [[0.9, 0.2, 0.6]]}
+    scene = Scene(18, 11, [[6.3, 1.3]], **shape, opacity=[1.0], beta=[beta], blend=blend)
+    beside = scene.mean - scene.factor[0] @ [0.0, 0.9]
+    check(scene.replace(mean=beside), 0, plain=False)
+
+
 @pytest.mark.parametrize("blend", [OVER, ADD])
 @settings(max_examples=EXAMPLES, phases=UNSHRUNK)
 @given(st.data(), st.integers(0, 2**32 - 1))

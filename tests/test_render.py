@@ -1,5 +1,6 @@
 """Laws of the two renderers, and that they are one."""
 
+import itertools
 from concurrent.futures import ThreadPoolExecutor
 
 import numba
@@ -16,7 +17,7 @@ from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.cpu import moments_of_gradient, removal_cost, splats_of, squared_error
 from gauss2svg.render.reference import composite, render_reference
-from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH, find_pairs
+from gauss2svg.render.tiles import LEAST_STEPPED, TILE_HEIGHT, TILE_WIDTH, find_pairs
 from gauss2svg.scene import Scene
 
 seeds = st.integers(0, 2**32 - 1)
@@ -210,6 +211,28 @@ def test_pairs_are_exactly_the_rows_that_a_gaussian_reaches(seed, count, width, 
     # a row is also listed where only the strip's rim touches it, never more
     assert len(listed) <= len(reached) + 4 * len(gaussian) + 4
     assert (np.diff(offset) >= 0).all()
+
+
+def test_the_thinnest_shapes_are_pairs_of_one_row_and_reach_the_same_rows():
+    def pairs_of(width: float):
+        rho = np.array([-np.sqrt(1 - (width / 7) ** 2)])
+        shape = np.array([[30.3, 20.6]]), np.array([[9.0, 7.0]]), rho, np.array([3.0])
+        _, _, rows, start, order, most = find_pairs(*shape, 48, 64)
+        listed = [
+            (tile, int(y))
+            for tile, (first, end) in enumerate(itertools.pairwise(start))
+            for p in order[first:end]
+            for y in range(*rows[p])
+        ]
+        return sorted(listed), rows[:, 1] - rows[:, 0], most
+
+    thin, ones, thin_most = pairs_of(0.99 * LEAST_STEPPED)
+    wide, heights, wide_most = pairs_of(1.01 * LEAST_STEPPED)
+    assert len(thin) == len(set(thin)) > 30
+    assert thin == wide
+    assert thin_most == wide_most
+    assert (ones == 1).all()
+    assert heights.max() > 1
 
 
 def test_tile_lists_run_from_front_to_back():

@@ -116,9 +116,10 @@ def rim_of_gaussians(like):
 def whitened(i, p, x0, y0, column, like, shape, rows):
     """z1, and z2 on the middle one of a pair's rows, of lanes like `like`; that row in the tile.
 
-    On another row z2 is w22 more for each step. Both are rounded from float64: where a mean is far
-    off, or within a shape of sigma 1e-6 px, float32 knows of no offsets, and the two terms of a
-    thin sheared shape's z2 all but cancel.
+    On another row z2 is w22 more for each step; pairs of the thinnest shapes have one row alone
+    (gauss2svg.render.tiles). Both are rounded from float64: where a mean is far off, or within a
+    shape of sigma 1e-6 px, float32 knows of no offsets, and the two terms of a thin sheared shape's
+    z2 all but cancel.
     """
     middle = (rows[p, 0] + rows[p, 1]) // 2
     u = column + splat(x0 + 0.5 - shape[i, 0], column)

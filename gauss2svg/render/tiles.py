@@ -4,6 +4,11 @@ The canvas is cut into tiles TILE_WIDTH pixels wide (one vector register of
 float32) and TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Only
 the rows that its ellipse reaches in the tile's column strip are visited, so
 work is counted in pair rows of TILE_WIDTH pixels.
+
+The kernels step from row to row of a pair in float32, by w22 = 1 / (sy sqrt(1 - rho^2)) in
+whitened offsets (gauss2svg.render.kernels.whitened): over 8 rows that rounds them by up to
+1e-6 w22. Shapes thinner than LEAST_STEPPED, far below any of a fit, are pairs of one row each,
+which takes no step.
 """
 
 from typing import NamedTuple
@@ -15,7 +20,9 @@ from numpy.typing import NDArray
 import gauss2svg.render.threads  # noqa: F401  (acts when it is imported)
 
 TILE_WIDTH = 16  # 16 float32 fill one 512-bit register, two of 256 bits
-TILE_HEIGHT = 16
+TILE_BITS = 4
+TILE_HEIGHT = 1 << TILE_BITS
+LEAST_STEPPED = 1 / 64  # px, of the width sy sqrt(1 - rho^2) down a column
 
 
 class Pairs(NamedTuple):
@@ -74,6 +81,12 @@ def _columns(mx, reach, w):
     return int(first) // TILE_WIDTH, int(last) // TILE_WIDTH + 1
 
 
+@njit(cache=True, inline="always")
+def _pair_bits(sy, rho):
+    """Binary logarithm of how many rows of a tile a pair may hold: see the module."""
+    return 0 if sy * np.sqrt((1.0 - rho) * (1.0 + rho)) < LEAST_STEPPED else TILE_BITS
+
+
 @njit(parallel=True, cache=True)
 def find_pairs(mean, sigma, rho, radius, h, w):
     """Pairs of n shapes (float64), cut at Mahalanobis distances radius (n,), on h x w px."""
@@ -84,12 +97,13 @@ def find_pairs(mean, sigma, rho, radius, h, w):
     for i in prange(n):
         mx, my, sx, sy = mean[i, 0], mean[i, 1], sigma[i, 0], sigma[i, 1]
         first, last = _columns(mx, sx * radius[i], w)
+        bits = _pair_bits(sy, rho[i])
         count = 0
         for column in range(first, last):
             x0 = column * TILE_WIDTH
             y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius[i], x0, min(x0 + TILE_WIDTH, w), h)
             if y1 > y0:
-                count += (y1 - 1) // TILE_HEIGHT - y0 // TILE_HEIGHT + 1
+                count += ((y1 - 1) >> bits) - (y0 >> bits) + 1
         offset[i + 1] = count
     for i in range(n):
         offset[i + 1] += offset[i]
@@ -100,16 +114,17 @@ def find_pairs(mean, sigma, rho, radius, h, w):
     for i in prange(n):
         mx, my, sx, sy = mean[i, 0], mean[i, 1], sigma[i, 0], sigma[i, 1]
         first, last = _columns(mx, sx * radius[i], w)
+        bits = _pair_bits(sy, rho[i])
         at = offset[i]
         for column in range(first, last):
             x0 = column * TILE_WIDTH
             y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius[i], x0, min(x0 + TILE_WIDTH, w), h)
             if y1 > y0:
-                for row in range(y0 // TILE_HEIGHT, (y1 - 1) // TILE_HEIGHT + 1):
+                for part in range(y0 >> bits, ((y1 - 1) >> bits) + 1):
                     gaussian[at] = i
-                    tile[at] = row * columns + column
-                    rows[at, 0] = max(y0, row * TILE_HEIGHT)
-                    rows[at, 1] = min(y1, (row + 1) * TILE_HEIGHT)
+                    tile[at] = (part << bits >> TILE_BITS) * columns + column
+                    rows[at, 0] = max(y0, part << bits)
+                    rows[at, 1] = min(y1, (part + 1) << bits)
                     at += 1
     # In eight shares, each counted and filled in parallel, this was no faster.
     start = np.zeros(tiles + 1, np.int64)
