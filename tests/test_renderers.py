@@ -95,8 +95,8 @@ def test_nothing_of_the_file_runs_and_nothing_is_loaded(renderer):
 
 
 def test_pictures_that_are_too_large_are_refused_unread():
-    with pytest.raises(RendererError, match="100 million; needed are at most 89") as caught:
-        rasterize("", 10_000, 10_000)
+    with pytest.raises(RendererError, match="196 million; needed are at most 179") as caught:
+        rasterize("", 14_000, 14_000)
     assert "\n" not in str(caught.value)
 
 

@@ -166,7 +166,7 @@ def test_gaussians_that_nothing_would_miss_are_removed_before_the_last_steps(pho
     dear, cheap = (Demand(g, 0.12, 60.0, 600) for g in (0.5, 0.0))
     kept = run_of(photo, dear)
     target = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
-    image, cost = removal_cost(kept.state.splats(kept.background), target)
+    image, cost = removal_cost(kept.state.splats(kept.population.background), target)
     error = np.sum((image - target) ** 2, dtype=np.float64)
     worth = 10 * np.log10(1 + np.maximum(cost[:, 0], 0) / error)
     assert np.median(worth) > dear.gain * dear.kilobytes
