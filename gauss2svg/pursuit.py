@@ -41,7 +41,7 @@ from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.request import Request
 from gauss2svg.roundtrip import RoundTrip, model_psnr
 from gauss2svg.scene import Scene
-from gauss2svg.svg import arranged, file_bytes, settled, write_svg
+from gauss2svg.svg import SvgOptions, arranged, file_bytes, settled, write_svg
 from gauss2svg.svg.layers import segment_at
 from gauss2svg.targets import TOLERANCE
 
@@ -154,7 +154,7 @@ class Pursuit:
         return Outcome(
             scene=best.scene,
             svg=best.svg,
-            svg_options=self._request.svg_options(len(best.scene), None),
+            svg_options=self._svg_options(len(best.scene), None),
             fitted=fitted,
             measured=found,
             corrections=len(self._attempts.made) - 1,
@@ -295,21 +295,28 @@ class Pursuit:
         return scaled.replace(width=width, height=height)
 
     def _as_written(self, scene: Scene, psnr: float) -> Scene:
-        options = self._request.svg_options(len(scene), 10 ** (-psnr / 10))
+        options = self._svg_options(len(scene), 10 ** (-psnr / 10))
         photo = settled(self._on_photo(scene), options)
         return photo.scaled(scene.width / photo.width, scene.height / photo.height)
 
     def _write(self, scene: Scene, psnr: float) -> str:
         """The file of a scene on the working canvas, before its colours are settled."""
-        options = self._request.svg_options(len(scene), 10 ** (-psnr / 10))
+        options = self._svg_options(len(scene), 10 ** (-psnr / 10))
         return write_svg(self._on_photo(scene), options, self._request.page)
+
+    def _svg_options(self, count: int, error: float | None) -> SvgOptions:
+        options = self._request.svg_options(count, error)
+        if self._ended and self._targets.max_bytes is None:
+            # No steps are left that would make up for a palette: all colours are written.
+            return dataclasses.replace(options, palette=0, color_error=0.0)
+        return options
 
     def _attempt(self) -> Attempt:
         self._tell("write", None)
         scene = self._run.scene()
         model = model_psnr(scene, self._working)
         # Its colours are those of the palette already, save for plain ellipses that no longer are.
-        options = self._request.svg_options(len(scene), None)
+        options = self._svg_options(len(scene), None)
         page = self._request.page
         scaled = arranged(settled(self._on_photo(scene), options), page.segments)
         options = options.every_color

@@ -44,6 +44,8 @@ def run_report(
     measured_height, measured_width = measured.raster.shape[:2]
     if (measured_width, measured_height) != (photo.width, photo.height):
         notes.append(f"measured at {measured_width}x{measured_height} px for want of time")
+    if photo.alpha is not None and photo.alpha.any() and not len(outcome.scene):
+        notes.append("what shows of the photo is too faint for any renderer: the SVG is empty")
     if fitted.rollbacks:
         times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"
         notes.append(

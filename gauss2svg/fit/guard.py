@@ -27,6 +27,7 @@ from gauss2svg.fit.state import State
 _RUN_AWAY = 2.0
 _LOST, _LOST_STEPS = 1.5, 25
 _LEFT_BEHIND = 1.2
+_ROUNDING = 1 + 1e-6  # of a loss that is summed in another order
 # Mean squared error under which nothing does: 50 dB.
 _NEGLIGIBLE = 1e-5
 # After going back steps begin at a quarter of those that ran away and grow to half of them: one
@@ -78,15 +79,15 @@ class Guard:
             self._best = state.copy(), None if shared is None else shared.copy()
         return True
 
-    @property
-    def is_needed(self) -> bool:
-        """Whether a stage should not end without being asked what its last step has brought."""
-        return self._usual < 1 or self.rollbacks > 0
+    def is_worse(self, loss: float, far: bool) -> bool:
+        """Whether a stage should not end at this loss, but at its best state; far: by a fifth.
 
-    def note_end(self, loss: float) -> None:
-        """Take smaller steps from here on if a stage ended at a loss far from its best."""
-        if not loss <= _LEFT_BEHIND * self._least:
+        Where steps were too large before, it is one more time that the fit ran away.
+        """
+        left_behind = not loss <= _LEFT_BEHIND * self._least
+        if left_behind and (self._usual < 1 or self.rollbacks > 0):
             self.back()
+        return left_behind if far else not loss <= self._least * _ROUNDING
 
     def back(self) -> tuple[State, SharedColors | None] | None:
         """The best state, from which to go on in smaller steps; None where none was good."""

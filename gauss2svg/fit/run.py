@@ -17,6 +17,7 @@ from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit import adam
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.guard import Guard
+from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import FitOptions, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population
@@ -212,7 +213,7 @@ class Run:
                 stage.begun = True
             while not self.clock.round_is_over(stage.index):
                 self._step(self.clock.growing(stage.index))
-            self._end_at_best(self.guard.is_needed)
+            self._end_at_best(far=not self.clock.stopped)
             stage.index, stage.begun = stage.index + 1, False
         self._after_growth()
 
@@ -261,12 +262,12 @@ class Run:
                 stage.adjust_at = [at for at in stage.adjust_at if at > done]
                 count = self.rule.adjust(self._snapshot(done, self._recent_psnr))
                 if count != len(self.state):
-                    self._end_at_best(self.guard.is_needed)
+                    self._end_at_best(far=True)
                     population.change_count(count)
                     self.guard.begin()
             if done >= DECAY_START and not stage.pruned:
                 stage.pruned = True
-                self._end_at_best(self.guard.is_needed)
+                self._end_at_best(far=True)
                 population.prune(self.rule.least_gain())
                 self.guard.begin()
             if done >= SETTLED_FROM and not stage.settled:
@@ -285,19 +286,25 @@ class Run:
         population.drop_undrawable()
         stage.name = OVER
 
-    def _end_at_best(self, needed: bool = True) -> None:
-        """Back to the best state of a stage that ends, where the last step has left it."""
-        if not needed or not len(self.state):
+    def _end_at_best(self, far: bool = False) -> None:
+        """Back to the best state of a stage that ends, where the last steps have left it.
+
+        far: only if they left it far behind; what was relocated lately may still pay.
+        """
+        best = self.guard.best() if len(self.state) else None
+        if best is None:
             return
-        loss = self._judged(self.population.splats()).loss
-        best = self.guard.best()
-        if best is not None and not loss <= self.guard.least:
-            self.guard.note_end(loss)
-            self.population.state, self._shared = best
+        population = self.population
+        if self.options.loss == DEFAULT_LOSS:  # without a gradient, in a third of the time
+            loss = population.target.loss(population.splats())
+        else:
+            loss = self._judged(population.splats()).loss
+        if self.guard.is_worse(loss, far):
+            population.state, self._shared = best
 
     def _settle(self) -> None:
         """Exponents become those of a file and stay, colours are shared from here on."""
-        self._end_at_best(self.guard.is_needed)
+        self._end_at_best()
         population = self.population
         population.settle_segments()
         if self._as_written is not None and len(self.state):

@@ -157,6 +157,10 @@ class Target:
         """Mean squared difference of the Gaussians to this picture."""
         return float(np.mean(np.square(self.rendered(splats) - self.planar), dtype=np.float64))
 
+    def loss(self, splats: Splats) -> float:
+        """The loss of `judged`, where it is the squared error."""
+        return 0.5 * self.error(splats) * self.planar.size
+
     def judged(self, splats: Splats, loss: str, ssim_weight: float | None) -> Judgement:
         """The loss, one of gauss2svg.fit.losses.LOSSES, and its gradient."""
         judgements = [self._judged(view, splats, loss, ssim_weight) for view in self._views]

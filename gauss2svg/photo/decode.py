@@ -13,7 +13,7 @@ from PIL import ExifTags, Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.photo import gamma, profile
-from gauss2svg.photo.files import UnreadTiffError, loaded, opened
+from gauss2svg.photo.files import UnreadTiffError, broken, loaded, opened
 from gauss2svg.photo.samples import unit
 from gauss2svg.photo.tags import frames_note, orientation_left, tags_of, upright
 from gauss2svg.photo.tiff import first_page
@@ -84,7 +84,10 @@ def _decoded(picture: Image.Image, name: str, file: BinaryIO | None, max_pixels:
     elif loaded(picture, name).mode.startswith("I") or picture.mode == "F":
         samples = _wide_grey(picture, name)
     else:
-        samples = _eight_bits(picture, rawmode)
+        try:
+            samples = _eight_bits(picture, rawmode)
+        except (ValueError, OSError) as error:  # such as an index beyond its palette
+            raise broken(name, error) from error
     tags = before or tags_of(picture)
     color, notes = _in_srgb(samples, picture, name, file)
     turn = orientation_left(picture)

@@ -28,8 +28,12 @@ def check_domain(**tensors: torch.Tensor) -> None:
     """
     for name, tensor in tensors.items():
         least, most = _DOMAIN[name]
-        # The ends as the tensor's type has them: 1e-9 is a little less in float32.
-        least, most = torch.tensor([least, most], dtype=tensor.dtype).double().tolist()
+        # The ends as the tensor's type has them: 1e-9 is a little less in float32, and beyond the
+        # normal numbers of float16, as 1e9 is.
+        kind = torch.finfo(tensor.dtype)
+        least = max(least, kind.tiny) if least > 0 else max(least, kind.min)
+        ends = torch.tensor([least, min(most, kind.max)], dtype=tensor.dtype)
+        least, most = ends.double().tolist()
         if name == "rho":
             least, most = -below_one(tensor.dtype), below_one(tensor.dtype)
         values = tensor.detach().to("cpu", torch.float64).numpy()
