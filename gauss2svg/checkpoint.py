@@ -12,21 +12,24 @@ import io
 import json
 import os
 import time
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.atomic import write_atomically
-from gauss2svg.checks import number_within
-from gauss2svg.errors import Gauss2SvgError, InputError
+from gauss2svg.atomic import check_writable, write_atomically
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError
+from gauss2svg.photo.files import reading
 from gauss2svg.request import Request
 from gauss2svg.version import __version__
 
 EVERY_S = 30.0  # a second of a fit is soon done again, and a file of 5000 Gaussians has 3 MB
-_LONGEST_S = 86400.0
+LONGEST_S = 86400.0  # between two
+SUM, FIT = "sum", "fit"  # which of the fits of a run it is in
+_MOST_BYTES = 2_000_000_000  # some four million Gaussians
 _FORMAT = 1
 _ARRAY = "array:"
 
@@ -37,21 +40,35 @@ class Checkpoint:
     """Writes where a fit stands, every so many seconds, whole or not at all.
 
     path      of the file, which is replaced every time
-    every_s   seconds between two, 0..86400; 0: after every step
+    every_s   seconds between two; 0: after every step
     identity  of the run, by `identity_of`
+    trouble   why the last one could not be written, None if it could: the fit is worth more
+    Raises InputError or OutputError for a path that cannot be one's, before there is a fit.
     """
 
     def __init__(self, path: str | os.PathLike[str], every_s: float, identity: Memory) -> None:
         self._path = path
-        self._every_s = number_within("checkpoint_every", every_s, 0, _LONGEST_S)
+        self._every_s = every_s
         self._identity = identity
+        self.trouble: str | None = None
+        if Path(path).exists() and not Path(path).is_file():
+            raise InputError(
+                f"checkpoint {os.fspath(path)} is no regular file, and is replaced every time; "
+                "give the name of a file"
+            )
+        check_writable(path)
         self._last = time.monotonic()
 
     def offer(self, memory: Callable[[], Memory], due: bool = False) -> None:
         """Write what memory() tells if it is time, or if it is due in any case."""
-        if due or time.monotonic() - self._last >= self._every_s:
+        if not due and time.monotonic() - self._last < self._every_s:
+            return
+        try:
             write_atomically(self._path, packed({"run": self._identity, "memory": memory()}))
-            self._last = time.monotonic()
+            self.trouble = None
+        except OutputError as error:
+            self.trouble = f"checkpoint is not up to date: {error}"
+        self._last = time.monotonic()
 
 
 def identity_of(request: Request, *pictures: NDArray[np.float32]) -> Memory:
@@ -75,19 +92,16 @@ def resumed(path: str | os.PathLike[str], identity: Memory) -> Memory:
     Raises InputError for a file that is none, is damaged, or is of another run.
     """
     name = os.fspath(path)
-    try:
-        stored = unpacked(Path(path).read_bytes())
-        theirs, memory = stored["run"], stored["memory"]
-    except OSError as error:
-        raise InputError(
-            f"cannot read {name}: {error.strerror or error}; give a file of --checkpoint"
-        ) from error
-    except Gauss2SvgError:
-        raise
-    except Exception as error:  # numpy, zipfile, zlib and json each raise their own
-        raise InputError(
-            f"{name} is no checkpoint, or is damaged ({type(error).__name__}); begin anew"
-        ) from error
+    with reading(path, "give a file of --checkpoint") as file:
+        try:
+            stored = unpacked(file)
+            theirs, memory = dict(stored["run"]), dict(stored["memory"])
+            if memory["stage"] not in (SUM, FIT):
+                raise ValueError(f"it has no stage {memory['stage']!r}")
+        except (Gauss2SvgError, MemoryError):
+            raise
+        except Exception as error:  # numpy, zipfile and json each raise their own
+            raise damaged(name, error) from error
     for key, ours in json.loads(json.dumps(identity)).items():
         if theirs.get(key) != ours:
             was = "another" if key == "photo" else f"{theirs.get(key)!r}, now {ours!r}"
@@ -96,6 +110,14 @@ def resumed(path: str | os.PathLike[str], identity: Memory) -> Memory:
                 "that it was made by, with --resume"
             )
     return memory
+
+
+def damaged(name: str, error: Exception) -> InputError:
+    """The error of a file that is no checkpoint of this program, or no longer one."""
+    why = " ".join(str(error).split())[:80] or type(error).__name__
+    return InputError(
+        f"{name} is no checkpoint, or is damaged: {why}; give a file of --checkpoint, or begin anew"
+    )
 
 
 def packed(memory: Memory) -> bytes:
@@ -124,9 +146,18 @@ def packed(memory: Memory) -> bytes:
     return stream.getvalue()
 
 
-def unpacked(data: bytes) -> Memory:
-    """What was packed; raises InputError for another format, and what numpy raises for no .npz."""
-    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+def unpacked(file: BinaryIO) -> Memory:
+    """What was packed; raises InputError for another format, and what numpy raises for no .npz.
+
+    Only what is not compressed is read, and so no more than the file itself has.
+    """
+    if file.seek(0, os.SEEK_END) > _MOST_BYTES:
+        raise InputError(f"checkpoint has more than {_MOST_BYTES} bytes; begin anew")
+    with zipfile.ZipFile(file) as parts:
+        if any(part.compress_type != zipfile.ZIP_STORED for part in parts.infolist()):
+            raise InputError("checkpoint is compressed, which none is; begin anew")
+    file.seek(0)
+    with np.load(file, allow_pickle=False) as stored:
         if int(stored["format"]) != _FORMAT:
             raise InputError(
                 f"checkpoint has format {int(stored['format'])}; needed is {_FORMAT}: begin anew"

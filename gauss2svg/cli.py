@@ -304,6 +304,9 @@ def vectorize_command(
             print(f"gauss2svg: {line}", file=sys.stderr)
     else:
         print_summary(result.report, None if to_stdout else output)
+    if result.report["checkpoint_trouble"] is not None:
+        print(f"gauss2svg: {result.report['checkpoint_trouble']}", file=sys.stderr)
+        checkpoint = None  # nothing to go on from
     if interruption.signal is not None:
         _tell_interrupted(result.report, "standard output" if to_stdout else output, checkpoint)
     return interruption.status
@@ -361,10 +364,18 @@ def main(arguments: list[str] | None = None) -> int:
     return status if isinstance(status, int) else 0
 
 
+def run() -> None:
+    """The command as a program: once its status is known, signals change nothing any more."""
+    status = main()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    sys.exit(status)
+
+
 def _refuse(message: str) -> int:
     print(f"gauss2svg: {on_one_line(' '.join(message.split()))}", file=sys.stderr)
     return STATUS_BAD_INPUT
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run()

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from gauss2svg.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.atomic import write_atomically
-from gauss2svg.checkpoint import EVERY_S, Checkpoint, identity_of, resumed
-from gauss2svg.checks import whole_number
+from gauss2svg.checkpoint import EVERY_S, LONGEST_S, Checkpoint, identity_of, resumed
+from gauss2svg.checks import number_within, whole_number
 from gauss2svg.errors import InputError
 from gauss2svg.fit import FitProgress
 from gauss2svg.fit.losses import DEFAULT_LOSS
@@ -255,10 +255,11 @@ def vectorize(
         animate=animate,
     )  # fmt: skip
     request = dataclasses.replace(request, page=page)
+    every_s = number_within("checkpoint_every", checkpoint_every, 0, LONGEST_S)
     keeper = memory = None
     if checkpoint is not None or resume is not None:
         identity = identity_of(request, pixels, working)
-        keeper = None if checkpoint is None else Checkpoint(checkpoint, checkpoint_every, identity)
+        keeper = None if checkpoint is None else Checkpoint(checkpoint, every_s, identity)
         memory = None if resume is None else resumed(resume, identity)
     with _threads(threads) as thread_count:
         tell(Progress("compile"))
@@ -281,6 +282,7 @@ def vectorize(
         request, photo, outcome, (width, height), threads=thread_count, compile_s=compile_s,
         total_s=time.perf_counter() - begun,
     )  # fmt: skip
+    report["checkpoint_trouble"] = None if keeper is None else keeper.trouble
     return Result(outcome.svg, outcome.scene, report, outcome.measured.raster, page)
 
 

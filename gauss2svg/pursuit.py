@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from gauss2svg import metrics
 from gauss2svg.alpha import over, views
 from gauss2svg.attempt import Attempt, Outcome, finished_attempt, measured, trimmed
-from gauss2svg.checkpoint import Checkpoint
+from gauss2svg.checkpoint import FIT, Checkpoint, damaged
+from gauss2svg.checks import number_within, whole_number
 from gauss2svg.correction import AIM, FILL, FULL, TOO_GOOD, Attempts
 from gauss2svg.finish import Finish
 from gauss2svg.fit.options import FitProgress, FitResult
@@ -133,6 +134,8 @@ class Pursuit:
             self._ended = self._stop()
             if self._request.portable:
                 self._begin_with_a_sum()
+            elif self._resumed and self._resumed["stage"] != FIT:
+                raise damaged("the checkpoint", ValueError("it is of a sum"))
             self._run.fit()
             if not self._ended:  # what was kept then is before its hasty end
                 self._keep("fit", self._run, due=True)
@@ -185,11 +188,18 @@ class Pursuit:
         memory = self._resumed
         if memory.get("stage") != stage:
             return
-        run.recall(memory["fit"])
-        self._bytes_each, self._bytes_known = memory["bytes_each"], memory["bytes_known"]
-        self._most = memory["most"][0], memory["most"][1]
-        if memory["sum"] is not None:
-            self._sum = FitResult(scene=run.scene(), **memory["sum"])  # its costs alone are asked
+        try:
+            run.recall(memory["fit"])
+            self._bytes_each = number_within("bytes_each", memory["bytes_each"], 1e-3, 1e9)
+            self._bytes_known = bool(memory["bytes_known"])
+            most, named = memory["most"]
+            self._most = whole_number("most", most, 0, 2**62), str(named)
+            if memory["sum"] is not None:  # of which its costs alone are asked
+                self._sum = FitResult(scene=run.scene(), **memory["sum"])
+        except (MemoryError, AssertionError):
+            raise
+        except Exception as error:  # whatever its values are, they are no run's
+            raise damaged("the checkpoint", error) from error
 
     def _memory(self, stage: str, run: Run) -> dict[str, Any]:
         costs = None

@@ -49,8 +49,8 @@ def run_report(
     if fitted.rollbacks:
         times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"
         notes.append(
-            f"fit ran away {times}, was taken back to its best state, and went on in smaller "
-            f"steps: in the end {fitted.rate:.3g} of the usual ones"
+            f"fit ran away {times}, was taken back to its best state, and went on in smaller steps"
+            + (f": in the end {fitted.rate:.3g} times the usual" if fitted.rate != 1 else "")
         )
     return {
         "width": photo.width,

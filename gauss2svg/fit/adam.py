@@ -28,7 +28,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from gauss2svg.falloff import RIM_WIDTH
-from gauss2svg.fit.state import PARAMETERS, State
+from gauss2svg.fit.state import FARTHEST, PARAMETERS, State
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,6 @@ class Limits:
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
-_FARTHEST = 1e9  # px, from the origin and of a shape: well within what a scene may have
 # ln beta of a shape that is a Gaussian for now: with 0 it would be one for good.
 LEAST_RAW_BETA = 1e-6
 
@@ -164,7 +163,7 @@ def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradie
         known = d[5] + d[6] + d[7] + d[8] + d[9]
         for k in range(PARAMETERS):
             known += second[i, k]
-        if not (reach < _FARTHEST and l22 > 0 and np.isfinite(known)):
+        if not (reach < FARTHEST and l22 > 0 and np.isfinite(known)):
             lost += 1
             age[i] = 0
             for k in range(PARAMETERS):

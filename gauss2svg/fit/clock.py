@@ -6,11 +6,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from gauss2svg.checks import number_within, whole_number
 from gauss2svg.fit.schedule import GROWTH_SHARE
 
 # Where only time is limited, a round of growth takes no more steps than this: what is left
 # is better spent where all Gaussians are there.
 _MOST_STEPS_A_ROUND = 30
+_MOST_STEPS = 10**9
 
 
 class Clock:
@@ -106,10 +108,14 @@ class Clock:
         }
 
     def recall(self, memory: dict[str, Any]) -> None:
-        """Go on as a clock does that gave this memory."""
-        self.iteration, self._from = memory["iteration"], memory["from"]
-        self._stage_first, self._stage_steps = memory["stage_first"], memory["stage_steps"]
-        self._begun = time.perf_counter() - memory["elapsed_s"]
+        """Go on as a clock does that gave this memory; InputError for one that none can give."""
+        most = _MOST_STEPS if self.iterations is None else self.iterations
+        self.iteration = whole_number("iteration", memory["iteration"], 0, most)
+        self._from = number_within("from", memory["from"], 0, 1)
+        self._stage_first = whole_number("stage_first", memory["stage_first"], 0, self.iteration)
+        steps = memory["stage_steps"]
+        self._stage_steps = None if steps is None else whole_number("stage_steps", steps, 0, most)
+        self._begun = time.perf_counter() - number_within("elapsed", memory["elapsed_s"], 0, 1e9)
 
     def _time_share(self) -> float:
         if self.deadline is None:

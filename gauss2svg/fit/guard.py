@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from gauss2svg.checks import number_within, whole_number
 from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
@@ -122,11 +123,14 @@ class Guard:
         }
 
     def recall(self, memory: dict[str, Any], manner: Blending) -> None:
-        """Become as one was that gave this memory."""
-        self.rate, self.rollbacks = memory["rate"], memory["rollbacks"]
-        self._ceiling = memory["ceiling"]
-        self._least, self._recent = memory["least"], memory["recent"]
-        self._since, self._accepted = memory["since"], memory["accepted"]
+        """Become as one was that gave this memory; raises InputError for what none can give."""
+        self.rate = number_within("rate", memory["rate"], 0, 1)
+        self.rollbacks = whole_number("rollbacks", memory["rollbacks"], 0, 10**9)
+        self._ceiling = number_within("ceiling", memory["ceiling"], 0, 1)
+        self._least = number_within("least", memory["least"], -math.inf, math.inf)
+        self._recent = number_within("recent", memory["recent"], -math.inf, math.inf)
+        self._since = whole_number("since", memory["since"], 0, 10**9)
+        self._accepted = whole_number("accepted", memory["accepted"], 0, 10**9)
         self._best = None
         if memory["state"] is not None:
             shared = memory["shared"]

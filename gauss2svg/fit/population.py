@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.alpha import has_alpha
+from gauss2svg.checks import whole_number
+from gauss2svg.errors import InputError
 from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.convert import painted
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import FIRST_RAW_BETA, New, place
+from gauss2svg.fit.schedule import LARGEST_REDUCTION
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import Views
 from gauss2svg.render.cpu import Splats
@@ -201,11 +204,14 @@ class Population:
         }
 
     def recall(self, memory: dict[str, Any]) -> None:
-        """Become as one was that gave this memory."""
-        self._reduction = memory["reduction"]
+        """Become as one was that gave this memory; raises InputError for what none can give."""
+        self._reduction = whole_number("reduction", memory["reduction"], 1, LARGEST_REDUCTION)
         self.target = self._views.reduced(self._reduction)
         self.state = State.recalled(memory["state"])
-        self.round_index = memory["round_index"]
+        self.round_index = whole_number("round_index", memory["round_index"], 0, 2**31 - 1)
         self.rng.bit_generator.state = memory["rng"]
         if self._order is not None:
-            self._order.home = memory["home"]
+            home = memory["home"]
+            if home is not None and (home.shape != (len(self), 2) or not np.isfinite(home).all()):
+                raise InputError("home of a checkpoint is not that of its shapes; begin anew")
+            self._order.home = home

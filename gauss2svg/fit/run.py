@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.checks import number_within
+from gauss2svg.errors import InputError
 from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit import adam
 from gauss2svg.fit.clock import Clock
@@ -171,16 +173,21 @@ class Run:
         }
 
     def recall(self, memory: dict[str, Any]) -> None:
-        """Stand where a run of the same picture, options and rule stood; `fit` goes on."""
+        """Stand where a run of the same picture, options and rule stood; `fit` goes on.
+
+        Raises InputError, or what plain Python raises, for a memory that no run can give.
+        """
         self.population.recall(memory["population"])
         self.guard.recall(memory["guard"], self.population.manner)
         self.clock.recall(memory["clock"])
         self.rule.recall(memory["rule"])
-        self._stage = Stage(**memory["stage"])
-        self._errors.extend(memory["errors"])
+        self._stage = Stage.recalled(memory["stage"])
+        self._errors.extend(number_within("error", e, 0, math.inf) for e in memory["errors"])
         if memory["shared"] is not None:
             self._share_colors()
             self._shared = SharedColors.recalled(memory["shared"], self.population.manner)
+            if len(self._shared.entry) != len(self.state):
+                raise InputError("a checkpoint's colours are not those of its shapes; begin anew")
         self.pixel_pairs = memory["pixel_pairs"]
         self._wall_s, self._cpu_s = memory["wall_s"], memory["cpu_s"]
 
@@ -284,7 +291,7 @@ class Run:
         self._end_at_best()
         population.keep_in_segments()
         population.drop_undrawable()
-        stage.name = OVER
+        stage.name, self._shared = OVER, None
 
     def _end_at_best(self, far: bool = False) -> None:
         """Back to the best state of a stage that ends, where the last steps have left it.

@@ -21,7 +21,7 @@ SETTLED_FROM = 0.85
 # A round runs on a picture reduced until fewer pixels than this are left for each of
 # its Gaussians: with 36, a fifth fewer pixel pairs and +0.02 dB on three Kodak photos.
 _PIXELS_PER_GAUSSIAN = 36
-_LARGEST_REDUCTION = 8
+LARGEST_REDUCTION = 8
 _SMALLEST_SIDE = 32
 
 
@@ -67,7 +67,7 @@ def reduction(gaussians: int, width: int, height: int) -> int:
     """A round of so many Gaussians runs on a picture of 1 / this the width and height."""
     factor = 1
     while (
-        factor < _LARGEST_REDUCTION
+        factor < LARGEST_REDUCTION
         and width * height / (4 * factor**2 * gaussians) >= _PIXELS_PER_GAUSSIAN
         and min(width, height) / (2 * factor) >= _SMALLEST_SIDE
     ):

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from gauss2svg.checks import whole_number
+from gauss2svg.errors import InputError
 from gauss2svg.fit.adam import FIRST_DECAY, SECOND_DECAY
 from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.state import COLOR, State
@@ -60,7 +62,17 @@ class SharedColors:
 
     @classmethod
     def recalled(cls, memory: dict[str, Any], manner: Blending) -> SharedColors:
-        """Those that gave this memory."""
+        """Those that gave this memory; raises InputError for arrays that cannot be theirs."""
+        count = len(memory["raw_beta"])
+        for name in ("color", "raw_beta", "first", "second"):
+            wide = (count,) if name == "raw_beta" else (count, 3)
+            if memory[name].shape != wide or not np.isfinite(memory[name]).all():
+                raise InputError(f"{name} of a checkpoint's shared colours is none; begin anew")
+        entry = memory["entry"]
+        known = entry.dtype == np.intp and entry.ndim == 1
+        if not known or (entry < 0).any() or (entry >= count).any():
+            raise InputError("entry of a checkpoint's shared colours is none; begin anew")
+        whole_number("age", memory["age"], 0, 10**9)
         shared = cls(State.empty(), manner)
         shared._color, shared._raw_beta = memory["color"], memory["raw_beta"]
         shared.entry, shared._age = memory["entry"], int(memory["age"])

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
+
+from gauss2svg.checks import whole_number
+from gauss2svg.errors import InputError
 
 GROWING, REFINING, OVER = "growing", "refining", "over"
 
@@ -24,3 +28,12 @@ class Stage:
     exchange_at: list[float] = field(default_factory=list)
     pruned: bool = False
     settled: bool = False
+
+    @classmethod
+    def recalled(cls, memory: dict[str, Any]) -> Stage:
+        """The stage of this memory; raises InputError for a name that is none."""
+        stage = cls(**memory)
+        if stage.name not in (GROWING, REFINING, OVER):
+            raise InputError(f"stage of a checkpoint is {stage.name!r}; begin anew")
+        whole_number("index", stage.index, 0, 10**6)
+        return stage

@@ -15,6 +15,7 @@ from gauss2svg.falloff import CUT
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, OVER, RHO_LIMIT, Scene
 
+FARTHEST = 1e9  # px, from the origin and of a shape: well within what a scene may have
 PARAMETERS = 10  # shift along the two whitened axes, three of shape, opacity, r, g, b, ln beta
 COLOR, COLOR_AND_BETA = slice(6, 9), slice(6, 10)
 
@@ -81,6 +82,10 @@ class State:
                 raise InputError(f"{name} of a checkpoint is not {array.dtype} {shape}; begin anew")
             if not np.isfinite(got).all():
                 raise InputError(f"{name} of a checkpoint is not finite; begin anew")
+        if (memory["second"] < 0).any() or (memory["age"] < 0).any():
+            raise InputError("memory of a checkpoint's optimiser is none; begin anew")
+        if max(np.abs(memory[name]).max(initial=0) for name in ("mean", "factor")) > FARTHEST:
+            raise InputError("shapes of a checkpoint are beyond all bounds; begin anew")
         if not (memory["factor"][:, [0, 2]] > 0).all():
             raise InputError("factor of a checkpoint has no extent; begin anew")
         return cls(**memory)
