@@ -33,6 +33,16 @@ def test_drawings_are_ten_pictures_on_8_bits_the_same_every_time(drawings):
         np.testing.assert_array_equal(pixels, second[name])
 
 
+def test_stability_tells_whether_a_resumed_run_ends_the_same(photo, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "examples")
+    stability = importlib.import_module("stability")
+    monkeypatch.setattr(stability, "RUNS", {"few": {"gaussians": 20, "iterations": 40}})
+    *_, row = stability.of_resumed(photo[:40, :40])
+    assert row.startswith("| few | 25 | 40 |")
+    assert row.endswith(", the same |")
+    assert {p.shape[2] for p in stability.pictures().values()} == {3}
+
+
 def test_bad_inputs_are_refused_in_one_line_each(monkeypatch, capsys):
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "examples")
     importlib.import_module("bad_inputs").main()

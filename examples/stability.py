@@ -1,0 +1,121 @@
+"""How fits hold at the extremes: absurd step sizes, pictures of few pixels, interrupted runs.
+
+    python examples/stability.py [PHOTO]
+
+prints three Markdown tables. PSNR is that of the model in dB. The photo, by default
+examples/coffee.jpg, is reduced to 256 px.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg import metrics, vectorize
+from gauss2svg.fit import FitOptions, fit
+from gauss2svg.image import WHITE, load_image, shrink
+from gauss2svg.render import render
+
+RATES = (1e-6, 0.1, 1.0, 10.0, 100.0, 1e3, 1e6)
+SIDE = 256
+GAUSSIANS, ITERATIONS = 500, 120
+RUNS = {
+    "painted": {"gaussians": GAUSSIANS, "iterations": 60},
+    "summed": {"gaussians": GAUSSIANS, "iterations": 60, "blend": "add"},
+    "portable": {"gaussians": GAUSSIANS, "iterations": 60, "blend": "add", "portable": True},
+    "scene decides": {"quality": "draft", "iterations": 60},
+    "24 dB": {"target_psnr": 24.0, "quality": "fast", "iterations": 60},
+    "8 kB": {"max_bytes": "8k", "quality": "fast", "iterations": 60},
+}
+Picture = NDArray[np.float32]
+
+
+def pictures() -> dict[str, Picture]:
+    """Those at the ends of what a picture can be."""
+    rng = np.random.default_rng(0)
+    black = np.zeros((64, 64, 3), np.float32)
+    spot, level = black.copy(), black + np.float32(0.5)
+    spot[20, 30] = 1
+    level[20, 30] += 1 / 255
+    board = (np.indices((64, 64)).sum(axis=0) % 2).astype(np.float32)
+    ramp = np.broadcast_to(np.linspace(0, 1 / 255, 64, dtype=np.float32) + 0.5, (64, 64))
+    step = np.broadcast_to((np.arange(64) > 31).astype(np.float32), (64, 64))
+    grey = {"1-px checkerboard": board, "ramp of one level": ramp, "step": step}
+    return {
+        "1x1": np.full((1, 1, 3), 0.3, np.float32),
+        "2x2": rng.random((2, 2, 3), np.float32),
+        "3x3": rng.random((3, 3, 3), np.float32),
+        "1x5000": rng.random((5000, 1, 3), np.float32),
+        "5000x1": rng.random((1, 5000, 3), np.float32),
+        "black": black,
+        "white": black + 1,
+        "one white pixel": spot,
+        "one pixel a level off": level,
+        "noise": rng.random((64, 64, 3), np.float32),
+    } | {name: np.repeat(plane[:, :, None], 3, axis=2) for name, plane in grey.items()}
+
+
+def psnr(picture: Picture, options: FitOptions) -> tuple[float, int]:
+    """PSNR of a fit in dB, and how often it ran away."""
+    fitted = fit(picture, options)
+    model = np.clip(render(fitted.scene, picture.shape[1], picture.shape[0]), 0, 1)
+    return metrics.psnr(model, picture), fitted.rollbacks
+
+
+def of_rates(photo: Picture) -> Iterator[str]:
+    yield "| steps, times the usual | painted, dB | ran away | summed, dB | ran away |"
+    yield "|---|---|---|---|---|"
+    for rate in RATES:
+        found = [
+            psnr(photo, FitOptions(GAUSSIANS, ITERATIONS, blend=blend, learning_rate=rate))
+            for blend in ("over", "add")
+        ]
+        yield f"| {rate:g} | " + " | ".join(f"{db:.2f} | {times}" for db, times in found) + " |"
+
+
+def of_pictures() -> Iterator[str]:
+    yield "| picture | mean colour, dB | float32, dB | float64, dB |"
+    yield "|---|---|---|---|"
+    for name, picture in pictures().items():
+        none = psnr(picture, FitOptions(0, 1))[0]
+        found = [psnr(picture, FitOptions(60, 60, dtype=d))[0] for d in ("float32", "float64")]
+        yield f"| {name} | " + " | ".join(f"{db:.2f}" for db in (none, *found)) + " |"
+
+
+def of_resumed(photo: Picture) -> Iterator[str]:
+    yield "| run | interrupted after | steps in all | PSNR of the SVG, dB, whole, resumed | bytes |"
+    yield "|---|---|---|---|---|"
+    with tempfile.TemporaryDirectory() as folder:
+        kept = Path(folder) / "fit"
+        for name, options in RUNS.items():
+            whole = vectorize(photo, **options)
+            asked = iter(range(10**6))
+            early = vectorize(photo, checkpoint=kept, stop=lambda: next(asked) >= 25, **options)  # noqa: B023 (called at once)
+            again = vectorize(photo, resume=kept, **options)
+            same = "the same" if again.svg == whole.svg else "OTHERS"
+            steps = (early.report["iterations"], again.report["iterations"])
+            both = [r.report["psnr_svg"] for r in (whole, again)]
+            yield (
+                f"| {name} | {steps[0]} | {steps[1]} | {both[0]:.4f}, {both[1]:.4f} | "
+                f"{whole.report['svg_bytes']}, {same} |"
+            )
+
+
+def main(path: str) -> None:
+    photo = load_image(path, matte=WHITE).pixels
+    scale = min(1.0, SIDE / max(photo.shape[:2]))
+    height, width = (max(1, round(side * scale)) for side in photo.shape[:2])
+    photo = shrink(photo, height, width)
+    for table in (of_rates(photo), of_pictures(), of_resumed(photo)):
+        for line in table:
+            print(line, flush=True)
+        print()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1] if len(sys.argv) > 1 else str(Path(__file__).with_name("coffee.jpg")))
