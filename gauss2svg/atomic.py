@@ -59,11 +59,11 @@ def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
             if target.exists() and not target.is_file():
                 streams.append((target, data))
                 continue
-            target = Path(os.path.realpath(target))  # through a link, so that the link stays
-            name = f".{target.name[:40]}.{secrets.token_hex(6)}"
+            real = Path(os.path.realpath(target))  # through a link, so that the link stays
+            name = f".{real.name[:40]}.{secrets.token_hex(6)}"
             # Known before it is made, so that no moment is without a name to remove.
-            beside.append((target.parent / name, target))
-            _write_new(beside[-1][0], data, _mode_of(target))
+            beside.append((real.parent / name, real))
+            _write_new(beside[-1][0], data, _mode_of(real))
         for target, data in streams:
             with target.open("wb", buffering=0) as stream:
                 _write_all(stream.fileno(), data)

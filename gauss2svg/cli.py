@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import re
+import shlex
 import signal
 import sys
 import time
@@ -313,7 +314,9 @@ def vectorize_command(
 
 
 def _tell_interrupted(report: dict[str, Any], output: str, checkpoint: Path | None) -> None:
-    again = f"; go on with --resume {checkpoint}" if checkpoint is not None else ""
+    again = ""
+    if checkpoint is not None:
+        again = f"; go on with --resume {shlex.quote(str(checkpoint))}"
     print(
         f"gauss2svg: interrupted after {report['iterations']} iterations; the best so far is in "
         f"{output}{again}",
@@ -345,7 +348,7 @@ def main(arguments: list[str] | None = None) -> int:
                 arguments, exit_on_error=False, print_error=False, result_action="return_value"
             )
     except CycloptsError as error:
-        return _refuse(f"{' '.join(str(error).split())}; see gauss2svg --help")
+        return _refuse(f"{' '.join(str(error).split()).rstrip('.')}; see gauss2svg --help")
     except Gauss2SvgError as error:
         return _refuse(str(error))
     except MemoryError as error:

@@ -5,14 +5,15 @@ A signal before the fit has begun ends everything as well: there is nothing to w
 
 from __future__ import annotations
 
+import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_ENDING = b"gauss2svg: ending after this step with the best so far; once more ends at once\n"
 STATUS_OF_SIGNAL = 128  # plus its number, as shells count
 
 
@@ -41,10 +42,9 @@ class Interruption:
         first, self.signal = self.signal is None, number
         if not (first and self._fitting):
             raise_for(number)
-        print(
-            "gauss2svg: ending after this step with the best so far; once more ends at once",
-            file=sys.stderr,
-        )
+        # Not by print: the main thread may be inside of one.
+        with suppress(OSError):
+            os.write(2, _ENDING)
 
 
 def raise_for(number: int, _frame: FrameType | None = None) -> None:

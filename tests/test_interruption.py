@@ -44,11 +44,11 @@ def after(monkeypatch):
 @pytest.mark.parametrize("number", STATUS)
 @pytest.mark.parametrize("step", [1, 5, 30, 59])
 def test_first_signal_ends_the_fit_with_the_best_so_far(
-    number, step, command, after, tmp_path, capsys
+    number, step, command, after, tmp_path, capfd
 ):
     after(number, step)
     assert main(command) == STATUS[number]
-    said = capsys.readouterr().err.splitlines()
+    said = capfd.readouterr().err.splitlines()
     assert "once more ends at once" in said[0]
     assert f"interrupted after {step} iterations; the best so far is in" in said[-1]
     told = json.loads((tmp_path / "report.json").read_text())

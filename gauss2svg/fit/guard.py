@@ -1,7 +1,7 @@
 """What keeps a fit from running away: it goes back to its best state with smaller steps.
 
 Photos of many details do not need it: at the usual rates, on Kodak 04, 13 and 20 with 300, 1000
-and 3000 shapes, the squared error never grew by more than 1.4 times over the least since the last
+and 3000 shapes, the squared error never grew by more than 1.6 times over the least since the last
 change, save for one sum of 18 fits (2.4 times, once). Smooth pictures and those of few pixels do,
 where a step can undo nearly all that was reached. `python examples/stability.py` prints what fits
 reach by the size of their steps; the README has the table.
