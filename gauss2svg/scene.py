@@ -89,15 +89,9 @@ class Scene:
     transparent: bool = False
 
     def __post_init__(self) -> None:
-        count = np.shape(self.mean)[0] if np.ndim(self.mean) else 0
+        count = len(np.atleast_1d(self._array("mean", np.float64)))
         for name in ("width", "height"):
-            value = float(getattr(self, name))
-            if not LEAST_CANVAS <= value <= MOST_CANVAS:
-                raise SceneError(
-                    f"scene {name} is {value}; needed is {LEAST_CANVAS:g}..{MOST_CANVAS:g} px: "
-                    "scale the scene"
-                )
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, self._side(name))
         self._freeze("mean", (count, 2), -MOST_MEAN, MOST_MEAN)
         self._freeze("sigma", (count, 2), LEAST_SIGMA, MOST_SIGMA)
         self._freeze("rho", (count,), -RHO_LIMIT, RHO_LIMIT)
@@ -130,16 +124,41 @@ class Scene:
                 "cover nothing: give it one, or blend 'over'"
             )
 
+    def _side(self, name: str) -> float:
+        """Width or height as a number within its range."""
+        given = getattr(self, name)
+        try:
+            value = float(given) if np.ndim(given) == 0 else None
+        except (TypeError, ValueError, OverflowError):
+            value = None
+        if value is None or not LEAST_CANVAS <= value <= MOST_CANVAS:
+            got = f"{given!r:.80}" if value is None else value
+            raise SceneError(
+                f"scene {name} is {got}; needed is a number in {LEAST_CANVAS:g}..{MOST_CANVAS:g} "
+                "px: scale the scene"
+            )
+        return value
+
+    def _array(self, name: str, dtype: Any) -> NDArray[Any]:
+        """A copy of a field as an array of dtype, where that changes no number."""
+        given: ArrayLike = getattr(self, name)
+        try:
+            array = np.asarray(given)
+            if np.iscomplexobj(array):
+                raise ValueError("it is complex; needed are real numbers")
+            array = np.array(array, dtype=np.float64, order="C")
+            if dtype is not np.float64:
+                within = np.abs(array) <= np.iinfo(dtype).max  # false of nan
+                if not (within & (array == np.round(array))).all():
+                    raise ValueError(f"needed are whole numbers up to {np.iinfo(dtype).max}")
+        except (TypeError, ValueError, OverflowError) as error:
+            raise SceneError(f"scene {name} cannot be read as {np.dtype(dtype)}: {error}") from None
+        return array.astype(dtype, copy=False)
+
     def _freeze(
         self, name: str, shape: tuple[int, ...], low: float, high: float, dtype: Any = np.float64
     ) -> None:
-        given: ArrayLike = getattr(self, name)
-        try:
-            array = np.array(given, dtype=dtype, order="C")
-            if dtype is not np.float64 and (array != np.asarray(given)).any():
-                raise ValueError("needed are whole numbers")
-        except (TypeError, ValueError) as error:
-            raise SceneError(f"scene {name} cannot be read as {np.dtype(dtype)}: {error}") from None
+        array = self._array(name, dtype)
         if array.shape != shape:
             raise SceneError(f"scene {name} has shape {array.shape}; needed is {shape}")
         bad = ~(np.isfinite(array) & (array >= low) & (array <= high))
@@ -297,12 +316,24 @@ class Scene:
                     )
                 names = {f.name for f in dataclasses.fields(cls)}.difference(_LACKING[version])
                 values = {name: stored[name] for name in names}
+            for name in names & {"width", "height", "blend", "transparent"}:
+                if values[name].shape:
+                    raise InputError(
+                        f"scene file has {name} of shape {values[name].shape}; needed is one "
+                        "value: save the scene anew"
+                    )
+                values[name] = values[name].item()
+            values |= {name: float(values[name]) for name in ("width", "height")}
+            values["blend"] = str(values["blend"])
+            if not isinstance(values.setdefault("transparent", False), bool):
+                raise InputError(
+                    f"scene file has transparent {values['transparent']!r}; needed is true or "
+                    "false: save the scene anew"
+                )
         except Gauss2SvgError:
             raise
         except Exception as error:  # numpy, zipfile and zlib each raise their own
             raise InputError(f"not a scene written by Scene.save: {error}") from error
-        values["blend"] = str(values["blend"])
-        values["transparent"] = bool(values.get("transparent", False))
         return cls(**values)
 
 

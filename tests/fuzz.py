@@ -4,7 +4,8 @@ Inputs are made of a seed and their number, so that each can be made again. A wo
 reads them one after the other, with room for 1 GB more than it has after it has read every
 whole picture or SVG once, and for 5 s of CPU time (60 s of any) an input, after which it is
 ended by a signal. What it was at, and what raised anything but a refusal, is a finding: its
-bytes are stored, and the run goes on.
+bytes are stored, and the run goes on. Python warnings are findings as well, but for those that
+Pillow gives itself, which are counted apart.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ def work(target: str, seed: int, first: int, last: int, place: str) -> None:
             data = made(target, seed, number)
             signal.setitimer(signal.ITIMER_PROF, CPU_S)
             signal.setitimer(signal.ITIMER_REAL, WALL_S)
-            findings = []
+            findings, told = [], []
             try:
-                said, warned = outcome(target, data)
+                said, warned, told = outcome(target, data)
                 findings = [f"warning {message_class(w)}" for w in warned]
                 kind = "accepted" if said == "accepted" else message_class(said)
             except BaseException as error:
@@ -65,7 +66,8 @@ def work(target: str, seed: int, first: int, last: int, place: str) -> None:
                 findings = [kind]
             signal.setitimer(signal.ITIMER_PROF, 0)
             signal.setitimer(signal.ITIMER_REAL, 0)
-            print(json.dumps([number, kind, findings]), flush=True)
+            told = [message_class(w) for w in told]
+            print(json.dumps([number, kind, findings, told]), flush=True)
 
 
 def _size() -> int:
@@ -82,12 +84,14 @@ class Tally:
     def __init__(self, target: str, seed: int, folder: Path) -> None:
         self.kinds: Counter[str] = Counter()
         self.findings: Counter[str] = Counter()
+        self.warned: Counter[str] = Counter()  # by Pillow
         self.inputs = 0
         self._target, self._seed, self._folder = target, seed, folder
 
-    def add(self, number: int, kind: str, findings: list[str]) -> None:
+    def add(self, number: int, kind: str, findings: list[str], warned: list[str]) -> None:
         self.inputs += 1
         self.kinds[kind] += 1
+        self.warned.update(warned)
         for finding in findings:
             self.findings[finding] += 1
             if self.findings[finding] <= _KEPT:
@@ -101,9 +105,11 @@ class Tally:
         lines = [
             f"{self._target}, seed {self._seed}: {self.inputs} inputs, "
             f"{self.kinds['accepted']} accepted, {refused} refused or found, "
-            f"{sum(self.findings.values())} findings of {len(self.findings)} kinds"
+            f"{sum(self.findings.values())} findings of {len(self.findings)} kinds, "
+            f"{sum(self.warned.values())} warnings of Pillow's"
         ]
         lines += [f"{count:8d}  {kind}" for kind, count in self.kinds.most_common(40)]
+        lines += [f"warned {count:7d}  {kind}" for kind, count in self.warned.most_common()]
         lines += [f"FINDING {count:6d}  {kind}" for kind, count in self.findings.most_common()]
         return "\n".join(lines)
 
@@ -138,7 +144,7 @@ def run(target: str, seed: int, inputs: int, jobs: int, start: int, folder: Path
             at = int.from_bytes(place.read_bytes(), "little")
             how = signal.Signals(-status).name if status < 0 else f"exit {status}"
             if at == first + len(done):
-                tally.add(at, f"ended by {how}", [f"ended by {how}"])
+                tally.add(at, f"ended by {how}", [f"ended by {how}"], [])
                 at += 1
             if at < last:
                 pending.append((at, last))

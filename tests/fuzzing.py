@@ -13,9 +13,11 @@ import warnings
 import zlib
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from random import Random
 
 import numpy as np
+import PIL
 from PIL import Image, ImageCms
 from svg_fuzzing import mutated_svg, svg_seeds
 
@@ -29,6 +31,7 @@ from gauss2svg.scoring.survey import survey
 from gauss2svg.svg import read_svg
 
 _LONGEST = 2000
+_PILLOW = Path(PIL.__file__).parent
 _PNG = b"\x89PNG\r\n\x1a\n"
 _MOST_SVG_BYTES, _MOST_ELEMENTS = 10_000_000, 100_000
 _INTERESTING = [0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0x8000, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF]
@@ -262,10 +265,11 @@ TARGETS: dict[str, tuple[Callable[[Random], bytes], Callable[[bytes], None]]] = 
 }
 
 
-def outcome(target: str, data: bytes) -> tuple[str, list[str]]:
-    """ "accepted" or the class of the refusal, and warnings; other errors are let through.
+def outcome(target: str, data: bytes) -> tuple[str, list[str], list[str]]:
+    """ "accepted" or the refusal, warnings, and those of Pillow; other errors are let through.
 
-    A refusal must be one line that says something.
+    A refusal must be one line that says something. Pillow warns of what it leaves out, which is
+    its right, and shows in the picture or as an error.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -279,7 +283,11 @@ def outcome(target: str, data: bytes) -> tuple[str, list[str]]:
     # The command puts it on one line; what is quoted is cut where it is long.
     assert said.strip()
     assert len(said) < _LONGEST, f"{len(said)} characters: {said[:80]}"
-    return said, [f"{w.category.__name__}: {w.message}" for w in caught]
+    by_whom: tuple[list[str], list[str]] = [], []
+    for w in caught:
+        pillows = Path(w.filename).is_relative_to(_PILLOW)
+        by_whom[pillows].append(f"{w.category.__name__}: {w.message}")
+    return said, *by_whom
 
 
 def message_class(said: str) -> str:

@@ -15,6 +15,7 @@ import pytest
 from PIL import Image
 
 from gauss2svg import atomic
+from gauss2svg.checkpoint import unpacked
 from gauss2svg.cli import main
 
 OUTPUTS = ("o.svg", "r.json", "p.png", "s.npz", "l.svg")
@@ -192,6 +193,42 @@ def test_each_file_is_the_old_one_or_the_whole_new_one(
         else:
             assert status == (130 if "interrupt" in name else 2), at
         assert err.count("\n") == (0 if status == 0 else 1), (at, err)
+
+
+@pytest.mark.parametrize("name", ["EIO", "ENOSPC"])
+def test_the_checkpoint_is_the_old_one_or_a_whole_one(name, tmp_path, monkeypatch):
+    # Whether a run goes on without its checkpoint, or ends for want of a file it was asked for.
+    def command(folder):
+        return [*fitting(folder), "--checkpoint", str(folder / "c.npz"), "--checkpoint-every", "0"]
+
+    def folder_of(place):
+        folder = made(tmp_path / str(place), 0)
+        (folder / "c.npz").write_bytes(b"old checkpoint")
+        return folder
+
+    whole = folder_of("whole")
+    with monkeypatch.context() as patch:
+        faults = Faults(patch, whole)
+        assert main(command(whole)) == 0
+    files, places = set(content(whole)), faults.calls
+    plain = made(tmp_path / "plain", 0)
+    with monkeypatch.context() as patch:
+        without = Faults(patch, plain)
+        assert main(fitting(plain)) == 0
+    written = places.count("os.replace") - without.calls.count("os.replace")
+    assert written >= 2  # as many checkpoints, each a place of faults
+    for place in range(len(places)):
+        folder = folder_of(place)
+        with monkeypatch.context() as patch:
+            faults = Faults(patch, folder)
+            faults.at, faults.fault = place, FAULTS[name]
+            status = main(command(folder))
+        at = f"{places[place]}, call {place}"
+        assert status in (0, 2), at
+        assert set(content(folder)) <= files, at  # no temporary file
+        data = (folder / "c.npz").read_bytes()
+        if data != b"old checkpoint":  # unpacking reads all of it, and compares checksums
+            assert set(unpacked(data)) == {"run", "memory"}, at
 
 
 def test_fault_at_every_rename_is_tried(tmp_path, monkeypatch):

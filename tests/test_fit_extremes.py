@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gauss2svg import metrics, vectorize
-from gauss2svg.render import render
+from gauss2svg.alpha import stacked
+from gauss2svg.render import render, render_rgba
 
 RNG = np.random.default_rng(0)
 
@@ -45,6 +46,33 @@ PICTURES = {
     "step": of_columns(np.arange(40) > 19),
     "ramp of a level": of_columns(0.5 + np.linspace(0, 1, 40) / 255),
 }
+
+
+def soft_disc(side) -> np.ndarray:
+    y, x = np.mgrid[:side, :side] - (side - 1) / 2
+    return np.clip((0.4 * side - np.hypot(x, y)) / 4, 0, 1)
+
+
+def lone(side, alpha=1.0) -> np.ndarray:
+    one = np.zeros((side, side))
+    one[side // 2, side // 3] = alpha
+    return one
+
+
+COLORS = RNG.random((40, 40, 3), np.float32)
+FAINT = 3 / 255
+# Alpha of COLORS, on the uint8 grid as files have it.
+ALPHAS = {
+    "soft disc": soft_disc(40),
+    "stripes": np.repeat((np.arange(40) % 2)[None], 40, axis=0),
+    "faint everywhere": np.full((40, 40), FAINT),
+    "a level everywhere": np.full((40, 40), 1 / 255),
+    "all but opaque": np.full((40, 40), 254 / 255),
+    "one opaque pixel": lone(40),
+    "one faint pixel": lone(40, FAINT),
+    "1x1": np.array([[0.5]]),
+    "nothing": np.zeros((40, 40)),
+}
 OPTIONS = {
     "usual": {},
     "more than pixels": {"gaussians": 400, "iterations": 12},
@@ -71,6 +99,34 @@ def test_every_picture_is_written_and_not_worse_than_its_mean_colour(name, how):
     drawn = metrics.mean_squared_error(result.raster, picture)
     # Some pictures have a level to draw and no more; 12 steps of other losses leave 3 % elsewhere.
     assert max(model, drawn) <= (1.03 * math.sqrt(error) + 2 / 255) ** 2
+
+
+@pytest.mark.parametrize("how", ["usual", "more than pixels", "double"])
+@pytest.mark.parametrize("name", ALPHAS)
+def test_every_transparent_picture_is_written_and_not_worse_than_nothing(name, how):
+    alpha = ALPHAS[name]
+    height, width = alpha.shape
+    levels = np.round(255 * np.dstack([COLORS[:height, :width], alpha])).astype(np.uint8)
+    picture = levels.astype(np.float32) / 255
+    result = vectorize(levels, **OPTIONS[how])
+    scene = result.scene
+    assert scene.transparent
+    assert "<rect" not in result.svg
+    for values in (scene.mean, scene.sigma, scene.rho, scene.color, scene.opacity, scene.betas):
+        assert np.isfinite(values).all()
+    json.dumps(result.report, allow_nan=False)
+    empty = "what shows of the photo is too faint for any renderer: the SVG is empty"
+    assert (empty in result.report["notes"]) == (len(scene) == 0 and alpha.any())
+    if name in ("faint everywhere", "a level everywhere", "nothing"):
+        assert len(scene) == 0
+    assert result.raster.shape == (height, width, 4)
+    for drawn in (result.raster, render_rgba(scene)):
+        assert np.isfinite(drawn).all()
+        error, before = (
+            metrics.mean_squared_error(stacked(one), stacked(picture))
+            for one in (drawn, np.zeros_like(picture))
+        )
+        assert error <= (1.03 * math.sqrt(before) + 2 / 255) ** 2
 
 
 def test_picture_of_few_pixels_is_drawn_exactly_by_many_gaussians():

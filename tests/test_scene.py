@@ -45,6 +45,16 @@ def test_scene_does_not_share_the_arrays_it_was_given():
         ({"beta": np.array([1, 0.4])}, r"beta\[1\] is 0.4"),
         ({"beta": np.array([300, 1])}, r"beta\[0\] is 300"),
         ({"color": "red"}, "color cannot be read"),
+        ({"mean": np.ones((2, 2)) + 1j}, "mean cannot be read as float64: it is complex"),
+        ({"mean": [[1, 2], [3]]}, "mean cannot be read"),
+        ({"background": [10**400, 0, 0]}, "background cannot be read"),
+        ({"round_index": [0, np.inf]}, "whole numbers up to 2147483647"),
+        ({"round_index": [0, 2**40]}, "whole numbers up to 2147483647"),
+        ({"round_index": [-1, 0]}, r"round_index\[0\] is -1"),
+        ({"width": "x"}, "width is 'x'; needed is a number"),
+        ({"width": [3, 4]}, r"width is \[3, 4\]; needed is a number"),
+        ({"height": 1j}, "height is 1j; needed is a number"),
+        ({"height": None}, "height is None; needed is a number"),
     ],
 )
 def test_bad_field_is_refused_with_its_name_and_place(change, message):
@@ -122,6 +132,27 @@ def test_npz_without_the_fields_is_refused():
     np.savez(stream, mean=np.zeros((0, 2)))
     stream.seek(0)
     with pytest.raises(InputError, match="not a scene"):
+        Scene.load(stream)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"width": np.array([40.0, 30.0])}, r"width of shape \(2,\); needed is one value"),
+        ({"transparent": np.array([True, False])}, r"transparent of shape \(2,\)"),
+        ({"blend": np.array(["over"])}, r"blend of shape \(1,\)"),
+        ({"transparent": "yes"}, "transparent 'yes'; needed is true or false"),
+        ({"height": "x"}, "not a scene written by Scene.save: .*'x'"),
+        ({"height": 1j}, "not a scene written by Scene.save"),
+    ],
+)
+def test_npz_with_fields_of_another_form_is_refused(change, message):
+    scene, stream = random_scene(2), io.BytesIO()
+    names = ("width", "height", "blend", "transparent", *ARRAYS)
+    fields = {name: getattr(scene, name) for name in names} | change
+    np.savez(stream, format_version=3, **fields)
+    stream.seek(0)
+    with pytest.raises(InputError, match=message):
         Scene.load(stream)
 
 

@@ -19,7 +19,8 @@ def render(
 ) -> NDArray[Real]:
     """Image (height, width, 3) in 0..1 of a scene at any size, by default that of its canvas.
 
-    dtype is np.float32, within 3e-5 of the formula, or np.float64, within 1e-13 in twice the time.
+    dtype is np.float32, within 3e-5 of the formula, or np.float64, within 1e-12 in twice the time.
+    Where 10 000 equal shapes overlap float32 is 1.5e-4 off; in float64 needles are, by 2.2e-11.
     A transparent scene is shown over its background, white if it was not given another.
     The scene has no resolution: it is scaled to the output and sampled at pixel centres.
     By the fast CPU renderer; gauss2svg.render.reference.render_reference is its slow twin.
