@@ -54,7 +54,7 @@ def raise_for(number: int, _frame: FrameType | None = None) -> None:
 
 @contextmanager
 def terminable() -> Iterator[None]:
-    """Inside SIGTERM is raised as Terminated, so that files are closed and helpers ended."""
+    """Inside SIGTERM is raised as Terminated, so that files are closed and children ended."""
     with _handled((signal.SIGTERM,), raise_for):
         yield
 

@@ -47,7 +47,7 @@ def pytest_addoption(parser):
 
 
 # The same examples in every run: a failure is found again by running again.
-settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=50)
+settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=30)
 settings.load_profile("repeatable")
 
 

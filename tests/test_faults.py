@@ -228,7 +228,7 @@ def test_the_checkpoint_is_the_old_one_or_a_whole_one(name, tmp_path, monkeypatc
         assert set(content(folder)) <= files, at  # no temporary file
         data = (folder / "c.npz").read_bytes()
         if data != b"old checkpoint":  # unpacking reads all of it, and compares checksums
-            assert set(unpacked(data)) == {"run", "memory"}, at
+            assert set(unpacked(io.BytesIO(data))) == {"run", "memory"}, at
 
 
 def test_fault_at_every_rename_is_tried(tmp_path, monkeypatch):
