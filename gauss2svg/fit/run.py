@@ -298,15 +298,14 @@ class Run:
 
         far: only if they left it far behind; what was relocated lately may still pay.
         """
-        best = self.guard.best() if len(self.state) else None
-        if best is None:
+        if not len(self.state) or self.guard.least == math.inf:
             return
         population = self.population
         if self.options.loss == DEFAULT_LOSS:  # without a gradient, in a third of the time
             loss = population.target.loss(population.splats())
         else:
             loss = self._judged(population.splats()).loss
-        if self.guard.is_worse(loss, far):
+        if self.guard.is_worse(loss, far) and (best := self.guard.best()) is not None:
             population.state, self._shared = best
 
     def _settle(self) -> None:
