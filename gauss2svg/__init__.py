@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         RendererError,
         SceneError,
     )
+    from gauss2svg.gallery import Gallery, GalleryProgress, build_gallery
     from gauss2svg.pipeline import Progress, Result, vectorize
     from gauss2svg.scene import Scene
     from gauss2svg.scoring import CheckResult, check
@@ -22,11 +23,14 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "CheckResult": "scoring",
+    "Gallery": "gallery",
+    "GalleryProgress": "gallery",
     "Gauss2SvgError": "errors",
     "InputError": "errors",
     "OutputError": "errors",
     "RendererError": "errors",
     "SceneError": "errors",
+    "build_gallery": "gallery",
     "check": "scoring",
     "Progress": "pipeline",
     "Result": "pipeline",
@@ -41,6 +45,8 @@ _HOMES = {
 
 __all__ = [
     "CheckResult",
+    "Gallery",
+    "GalleryProgress",
     "Gauss2SvgError",
     "InputError",
     "OutputError",
@@ -52,6 +58,7 @@ __all__ = [
     "SceneError",
     "SvgOptions",
     "__version__",
+    "build_gallery",
     "check",
     "outline_svg",
     "read_svg",

@@ -39,6 +39,11 @@ app.command(
     help="Vectorise photos by many settings, and write tables and plots of cost and fidelity.",
 )
 app.command(
+    "gauss2svg.gallery.command:gallery_command",
+    name="gallery",
+    help="Write pages that show what becomes of photos, beside them and side by side.",
+)
+app.command(
     "gauss2svg.scoring.command:check_command",
     name="check",
     help="Measure how true any SVG is to a photo.",

@@ -26,6 +26,19 @@ _TICKS = (0, 16, 32, 48, 64)
 _SCALE = f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
 
 
+def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Largest difference of any channel at each pixel (h, w), in levels of 255."""
+    return np.abs(np.subtract(image, other, dtype=np.float64)).max(axis=2) * LEVELS
+
+
+def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image.Image:
+    """The same map as heatmap's without its legend, in whole levels and a palette of 65 colours."""
+    levels = np.minimum(np.round(errors(image, other)), MOST).astype(np.uint8)
+    picture = Image.fromarray(levels, "P")
+    picture.putpalette(colors_of(np.arange(MOST + 1)).tobytes())
+    return picture
+
+
 def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Colours (..., 3) of errors (...) in levels of 255; those over 64 are drawn as 64."""
     place = np.clip(levels, 0, MOST) * ((len(_COLORS) - 1) / MOST)
@@ -45,8 +58,7 @@ def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:
     sheet = Image.new("RGB", (width, height + _BAR + (_TEXT if labelled else 0)), "white")
     for top in range(0, height, _BAR):  # in bands: the table is looked up in float64
         band = slice(top, top + _BAR)
-        levels = np.abs(np.subtract(image[band], other[band], dtype=np.float64)).max(axis=2)
-        sheet.paste(Image.fromarray(colors_of(levels * LEVELS)), (0, top))
+        sheet.paste(Image.fromarray(colors_of(errors(image[band], other[band]))), (0, top))
     ramp = np.broadcast_to(np.linspace(0, MOST, width), (_BAR, width))
     sheet.paste(Image.fromarray(colors_of(ramp)), (0, height))
     if labelled:

@@ -1,0 +1,250 @@
+"""The gallery as a whole: plan, make what is missing, write the pages."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from numba.core import config
+
+from gauss2svg.bench.machine import machine
+from gauss2svg.checks import number_within, whole_number
+from gauss2svg.errors import InputError, OutputError
+from gauss2svg.gallery.crew import Crew
+from gauss2svg.gallery.pages import DATA, INDEX, Story, check_title, write_pages
+from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos
+from gauss2svg.gallery.plan import PHOTOS, Settings, Task, photo_folder, photo_task, variant_task
+from gauss2svg.gallery.records import Failure, Row, Shown, made_of, rows_of
+from gauss2svg.gallery.variants import Variant, variants_of
+from gauss2svg.gallery.work import finished
+from gauss2svg.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
+
+DEFAULT_TITLE = "Photos as Gaussians"
+DEFAULT_PEER_TIMEOUT = 300.0  # s
+_LONGEST_TIMEOUT = 1e6  # s
+_MOST_JOBS = 256
+
+Records = dict[str, dict[str, Any]]  # of finished folders
+
+
+@dataclass(frozen=True)
+class GalleryProgress:
+    """Where a gallery stands: things done of all, SVGs kept from before, what is made now."""
+
+    done: int
+    total: int
+    kept: int
+    now: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """A gallery that is written.
+
+    directory  where it is
+    rows       one an SVG, as in gallery.json; failures: what could not be made, and why
+    kept       how many SVGs were there already; absent: peers that are not installed
+    """
+
+    directory: Path
+    rows: list[Row]
+    failures: list[Failure]
+    kept: int
+    absent: list[str]
+
+    @property
+    def index(self) -> Path:
+        """The page to open first."""
+        return self.directory / INDEX
+
+
+def build_gallery(
+    photos: Sequence[str | os.PathLike[str]],
+    directory: str | os.PathLike[str],
+    *,
+    variants: Iterable[str] | None = None,
+    counts: Iterable[int] | None = None,
+    peers: Iterable[str] = (),
+    jobs: int = 1,
+    threads: int | None = None,
+    seed: int = 0,
+    photo_size: int | None = None,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
+    peer_timeout: float = DEFAULT_PEER_TIMEOUT,
+    title: str = DEFAULT_TITLE,
+    command: str | None = None,
+    progress: Callable[[GalleryProgress], None] | None = None,
+) -> Gallery:
+    """Vectorise photos in several ways, and write pages that show what came of it.
+
+    photos      paths; directory: where the pages go, made if missing
+    variants    presets of gauss2svg.quality; counts: of Gaussians; where neither is given,
+                draft, balanced and high
+    peers       vtracer, splatthis, primitive, as they are without options or in a style of the
+                benchmark, such as "vtracer:detailed"; those not installed are left out
+    jobs        processes at once; threads: of each, None: the cores shared out among them
+    seed        of the fits; max_pixels: most pixels of a photo, as of `vectorize`
+    photo_size  longest side in px to which photos are shrunk before all else, None: as they are
+    peer_timeout  seconds for a peer and a photo; title: of the pages, plain text
+    command     what the pages say that they were made by; progress: called with a
+                GalleryProgress whenever something begins or ends
+
+    What is finished is kept in the directory, and made again only where the photo's bytes, the
+    settings or this package's code have changed; an interruption loses what was being made. A
+    photo that cannot be read is a failure, told on the index, and stops no other. The pages need
+    no server and no network. Raises InputError for bad arguments and OutputError for a directory
+    that cannot be written, or whose index.html is not a gallery's.
+    """
+    listed = gallery_photos(photos)
+    wanted, absent = variants_of(variants, counts, peers)
+    whole_number("jobs", jobs, 1, _MOST_JOBS)
+    whole_number("seed", seed, 0, 2**63 - 1)
+    whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
+    number_within("peer_timeout", peer_timeout, 1e-3, _LONGEST_TIMEOUT)
+    if photo_size is not None:
+        whole_number("photo_size", photo_size, 1, 2**31 - 1)
+    # As many as numba has started; the attribute is made when its settings are read.
+    cores = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
+    own = max(1, cores // jobs) if threads is None else whole_number("threads", threads, 1, cores)
+    check_title(title)
+    root = _folder(directory, listed)
+    settings = Settings(photo_size, max_pixels, seed, own, peer_timeout)
+    story = Story(
+        title=title,
+        command=command or f"build_gallery(.., {os.fspath(directory)!r})",
+        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        machine=machine(),
+        jobs=jobs,
+        threads=own,
+        seed=seed,
+        photo_size=photo_size,
+        renderer=renderer_version(DEFAULT_RENDERER),
+        absent=tuple(absent),
+    )
+    making = _Making(root, listed, wanted, settings, progress)
+    try:
+        making.run(jobs)
+    except KeyboardInterrupt:
+        making.write(story)  # what is finished can be looked at
+        raise
+    return making.write(story)
+
+
+class _Making:
+    """A gallery on its way: what is finished so far, what failed, and who is told."""
+
+    def __init__(
+        self,
+        root: Path,
+        photos: list[GalleryPhoto],
+        variants: list[Variant],
+        settings: Settings,
+        progress: Callable[[GalleryProgress], None] | None,
+    ) -> None:
+        self._root, self._photos, self._variants = root, photos, variants
+        self._settings = settings
+        self._progress = progress or (lambda _: None)
+        self._records: Records = {}
+        self._failures: list[Failure] = []
+        self._done = self._kept = 0
+        self._now: list[str] = []
+
+    def run(self, jobs: int) -> None:
+        """Photos first, so that a bad one is known early; then the SVGs of the good ones."""
+        with Crew(jobs) as crew:
+            readable = []
+            for photo in self._photos:
+                if photo.trouble is None:
+                    readable.append(photo)
+                else:
+                    self._fail(photo, None, photo.trouble)
+            self._do(crew, [photo_task(self._root, p, self._settings) for p in readable])
+            self._do(
+                crew,
+                [
+                    variant_task(self._root, photo, variant, self._settings, record)
+                    for photo in readable
+                    if (record := self._records.get(photo_folder(photo))) is not None
+                    for variant in self._variants
+                ],
+            )
+
+    def write(self, story: Story) -> Gallery:
+        """Write the pages of what is finished."""
+        shown = [
+            self._shown(photo, record)
+            for photo in self._photos
+            if (record := self._records.get(photo_folder(photo))) is not None
+        ]
+        failures = sorted(self._failures, key=lambda one: self._photos.index(one.photo))
+        write_pages(self._root, story, self._variants, shown, failures)
+        return Gallery(self._root, rows_of(shown), failures, self._kept, list(story.absent))
+
+    def _do(self, crew: Crew, tasks: list[Task]) -> None:
+        missing = []
+        for task in tasks:
+            record = finished(self._root / task.folder, task.key)
+            if record is None:
+                missing.append(task)
+                continue
+            self._records[task.folder] = record
+            self._kept += task.variant is not None
+            self._done += 1
+        self._tell()
+        for index, answer in crew.run([task.work for task in missing]):
+            task = missing[index]
+            if answer is None:
+                self._now.append(task.label)
+            else:
+                self._now.remove(task.label)
+                if "error" in answer:
+                    self._fail(task.photo, task.variant, answer["error"])
+                else:
+                    self._records[task.folder] = answer["record"]
+                    self._done += 1
+            self._tell()
+
+    def _fail(self, photo: GalleryPhoto, variant: Variant | None, error: str) -> None:
+        self._failures.append(Failure(photo, variant, error))
+        self._done += 1 if variant else 1 + len(self._variants)
+
+    def _tell(self) -> None:
+        total = len(self._photos) * (1 + len(self._variants))
+        self._progress(GalleryProgress(self._done, total, self._kept, tuple(self._now)))
+
+    def _shown(self, photo: GalleryPhoto, record: dict[str, Any]) -> Shown:
+        folder = photo_folder(photo)
+        made = [
+            made_of(self._root, f"{folder}/{variant.slug}", variant, record_of)
+            for variant in self._variants
+            if (record_of := self._records.get(f"{folder}/{variant.slug}")) is not None
+        ]
+        return Shown(
+            photo, folder, f"{folder}/{record['photo']}", record["width"], record["height"],
+            tuple(record["notes"]), tuple(made),
+        )  # fmt: skip
+
+
+def _folder(directory: str | os.PathLike[str], photos: Iterable[GalleryPhoto]) -> Path:
+    root = Path(directory)
+    try:
+        root.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise OutputError(f"cannot make {root}: {reason}; choose another folder") from error
+    if (root / INDEX).exists() and not (root / DATA).exists():
+        raise OutputError(
+            f"{root / INDEX} is there, of no gallery; choose another folder, so that it is kept"
+        )
+    kept = os.path.realpath(root / PHOTOS)
+    for photo in photos:
+        if Path(os.path.realpath(photo.path)).is_relative_to(kept):
+            raise InputError(
+                f"{photo.path} lies where the gallery keeps its own pictures; choose another folder"
+            )
+    return root

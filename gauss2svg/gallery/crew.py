@@ -1,0 +1,152 @@
+"""Worker processes that share out work: one that dies costs what it was at, and is replaced."""
+
+from __future__ import annotations
+
+import json
+import queue
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from typing import IO, Any
+
+from gauss2svg.bench.worker import one_line
+
+_TO_END_S = 10.0  # for a worker to end what it has started, before it is killed
+Answer = dict[str, Any]
+_INTERRUPTED = {"error": "interrupted"}
+
+
+class Crew:
+    """Up to `jobs` workers; use it in a with statement, at the end of which none is left."""
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self._idle: list[_Worker] = []
+        self._all: set[_Worker] = set()
+        self._threads: list[threading.Thread] = []
+        self._lock = threading.Lock()
+        self._closed = False
+
+    def __enter__(self) -> Crew:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._closed = True
+            workers = list(self._all)
+        for worker in workers:
+            worker.terminate()
+        for thread in self._threads:  # each waits for its worker, which is ending
+            thread.join()
+        for worker in workers:
+            worker.end()
+
+    def run(self, works: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Answer | None]]:
+        """(index, None) when a piece of work begins and (index, answer) when it is done."""
+        waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
+        events: queue.SimpleQueue[tuple[int, Answer | None]] = queue.SimpleQueue()
+        for index in range(len(works)):
+            waiting.put(index)
+
+        def serve() -> None:
+            while not self._closed:
+                try:
+                    index = waiting.get_nowait()
+                except queue.Empty:
+                    return
+                events.put((index, None))
+                events.put((index, self._answer(works[index])))
+
+        threads = [threading.Thread(target=serve) for _ in range(min(self._jobs, len(works)))]
+        self._threads += threads
+        for thread in threads:
+            thread.start()
+        left = len(works)
+        while left:
+            index, answer = events.get()
+            left -= answer is not None
+            yield index, answer
+
+    def _answer(self, work: Mapping[str, Any]) -> Answer:
+        with self._lock:
+            if self._closed:
+                return _INTERRUPTED
+            worker = self._idle.pop() if self._idle else _Worker()
+            self._all.add(worker)
+        answer = worker.answer(work)
+        with self._lock:
+            if worker.is_alive():
+                self._idle.append(worker)
+            else:
+                self._all.discard(worker)
+        return answer
+
+
+class _Worker:
+    """One process, and its pipes."""
+
+    def __init__(self) -> None:
+        self._told_to_end = False
+        self._chatter: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115, closed by end()
+        # A session of its own: a Ctrl-C at the terminal is for this process to pass on.
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "gauss2svg.gallery.worker"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._chatter,
+            start_new_session=True,
+            text=True,
+        )
+
+    def answer(self, work: Mapping[str, Any]) -> Answer:
+        """What it says, or how it ended without an answer."""
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        try:
+            process.stdin.write(json.dumps(work) + "\n")
+            process.stdin.flush()
+            line = process.stdout.readline()
+        except (OSError, ValueError):  # its pipe is broken or closed: its status says why
+            line = ""
+        if line:
+            return json.loads(line)
+        if self._told_to_end:
+            return _INTERRUPTED
+        process.kill()  # in case that it only closed its output
+        status = process.wait()
+        how = f"status {status}" if status >= 0 else signal.Signals(-status).name
+        said = self._last_words()
+        self.end()
+        return {"error": one_line(f"the worker ended with {how}: {said}")}
+
+    def is_alive(self) -> bool:
+        """Whether it can take more work."""
+        return self._process.poll() is None
+
+    def terminate(self) -> None:
+        """Ask it to end; one that does not is killed after a while."""
+        self._told_to_end = True
+        if self.is_alive():
+            self._process.terminate()
+            killer = threading.Timer(_TO_END_S, self._process.kill)
+            killer.daemon = True
+            killer.start()
+
+    def end(self) -> None:
+        """Wait for its end, which was asked for, and close its pipes."""
+        self._process.wait()
+        for stream in (self._process.stdin, self._process.stdout, self._chatter):
+            try:
+                if stream is not None:
+                    stream.close()
+            except OSError:  # what was not flushed has nobody left to read it
+                continue
+
+    def _last_words(self) -> str:
+        self._chatter.seek(0)
+        lines = self._chatter.read()[-4000:].decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else "it said nothing; was there enough memory?"

@@ -1,0 +1,42 @@
+"""Numbers as pages tell them."""
+
+from __future__ import annotations
+
+_SPACE = "\N{NARROW NO-BREAK SPACE}"
+_NONE = "\N{EN DASH}"
+
+
+def whole(value: float | None) -> str:
+    """A count or a sum, with its thousands apart."""
+    return _NONE if value is None else f"{round(value):,}".replace(",", _SPACE)
+
+
+def size(count: float | None) -> str:
+    """Bytes in three digits: 940 B, 58.3 kB, 1.68 MB."""
+    if count is None:
+        return _NONE
+    for unit, name in ((1e6, "MB"), (1e3, "kB")):
+        if count >= 0.9995 * unit:
+            return f"{_three_digits(count / unit)}{_SPACE}{name}"
+    return f"{round(count)}{_SPACE}B"
+
+
+def seconds(value: float | None) -> str:
+    """Seconds in three digits at most: 0.84 s, 12.3 s, 401 s."""
+    return _NONE if value is None else f"{_three_digits(value)}{_SPACE}s"
+
+
+def decibels(value: float | None) -> str:
+    """A PSNR; of equal pictures, which have none, the word."""
+    return "equal" if value is None else f"{value:.2f}{_SPACE}dB"
+
+
+def ratio(value: float | None) -> str:
+    """An SSIM."""
+    return _NONE if value is None else f"{value:.3f}"
+
+
+def _three_digits(value: float) -> str:
+    decimals = 2 if value < 9.995 else 1 if value < 99.95 else 0
+    text = f"{value:.{decimals}f}"
+    return text if decimals else f"{round(value):,}".replace(",", _SPACE)

@@ -1,0 +1,259 @@
+"""The pages: what is known of a gallery, through templates, into files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from gauss2svg.atomic import write_all_atomically
+from gauss2svg.bench.rows import csv_text, json_text
+from gauss2svg.errors import InputError, OutputError
+from gauss2svg.gallery import numbers
+from gauss2svg.gallery.chart import Point, scatter
+from gauss2svg.gallery.records import Failure, Made, Shown, rows_of, summary_of
+from gauss2svg.gallery.variants import Variant, main_variant
+from gauss2svg.gallery.work import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
+from gauss2svg.scoring.heatmap import MOST, colors_of
+from gauss2svg.version import __version__
+
+INDEX, TRADE_OFF, HOW = "index.html", "trade-off.html", "how.html"
+DATA, TABLE = "gallery.json", "gallery.csv"
+ASSETS = "assets"
+_STATIC = (
+    "gallery.css", "gallery.js", "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
+)  # fmt: skip
+_LEGEND_COLORS = 9  # of the heat map, in a gradient
+_COSTS = (("svg_bytes", "bytes", numbers.size), ("total_s", "seconds", numbers.seconds))
+
+
+@dataclass(frozen=True)
+class Story:
+    """How a gallery was made; see `build_gallery`."""
+
+    title: str
+    command: str
+    date: str
+    machine: dict[str, Any]
+    jobs: int
+    threads: int
+    seed: int
+    photo_size: int | None
+    renderer: str
+    absent: tuple[str, ...]
+
+
+def check_title(title: Any) -> None:
+    """Raise InputError for what is no text, or empty."""
+    if not isinstance(title, str) or not title.strip():
+        raise InputError(f"title is {title!r}; needed is text")
+
+
+def write_pages(
+    root: Path,
+    story: Story,
+    variants: Sequence[Variant],
+    shown: Sequence[Shown],
+    failures: Sequence[Failure],
+) -> None:
+    """Write every page, the data and what pages share; whole or not at all.
+
+    Raises OutputError where something cannot be written.
+    """
+    rows = rows_of(shown)
+    summary = summary_of(rows, variants)
+    shared = {
+        "story": story,
+        "version": __version__,
+        "variants": variants,
+        "main": main_variant(variants),
+        "shown": shown,
+        "failures": failures,
+        "rows": rows,
+        "summary": summary,
+        "legend": _legend(),
+        "most_levels": MOST,
+    }
+    environment = _environment()
+
+    def page(template: str, root_path: str, **more: Any) -> bytes:
+        text = environment.get_template(f"{template}.html.jinja").render(
+            **shared, root=root_path, page=template, **more
+        )
+        return text.encode()
+
+    written: dict[str | os.PathLike[str], bytes] = {
+        root / INDEX: page("index", "", cards=[_card(one) for one in shown]),
+        root / TRADE_OFF: page("trade-off", "", charts=_charts(shown, variants)),
+        root / HOW: page("how", "", versions=_versions(shown)),
+    }
+    for at, one in enumerate(shown):
+        neighbours = {
+            "previous": shown[at - 1] if at else None,
+            "next": shown[at + 1] if at + 1 < len(shown) else None,
+        }
+        viewer = _viewer(one)
+        chosen = [made for made in viewer if made["slug"] == shared["main"].slug] or viewer
+        first = chosen[0] if chosen else None
+        path = root / one.folder / INDEX
+        written[path] = page("photo", "../../", one=one, viewer=viewer, first=first, **neighbours)
+    document = {
+        "gauss2svg": __version__,
+        "title": story.title,
+        "command": story.command,
+        "date": story.date,
+        "machine": story.machine,
+        "jobs": story.jobs,
+        "threads": story.threads,
+        "seed": story.seed,
+        "photo_size": story.photo_size,
+        "renderer": story.renderer,
+        "peers_absent": list(story.absent),
+        "summary": summary,
+        "rows": rows,
+        "failures": [
+            {
+                "photo": failure.photo.name,
+                "variant": failure.variant.name if failure.variant else None,
+                "error": failure.error,
+            }
+            for failure in failures
+        ],
+    }
+    written[root / DATA] = json_text(document).encode()
+    written[root / TABLE] = csv_text(rows).encode()
+    static = files("gauss2svg.gallery") / "static"
+    for name in _STATIC:
+        written[root / ASSETS / name] = (static / name).read_bytes()
+    _make_folder(root / ASSETS)
+    write_all_atomically(written)
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("gauss2svg.gallery"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    for tell in (
+        numbers.whole, numbers.size, numbers.seconds, numbers.decibels, numbers.ratio,
+    ):  # fmt: skip
+        environment.filters[tell.__name__] = tell
+    environment.globals["thumbnail_size"] = _thumbnail_size
+    return environment
+
+
+def _thumbnail_size(one: Shown) -> tuple[int, int]:
+    """Width and height in px of a photo's thumbnails."""
+    scale = min(1.0, THUMBNAIL_PX / max(one.width, one.height))
+    return max(1, round(one.width * scale)), max(1, round(one.height * scale))
+
+
+def _card(one: Shown) -> dict[str, Any]:
+    """What the index's script needs of a photo to sort, filter and change it."""
+    return {
+        made.variant.slug: {
+            "name": made.variant.name,
+            "gaussians": made.report.get("gaussians"),
+            "elements": made.report.get("elements"),
+            "svg_bytes": made.report["svg_bytes"],
+            "total_s": made.report["total_s"],
+            "psnr_svg": made.report["psnr_svg"],
+            "ssim_svg": made.report["ssim_svg"],
+            "texts": {
+                "shapes": _shapes(made),
+                "svg_bytes": numbers.size(made.report["svg_bytes"]),
+                "total_s": numbers.seconds(made.report["total_s"]),
+                "psnr_svg": numbers.decibels(made.report["psnr_svg"]),
+                "ssim_svg": numbers.ratio(made.report["ssim_svg"]),
+            },
+            "thumbnail": f"{made.folder}/{THUMBNAIL}",
+            "picture": f"{made.folder}/{PICTURE}",
+        }
+        for made in one.made
+    }
+
+
+def _shapes(made: Made) -> str:
+    if made.variant.is_own:
+        return numbers.whole(made.report["gaussians"])
+    return f"{numbers.whole(made.report['elements'])} elements"
+
+
+def _viewer(one: Shown) -> list[dict[str, Any]]:
+    """What the photo page's script needs of every variant; paths are relative to that page."""
+    found = []
+    for made in one.made:
+        slug, own = made.variant.slug, made.variant.is_own
+        found.append(
+            {
+                "slug": slug,
+                "name": made.variant.name,
+                "picture": f"{slug}/{PICTURE}",
+                "errors": f"{slug}/{ERRORS}",
+                "outlines": f"{slug}/{OUTLINES}" if own else None,
+                "rounds": made.rounds,
+                "worst": made.worst,
+                "typical": made.typical,
+            }
+        )
+    return found
+
+
+def _charts(shown: Sequence[Shown], variants: Sequence[Variant]) -> list[dict[str, Any]]:
+    """PSNR over bytes and over seconds, each point a link to its page."""
+    series = {variant.slug: at for at, variant in enumerate(variants)}
+    found = []
+    for name, word, tell in _COSTS:
+        points = [
+            Point(
+                cost=made.report[name],
+                psnr=made.report["psnr_svg"],
+                series=series[made.variant.slug],
+                group=at,
+                href=f"{one.folder}/{INDEX}#{made.variant.slug}",
+                text=(
+                    f"{one.photo.name}, {made.variant.name}: "
+                    f"{numbers.decibels(made.report['psnr_svg'])}, {tell(made.report[name])}"
+                ),
+            )
+            for at, one in enumerate(shown)
+            for made in one.made
+        ]
+        found.append({"word": word, "chart": scatter(points, tell)})
+    return found
+
+
+def _versions(shown: Iterable[Shown]) -> list[tuple[str, str]]:
+    """Of everything that any report names, each once."""
+    found: dict[tuple[str, str], None] = {}
+    for one in shown:
+        for made in one.made:
+            if not made.variant.is_own:
+                found[made.variant.tool, made.variant.version] = None
+            for name, version in made.report.get("versions", {}).items():
+                found[name, version] = None
+    return sorted(found)
+
+
+def _legend() -> list[str]:
+    """Colours of the heat map at even steps, from no error to the largest."""
+    levels = np.linspace(0, MOST, _LEGEND_COLORS)
+    return ["#" + bytes(color).hex() for color in colors_of(levels)]
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        raise OutputError(f"cannot make {folder}: {reason}; choose another folder") from error

@@ -1,0 +1,92 @@
+"""The photos of a gallery: what they are called on its pages, and in which folders they live."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from gauss2svg.errors import InputError, on_one_line
+
+_LONGEST_SLUG = 48
+_NAMELESS = "photo"
+# Windows opens a device for these, whatever follows a dot.
+_DEVICES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])$")
+
+
+@dataclass(frozen=True)
+class GalleryPhoto:
+    """A photo to be shown.
+
+    path    of the file; name: its own name without folders, as text that is safe to print
+    slug    its folder's name: a-z, 0-9 and -, the only one of its gallery
+    digest  SHA-256 of the file's bytes; None where it cannot be read, of which trouble tells
+    """
+
+    path: str
+    name: str
+    slug: str
+    digest: str | None
+    trouble: str | None = None
+
+
+def gallery_photos(paths: Sequence[str | os.PathLike[str]]) -> list[GalleryPhoto]:
+    """Each photo once, however often it is named; raises InputError for none at all."""
+    if isinstance(paths, (str, bytes, os.PathLike)):
+        raise InputError(f"photos is {paths!r}; needed is a sequence of paths: [{paths!r}]")
+    if not paths:
+        raise InputError("got no photo; give the paths of some")
+    once = {os.path.realpath(path): os.fspath(path) for path in reversed(paths)}
+    texts = [os.fsdecode(path) for path in reversed(once.values())]
+    read = [_digest(path) for path in texts]
+    slugs = unique_slugs(
+        (Path(path).stem, digest) for path, (digest, _) in zip(texts, read, strict=True)
+    )
+    return [
+        GalleryPhoto(path, on_one_line(Path(path).name) or on_one_line(path), slug, digest, trouble)
+        for path, slug, (digest, trouble) in zip(texts, slugs, read, strict=True)
+    ]
+
+
+def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:
+    """Folders of photos by their names and digests, in their order, no two alike.
+
+    Of one name they are told apart by what is in them, so that one that is added, or given
+    first, moves no other.
+    """
+    known = [(slug_of(name), digest) for name, digest in photos]
+    shared = Counter(slug for slug, _ in known)
+    slugs: list[str] = []
+    for slug, digest in known:
+        first = f"{slug}-{digest[:8]}" if shared[slug] > 1 and digest else slug
+        slug, copies = first, 1
+        while slug in slugs:
+            copies += 1
+            slug = f"{first}-{copies}"
+        slugs.append(slug)
+    return slugs
+
+
+def slug_of(name: str) -> str:
+    """A name as that of a folder on any system, in 1 to 48 characters of a-z, 0-9 and -."""
+    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
+    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_LONGEST_SLUG].rstrip("-") or _NAMELESS
+    return f"{_NAMELESS}-{slug}" if _DEVICES.match(slug) else slug
+
+
+def _digest(path: str) -> tuple[str | None, str | None]:
+    """SHA-256 of a file, or why it cannot be read."""
+    if os.path.exists(path) and not os.path.isfile(path):
+        kind = "a folder" if os.path.isdir(path) else "no file"
+        return None, f"{on_one_line(path)} is {kind}; give the path of a photo"
+    try:
+        with open(path, "rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest(), None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        return None, f"cannot read {on_one_line(path)}: {reason}; give the path of a photo"

@@ -1,0 +1,96 @@
+"""What there is to do, as the workers are told it, and the keys by which it is known as done."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gauss2svg.bench.grid import code_digest
+from gauss2svg.gallery.photos import GalleryPhoto
+from gauss2svg.gallery.variants import Variant
+
+PHOTOS = "photos"  # the folder of the photos' folders
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all the work of a gallery shares; see `build_gallery`."""
+
+    photo_size: int | None
+    max_pixels: int
+    seed: int
+    threads: int
+    peer_timeout: float
+
+
+@dataclass(frozen=True)
+class Task:
+    """A photo, or where variant is one, an SVG of it; folder: relative to the gallery, with /."""
+
+    photo: GalleryPhoto
+    variant: Variant | None
+    folder: str
+    work: dict[str, Any]
+
+    @property
+    def label(self) -> str:
+        """What a progress bar calls it."""
+        return self.photo.name + (f", {self.variant.name}" if self.variant else "")
+
+    @property
+    def key(self) -> str:
+        """The same for the same work by the same code."""
+        return self.work["key"]
+
+
+def photo_folder(photo: GalleryPhoto) -> str:
+    """Where a photo and what is made of it lie."""
+    return f"{PHOTOS}/{photo.slug}"
+
+
+def photo_task(root: Path, photo: GalleryPhoto, settings: Settings) -> Task:
+    """To make of a photo what pages show of it."""
+    folder = photo_folder(photo)
+    return Task(photo, None, folder, _work("photo", root / folder, photo, settings, []))
+
+
+def variant_task(
+    root: Path,
+    photo: GalleryPhoto,
+    variant: Variant,
+    settings: Settings,
+    record: Mapping[str, Any],
+) -> Task:
+    """To make an SVG of a photo, of which pages show what the record says."""
+    parent = photo_folder(photo)
+    folder = f"{parent}/{variant.slug}"
+    ingredients = [variant.tool, variant.version, variant.settings, settings.seed]
+    work = _work("variant", root / folder, photo, settings, ingredients)
+    work |= {
+        "shown": str(root / parent / record["photo"]),
+        "tool": variant.tool,
+        "settings": dict(variant.settings),
+        "seed": settings.seed,
+        "threads": settings.threads,
+        "peer_timeout": settings.peer_timeout,
+    }
+    return Task(photo, variant, folder, work)
+
+
+def _work(
+    kind: str, folder: Path, photo: GalleryPhoto, settings: Settings, ingredients: list[Any]
+) -> dict[str, Any]:
+    # Threads and timeouts are left out: they change no file.
+    whole = [kind, photo.digest, settings.photo_size, code_digest(), *ingredients]
+    return {
+        "kind": kind,
+        "key": hashlib.sha256(json.dumps(whole).encode()).hexdigest(),
+        "path": photo.path,
+        "folder": str(folder),
+        "photo_size": settings.photo_size,
+        "max_pixels": settings.max_pixels,
+    }

@@ -1,0 +1,210 @@
+"""What the pages of a photo need, made of it: pictures, SVGs and reports in folders of their own.
+
+A folder is finished when its record is there, which is written last.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from gauss2svg.alpha import over, pixels_of, shrunk
+from gauss2svg.atomic import write_all_atomically
+from gauss2svg.bench.machine import Stopwatch
+from gauss2svg.bench.runner import in_own_process
+from gauss2svg.bench.worker import TOOL, finite
+from gauss2svg.errors import OutputError, PeerError
+from gauss2svg.gallery.crops import worst_and_typical
+from gauss2svg.image import WHITE, load_image
+from gauss2svg.outputs import as_json, as_png
+from gauss2svg.pipeline import vectorize
+from gauss2svg.scoring.heatmap import error_map
+from gauss2svg.scoring.measure import check
+from gauss2svg.svg.document import parse_document
+from gauss2svg.warmup import compile_kernels
+
+RECORD = "record.json"
+PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
+PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
+OUTLINES, ERRORS = "outlines.svg", "errors.png"
+THUMBNAIL_PX = 320
+_MOST_WEBP_PX = 16383  # a side: the format's own limit
+_PNG_PHOTO = "photo.png"
+_WARM_UP_SIDE = 32  # px
+
+Work = Mapping[str, Any]
+_ROUND = re.compile(r"round-([0-9]+)")
+_warm: set[str] = set()  # what this process has compiled and loaded already
+
+
+def make_photo(work: Work) -> dict[str, Any]:
+    """The photo as pages show it, without loss and without its metadata, and a thumbnail.
+
+    work  path, key, folder, photo_size, max_pixels
+    Returns the record. Raises InputError for what is no photo, OutputError for the folder.
+    """
+    photo = load_image(work["path"], max_pixels=work["max_pixels"])
+    pixels = _sized(pixels_of(photo), work["photo_size"])
+    height, width = pixels.shape[:2]
+    name = PHOTO if max(width, height) <= _MOST_WEBP_PX else _PNG_PHOTO
+    picture = _eight_bits(pixels)
+    files = {name: _lossless(picture, name), THUMBNAIL: _thumbnail(pixels)}
+    return _finish(
+        work,
+        files,
+        {"photo": name, "width": width, "height": height, "notes": list(photo.notes)},
+    )
+
+
+def make_variant(work: Work) -> dict[str, Any]:
+    """An SVG of the photo with its report, its thumbnail and its map of errors.
+
+    work  path, key, folder, photo_size, max_pixels, tool, settings, seed, threads, peer_timeout,
+          and shown, the path of the photo as pages show it
+    Returns the record. Raises Gauss2SvgError where it cannot be made.
+    """
+    # Shrunk photos are the 8-bit ones of the page; others are read as the command line does.
+    source = work["shown"] if work["photo_size"] else work["path"]
+    make = _own if work["tool"] == TOOL else _peer
+    files, report, raster, extra = make(source, work)
+    wanted = pixels_of(load_image(source, max_pixels=work["max_pixels"]))
+    drawn, photo = over(raster), over(wanted)
+    worst, typical = worst_and_typical(drawn, photo)
+    files |= {
+        REPORT: as_json(report),
+        THUMBNAIL: _thumbnail(raster),
+        ERRORS: _encoded(error_map(drawn, photo), "PNG", optimize=True),
+    }
+    crops = {"worst": worst._asdict(), "typical": typical._asdict()}
+    return _finish(work, files, crops | extra)
+
+
+# Files, the report, what the renderer drew, and more for the record.
+_Drawn = tuple[dict[str, bytes], dict[str, Any], NDArray[np.float32], dict[str, Any]]
+
+
+def _own(source: str, work: Work) -> _Drawn:
+    options = {**work["settings"], "seed": work["seed"], "threads": work["threads"]}
+    if TOOL not in _warm:  # so that seconds are those of a second run on this machine
+        compile_kernels()
+        noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
+        vectorize(noise, quality="draft", iterations=2, threads=work["threads"])
+        _warm.add(TOOL)
+    watch = Stopwatch()
+    result = vectorize(source, fragments=True, max_pixels=work["max_pixels"], **options)
+    clocks = watch.read()
+    scene = io.BytesIO()
+    result.scene.save(scene)
+    files = {
+        PICTURE: result.svg.encode(),
+        SCENE: scene.getvalue(),
+        OUTLINES: result.outline().encode(),
+    }
+    return files, result.report, result.raster, clocks | {"rounds": rounds_of(result.svg)}
+
+
+def rounds_of(svg: str) -> list[list[int]]:
+    """[round, shapes up to it] for each round that is a group of the file, from 1."""
+    found: list[list[int]] = []
+    total = 0
+    for group in parse_document(svg):
+        if named := _ROUND.fullmatch(group.get("id", "")):
+            total += sum(element.tag.endswith("}circle") for element in group.iter())
+            found.append([int(named[1]), total])
+    return found
+
+
+def _peer(source: str, work: Work) -> _Drawn:
+    """What another tool makes of the photo over white, measured as any file is."""
+    folder = Path(work["folder"])
+    folder.mkdir(parents=True, exist_ok=True)
+    png, drawn = folder / "input.png", folder / "drawn.svg"
+    photo = load_image(source, matte=WHITE, max_pixels=work["max_pixels"]).pixels
+    try:
+        png.write_bytes(as_png(photo))
+        job = {
+            "image": str(png), "png": str(png), "folder": str(folder),
+            "tool": work["tool"], "settings": work["settings"],
+        }  # fmt: skip
+        row = in_own_process(job, work["peer_timeout"])
+        if "error" in row:
+            raise PeerError(row["error"])
+        svg = drawn.read_bytes()
+        result = check(png, svg)
+    finally:
+        for path in (png, drawn):
+            path.unlink(missing_ok=True)
+    clocks = {name: row[name] for name in ("total_s", "cpu_s", "other_cpu_s")}
+    told = {"tool": work["tool"], "settings": work["settings"], "total_s": row["total_s"]}
+    return {PICTURE: svg}, told | result.report, result.raster, clocks
+
+
+def _sized(pixels: NDArray[np.float32], side: int | None) -> NDArray[np.float32]:
+    height, width = pixels.shape[:2]
+    if side is None or max(height, width) <= side:
+        return pixels
+    scale = side / max(height, width)
+    return shrunk(pixels, max(1, round(height * scale)), max(1, round(width * scale)))
+
+
+def _eight_bits(pixels: NDArray[np.float32]) -> Image.Image:
+    return Image.fromarray(np.round(pixels * 255).astype(np.uint8))
+
+
+def _thumbnail(pixels: NDArray[np.float32]) -> bytes:
+    return _encoded(_eight_bits(_sized(pixels, THUMBNAIL_PX)), "PNG", optimize=True)
+
+
+def _lossless(picture: Image.Image, name: str) -> bytes:
+    if name == PHOTO:
+        return _encoded(picture, "WEBP", lossless=True, exact=True)
+    return _encoded(picture, "PNG")
+
+
+def _encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
+    stream = io.BytesIO()
+    picture.save(stream, form, **options)
+    return stream.getvalue()
+
+
+def _finish(work: Work, files: Mapping[str, bytes], extra: Mapping[str, Any]) -> dict[str, Any]:
+    """Write the files, the record last: until it is there, nothing in the folder counts."""
+    folder = Path(work["folder"])
+    record = {
+        "key": work["key"],
+        "files": {name: len(data) for name, data in files.items()},
+        **finite(extra),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / RECORD).unlink(missing_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        raise OutputError(f"cannot write in {folder}: {reason}; choose another folder") from error
+    written: dict[str | os.PathLike[str], bytes] = {folder / n: data for n, data in files.items()}
+    written[folder / RECORD] = json.dumps(record, indent=2).encode() + b"\n"
+    write_all_atomically(written)
+    return record
+
+
+def finished(folder: Path, key: str) -> dict[str, Any] | None:
+    """The record of a folder that holds what this key stands for, whole; None for any other."""
+    try:
+        record = json.loads((folder / RECORD).read_bytes())
+        if record["key"] != key:
+            return None
+        for name, size in record["files"].items():
+            if (folder / name).stat().st_size != size:
+                return None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None  # not there, or no record of ours: it is made again
+    return record
