@@ -87,6 +87,7 @@ def vectorize_command(
     aspect: str | None = None,
     segments: str | None = None,
     animate: float | None = None,
+    fragments: Annotated[bool, Parameter(negative="")] = False,
     outline: Path | None = None,
     gzip: Annotated[bool, Parameter(negative="")] = False,
     matte: str | None = None,
@@ -180,6 +181,8 @@ def vectorize_command(
         size.
     animate
         Seconds in which the rounds fade in, where motion is welcome; the end is the still picture.
+    fragments
+        Opened as out.svg#round-3 the file shows the picture up to that round.
     outline
         Write the shapes as bare strokes there, as another SVG.
     gzip
@@ -280,6 +283,7 @@ def vectorize_command(
             aspect=aspect,
             segments=segments if count is None else count,
             animate=animate,
+            fragments=fragments,
             gzip=gzip or is_svgz(output),
             learning_rate=learning_rate,
             checkpoint=checkpoint,

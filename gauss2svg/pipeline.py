@@ -145,6 +145,7 @@ def vectorize(
     aspect: str | None = None,
     segments: int | str | os.PathLike[str] | NDArray[np.integer] | None = None,
     animate: float | None = None,
+    fragments: bool = False,
     gzip: bool = False,
     learning_rate: float = 1.0,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -197,6 +198,7 @@ def vectorize(
     segments    layers inside of the rounds: about how many superpixels, the path of a label
                 image of the photo's size, or its labels as an array (h, w) of whole numbers
     animate     seconds in which the rounds fade in, where motion is welcome; up to an hour
+    fragments   the file, opened as out.svg#round-3, shows the picture up to that round
     gzip        the file is to be gzipped: max_bytes holds for that, and save does it
     max_pixels  most pixels of the photo, told by its header before it is decoded; up to
                 gauss2svg.image.MOST_PIXELS
@@ -252,7 +254,7 @@ def vectorize(
     working = shrunk(pixels, height, width)
     page = page_for(
         photo, working, title=title, alt=alt, size=size, aspect=aspect, segments=segments,
-        animate=animate,
+        animate=animate, fragments=fragments,
     )  # fmt: skip
     request = dataclasses.replace(request, page=page)
     every_s = number_within("checkpoint_every", checkpoint_every, 0, LONGEST_S)

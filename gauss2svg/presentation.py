@@ -28,6 +28,7 @@ def page_for(
     aspect: str | None,
     segments: Any,
     animate: float | None,
+    fragments: bool,
 ) -> Page:
     """The page of a photo; see `vectorize` for the options.
 
@@ -36,7 +37,9 @@ def page_for(
     """
     if size == PHOTO_SIZE:
         size = _printed_width(photo)
-    page = Page(title=title, alt=alt, size=size, aspect=aspect, animate=animate)
+    page = Page(
+        title=title, alt=alt, size=size, aspect=aspect, animate=animate, fragments=fragments
+    )
     page.sides(photo.width, photo.height)
     if segments is None:
         return page

@@ -89,6 +89,7 @@ def run_report(
         "aspect": page.aspect,
         "segments": None if page.segments is None else len(np.unique(page.segments)),
         "animate": page.animate,
+        "fragments": page.fragments,
         "gzip": request.gzip,
         "seed": request.seed,
         "dtype": request.dtype,

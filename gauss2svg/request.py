@@ -115,6 +115,7 @@ class Request:
             f"finish {self.finish}": self.finish is not None,
             "segments": page.segments is not None,
             "animate": page.animate is not None,
+            "fragments": page.fragments,
         }.items():
             if given:
                 raise InputError(

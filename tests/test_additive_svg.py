@@ -332,6 +332,8 @@ def test_what_a_sum_cannot_have_is_refused():
         write_svg(scene, page=Page(segments=np.zeros((2, 2), int)))
     with pytest.raises(InputError, match=r"animation.*--portable"):
         write_svg(scene, page=Page(animate=2.0))
+    with pytest.raises(InputError, match=r"fragments.*--portable"):
+        write_svg(scene, page=Page(fragments=True))
     with pytest.raises(InputError, match=r"outlines.*--portable"):
         outline_svg(scene)
     for form in ("blur", "hybrid"):

@@ -122,6 +122,8 @@ def test_canvas_is_told_in_px_only_where_the_size_does_not_tell_it():
         ({"animate": float("nan")}, "animate is nan"),
         ({"animate": float("inf")}, "animate is inf"),
         ({"animate": True}, "animate is True"),
+        ({"fragments": 1}, "fragments is 1"),
+        ({"fragments": None}, "fragments is None"),
         ({"segments": np.zeros((2, 2))}, "of type float64"),
         ({"segments": np.zeros((2, 2, 3), int)}, "of shape"),
         ({"segments": np.array([[-1]])}, r"in -1\.\.-1"),
@@ -218,14 +220,15 @@ def test_bytes_by_part_are_those_of_the_elements_and_sum_to_all():
 def test_options_of_the_page_reach_the_file_and_its_report(picture, tmp_path):
     out, report = tmp_path / "o.svg", tmp_path / "r.json"
     options = ["--title", "T & U", "--alt", "what is seen", "--size", "photo", "--animate", "4"]
-    options += ["--aspect", "none", "--report", str(report)]
+    options += ["--aspect", "none", "--fragments", "--report", str(report)]
     assert main([str(picture), "-o", str(out), *options, *QUICK_OPTIONS]) == 0
     root, told = parse(out.read_text()), json.loads(report.read_text())
     assert [root[0].text, root[1].text] == ["T & U", "what is seen"] == [told["title"], told["alt"]]
     assert root.get("preserveAspectRatio") == told["aspect"] == "none"
     assert float(root.get("width", "")[:-2]) == pytest.approx(64 / 96 * 25.4, abs=0.01)
-    assert root.find(SVG + "style") is not None
-    assert told["animate"] == 4
+    assert "@keyframes" in root.findtext(SVG + "style", "")
+    assert ":target" in root.findtext(SVG + "style", "")
+    assert (told["animate"], told["fragments"]) == (4, True)
     assert told["bytes_by_part"] == bytes_by_part(out.read_text())
     assert (told["segments"], told["gzip"]) == (None, False)
 
@@ -233,6 +236,7 @@ def test_options_of_the_page_reach_the_file_and_its_report(picture, tmp_path):
 def test_page_changes_no_shape(photo):
     plain = vectorize(photo, seed=0, **QUICK)
     page = {"title": "x", "alt": "y", "size": "9cm", "aspect": "none", "animate": 2.0}
+    page["fragments"] = True
     other = vectorize(photo, seed=0, **QUICK, **page)
     circles = [re.findall("<circle[^>]*>", result.svg) for result in (plain, other)]
     assert circles[0] == circles[1]
@@ -314,5 +318,7 @@ def test_bad_page_is_one_line_status_two_and_no_file(options, message, picture, 
 def test_help_names_the_options_of_the_page(capsys):
     assert main(["--help"]) == 0
     text = capsys.readouterr().out
-    for option in ("title", "alt", "size", "aspect", "segments", "animate", "outline", "gzip"):
+    for option in (
+        "title", "alt", "size", "aspect", "segments", "animate", "fragments", "outline", "gzip",
+    ):  # fmt: skip
         assert f"--{option}" in text

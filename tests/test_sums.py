@@ -141,6 +141,7 @@ def test_a_renderer_that_draws_no_sum_is_refused_before_the_fit(photo):
         ({"blend": OVER, "portable": True}, "portable is asked for with blend over"),
         ({"finish": "resvg"}, "finish resvg is asked for with blend add.*--portable"),
         ({"animate": 3.0}, "animate is asked for with blend add"),
+        ({"fragments": True}, "fragments is asked for with blend add"),
         ({"segments": 20}, "segments is asked for with blend add"),
         ({"falloff": "adaptive"}, "eight parameters"),
         ({"portable": 1}, "portable is 1; needed is True or False"),

@@ -26,6 +26,7 @@ WRITERS = {
         SCENE, None, Page(page.title, page.alt, "9mm", "none", LABELS)
     ),
     "animated": lambda page: write_svg(SCENE, None, Page(page.title, page.alt, animate=3.0)),
+    "fragments": lambda page: write_svg(SCENE, None, Page(page.title, page.alt, fragments=True)),
     "animated outline": lambda page: outline_svg(SCENE, Page(page.title, page.alt, animate=3.0)),
 }  # fmt: skip
 ELEMENTS = {

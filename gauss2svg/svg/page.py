@@ -1,4 +1,4 @@
-"""How a document presents its picture: names, size on paper, layers by segment, animation."""
+"""How a document presents its picture: names, size on paper, layers, animation, fragments."""
 
 from __future__ import annotations
 
@@ -22,6 +22,9 @@ _LARGEST_SIZE = 1e6  # of a width, whatever its unit
 _DECIMALS = 4  # of a size: a millionth of a metre where the unit is a centimetre
 _LARGEST_LABEL = 2**31 - 1
 LONGEST_ANIMATION_S = 3600.0
+# Of groups under the root alone: with a segment for its fragment a file shows the whole picture,
+# and not a round without some of its segments under all later rounds.
+_UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +41,7 @@ class Page:
               shapes whose centre lies on the same number are a layer of their own; or None
     animate   seconds, above 0 and up to LONGEST_ANIMATION_S, in which the rounds fade in, one
               after the other; None: a still picture
+    fragments whether the file, opened as out.svg#round-3, shows the picture up to that round
 
     Raises InputError for what is not valid.
     """
@@ -48,6 +52,7 @@ class Page:
     aspect: str | None = None
     segments: NDArray[np.integer] | None = None
     animate: float | None = None
+    fragments: bool = False
 
     def __post_init__(self) -> None:
         _check_text("title", self.title)
@@ -68,6 +73,8 @@ class Page:
                 f"animate is {self.animate!r}; needed are seconds above 0, up to "
                 f"{LONGEST_ANIMATION_S:g}"
             )
+        if not isinstance(self.fragments, bool):
+            raise InputError(f"fragments is {self.fragments!r}; needed is True or False")
 
     def sides(self, width: float, height: float) -> tuple[str, str] | None:
         """Width and height with their unit of a canvas of width x height px; None without a size.
@@ -93,14 +100,25 @@ class Page:
         return first, second
 
     def style(self, rounds: Sequence[int]) -> str | None:
-        """Style sheet that fades these rounds in, group by group; None for a still picture.
+        """Style sheet of the groups of these rounds; None where the page needs none.
 
-        Each begins when the one before is half there. Before and while it waits a group is as
-        it starts, afterwards as it is written, so nothing is left of the animation in the end;
-        whoever wants less motion, or has no CSS, sees the end at once.
+        With fragments the groups after the one that the address names are hidden; without one in
+        the address, or where no group has it for its id, none is.
+
+        With animation they fade in, group by group. Each begins when the one before is half there.
+        Before and while it waits a group is as it starts, afterwards as it is written, so nothing
+        is left of the animation in the end; whoever wants less motion, or has no CSS, sees the end
+        at once.
         """
-        if self.animate is None or not rounds:
+        if not rounds:
             return None
+        up_to_target = _UP_TO_TARGET if self.fragments else ""
+        return up_to_target + self._fading(rounds) or None
+
+    def _fading(self, rounds: Sequence[int]) -> str:
+        """The animation's rules, "" for a still picture."""
+        if self.animate is None:
+            return ""
         step = self.animate / (len(rounds) + 1)
         rules = "".join(
             f"#{round_id(index)}{{animation:fade-in {2 * step:.4g}s {at * step:.4g}s backwards}}"

@@ -84,9 +84,9 @@ def read_svg(
     skip_hidden  leave hidden shapes and layers out, instead of refusing the file
     max_bytes, max_elements  most that are read, gunzipped; more for a file that is trusted
 
-    Animation is skipped. Raises InputError naming the element for all that a
-    scene cannot hold: texts, pictures, other paths, strokes, masks, clips, several shapes
-    under one group opacity; and for a file of an additive scene.
+    Animation is skipped, and so is the rule for fragments. Raises InputError naming the element
+    for all that a scene cannot hold: texts, pictures, other paths, strokes, masks, clips, several
+    shapes under one group opacity; and for a file of an additive scene.
     """
     root = parse_document(source, max_bytes, max_elements)
     if root.tag != SVG + "svg":

@@ -14,6 +14,11 @@ _KEYFRAMES = re.compile(
 )
 _COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)|<!--|-->", re.DOTALL)
 _RULE = re.compile(r"(?:\A|(?<=[{}@]))[^{}@]*+\{([^{}]*+)\}")
+# By write_svg: it hides nothing where the address has no fragment. A list of selectors that ends
+# with this one would, so nothing may be before it but another rule.
+_UP_TO_TARGET = re.compile(
+    r"(?:\A|(?<=\}))\s*+svg\s*+>\s*+g:target\s*+~\s*+g\s*+\{\s*+display\s*+:\s*+none\s*+;?\s*+\}"
+)
 _MEDIA = re.compile(r"@media\b[^{}@]*+\{\s*+\}", re.IGNORECASE)
 _ANIMATION = re.compile(r"(?:-webkit-)?animation(?:-[a-z-]+)?")
 # After these a shape stays as the animation leaves it, or is never as it is written.
@@ -22,8 +27,11 @@ _ADVICE = "needed are style sheets that animate only: write that into the elemen
 
 
 def check_sheet(text: str) -> None:
-    """Raise InputError for a style sheet with anything but animation that ends as it began."""
-    text = _KEYFRAMES.sub("", _COMMENT.sub(" ", text))
+    """Raise InputError for a style sheet with anything but animation that ends as it began.
+
+    The rule of write_svg by which a fragment of the address hides later rounds is skipped.
+    """
+    text = _UP_TO_TARGET.sub("", _KEYFRAMES.sub("", _COMMENT.sub(" ", text)))
     if "\\" in text:
         raise InputError(f"it has an escape (\\); {_ADVICE}")
     for rule in _RULE.findall(text):

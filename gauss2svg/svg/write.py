@@ -52,7 +52,7 @@ def write_svg(scene: Scene, options: SvgOptions | None = None, page: Page | None
     order of gauss2svg.svg.arranged(scene, page.segments). A transparent scene has no <rect>.
 
     An additive scene is written as gauss2svg.svg.additive explains: its layers are phases, and
-    InputError is raised for a page with segments or animation.
+    InputError is raised for a page with segments, animation or fragments.
     """
     options, page = options or SvgOptions(), page or Page()
     if scene.blend == ADD:
@@ -106,6 +106,8 @@ def _write_sum(scene: Scene, options: SvgOptions, page: Page) -> str:
         raise _not_for_sums("segments", "its layers are the phases of the sum")
     if page.animate is not None:
         raise _not_for_sums("animation", "its parts are no pictures until all are drawn")
+    if page.fragments:
+        raise _not_for_sums("fragments", "its layers are phases, and no rounds")
     encoded = encode_sum(scene, options)
     count = sum(len(phase.discs) for phase in encoded.phases)
     drawing = _root(page, scene, (encoded.view_width, encoded.view_height), count)
