@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 WIDTH, HEIGHT = 720, 440  # user units
-_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 20, 18, 46
+_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 20, 34, 46
 _ROOM = 1.25  # by which the cost axis reaches beyond the outermost points, either way
 _MOST_DECADES_WITH_ALL_STEPS = 2.5
 
@@ -17,13 +17,14 @@ class Point:
     """A value to be plotted.
 
     cost > 0, psnr in dB, None where the pictures are equal; series: number of its variant;
-    group: points of one group are joined by a line, in their order; href, text: its link
+    group: points of one group are joined by a line, in their order, None: by none; href, text:
+    its link
     """
 
     cost: float
     psnr: float | None
     series: int
-    group: int
+    group: int | None
     href: str
     text: str
 
@@ -82,7 +83,8 @@ def scatter(points: Sequence[Point], tell_cost: Callable[[float], str]) -> Chart
     placed = [Placed(across(point.cost), up(point.psnr), point) for point in points]
     groups: dict[int, list[Placed]] = {}
     for one in placed:
-        groups.setdefault(one.point.group, []).append(one)
+        if one.point.group is not None:
+            groups.setdefault(one.point.group, []).append(one)
     count = round((top - bottom) / step)
     return Chart(
         x_ticks=[(across(value), tell_cost(value)) for value in _ticks(low, high)],

@@ -21,6 +21,19 @@ def size(count: float | None) -> str:
     return f"{round(count)}{_SPACE}B"
 
 
+def short_size(count: float) -> str:
+    """Bytes of an axis: 5 kB, 20 kB, 0.5 B."""
+    for unit, name in ((1e6, "MB"), (1e3, "kB")):
+        if count >= 0.9995 * unit:
+            return f"{count / unit:g}{_SPACE}{name}"
+    return f"{count:g}{_SPACE}B"
+
+
+def short_seconds(value: float) -> str:
+    """Seconds of an axis: 0.5 s, 20 s."""
+    return f"{value:g}{_SPACE}s"
+
+
 def seconds(value: float | None) -> str:
     """Seconds in three digits at most: 0.84 s, 12.3 s, 401 s."""
     return _NONE if value is None else f"{_three_digits(value)}{_SPACE}s"

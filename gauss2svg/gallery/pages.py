@@ -17,6 +17,7 @@ from gauss2svg.bench.rows import csv_text, json_text
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.gallery import numbers
 from gauss2svg.gallery.chart import Point, scatter
+from gauss2svg.gallery.crops import SIDE
 from gauss2svg.gallery.records import Failure, Made, Shown, rows_of, summary_of
 from gauss2svg.gallery.variants import Variant, main_variant
 from gauss2svg.gallery.work import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
@@ -30,7 +31,11 @@ _STATIC = (
     "gallery.css", "gallery.js", "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
 )  # fmt: skip
 _LEGEND_COLORS = 9  # of the heat map, in a gradient
-_COSTS = (("svg_bytes", "bytes", numbers.size), ("total_s", "seconds", numbers.seconds))
+# Of a report, in words, as a number of a page and as that of an axis.
+_COSTS = (
+    ("svg_bytes", "bytes", numbers.size, numbers.short_size),
+    ("total_s", "seconds", numbers.seconds, numbers.short_seconds),
+)
 
 
 @dataclass(frozen=True)
@@ -79,6 +84,7 @@ def write_pages(
         "summary": summary,
         "legend": _legend(),
         "most_levels": MOST,
+        "crop_side": SIDE,
     }
     environment = _environment()
 
@@ -213,13 +219,13 @@ def _charts(shown: Sequence[Shown], variants: Sequence[Variant]) -> list[dict[st
     """PSNR over bytes and over seconds, each point a link to its page."""
     series = {variant.slug: at for at, variant in enumerate(variants)}
     found = []
-    for name, word, tell in _COSTS:
+    for name, word, tell, tell_tick in _COSTS:
         points = [
             Point(
                 cost=made.report[name],
                 psnr=made.report["psnr_svg"],
                 series=series[made.variant.slug],
-                group=at,
+                group=at if made.variant.is_own else None,
                 href=f"{one.folder}/{INDEX}#{made.variant.slug}",
                 text=(
                     f"{one.photo.name}, {made.variant.name}: "
@@ -229,7 +235,7 @@ def _charts(shown: Sequence[Shown], variants: Sequence[Variant]) -> list[dict[st
             for at, one in enumerate(shown)
             for made in one.made
         ]
-        found.append({"word": word, "chart": scatter(points, tell)})
+        found.append({"word": word, "chart": scatter(points, tell_tick)})
     return found
 
 
