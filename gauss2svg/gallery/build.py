@@ -11,14 +11,13 @@ from typing import Any
 
 from numba.core import config
 
-from gauss2svg.bench.machine import machine
 from gauss2svg.checks import number_within, whole_number
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.gallery.crew import Crew
 from gauss2svg.gallery.pages import DATA, INDEX, Story, check_title, write_pages
 from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos
 from gauss2svg.gallery.plan import PHOTOS, Settings, Task, photo_folder, photo_task, variant_task
-from gauss2svg.gallery.records import Failure, Row, Shown, made_of, rows_of
+from gauss2svg.gallery.records import Failure, Row, Shown, made_of, rows_of, summary_of
 from gauss2svg.gallery.variants import Variant, variants_of
 from gauss2svg.gallery.work import finished
 from gauss2svg.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
@@ -47,12 +46,14 @@ class Gallery:
     """A gallery that is written.
 
     directory  where it is
-    rows       one an SVG, as in gallery.json; failures: what could not be made, and why
+    rows       one an SVG, summary: one a variant, medians and totals; both as in gallery.json
+    failures   what could not be made, and why
     kept       how many SVGs were there already; absent: peers that are not installed
     """
 
     directory: Path
     rows: list[Row]
+    summary: list[Row]
     failures: list[Failure]
     kept: int
     absent: list[str]
@@ -113,14 +114,11 @@ def build_gallery(
     own = max(1, cores // jobs) if threads is None else whole_number("threads", threads, 1, cores)
     check_title(title)
     root = _folder(directory, listed)
-    settings = Settings(photo_size, max_pixels, seed, own, peer_timeout)
+    settings = Settings(photo_size, max_pixels, seed, jobs, own, peer_timeout)
     story = Story(
         title=title,
         command=command or f"build_gallery(.., {os.fspath(directory)!r})",
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        machine=machine(),
-        jobs=jobs,
-        threads=own,
         seed=seed,
         photo_size=photo_size,
         renderer=renderer_version(DEFAULT_RENDERER),
@@ -183,7 +181,9 @@ class _Making:
         ]
         failures = sorted(self._failures, key=lambda one: self._photos.index(one.photo))
         write_pages(self._root, story, self._variants, shown, failures)
-        return Gallery(self._root, rows_of(shown), failures, self._kept, list(story.absent))
+        rows = rows_of(shown)
+        summary = summary_of(rows, self._variants)
+        return Gallery(self._root, rows, summary, failures, self._kept, list(story.absent))
 
     def _do(self, crew: Crew, tasks: list[Task]) -> None:
         missing = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -45,9 +46,6 @@ class Story:
     title: str
     command: str
     date: str
-    machine: dict[str, Any]
-    jobs: int
-    threads: int
     seed: int
     photo_size: int | None
     renderer: str
@@ -97,7 +95,7 @@ def write_pages(
     written: dict[str | os.PathLike[str], bytes] = {
         root / INDEX: page("index", "", cards=[_card(one) for one in shown]),
         root / TRADE_OFF: page("trade-off", "", charts=_charts(shown, variants)),
-        root / HOW: page("how", "", versions=_versions(shown)),
+        root / HOW: page("how", "", versions=_versions(shown), origins=_origins(shown)),
     }
     for at, one in enumerate(shown):
         neighbours = {
@@ -114,9 +112,6 @@ def write_pages(
         "title": story.title,
         "command": story.command,
         "date": story.date,
-        "machine": story.machine,
-        "jobs": story.jobs,
-        "threads": story.threads,
         "seed": story.seed,
         "photo_size": story.photo_size,
         "renderer": story.renderer,
@@ -249,6 +244,21 @@ def _versions(shown: Iterable[Shown]) -> list[tuple[str, str]]:
             for name, version in made.report.get("versions", {}).items():
                 found[name, version] = None
     return sorted(found)
+
+
+def _origins(shown: Iterable[Shown]) -> list[tuple[str, dict[str, Any], int]]:
+    """Dates, how, and how many SVGs were made so: kept ones may be of another day or machine."""
+    found: dict[str, list[Made]] = {}
+    for one in shown:
+        for made in one.made:
+            how = {name: value for name, value in made.origin.items() if name != "date"}
+            found.setdefault(json.dumps(how, sort_keys=True), []).append(made)
+    told = []
+    for group in found.values():
+        dates = sorted({made.origin["date"] for made in group})
+        when = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
+        told.append((when, group[0].origin, len(group)))
+    return told
 
 
 def _legend() -> list[str]:

@@ -23,6 +23,7 @@ class Settings:
     photo_size: int | None
     max_pixels: int
     seed: int
+    jobs: int
     threads: int
     peer_timeout: float
 
@@ -75,6 +76,7 @@ def variant_task(
         "tool": variant.tool,
         "settings": dict(variant.settings),
         "seed": settings.seed,
+        "jobs": settings.jobs,
         "threads": settings.threads,
         "peer_timeout": settings.peer_timeout,
     }
@@ -84,7 +86,7 @@ def variant_task(
 def _work(
     kind: str, folder: Path, photo: GalleryPhoto, settings: Settings, ingredients: list[Any]
 ) -> dict[str, Any]:
-    # Threads and timeouts are left out: they change no file.
+    # Jobs, threads and timeouts are left out: they change no picture.
     whole = [kind, photo.digest, settings.photo_size, code_digest(), *ingredients]
     return {
         "kind": kind,

@@ -33,6 +33,7 @@ class Made:
     worst, typical  where to look: x, y, width, height in px and PSNR in dB
     rounds          [round, shapes up to it] of the groups of the SVG; none of a peer's
     cpu_s           seconds that all cores together took
+    origin          date, machine, jobs and threads of its making, which may be long ago
     """
 
     variant: Variant
@@ -42,6 +43,7 @@ class Made:
     typical: dict[str, Any]
     rounds: list[list[int]]
     cpu_s: float
+    origin: dict[str, Any]
 
     @property
     def files(self) -> dict[str, str]:
@@ -83,7 +85,7 @@ def made_of(root: Path, folder: str, variant: Variant, record: Mapping[str, Any]
         raise OutputError(f"cannot read {path}: {error}; delete its folder and go on") from error
     return Made(
         variant, folder, report, record["worst"], record["typical"], record.get("rounds", []),
-        record["cpu_s"],
+        record["cpu_s"], record["origin"],
     )  # fmt: skip
 
 
@@ -102,6 +104,7 @@ def rows_of(shown: Iterable[Shown]) -> list[Row]:
             "cpu_s": made.cpu_s,
             "renderer": made.report["renderer"],
             "seed": made.report.get("seed"),
+            **made.origin,
             "files": made.files,
         }
         for one in shown

@@ -10,6 +10,7 @@ import json
 import os
 import re
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from PIL import Image
 
 from gauss2svg.alpha import over, pixels_of, shrunk
 from gauss2svg.atomic import write_all_atomically
-from gauss2svg.bench.machine import Stopwatch
+from gauss2svg.bench.machine import Stopwatch, machine
 from gauss2svg.bench.runner import in_own_process
 from gauss2svg.bench.worker import TOOL, finite
 from gauss2svg.errors import OutputError, PeerError
@@ -68,8 +69,8 @@ def make_photo(work: Work) -> dict[str, Any]:
 def make_variant(work: Work) -> dict[str, Any]:
     """An SVG of the photo with its report, its thumbnail and its map of errors.
 
-    work  path, key, folder, photo_size, max_pixels, tool, settings, seed, threads, peer_timeout,
-          and shown, the path of the photo as pages show it
+    work  path, key, folder, photo_size, max_pixels, tool, settings, seed, jobs, threads,
+          peer_timeout, and shown, the path of the photo as pages show it
     Returns the record. Raises Gauss2SvgError where it cannot be made.
     """
     # Shrunk photos are the 8-bit ones of the page; others are read as the command line does.
@@ -84,8 +85,14 @@ def make_variant(work: Work) -> dict[str, Any]:
         THUMBNAIL: _thumbnail(raster),
         ERRORS: _encoded(error_map(drawn, photo), "PNG", optimize=True),
     }
-    crops = {"worst": worst._asdict(), "typical": typical._asdict()}
-    return _finish(work, files, crops | extra)
+    extra |= {"worst": worst._asdict(), "typical": typical._asdict()}
+    extra["origin"] = {
+        "date": datetime.now(UTC).date().isoformat(),
+        "machine": machine(),
+        "jobs": work["jobs"],
+        "threads": work["threads"],
+    }
+    return _finish(work, files, extra)
 
 
 # Files, the report, what the renderer drew, and more for the record.

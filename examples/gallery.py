@@ -1,0 +1,98 @@
+"""Make a gallery of the photos that scikit-image ships, and print its medians.
+
+python examples/gallery.py site                        # 21 photos, 384 px, 1404 Gaussians
+python examples/gallery.py site --peers splatthis coffee astronaut chelsea
+python examples/gallery.py examples/sample --sample    # the one that the README shows
+
+The size and the count are those of SplatThis' own gallery, whose medians are printed beside ours:
+its photos are these, but for clock_motion, in the place of one that scikit-image does not have.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+import skimage.data
+
+from gauss2svg import Gallery, GalleryProgress, build_gallery
+
+FILES = (
+    "astronaut.png", "brick.png", "camera.png", "cell.png", "chelsea.png", "chessboard_GRAY.png",
+    "clock_motion.png", "coffee.png", "coins.png", "color.png", "grass.png", "gravel.png",
+    "hubble_deep_field.jpg", "ihc.png", "logo.png", "moon.png", "motorcycle_left.png", "page.png",
+    "retina.jpg", "rocket.jpg", "text.png",
+)  # fmt: skip
+PHOTO_PX, GAUSSIANS = 384, 1404
+SAMPLE: dict[str, Any] = {
+    "photos": ("coffee.png", "chelsea.png"), "photo_size": 256,
+    "counts": (100, 800), "title": "Two photos as Gaussians",
+}  # fmt: skip
+# https://github.com/BramAlkema/SplatThis, version 0.3; on the machine of its authors.
+PUBLISHED = {"psnr_svg": 25.6, "ssim_svg": 0.780, "svg_bytes": 1.25e6, "total_s": 401.0}
+PEER_TIMEOUT_S = 4000.0
+
+
+def main() -> int:
+    """Make the gallery that the arguments ask for; returns 1 if something could not be made."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("directory", type=Path)
+    parser.add_argument("photos", nargs="*", help="names without an ending, such as coffee")
+    parser.add_argument("--peers", nargs="*", default=[])
+    parser.add_argument("--sample", action="store_true")
+    asked = parser.parse_args()
+    settings: dict[str, Any] = {
+        "photos": tuple(name for name in FILES if not asked.photos or _stem(name) in asked.photos),
+        "photo_size": PHOTO_PX,
+        "counts": (GAUSSIANS,),
+    }
+    if asked.sample:
+        settings = dict(SAMPLE)
+    # Of the package itself: skimage.data_dir is a cache of downloads where pooch is installed.
+    shipped = Path(skimage.data.__file__).parent
+    photos = [shipped / name for name in settings.pop("photos")]
+    gallery = build_gallery(
+        photos,
+        asked.directory,
+        peers=asked.peers,
+        peer_timeout=PEER_TIMEOUT_S,
+        command=" ".join(["python", *sys.argv]),
+        progress=_tell,
+        **settings,
+    )
+    print_medians(gallery)
+    for failure in gallery.failures:
+        print(f"{failure.photo.name}: {failure.error}")
+    print(f"open {gallery.index}")
+    return 1 if gallery.failures else 0
+
+
+def print_medians(gallery: Gallery) -> None:
+    """Each variant's medians, over the photos, beside those that SplatThis publishes."""
+    print(f"{'median':16} photos  PSNR dB   SSIM  bytes      s")
+    rows = [
+        (row["variant"], row["photos"], {name: row[f"median_{name}"] for name in PUBLISHED})
+        for row in gallery.summary
+    ]
+    for name, count, medians in [*rows, ("published", len(FILES), PUBLISHED)]:
+        print(
+            f"{name:16} {count:6}  {medians['psnr_svg']:7.2f}  {medians['ssim_svg']:.3f}"
+            f"  {medians['svg_bytes'] / 1e3:5.0f}k  {medians['total_s']:5.1f}"
+        )
+
+
+def _stem(name: str) -> str:
+    return name.partition(".")[0]
+
+
+def _tell(progress: GalleryProgress) -> None:
+    if progress.now:
+        print(f"{progress.done}/{progress.total} {'; '.join(progress.now)}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
