@@ -85,6 +85,19 @@
     function setSource(image, source) {
       if (image.getAttribute("src") !== source) image.src = source;
     }
+    // One after the other: a large SVG takes a while to be read, and of the rounds that a hand
+    // slides over in that time only the last is worth it.
+    let wanted = drawn.getAttribute("src"), isLoading = false;
+    function setDrawn(source) {
+      wanted = source;
+      if (isLoading || drawn.getAttribute("src") === wanted) return;
+      isLoading = true;
+      drawn.src = wanted;
+    }
+    for (const kind of ["load", "error"]) drawn.addEventListener(kind, () => {
+      isLoading = false;
+      setDrawn(wanted);
+    });
     function showPicture() {
       const one = variant(), errors = chosen("side") === "errors";
       const last = one.rounds.length, round = Number(rounds.value);
@@ -92,7 +105,7 @@
       // The query keeps this image apart from the page's others of the same file: browsers share
       // a document between images of one address, and with it the fragment.
       if (!errors && round < last) source += `?rounds#round-${one.rounds[round - 1][0]}`;
-      setSource(drawn, source);
+      setDrawn(source);
       drawn.classList.toggle("pixels", errors);
       drawn.alt = errors ? `Error map of ${one.name}` : `The SVG, ${one.name}`;
       by("badge").textContent = errors ? `Errors, ${one.name}` : `SVG, ${one.name}`;
