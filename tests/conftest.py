@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -78,8 +79,8 @@ def pytest_addoption(parser):
 
 
 def pytest_xdist_auto_num_workers(config) -> int:
-    """Two processes for the whole suite; files that are named start no other process."""
-    return 2 if config.args_source is config.ArgsSource.TESTPATHS else 0
+    """Two processes for a folder of tests; files that are named start none besides their own."""
+    return 2 if any(Path(name).is_dir() for name in config.args) else 0
 
 
 # The same examples in every run: a failure is found again by running again.
@@ -170,6 +171,16 @@ def renderer(request) -> str:
 def browser() -> None:
     """For tests that draw by Chromium."""
     needs("chromium")
+
+
+@pytest.fixture
+def threads_given_back() -> Iterator[None]:
+    """For tests that set numba's number of threads."""
+    import numba
+
+    before = numba.get_num_threads()
+    yield
+    numba.set_num_threads(before)
 
 
 @pytest.fixture
