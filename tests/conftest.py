@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import os
+import time
+from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -15,6 +17,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 import numpy as np
+import psutil
 import pytest
 from hypothesis import settings
 from numpy.typing import NDArray
@@ -42,8 +45,42 @@ def _drop_stale_kernels() -> None:
 _drop_stale_kernels()
 
 
+def _keep_kernels_one_at_a_time() -> None:
+    """Have the processes of a run add to numba's cache on disk one after the other.
+
+    numba reads a function's index, adds to it and writes it without a lock: where two processes
+    compile the function for different types at once, the one's file can be listed as the other's.
+    """
+    try:
+        import fcntl
+    except ImportError:  # not on Windows, which locks no folders
+        return
+    from numba.core.caching import IndexDataCacheFile
+
+    save = IndexDataCacheFile.save
+
+    def save_alone(self, key, data):
+        folder = os.open(self._cache_path, os.O_RDONLY)
+        try:
+            fcntl.flock(folder, fcntl.LOCK_EX)
+            save(self, key, data)
+        finally:
+            os.close(folder)  # and with it the lock
+
+    IndexDataCacheFile.save = save_alone
+
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    _keep_kernels_one_at_a_time()
+
+
 def pytest_addoption(parser):
     parser.addoption("--rewrite-golden", action="store_true", help="make the golden pictures anew")
+
+
+def pytest_xdist_auto_num_workers(config) -> int:
+    """Two processes for a folder of tests; files that are named start none besides their own."""
+    return 2 if any(Path(name).is_dir() for name in config.args) else 0
 
 
 # The same examples in every run: a failure is found again by running again.
@@ -134,6 +171,34 @@ def renderer(request) -> str:
 def browser() -> None:
     """For tests that draw by Chromium."""
     needs("chromium")
+
+
+@pytest.fixture
+def threads_given_back() -> Iterator[None]:
+    """For tests that set numba's number of threads."""
+    import numba
+
+    before = numba.get_num_threads()
+    yield
+    numba.set_num_threads(before)
+
+
+@pytest.fixture
+def drawn_here(monkeypatch) -> None:
+    """`check` draws without a process of its own, which takes a third of a second."""
+    monkeypatch.setattr("gauss2svg.scoring.measure.draw", lambda *given: rasterize(*given[:4]))
+
+
+def has_ended(process_id: int) -> bool:
+    """Whether a process has, at the latest in 5 s; what init has yet to reap has ended too."""
+    for _ in range(100):
+        try:
+            if psutil.Process(process_id).status() == psutil.STATUS_ZOMBIE:
+                return True
+        except psutil.NoSuchProcess:
+            return True
+        time.sleep(0.05)
+    return False
 
 
 def random_sum(count: int, width: int, height: int, seed: int) -> Scene:

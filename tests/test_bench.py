@@ -7,10 +7,10 @@ import os
 import stat
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
+from conftest import has_ended
 from PIL import Image
 
 from gauss2svg.bench import runner
@@ -247,8 +247,11 @@ def test_peer_draws_an_svg_that_is_scored_or_fails_or_is_stopped(picture, tmp_pa
     assert "status 3: no luck" in in_own_process(job, 60)["error"]
 
     fake_primitive(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
-    assert "timed out after 2 s" in in_own_process(job, 2)["error"]
-    assert not running(int((tmp_path / "pid").read_text()))
+    for seconds in (2, 8, 32):  # more where the machine is too busy for it to begin
+        assert f"timed out after {seconds} s" in in_own_process(job, seconds)["error"]
+        if (tmp_path / "pid").exists():
+            break
+    assert has_ended(int((tmp_path / "pid").read_text()))
 
 
 def test_chatter_of_a_peer_is_no_part_of_its_row(picture, tmp_path, monkeypatch):
@@ -262,18 +265,6 @@ def test_chatter_of_a_peer_is_no_part_of_its_row(picture, tmp_path, monkeypatch)
     job = {"tool": "vtracer", "settings": {"style": "default"}, "image": str(picture)}
     row = in_own_process(job | {"png": str(picture), "folder": str(tmp_path)}, 60)
     assert row["bytes_raw"] == len(BLANK)
-
-
-def running(pid):
-    """Whether a process still runs a moment from now; what init has yet to reap does not."""
-    for _ in range(100):
-        done = subprocess.run(
-            ["ps", "-o", "stat=", "-p", str(pid)], capture_output=True, text=True, check=False
-        )
-        if done.stdout.strip()[:1] in ("", "Z"):
-            return False
-        time.sleep(0.05)
-    return True
 
 
 def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_path, jobs):

@@ -17,6 +17,9 @@ from gauss2svg.cli import main
 from gauss2svg.errors import OutputError
 from gauss2svg.scene import Scene
 
+# Of files, not of drawings; the commands in a shell of their own draw in a process of their own.
+pytestmark = pytest.mark.usefixtures("drawn_here")
+
 TINY = ["--gaussians", "3", "--iterations", "2", "--quiet"]
 SCENE = random_scene(5)
 

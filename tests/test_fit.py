@@ -72,6 +72,7 @@ def test_ssim_in_the_loss_raises_ssim(photo):
     assert metrics.ssim(with_ssim, photo) > metrics.ssim(plain, photo) + 0.008
 
 
+@pytest.mark.usefixtures("threads_given_back")
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype):
     options = FitOptions(150, 40, seed=3, dtype=dtype)

@@ -244,7 +244,7 @@ def test_page_changes_no_shape(photo):
 
 
 @pytest.mark.parametrize("name", ["o.svgz", "o.SVGZ"])
-def test_extension_gzips_without_a_date(name, picture, tmp_path):
+def test_extension_gzips_without_a_date(name, picture, tmp_path, drawn_here):
     out, plain, report = tmp_path / name, tmp_path / "p.svg", tmp_path / "r.json"
     told = ["--report", str(report)]
     assert main([str(picture), "-o", str(out), *QUICK_OPTIONS, *told]) == 0

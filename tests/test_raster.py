@@ -10,16 +10,6 @@ from gauss2svg.scene import Scene
 from gauss2svg.svg import SvgOptions, settled, write_svg
 
 
-def test_renderer_draws_the_model(renderer):
-    options = SvgOptions(palette=0, stops=12, precision=0.01)
-    scene = settled(random_scene(60, 200, 150, 1, (2.0, 40.0), (1.0, 4.0)), options)
-    svg = write_svg(scene, options)
-    drawn = rasterize(svg, 200, 150, renderer)
-    assert drawn.shape == (150, 200, 3)
-    assert metrics.psnr(drawn, render(scene)) > 46
-    assert abs(metrics.bias(drawn, render(scene))) < 0.3
-
-
 def test_svg_is_drawn_at_any_size(renderer):
     options = SvgOptions(palette=0)
     scene = settled(random_scene(20, 60, 40, 2, (3.0, 20.0), (1.0, 4.0)), options)

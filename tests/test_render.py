@@ -282,6 +282,7 @@ def test_later_gaussians_cover_earlier_ones():
 
 
 @in_both
+@pytest.mark.usefixtures("threads_given_back")
 @pytest.mark.parametrize("threads", [1, 2])
 def test_thread_count_changes_no_bit(threads, dtype):
     splats = splats_of(random_scene(300, 150, 90, 14))

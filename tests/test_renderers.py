@@ -49,6 +49,7 @@ def test_every_renderer_draws_the_model_at_its_decibels(renderer):
     options = SvgOptions(palette=0, stops=12, precision=0.01)
     scene = settled(random_scene(60, 240, 160, 2, (2.0, 40.0), (1.0, 4.0)), options)
     drawn = rasterize(write_svg(scene, options), 240, 160, renderer)
+    assert drawn.shape == (160, 240, 3)
     model = render(scene)
     assert metrics.psnr(drawn, model) > LEAST_DB[renderer]
     assert abs(metrics.bias(drawn, model)) < 0.3
@@ -290,15 +291,24 @@ def test_half_a_character_is_refused_at_once(renderer):
         rasterize(SVG.format("><title>\ud800</title>"), 4, 3, renderer)
 
 
-@pytest.mark.parametrize(
-    "before",
-    [
-        '<!-- <svg viewBox="0 0 1 1"> -->',
-        '<?xml version="1.0"?><?a <svg viewBox="0 0 1 1"> ?>\n',
-        '<!DOCTYPE svg [<!ENTITY green "#0f0"><!-- "]> <svg viewBox=""> -->]>',
-    ],
+BEFORE_THE_ROOT = (
+    '<!-- <svg viewBox="0 0 1 1"> -->',
+    '<?xml version="1.0"?><?a <svg viewBox="0 0 1 1"> ?>\n',
+    '<!DOCTYPE svg [<!ENTITY green "#0f0"><!-- "]> <svg viewBox=""> -->]>',
 )
-@pytest.mark.parametrize("prefix", ["", "s:"])
+
+
+# The root is found without the renderer: those that start a program do so once for each of them.
+@pytest.mark.parametrize(
+    ("renderer", "before", "prefix"),
+    [("resvg", before, prefix) for before in BEFORE_THE_ROOT for prefix in ("", "s:")]
+    + [
+        (name, before, prefix)
+        for name in RENDERERS[1:]
+        for before, prefix in zip(BEFORE_THE_ROOT, ("s:", "", "s:"), strict=True)
+    ],
+    indirect=["renderer"],
+)
 def test_the_root_is_what_is_stretched(before, prefix, renderer):
     fill = "&green;" if "ENTITY" in before else "#0f0"
     if "ENTITY" in before and renderer == "cairo":
