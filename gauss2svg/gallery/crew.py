@@ -10,6 +10,7 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from typing import IO, Any
 
 from gauss2svg.bench.worker import one_line
@@ -111,16 +112,18 @@ class _Worker:
 
     def __init__(self) -> None:
         self._told_to_end = False
-        self._chatter: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115, closed by end()
-        # A session of its own: a Ctrl-C at the terminal is for this process to pass on.
-        self._process = subprocess.Popen(
-            _COMMAND,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._chatter,
-            start_new_session=True,
-            text=True,
-        )
+        with ExitStack() as stack:
+            self._chatter: IO[bytes] = stack.enter_context(tempfile.TemporaryFile())
+            # A session of its own: a Ctrl-C at the terminal is for this process to pass on.
+            self._process = subprocess.Popen(
+                _COMMAND,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._chatter,
+                start_new_session=True,
+                text=True,
+            )
+            stack.pop_all()  # it is closed by end()
 
     def answer(self, work: Mapping[str, Any]) -> Answer:
         """What it says, or how it ended without an answer."""
