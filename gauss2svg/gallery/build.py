@@ -11,10 +11,21 @@ from typing import Any
 
 from numba.core import config
 
+from gauss2svg.atomic import check_writable
 from gauss2svg.checks import number_within, whole_number
-from gauss2svg.errors import InputError, OutputError
+from gauss2svg.errors import InputError, OutputError, on_one_line
 from gauss2svg.gallery.crew import Crew
-from gauss2svg.gallery.pages import DATA, INDEX, Story, check_title, write_pages
+from gauss2svg.gallery.pages import (
+    ASSETS,
+    DATA,
+    INDEX,
+    OUTPUTS,
+    Story,
+    is_gallery,
+    make_folder,
+    shown_title,
+    write_pages,
+)
 from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos
 from gauss2svg.gallery.plan import PHOTOS, Settings, Task, photo_folder, photo_task, variant_task
 from gauss2svg.gallery.records import Failure, Row, Shown, made_of, rows_of, summary_of
@@ -103,21 +114,21 @@ def build_gallery(
     """
     listed = gallery_photos(photos)
     wanted, absent = variants_of(variants, counts, peers)
-    whole_number("jobs", jobs, 1, _MOST_JOBS)
-    whole_number("seed", seed, 0, 2**63 - 1)
-    whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
-    number_within("peer_timeout", peer_timeout, 1e-3, _LONGEST_TIMEOUT)
+    jobs = whole_number("jobs", jobs, 1, _MOST_JOBS)
+    seed = whole_number("seed", seed, 0, 2**63 - 1)
+    max_pixels = whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
+    peer_timeout = number_within("peer_timeout", peer_timeout, 1e-3, _LONGEST_TIMEOUT)
     if photo_size is not None:
-        whole_number("photo_size", photo_size, 1, 2**31 - 1)
+        photo_size = whole_number("photo_size", photo_size, 1, 2**31 - 1)
     # As many as numba has started; the attribute is made when its settings are read.
     cores = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     own = max(1, cores // jobs) if threads is None else whole_number("threads", threads, 1, cores)
-    check_title(title)
+    title = shown_title(title)
     root = _folder(directory, listed)
     settings = Settings(photo_size, max_pixels, seed, jobs, own, peer_timeout)
     story = Story(
         title=title,
-        command=command or f"build_gallery(.., {os.fspath(directory)!r})",
+        command=on_one_line(command or f"build_gallery(.., {os.fspath(directory)!r})"),
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         seed=seed,
         photo_size=photo_size,
@@ -161,16 +172,11 @@ class _Making:
                     readable.append(photo)
                 else:
                     self._fail(photo, None, photo.trouble)
-            self._do(crew, [photo_task(self._root, p, self._settings) for p in readable])
-            self._do(
-                crew,
-                [
-                    variant_task(self._root, photo, variant, self._settings, record)
-                    for photo in readable
-                    if (record := self._records.get(photo_folder(photo))) is not None
-                    for variant in self._variants
-                ],
-            )
+            photos = self._missing([photo_task(self._root, p, self._settings) for p in readable])
+            # Known before anything is made, so that an interruption finds them.
+            self._missing(self._variant_tasks())
+            self._make(crew, photos)
+            self._make(crew, self._missing(self._variant_tasks()))
 
     def write(self, story: Story) -> Gallery:
         """Write the pages of what is finished."""
@@ -179,15 +185,29 @@ class _Making:
             for photo in self._photos
             if (record := self._records.get(photo_folder(photo))) is not None
         ]
-        failures = sorted(self._failures, key=lambda one: self._photos.index(one.photo))
+        order = {photo: at for at, photo in enumerate(self._photos)}
+        column = {variant: at for at, variant in enumerate([None, *self._variants])}
+        failures = sorted(self._failures, key=lambda one: (order[one.photo], column[one.variant]))
         write_pages(self._root, story, self._variants, shown, failures)
         rows = rows_of(shown)
         summary = summary_of(rows, self._variants)
         return Gallery(self._root, rows, summary, failures, self._kept, list(story.absent))
 
-    def _do(self, crew: Crew, tasks: list[Task]) -> None:
+    def _variant_tasks(self) -> list[Task]:
+        """SVGs of the photos that are there."""
+        return [
+            variant_task(self._root, photo, variant, self._settings, record)
+            for photo in self._photos
+            if (record := self._records.get(photo_folder(photo))) is not None
+            for variant in self._variants
+        ]
+
+    def _missing(self, tasks: Iterable[Task]) -> list[Task]:
+        """Those that are still to be made; what others have made is kept."""
         missing = []
         for task in tasks:
+            if task.folder in self._records:
+                continue
             record = finished(self._root / task.folder, task.key)
             if record is None:
                 missing.append(task)
@@ -195,15 +215,18 @@ class _Making:
             self._records[task.folder] = record
             self._kept += task.variant is not None
             self._done += 1
+        return missing
+
+    def _make(self, crew: Crew, tasks: list[Task]) -> None:
         self._tell()
-        for index, answer in crew.run([task.work for task in missing]):
-            task = missing[index]
+        for index, answer in crew.run([task.work for task in tasks]):
+            task = tasks[index]
             if answer is None:
                 self._now.append(task.label)
             else:
                 self._now.remove(task.label)
                 if "error" in answer:
-                    self._fail(task.photo, task.variant, answer["error"])
+                    self._fail(task.photo, task.variant, on_one_line(answer["error"]))
                 else:
                     self._records[task.folder] = answer["record"]
                     self._done += 1
@@ -231,20 +254,24 @@ class _Making:
 
 
 def _folder(directory: str | os.PathLike[str], photos: Iterable[GalleryPhoto]) -> Path:
+    """The folder, made where it is missing; refused where something would be lost."""
     root = Path(directory)
-    try:
-        root.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise OutputError(f"cannot make {root}: {reason}; choose another folder") from error
-    if (root / INDEX).exists() and not (root / DATA).exists():
-        raise OutputError(
-            f"{root / INDEX} is there, of no gallery; choose another folder, so that it is kept"
-        )
+    make_folder(root)
+    if not is_gallery(root / DATA):
+        for name in OUTPUTS:
+            if os.path.lexists(root / name):
+                raise OutputError(
+                    f"{root / name} is there, of no gallery; choose another folder, so that it is "
+                    "kept"
+                )
     kept = os.path.realpath(root / PHOTOS)
     for photo in photos:
-        if Path(os.path.realpath(photo.path)).is_relative_to(kept):
+        if not photo.trouble and Path(os.path.realpath(photo.path)).is_relative_to(kept):
             raise InputError(
                 f"{photo.path} lies where the gallery keeps its own pictures; choose another folder"
             )
+    for name in OUTPUTS:
+        check_writable(root / name)  # told now, not after the work
+    for name in (PHOTOS, ASSETS):
+        make_folder(root / name)
     return root

@@ -101,8 +101,15 @@ def _step(span: float) -> float:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """1, 2, 5 of every power of ten in between; powers alone where there are many."""
-    steps = (1, 2, 5) if math.log10(high / low) <= _MOST_DECADES_WITH_ALL_STEPS else (1,)
+    """1, 2, 5 of every power of ten in between; powers alone where there are many, more if few."""
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    found = [step * 10.0**exponent for exponent in exponents for step in steps]
-    return [value for value in found if low <= value <= high]
+
+    def between(*steps: float) -> list[float]:
+        found = [step * 10.0**exponent for exponent in exponents for step in steps]
+        return [value for value in found if low <= value <= high]
+
+    if math.log10(high / low) > _MOST_DECADES_WITH_ALL_STEPS:
+        return between(1)
+    usual = between(1, 2, 5)
+    # Of these no two neighbours are as far apart as the ends of the shortest axis.
+    return usual if len(usual) > 1 else between(1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)

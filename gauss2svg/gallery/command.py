@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator
@@ -107,7 +108,7 @@ def _words(text: str) -> list[str]:
 def _whole(word: str) -> int:
     from gauss2svg.errors import InputError
 
-    if not word.isdecimal():
+    if not re.fullmatch("[0-9]{1,18}", word):
         raise InputError(f"count is {word!r}; needed are whole numbers by commas: 500,2000,8000")
     return int(word)
 

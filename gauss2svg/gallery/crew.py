@@ -10,10 +10,12 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from typing import IO, Any
 
 from gauss2svg.bench.worker import one_line
 
+_COMMAND = (sys.executable, "-m", "gauss2svg.gallery.worker")
 _TO_END_S = 10.0  # for a worker to end what it has started, before it is killed
 Answer = dict[str, Any]
 _INTERRUPTED = {"error": "interrupted"}
@@ -40,14 +42,15 @@ class Crew:
         for worker in workers:
             worker.terminate()
         for thread in self._threads:  # each waits for its worker, which is ending
-            thread.join()
+            if thread.is_alive():  # and was started before an interruption
+                thread.join()
         for worker in workers:
             worker.end()
 
     def run(self, works: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Answer | None]]:
         """(index, None) when a piece of work begins and (index, answer) when it is done."""
         waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
-        events: queue.SimpleQueue[tuple[int, Answer | None]] = queue.SimpleQueue()
+        events: queue.SimpleQueue[tuple[int, Answer | Exception | None]] = queue.SimpleQueue()
         for index in range(len(works)):
             waiting.put(index)
 
@@ -58,7 +61,10 @@ class Crew:
                 except queue.Empty:
                     return
                 events.put((index, None))
-                events.put((index, self._answer(works[index])))
+                try:
+                    events.put((index, self._answer(works[index])))
+                except Exception as error:  # a fault of ours: raised where it is waited for
+                    events.put((index, error))
 
         threads = [threading.Thread(target=serve) for _ in range(min(self._jobs, len(works)))]
         self._threads += threads
@@ -67,6 +73,8 @@ class Crew:
         left = len(works)
         while left:
             index, answer = events.get()
+            if isinstance(answer, Exception):
+                raise answer
             left -= answer is not None
             yield index, answer
 
@@ -74,8 +82,10 @@ class Crew:
         with self._lock:
             if self._closed:
                 return _INTERRUPTED
-            worker = self._idle.pop() if self._idle else _Worker()
-            self._all.add(worker)
+            try:
+                worker = self._ready()
+            except OSError as error:  # no process or no file more can be had
+                return {"error": one_line(f"cannot start a worker: {error}; try fewer --jobs")}
         answer = worker.answer(work)
         with self._lock:
             if worker.is_alive():
@@ -84,22 +94,36 @@ class Crew:
                 self._all.discard(worker)
         return answer
 
+    def _ready(self) -> _Worker:
+        """One that has nothing to do, and lives."""
+        while self._idle:
+            worker = self._idle.pop()
+            if worker.is_alive():
+                return worker
+            self._all.discard(worker)
+            worker.end()
+        worker = _Worker()
+        self._all.add(worker)
+        return worker
+
 
 class _Worker:
     """One process, and its pipes."""
 
     def __init__(self) -> None:
         self._told_to_end = False
-        self._chatter: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115, closed by end()
-        # A session of its own: a Ctrl-C at the terminal is for this process to pass on.
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "gauss2svg.gallery.worker"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._chatter,
-            start_new_session=True,
-            text=True,
-        )
+        with ExitStack() as stack:
+            self._chatter: IO[bytes] = stack.enter_context(tempfile.TemporaryFile())
+            # A session of its own: a Ctrl-C at the terminal is for this process to pass on.
+            self._process = subprocess.Popen(
+                _COMMAND,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._chatter,
+                start_new_session=True,
+                text=True,
+            )
+            stack.pop_all()  # it is closed by end()
 
     def answer(self, work: Mapping[str, Any]) -> Answer:
         """What it says, or how it ended without an answer."""
@@ -112,12 +136,15 @@ class _Worker:
             line = process.stdout.readline()
         except (OSError, ValueError):  # its pipe is broken or closed: its status says why
             line = ""
-        if line:
+        if line.endswith("\n"):  # and was not cut short
             return json.loads(line)
         if self._told_to_end:
             return _INTERRUPTED
-        process.kill()  # in case that it only closed its output
-        status = process.wait()
+        try:
+            status = process.wait(_TO_END_S)
+        except subprocess.TimeoutExpired:  # it only closed its output
+            process.kill()
+            status = process.wait()
         how = f"status {status}" if status >= 0 else signal.Signals(-status).name
         said = self._last_words()
         self.end()

@@ -19,7 +19,7 @@ from gauss2svg.errors import InputError, OutputError
 from gauss2svg.gallery import numbers
 from gauss2svg.gallery.chart import Point, scatter
 from gauss2svg.gallery.crops import SIDE
-from gauss2svg.gallery.records import Failure, Made, Shown, rows_of, summary_of
+from gauss2svg.gallery.records import Failure, Made, Row, Shown, rows_of, summary_of
 from gauss2svg.gallery.variants import Variant, main_variant
 from gauss2svg.gallery.work import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
 from gauss2svg.scoring.heatmap import MOST, colors_of
@@ -28,6 +28,7 @@ from gauss2svg.version import __version__
 INDEX, TRADE_OFF, HOW = "index.html", "trade-off.html", "how.html"
 DATA, TABLE = "gallery.json", "gallery.csv"
 ASSETS = "assets"
+OUTPUTS = (INDEX, TRADE_OFF, HOW, DATA, TABLE)
 _STATIC = (
     "gallery.css", "gallery.js", "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
 )  # fmt: skip
@@ -52,10 +53,11 @@ class Story:
     absent: tuple[str, ...]
 
 
-def check_title(title: Any) -> None:
-    """Raise InputError for what is no text, or empty."""
+def shown_title(title: Any) -> str:
+    """A title as UTF-8 can tell it; raises InputError for what is no text, or empty."""
     if not isinstance(title, str) or not title.strip():
         raise InputError(f"title is {title!r}; needed is text")
+    return title.encode(errors="backslashreplace").decode()
 
 
 def write_pages(
@@ -92,7 +94,10 @@ def write_pages(
         )
         return text.encode()
 
+    # The data first: by them a folder is known as a gallery's.
     written: dict[str | os.PathLike[str], bytes] = {
+        root / DATA: json_text(_document(story, summary, rows, failures)).encode(),
+        root / TABLE: csv_text(rows).encode(),
         root / INDEX: page("index", "", cards=[_card(one) for one in shown]),
         root / TRADE_OFF: page("trade-off", "", charts=_charts(shown, variants)),
         root / HOW: page("how", "", versions=_versions(shown), origins=_origins(shown)),
@@ -107,7 +112,28 @@ def write_pages(
         first = chosen[0] if chosen else None
         path = root / one.folder / INDEX
         written[path] = page("photo", "../../", one=one, viewer=viewer, first=first, **neighbours)
-    document = {
+    static = files("gauss2svg.gallery") / "static"
+    for name in _STATIC:
+        written[root / ASSETS / name] = (static / name).read_bytes()
+    write_all_atomically(written)
+
+
+def is_gallery(data: Path) -> bool:
+    """Whether a gallery has written this file of data."""
+    try:
+        document = json.loads(data.read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(document, dict) and document.keys() >= {"gauss2svg", "rows", "failures"}
+
+
+def _document(
+    story: Story,
+    summary: Sequence[Row],
+    rows: Sequence[Row],
+    failures: Iterable[Failure],
+) -> dict[str, Any]:
+    return {
         "gauss2svg": __version__,
         "title": story.title,
         "command": story.command,
@@ -127,13 +153,6 @@ def write_pages(
             for failure in failures
         ],
     }
-    written[root / DATA] = json_text(document).encode()
-    written[root / TABLE] = csv_text(rows).encode()
-    static = files("gauss2svg.gallery") / "static"
-    for name in _STATIC:
-        written[root / ASSETS / name] = (static / name).read_bytes()
-    _make_folder(root / ASSETS)
-    write_all_atomically(written)
 
 
 def _environment() -> Environment:
@@ -267,9 +286,10 @@ def _legend() -> list[str]:
     return ["#" + bytes(color).hex() for color in colors_of(levels)]
 
 
-def _make_folder(folder: Path) -> None:
+def make_folder(folder: Path) -> None:
+    """Make it and those above it; raises OutputError where that cannot be done."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        reason = error.strerror or error
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
         raise OutputError(f"cannot make {folder}: {reason}; choose another folder") from error

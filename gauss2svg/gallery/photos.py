@@ -36,13 +36,19 @@ class GalleryPhoto:
 
 
 def gallery_photos(paths: Sequence[str | os.PathLike[str]]) -> list[GalleryPhoto]:
-    """Each photo once, however often it is named; raises InputError for none at all."""
+    """Each photo once, where it is named first; raises InputError for none at all."""
     if isinstance(paths, (str, bytes, os.PathLike)):
         raise InputError(f"photos is {paths!r}; needed is a sequence of paths: [{paths!r}]")
-    if not paths:
+    try:
+        named = [os.fsdecode(path) for path in paths or ()]
+    except TypeError as error:
+        raise InputError(f"photos are {paths!r}; needed is a sequence of paths") from error
+    if not named:
         raise InputError("got no photo; give the paths of some")
-    once = {os.path.realpath(path): os.fspath(path) for path in reversed(paths)}
-    texts = [os.fsdecode(path) for path in reversed(once.values())]
+    once: dict[str, str] = {}
+    for path in named:
+        once.setdefault(_target(path), path)
+    texts = list(once.values())
     read = [_digest(path) for path in texts]
     slugs = unique_slugs(
         (Path(path).stem, digest) for path, (digest, _) in zip(texts, read, strict=True)
@@ -56,19 +62,24 @@ def gallery_photos(paths: Sequence[str | os.PathLike[str]]) -> list[GalleryPhoto
 def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:
     """Folders of photos by their names and digests, in their order, no two alike.
 
-    Of one name they are told apart by what is in them, so that one that is added, or given
-    first, moves no other.
+    Of one name they are told apart by what is in them, so that neither their order nor one that
+    cannot be read, of which there is no digest, moves another.
     """
     known = [(slug_of(name), digest) for name, digest in photos]
-    shared = Counter(slug for slug, _ in known)
-    slugs: list[str] = []
-    for slug, digest in known:
+    shared = Counter(slug for slug, digest in known if digest)
+    # Those that have their name to themselves first, those without a folder last.
+    turns = sorted(range(len(known)), key=lambda at: (not known[at][1], shared[known[at][0]] > 1))
+    slugs = [""] * len(known)
+    taken: set[str] = set()
+    for at in turns:
+        slug, digest = known[at]
         first = f"{slug}-{digest[:8]}" if shared[slug] > 1 and digest else slug
         slug, copies = first, 1
-        while slug in slugs:
+        while slug in taken:
             copies += 1
             slug = f"{first}-{copies}"
-        slugs.append(slug)
+        slugs[at] = slug
+        taken.add(slug)
     return slugs
 
 
@@ -77,6 +88,14 @@ def slug_of(name: str) -> str:
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_LONGEST_SLUG].rstrip("-") or _NAMELESS
     return f"{_NAMELESS}-{slug}" if _DEVICES.match(slug) else slug
+
+
+def _target(path: str) -> str:
+    """What a path leads to through links; the path itself where it is none."""
+    try:
+        return os.path.realpath(path)
+    except ValueError:  # a NUL inside, of which reading tells
+        return path
 
 
 def _digest(path: str) -> tuple[str | None, str | None]:

@@ -79,17 +79,20 @@ def main_variant(variants: Iterable[Variant]) -> Variant:
 def _items(name: str, values: Any) -> list[Any]:
     if isinstance(values, (str, bytes)):
         raise InputError(f"{name} is {values!r}; needed is a sequence, such as [{values!r}]")
-    return list(values or ())
+    try:
+        return [] if values is None else list(values)
+    except TypeError as error:
+        raise InputError(f"{name} is {values!r}; needed is a sequence") from error
 
 
 def _preset(name: Any) -> Variant:
-    if name not in QUALITIES:
+    if not isinstance(name, str) or name not in QUALITIES:
         raise InputError(f"variant is {name!r}; needed is one of {', '.join(QUALITIES)}")
     return Variant(name, name, TOOL, __version__, (("quality", name),))
 
 
 def _counted(count: Any) -> Variant:
-    whole_number("count", count, 0, MOST_GAUSSIANS)
+    count = whole_number("count", count, 0, MOST_GAUSSIANS)
     name = "1 Gaussian" if count == 1 else f"{count} Gaussians"
     return Variant(name, f"gaussians-{count}", TOOL, __version__, (("gaussians", count),))
 
