@@ -14,6 +14,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 # As gauss2svg.render.threads does, which is too late where a test module imports torch first.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+import gallery_site
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -22,7 +23,7 @@ from skimage import data
 
 import gauss2svg
 from gauss2svg.errors import RendererError
-from gauss2svg.raster import RENDERERS, rasterize
+from gauss2svg.raster import RENDERERS, chromium, rasterize
 from gauss2svg.scene import Scene
 
 
@@ -134,6 +135,37 @@ def renderer(request) -> str:
 def browser() -> None:
     """For tests that draw by Chromium."""
     needs("chromium")
+
+
+@pytest.fixture(scope="session")
+def gallery(tmp_path_factory):
+    """A small gallery, for looking at: no test changes it."""
+    return gallery_site.build(tmp_path_factory.mktemp("gallery"))
+
+
+@pytest.fixture(scope="module")
+def headless(request, tmp_path_factory):
+    """A browser before that gallery."""
+    needs("chromium")
+    site = request.getfixturevalue("gallery").directory
+    with chromium._playwright().sync_playwright() as playwright:
+        browser = gallery_site.Headless(playwright, site, tmp_path_factory.mktemp("alone"))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def visit(headless):
+    """Opens visits, at whose end none may have gone wrong."""
+    visits = []
+
+    def open_one(**options):
+        visits.append(headless.visit(**options))
+        return visits[-1]
+
+    yield open_one
+    for one in visits:
+        one.close()
 
 
 def random_sum(count: int, width: int, height: int, seed: int) -> Scene:
