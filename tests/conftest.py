@@ -16,6 +16,7 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "2")
 # As gauss2svg.render.threads does, which is too late where a test module imports torch first.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+import gallery_site
 import numpy as np
 import psutil
 import pytest
@@ -25,7 +26,7 @@ from skimage import data
 
 import gauss2svg
 from gauss2svg.errors import RendererError
-from gauss2svg.raster import RENDERERS, rasterize
+from gauss2svg.raster import RENDERERS, chromium, rasterize
 from gauss2svg.scene import Scene
 
 
@@ -199,6 +200,37 @@ def has_ended(process_id: int) -> bool:
             return True
         time.sleep(0.05)
     return False
+
+
+@pytest.fixture(scope="session")
+def gallery(tmp_path_factory):
+    """A small gallery, for looking at: no test changes it."""
+    return gallery_site.build(tmp_path_factory.mktemp("gallery"))
+
+
+@pytest.fixture(scope="module")
+def headless(request, tmp_path_factory):
+    """A browser before that gallery."""
+    needs("chromium")
+    site = request.getfixturevalue("gallery").directory
+    with chromium._playwright().sync_playwright() as playwright:
+        browser = gallery_site.Headless(playwright, site, tmp_path_factory.mktemp("alone"))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def visit(headless):
+    """Opens visits, at whose end none may have gone wrong."""
+    visits = []
+
+    def open_one(**options):
+        visits.append(headless.visit(**options))
+        return visits[-1]
+
+    yield open_one
+    for one in visits:
+        one.close()
 
 
 def random_sum(count: int, width: int, height: int, seed: int) -> Scene:

@@ -139,11 +139,16 @@
       showPicture();
     }
 
+    const HINTS = {
+      fit: "Drag the divider, or use the arrow keys.",
+      zoomed: "Drag the picture to move it, the divider by its handle; Shift and the arrow keys move it too.",
+    };
     // Both sides and the outlines are laid out by the same four properties of the stage.
     function layOut() {
       const zoom = chosen("zoom"), fit = zoom === "fit";
       stage.classList.toggle("zoomed", !fit);
       slider.handle = String(!fit); // elsewhere a drag moves the picture
+      by("hint").textContent = fit ? HINTS.fit : HINTS.zoomed;
       if (fit) {
         for (const name of ["--left", "--top", "--wide", "--high"]) stage.style.removeProperty(name);
         return;
@@ -156,7 +161,6 @@
         stage.style.setProperty(extent, `${whole}px`);
         stage.style.setProperty(place, `${Math.round(length / 2 - centre[seen] * whole)}px`);
       }
-      by("hint").textContent = "Drag the picture to move it, the divider by its handle; Shift and the arrow keys move it too.";
     }
     function move(dx, dy) {
       const zoom = Number(chosen("zoom"));
@@ -176,11 +180,16 @@
     slider.addEventListener("slide", tellDivider);
     slider.addEventListener("keydown", (event) => {
       const arrows = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-      const jumps = { Home: 0, End: 100, PageUp: slider.value + 10, PageDown: slider.value - 10 };
+      // The slider's own arrow keys move it for as long as they are held: not at all by a tap.
+      const steps = {
+        Home: -100, End: 100, PageUp: 10, PageDown: -10,
+        ArrowLeft: -2, ArrowDown: -2, ArrowRight: 2, ArrowUp: 2,
+      };
+      if (event.altKey || event.ctrlKey || event.metaKey) return;
       if (event.shiftKey && event.key in arrows && stage.classList.contains("zoomed")) {
         move(...arrows[event.key].map((step) => step * 60));
-      } else if (event.key in jumps) {
-        slider.value = Math.min(Math.max(jumps[event.key], 0), 100);
+      } else if (event.key in steps) {
+        slider.value = Math.min(Math.max(slider.value + steps[event.key], 0), 100);
         tellDivider();
       } else return;
       event.preventDefault();
@@ -211,7 +220,7 @@
     }
 
     function follow() { // the variant that the address names
-      const slug = decodeURIComponent(location.hash.slice(1));
+      const slug = location.hash.slice(1);
       if (!variants.some((one) => one.slug === slug)) return;
       form.elements.variant.value = slug;
       showVariant();

@@ -1,0 +1,153 @@
+"""A small gallery and a browser that watches what its pages do, for the tests of both."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from skimage import data
+
+from gauss2svg.gallery import Gallery, build_gallery
+from gauss2svg.raster import chromium
+
+HOSTILE = "<img src=x onerror=alert(1)>&\"'.png"
+COUNTS = (30, 120)
+WIDE, PHONE = {"width": 1280, "height": 900}, {"width": 390, "height": 844}
+_BROKEN = "broken.png"
+_CSS = {"left": "x", "top": "y", "width": "width", "height": "height"}
+_BOX = """(element) => {
+    const {x, y, width, height} = element.getBoundingClientRect();
+    return {x, y, width, height};
+}"""
+Box = dict[str, float]  # x, y, width, height
+
+
+def build(folder: Path) -> Gallery:
+    """Four photos, of which one is upright, one transparent and one badly named, and no photo."""
+    photos = folder / "photos"
+    photos.mkdir()
+    coffee = _resized(data.coffee(), 120, 80)
+    alpha = np.broadcast_to(np.linspace(0, 400, 120).clip(0, 255).astype(np.uint8), (80, 120))
+    made = {
+        "cat 9.png": _resized(data.chelsea(), 120, 90),
+        "astronaut.png": _resized(data.astronaut()[:, 100:420], 72, 110),
+        "Cat 10.png": np.dstack([coffee, alpha]),
+        HOSTILE: _resized(data.rocket(), 112, 84),
+    }
+    for name, pixels in made.items():
+        Image.fromarray(pixels).save(photos / name, "PNG")
+    (photos / _BROKEN).write_bytes(b"no photo")
+    paths = [photos / name for name in (*made, _BROKEN)]
+    return build_gallery(paths, folder / "site", counts=COUNTS, jobs=2, threads=1)
+
+
+def _resized(pixels: NDArray[np.uint8], width: int, height: int) -> NDArray[np.uint8]:
+    return np.asarray(Image.fromarray(pixels).resize((width, height)))
+
+
+def pages_of(site: Path) -> list[str]:
+    """All pages, the photos' last, relative to the site."""
+    found = [path.relative_to(site).as_posix() for path in site.rglob("*.html")]
+    return sorted(found, key=lambda name: (name.count("/"), name))
+
+
+class Visit:
+    """A page of the site that is open, and all that goes wrong on it."""
+
+    def __init__(self, browser: Any, site: Path, **options: Any) -> None:
+        self.site = site
+        self.requests: list[str] = []
+        self.complaints: list[str] = []
+        self._context = browser.new_context(**({"viewport": WIDE} | options))
+        self.page = self._context.new_page()
+        self.page.set_default_timeout(5000)
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.on("requestfailed", self._miss)
+        self.page.on("console", self._hear)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("dialog", self._refuse)
+
+    def go(self, name: str) -> Any:
+        """The page, loaded; name: relative to the site, with its fragment."""
+        self.page.goto(f"{self.site.as_uri()}/{name}")
+        return self.page
+
+    def touch(self, kind: str, *points: tuple[float, float]) -> None:
+        """A touch event of the browser itself: Start, Move or End."""
+        cdp = self._context.new_cdp_session(self.page)
+        places = [{"x": x, "y": y} for x, y in points]
+        cdp.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": places})
+        cdp.detach()
+
+    def strays(self) -> list[str]:
+        """What was asked for beyond the site's own files."""
+        root = self.site.as_uri() + "/"
+        return [url for url in self.requests if not url.startswith((root, "data:"))]
+
+    def close(self) -> None:
+        """Close it; fails where a console message, an error or a request was not to be."""
+        self._context.close()
+        assert not self.complaints, self.complaints
+        assert not self.strays(), self.strays()
+
+    def _hear(self, message: Any) -> None:
+        if message.type in ("error", "warning"):
+            self.complaints.append(message.text)
+
+    def _miss(self, request: Any) -> None:
+        self.complaints.append(f"{request.url}: {request.failure}")
+
+    def _refuse(self, dialog: Any) -> None:
+        self.complaints.append(dialog.message)
+        dialog.dismiss()
+
+
+class Headless:
+    """The browser that draws for the renderer chromium, for visits of a site."""
+
+    def __init__(self, playwright: Any, site: Path, scratch: Path) -> None:
+        self.site = site
+        self._browser = chromium.launch(chromium._playwright(), playwright, chromium._program())
+        self._alone = scratch / "alone.html"
+        self._bare = self._browser.new_page()
+
+    def visit(self, **options: Any) -> Visit:
+        """A visit in a browser's context with these options."""
+        return Visit(self._browser, self.site, **options)
+
+    def alone(self, source: str, place: Box, part: Box, style: str = "") -> NDArray[np.float64]:
+        """A part of a screen that shows one picture stretched over a place, and nothing else."""
+        at = ";".join(f"{side}:{place[key]}px" for side, key in _CSS.items())
+        self._alone.write_text(
+            '<!doctype html><body style="margin:0;overflow:hidden">'
+            f'<img src="{self.site.as_uri()}/{source}" style="position:absolute;{at};{style}">'
+        )
+        ends = (int(part["x"] + part["width"]) + 1, int(part["y"] + part["height"]) + 1)
+        self._bare.set_viewport_size({"width": ends[0], "height": ends[1]})
+        self._bare.goto(self._alone.as_uri())
+        return shot(self._bare, part)
+
+    def close(self) -> None:
+        """End the browser."""
+        self._browser.close()
+
+
+def box(page: Any, selector: str) -> Box:
+    """x, y, width and height of an element on the screen, in px."""
+    return page.locator(selector).first.evaluate(_BOX)
+
+
+def shot(page: Any, part: Box) -> NDArray[np.float64]:
+    """Pixels (h, w, 3), 0..255, of the screen that lie wholly in a part of it."""
+    with Image.open(io.BytesIO(page.screenshot(animations="disabled"))) as picture:
+        pixels = np.asarray(picture.convert("RGB"), np.float64)
+    left, top = np.ceil([part["x"], part["y"]]).astype(int)
+    right = int(part["x"] + part["width"])
+    bottom = int(part["y"] + part["height"])
+    assert 0 <= left < right <= pixels.shape[1]
+    assert 0 <= top < bottom <= pixels.shape[0]
+    return pixels[top:bottom, left:right]
