@@ -2,7 +2,8 @@
 
 python examples/gallery.py site                        # 21 photos, 384 px, 1404 Gaussians
 python examples/gallery.py site --peers splatthis coffee astronaut chelsea
-python examples/gallery.py examples/sample --sample    # the one that the README shows
+python examples/gallery.py examples/sample --sample    # the one that the README shows, and
+    --screenshot examples/gallery.jpg                  # its picture, by Chromium: '.[browser]'
 
 The size and the count are those of SplatThis' own gallery, whose medians are printed beside ours:
 its photos are these, but for clock_motion, in the place of one that scikit-image does not have.
@@ -11,6 +12,7 @@ its photos are these, but for clock_motion, in the place of one that scikit-imag
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,7 @@ SAMPLE: dict[str, Any] = {
 }  # fmt: skip
 # https://github.com/BramAlkema/SplatThis, version 0.3; on the machine of its authors.
 PUBLISHED = {"psnr_svg": 25.6, "ssim_svg": 0.780, "svg_bytes": 1.25e6, "total_s": 401.0}
+SCREEN: Any = {"width": 1000, "height": 900}  # px
 PEER_TIMEOUT_S = 4000.0
 
 
@@ -44,6 +47,7 @@ def main() -> int:
     parser.add_argument("photos", nargs="*", help="names without an ending, such as coffee")
     parser.add_argument("--peers", nargs="*", default=[])
     parser.add_argument("--sample", action="store_true")
+    parser.add_argument("--screenshot", type=Path)
     asked = parser.parse_args()
     settings: dict[str, Any] = {
         "photos": tuple(name for name in FILES if not asked.photos or _stem(name) in asked.photos),
@@ -68,6 +72,8 @@ def main() -> int:
     for failure in gallery.failures:
         print(f"{failure.photo.name}: {failure.error}")
     print(f"open {gallery.index}")
+    if asked.screenshot:
+        screenshot(gallery, asked.screenshot)
     return 1 if gallery.failures else 0
 
 
@@ -83,6 +89,23 @@ def print_medians(gallery: Gallery) -> None:
             f"{name:16} {count:6}  {medians['psnr_svg']:7.2f}  {medians['ssim_svg']:.3f}"
             f"  {medians['svg_bytes'] / 1e3:5.0f}k  {medians['total_s']:5.1f}"
         )
+
+
+def screenshot(gallery: Gallery, target: Path) -> None:
+    """A JPEG of the first photo's page, as Chromium shows it."""
+    from playwright.sync_api import sync_playwright
+
+    page_file = gallery.directory / gallery.rows[0]["page"]
+    with sync_playwright() as playwright:
+        # Without the sandbox, which the superuser of a container cannot have: the page is ours.
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
+        page = browser.new_page(viewport=SCREEN)
+        page.goto(page_file.absolute().as_uri())
+        page.wait_for_load_state("networkidle")
+        page.screenshot(path=target, type="jpeg", quality=85, animations="disabled")
+        browser.close()
 
 
 def _stem(name: str) -> str:
