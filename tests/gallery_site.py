@@ -63,6 +63,7 @@ class Visit:
         self.requests: list[str] = []
         self.complaints: list[str] = []
         self._context = browser.new_context(**({"viewport": WIDE} | options))
+        self._protocol: Any = None
         self.page = self._context.new_page()
         self.page.set_default_timeout(5000)
         self.page.on("request", lambda request: self.requests.append(request.url))
@@ -78,10 +79,11 @@ class Visit:
 
     def touch(self, kind: str, *points: tuple[float, float]) -> None:
         """A touch event of the browser itself: Start, Move or End."""
-        cdp = self._context.new_cdp_session(self.page)
+        if self._protocol is None:
+            self._protocol = self._context.new_cdp_session(self.page)
         places = [{"x": x, "y": y} for x, y in points]
-        cdp.send("Input.dispatchTouchEvent", {"type": f"touch{kind}", "touchPoints": places})
-        cdp.detach()
+        event = {"type": f"touch{kind}", "touchPoints": places}
+        self._protocol.send("Input.dispatchTouchEvent", event)
 
     def strays(self) -> list[str]:
         """What was asked for beyond the site's own files."""
@@ -142,12 +144,12 @@ def box(page: Any, selector: str) -> Box:
 
 
 def shot(page: Any, part: Box) -> NDArray[np.float64]:
-    """Pixels (h, w, 3), 0..255, of the screen that lie wholly in a part of it."""
-    with Image.open(io.BytesIO(page.screenshot(animations="disabled"))) as picture:
-        pixels = np.asarray(picture.convert("RGB"), np.float64)
-    left, top = np.ceil([part["x"], part["y"]]).astype(int)
-    right = int(part["x"] + part["width"])
-    bottom = int(part["y"] + part["height"])
-    assert 0 <= left < right <= pixels.shape[1]
-    assert 0 <= top < bottom <= pixels.shape[0]
-    return pixels[top:bottom, left:right]
+    """Pixels (h, w, 3), 0..255, of a part of the screen, which begins and ends at whole ones."""
+    left, top = round(part["x"]), round(part["y"])
+    right, bottom = round(part["x"] + part["width"]), round(part["y"] + part["height"])
+    screen = page.viewport_size
+    assert 0 <= left < right <= screen["width"]
+    assert 0 <= top < bottom <= screen["height"]
+    clip = {"x": left, "y": top, "width": right - left, "height": bottom - top}
+    with Image.open(io.BytesIO(page.screenshot(clip=clip, animations="disabled"))) as picture:
+        return np.asarray(picture.convert("RGB"), np.float64)
