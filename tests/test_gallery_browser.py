@@ -6,7 +6,6 @@ from html.parser import HTMLParser
 from urllib.parse import unquote, urlsplit
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
 from gallery_site import COUNTS, HOSTILE, PHONE, WIDE, box, pages_of, shot
 
 from gauss2svg.gallery import numbers
@@ -41,9 +40,10 @@ def natural(name):
 
 
 def grave_faults(page, **options):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
     # Without preload: it reads style sheets once more, which files may not do to each other.
     options |= {"resultTypes": ["violations"], "preload": False}
-    found = Axe().run(page, options=options).response["violations"]
+    found = axe.run(page, options=options).response["violations"]
     return [
         (fault["id"], node["html"])
         for fault in found
