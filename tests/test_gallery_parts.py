@@ -427,7 +427,7 @@ def test_folder_counts_as_finished_only_where_it_is_whole_and_of_the_key(tmp_pat
 
 def test_report_that_cannot_be_read_is_told_with_what_to_do(tmp_path):
     (variant,) = variants_of(counts=[5])[0]
-    with pytest.raises(OutputError, match="cannot read .*; delete its folder"):
+    with pytest.raises(OutputError, match=r"cannot read .*; delete its folder"):
         made_of(tmp_path, "x", variant, {})
 
 
