@@ -591,14 +591,12 @@ def test_interrupted_gallery_shows_what_is_finished_and_goes_on(count, two, tmp_
         build_gallery(two, out, counts=[5, 7], progress=interrupted_at(count))
     done = asked.take()
     document = json.loads((out / "gallery.json").read_text())
-    assert len(document["rows"]) in (len([w for w in done if w[0] == "variant"]), len(done) - 3)
+    assert len(document["rows"]) == sum(kind == "variant" for kind, _ in done)
     for row in document["rows"]:
         assert (out / row["page"]).is_file()
         assert row["page"] in (out / "index.html").read_text()
     gallery = build_gallery(two, out, counts=[5, 7])
     assert len(gallery.rows) == 4
-    # The piece that was just done may not have been told.
-    assert len(set(asked) & set(done)) == 0
     assert sorted(asked + done) == all_works("ab", ["gaussians-5", "gaussians-7"])
 
 
