@@ -519,6 +519,24 @@ def test_svg_of_which_a_file_is_gone_or_cut_short_is_made_again(two, tmp_path, a
         assert again.rows == first.rows
 
 
+def test_photo_of_the_same_name_that_comes_or_goes_moves_no_other(two, photo, tmp_path, asked):
+    out = tmp_path / "out"
+    others = [save(photo[:5, :size], tmp_path / str(size) / "a.png") for size in (5, 6, 7)]
+    copy = tmp_path / "copy" / "a.png"
+    copy.parent.mkdir()
+    shutil.copyfile(two[0], copy)
+    first = build_gallery(two, out, counts=[5])
+    asked.clear()
+    for paths, made in (
+        ([*others[:2], *two], 2), (two[::-1], 0), (others, 1), ([two[0], *others], 0),
+        ([others[1]], 0), ([copy, *two, *others], 1), (two, 0),
+    ):  # fmt: skip
+        gallery = build_gallery(paths, out, counts=[5])
+        assert len({row["page"] for row in gallery.rows}) == len(paths) == len(gallery.rows)
+        assert len(asked.take()) == 2 * made
+    assert gallery.rows == first.rows
+
+
 def test_lost_photo_is_shown_again_and_its_svgs_are_kept(two, tmp_path, asked):
     build_gallery(two, tmp_path / "out", counts=[5])
     for name in ("photo.webp", THUMBNAIL, "record.json"):
