@@ -388,14 +388,14 @@ def test_summary_is_medians_and_sums_of_what_has_a_number():
         row_of(own, psnr_svg=psnr, svg_bytes=count, total_s=count / 8, gaussians=None)
         for psnr, count in ((30.0, 10), (None, 11), (20.0, 13), (31.0, 90))
     ]
-    rows.append(row_of(other, psnr_svg=None))
+    rows += [row_of(other, psnr_svg=None, gaussians=count) for count in (0, 4)]
     first, second = summary_of(rows, [own, other, unmade])
-    assert (first["variant"], first["photos"], second["photos"]) == (own.name, 4, 1)
+    assert (first["variant"], first["photos"], second["photos"]) == (own.name, 4, 2)
     assert first["median_psnr_svg"] == statistics.median([30.0, 20.0, 31.0]) == 30.0
     assert first["median_svg_bytes"] == statistics.median([10, 11, 13, 90]) == 12
     assert (first["total_svg_bytes"], first["total_total_s"]) == (124, 15.5)
     assert first["median_gaussians"] is None
-    assert second["median_psnr_svg"] is None
+    assert (second["median_psnr_svg"], second["median_gaussians"]) == (None, 2)
 
 
 def folder_of(path, files):

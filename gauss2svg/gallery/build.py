@@ -26,7 +26,7 @@ from gauss2svg.gallery.pages import (
     shown_title,
     write_pages,
 )
-from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos
+from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos, settled
 from gauss2svg.gallery.plan import PHOTOS, Settings, Task, photo_folder, photo_task, variant_task
 from gauss2svg.gallery.records import Failure, Row, Shown, made_of, rows_of, summary_of
 from gauss2svg.gallery.variants import Variant, variants_of
@@ -125,6 +125,7 @@ def build_gallery(
     own = max(1, cores // jobs) if threads is None else whole_number("threads", threads, 1, cores)
     title = shown_title(title)
     root = _folder(directory, listed)
+    listed = settled(listed, root / PHOTOS)
     settings = Settings(photo_size, max_pixels, seed, jobs, own, peer_timeout)
     story = Story(
         title=title,

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gauss2svg.errors import InputError, on_one_line
+from gauss2svg.gallery.work import RECORD
 
 _LONGEST_SLUG = 48
 _NAMELESS = "photo"
@@ -81,6 +83,33 @@ def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:
         slugs[at] = slug
         taken.add(slug)
     return slugs
+
+
+def settled(photos: Iterable[GalleryPhoto], folder: Path) -> list[GalleryPhoto]:
+    """The photos in the folders, of all in `folder`, in which what is made of them lies already.
+
+    One of the same name that has come or gone would give them others, and all be made again.
+    """
+    listed = list(photos)
+    taken = {photo.slug for photo in listed}
+    found = []
+    for photo in listed:
+        plain = slug_of(Path(photo.path).stem)
+        others = [plain, f"{plain}-{photo.digest[:8]}"] if photo.digest else []
+        slugs = [photo.slug, *(slug for slug in others if slug not in taken)]
+        slug = next((s for s in slugs if _holds(folder / s, photo.digest)), photo.slug)
+        taken.add(slug)
+        found.append(replace(photo, slug=slug))
+    return found
+
+
+def _holds(folder: Path, digest: str | None) -> bool:
+    """Whether a folder is that of the photo of a digest."""
+    try:
+        record = json.loads((folder / RECORD).read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(record, dict) and digest is not None and record.get("digest") == digest
 
 
 def slug_of(name: str) -> str:

@@ -56,7 +56,8 @@ def photo_folder(photo: GalleryPhoto) -> str:
 def photo_task(root: Path, photo: GalleryPhoto, settings: Settings) -> Task:
     """To make of a photo what pages show of it."""
     folder = photo_folder(photo)
-    return Task(photo, None, folder, _work("photo", root / folder, photo, settings, []))
+    work = _work("photo", root / folder, photo, settings, [])
+    return Task(photo, None, folder, work | {"digest": photo.digest})
 
 
 def variant_task(

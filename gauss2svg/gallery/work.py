@@ -50,7 +50,7 @@ _warm: set[str] = set()  # what this process has compiled and loaded already
 def make_photo(work: Work) -> dict[str, Any]:
     """The photo as pages show it, without loss and without its metadata, and a thumbnail.
 
-    work  path, key, folder, photo_size, max_pixels
+    work  path, digest, key, folder, photo_size, max_pixels
     Returns the record. Raises InputError for what is no photo, OutputError for the folder.
     """
     photo = load_image(work["path"], max_pixels=work["max_pixels"])
@@ -62,7 +62,13 @@ def make_photo(work: Work) -> dict[str, Any]:
     return _finish(
         work,
         files,
-        {"photo": name, "width": width, "height": height, "notes": list(photo.notes)},
+        {
+            "digest": work["digest"],
+            "photo": name,
+            "width": width,
+            "height": height,
+            "notes": list(photo.notes),
+        },
     )
 
 
