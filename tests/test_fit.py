@@ -263,7 +263,8 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     # a Gaussian proper leaves out what the exponent's gradient needs
     scene = scene.replace(beta=np.maximum(scene.betas, 1 + 1e-9))
     target = np.random.default_rng(0).random((3, 30, 40)).astype(dtype)
-    splats = state_of(scene).splats(scene.background)
+    # a copy, as fits have it: what cannot be written to is another type, to be compiled for itself
+    splats = state_of(scene).splats(scene.background.copy())
     fast = gradients(squared_error(splats, target)[2], splats.paint[:, 0], scene.betas)
 
     step = torch.zeros((6, 10), dtype=torch.float64, requires_grad=True)

@@ -40,6 +40,14 @@ def drawn(renderer, tensors, height: int, width: int) -> torch.Tensor:
     return renderer(*others, height, width, beta)
 
 
+def pairs_of_scene(scene: Scene, radius: np.ndarray, height: int, width: int):
+    """`find_pairs` of copies, as renderers call it: a scene's own arrays are of another type,
+    which cannot be written to, and for which it would be compiled once more.
+    """
+    shape = [array.copy() for array in (scene.mean, scene.sigma, scene.rho)]
+    return find_pairs(*shape, radius, height, width)
+
+
 def composite_by_numpy(scene: Scene) -> np.ndarray:
     """The formula once more, front to back in float64, from the conic: an oracle of its own."""
     y, x = np.mgrid[: int(scene.height), : int(scene.width)] + 0.5
@@ -190,9 +198,7 @@ def test_removal_mass_is_the_curvature_of_the_error_in_the_colour(dtype):
 def test_pairs_are_exactly_the_rows_that_a_gaussian_reaches(seed, count, width, height):
     scene = random_scene(count, width, height, seed)
     radius = cut_radius(scene.betas)
-    offset, gaussian, rows, start, order, _ = find_pairs(
-        scene.mean, scene.sigma, scene.rho, radius, height, width
-    )
+    offset, gaussian, rows, start, order, _ = pairs_of_scene(scene, radius, height, width)
     columns = -(-width // TILE_WIDTH)
     listed = set()
     for tile in range(len(start) - 1):
@@ -237,9 +243,7 @@ def test_the_thinnest_shapes_are_pairs_of_one_row_and_reach_the_same_rows():
 
 def test_tile_lists_run_from_front_to_back():
     scene = random_scene(40, 64, 48, 12)
-    _, gaussian, _, start, order, _ = find_pairs(
-        scene.mean, scene.sigma, scene.rho, cut_radius(scene.betas), 48, 64
-    )
+    _, gaussian, _, start, order, _ = pairs_of_scene(scene, cut_radius(scene.betas), 48, 64)
     for tile in range(len(start) - 1):
         assert (np.diff(gaussian[order[start[tile] : start[tile + 1]]]) < 0).all()
 
