@@ -35,7 +35,7 @@ def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image
     """The same map as heatmap's without its legend, in whole levels and a palette of 65 colours."""
     levels = np.minimum(np.round(errors(image, other)), MOST).astype(np.uint8)
     picture = Image.fromarray(levels, "P")
-    picture.putpalette(colors_of(np.arange(MOST + 1)).tobytes())
+    picture.putpalette(colors_of(np.arange(MOST + 1.0)).tobytes())
     return picture
 
 
