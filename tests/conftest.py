@@ -238,3 +238,48 @@ def random_sum(count: int, width: int, height: int, seed: int) -> Scene:
     scene = random_scene(count, width, height, seed)
     color = np.random.default_rng(seed).uniform(-0.6, 0.6, (count, 3))
     return scene.replace(blend="add", color=color, opacity=np.ones(count), beta=np.ones(count))
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Works that were asked for, done here: photos in truth, SVGs as above."""
+    import galleries
+
+    from gauss2svg.gallery import build
+    from gauss2svg.gallery.worker import answer_to
+
+    found = galleries.Asked()
+
+    class Here:
+        def __init__(self, jobs):
+            pass
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+        def run(self, works):
+            for index, work in enumerate(works):
+                yield index, None
+                folder = work["folder"].rpartition("/photos/")[2]
+                found.append((work["kind"], folder))
+                yield (
+                    index,
+                    galleries.canned(work) if work["kind"] == "variant" else answer_to(work),
+                )
+
+    monkeypatch.setattr(build, "Crew", Here)
+    return found
+
+
+@pytest.fixture
+def two(photo, tmp_path):
+    """Paths of two photos."""
+    import galleries
+
+    return [
+        galleries.save(photo[:9, i : 9 + i], tmp_path / f"{name}.png")
+        for i, name in ((1, "a"), (2, "b"))
+    ]

@@ -1,0 +1,97 @@
+"""Photos, pages and stand-ins that the tests of the gallery share."""
+
+from html.parser import HTMLParser
+
+import numpy as np
+from PIL import Image
+
+from gauss2svg.gallery.work import (
+    ERRORS,
+    OUTLINES,
+    PICTURE,
+    REPORT,
+    SCENE,
+    THUMBNAIL,
+    _finish,
+)
+from gauss2svg.outputs import as_json
+
+
+def save(pixels, path, **options):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(path, **options)
+    return path
+
+
+class Page(HTMLParser):
+    """The elements of a page with their attributes, and its texts, in their order."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.parts = []
+        self.texts = []
+        self.feed(path.read_text())
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.parts.append((tag, attrs))
+
+    def handle_data(self, data):
+        if data.strip():
+            self.texts.append(" ".join(data.split()))
+
+
+class Table(HTMLParser):
+    """Cells of the table of a class on a page, row by row."""
+
+    def __init__(self, path):
+        super().__init__()
+        self.rows = []
+        self._open = False
+        self.feed(path.read_text())
+
+    def handle_starttag(self, tag, attrs):
+        if tag == "tr":
+            self.rows.append([])
+        self._open = tag in ("th", "td") or (self._open and tag not in ("tr", "caption"))
+        if tag in ("th", "td"):
+            self.rows[-1].append("")
+
+    def handle_endtag(self, tag):
+        self._open = self._open and tag not in ("th", "td")
+
+    def handle_data(self, data):
+        if self._open:
+            self.rows[-1][-1] += data
+
+
+class Asked(list):
+    """The works that a gallery asked for, as (kind, photo's folder, settings)."""
+
+    def take(self):
+        found = sorted(self, key=str)
+        self.clear()
+        return found
+
+
+CROP = {"x": 0, "y": 0, "width": 5, "height": 5, "psnr": None}
+
+
+def canned(work):
+    """What make_variant leaves, at once and of no content."""
+    count = work["settings"].get("gaussians", 100)
+    if count == 13:
+        return {"error": "un\nlucky \udcff"}
+    report = {
+        "gaussians": count, "svg_bytes": 100 * count, "svgz_bytes": 10 * count, "fit_s": 0.1,
+        "total_s": 0.1 * count, "psnr_svg": None if count == 7 else 20.0 + work["seed"],
+        "ssim_svg": 0.5, "renderer": "resvg 1", "seed": work["seed"],
+    }  # fmt: skip
+    files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
+    extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1}
+    return {"record": _finish(work, files | {REPORT: as_json(report)}, extra)}
+
+
+def all_works(photos, variants):
+    works = [("photo", photo) for photo in photos]
+    return sorted(works + [("variant", f"{p}/{v}") for p in photos for v in variants])
