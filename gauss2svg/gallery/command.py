@@ -94,9 +94,11 @@ def gallery_command(
         named = failure.photo.name + (f", {failure.variant.name}" if failure.variant else "")
         _tell(f"failed: {named}: {failure.error}")
     if not quiet:
+        count = len(gallery.rows)
         kept = f", {gallery.kept} of them kept from before" if gallery.kept else ""
         _tell(
-            f"{len(gallery.rows)} SVGs{kept}; {len(gallery.failures)} failed; open {gallery.index}"
+            f"{count} SVG{'s' if count != 1 else ''}{kept}; {len(gallery.failures)} failed; "
+            f"open {gallery.index}"
         )
     return STATUS_SOME_FAILED if gallery.failures else 0
 
