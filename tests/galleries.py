@@ -74,6 +74,10 @@ class Asked(list):
         return found
 
 
+ORIGIN = {
+    "date": "2026-01-02", "jobs": 1, "threads": 1,
+    "machine": {"cpu": "Abacus", "cores": 1, "platform": "Wood"},
+}  # fmt: skip
 CROP = {"x": 0, "y": 0, "width": 5, "height": 5, "psnr": None}
 
 
@@ -85,10 +89,10 @@ def canned(work):
     report = {
         "gaussians": count, "svg_bytes": 100 * count, "svgz_bytes": 10 * count, "fit_s": 0.1,
         "total_s": 0.1 * count, "psnr_svg": None if count == 7 else 20.0 + work["seed"],
-        "ssim_svg": 0.5, "renderer": "resvg 1", "seed": work["seed"],
+        "ssim_svg": 0.5, "renderer": "resvg 1", "seed": work["seed"], "notes": [],
     }  # fmt: skip
     files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
-    extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1}
+    extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1, "origin": ORIGIN}
     return {"record": _finish(work, files | {REPORT: as_json(report)}, extra)}
 
 

@@ -388,8 +388,7 @@ def test_weight_is_large_where_the_picture_is_flat():
 
 def test_flat_areas_come_out_truer_with_their_weight(monkeypatch):
     pixels = np.full((96, 96, 3), 0.8, np.float32)
-    rng = np.random.default_rng(0)
-    pixels[:, 40:] = rng.random((96, 56, 1)).astype(np.float32)
+    pixels[:, 40:] = np.random.default_rng(0).random((96, 56, 1))
     flat = (slice(None), slice(0, 24))
 
     def flat_error() -> float:

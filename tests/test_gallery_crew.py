@@ -103,10 +103,10 @@ def test_two_jobs_work_at_once(tmp_path):
 @pytest.mark.parametrize(
     ("do", "told"),
     [
-        ("die", "the worker ended with SIGKILL: it said nothing; was there enough memory?"),
-        ("exit", "the worker ended with status 3: last words"),
-        ("cut", "the worker ended with status 0: it said nothing; was there enough memory?"),
-        ("close", "the worker ended with SIGKILL: it said nothing; was there enough memory?"),
+        ("die", "worker killed by SIGKILL; was there enough memory?: it said nothing"),
+        ("exit", "worker ended with status 3: last words"),
+        ("cut", "worker ended with status 0: it said nothing"),
+        ("close", "worker killed by SIGKILL; was there enough memory?: it said nothing"),
     ],
 )
 @pytest.mark.parametrize("jobs", [1, 2])

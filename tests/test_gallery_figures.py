@@ -121,13 +121,15 @@ def test_points_and_ticks_lie_in_the_frame_in_their_order(given_points):
 
 
 @given(points)
-def test_points_of_a_group_are_joined_in_their_order(given_points):
+def test_points_of_a_group_are_joined_by_their_cost(given_points):
     chart = scatter(given_points, str)
     joined = [[tuple(map(float, pair.split(","))) for pair in line.split()] for line in chart.lines]
     groups = {}
     for placed in chart.points:
         if placed.point.group is not None:
             groups.setdefault(placed.point.group, []).append((placed.x, placed.y))
+    for one in groups.values():
+        one.sort(key=lambda at: at[0])
     assert joined == list(groups.values())
 
 

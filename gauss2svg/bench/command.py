@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -58,6 +56,7 @@ def bench_command(
     from gauss2svg.bench.grid import parse_axes
     from gauss2svg.bench.peers import check_peers
     from gauss2svg.bench.runner import run_bench
+    from gauss2svg.progress_bar import counting_bar
 
     names = [name.strip() for name in peers.split(",") if name.strip()]
     axes = parse_axes(axis or ())
@@ -65,7 +64,12 @@ def bench_command(
     if absent:
         _tell(f"not installed, left out: {', '.join(absent)}")
     last: list[BenchProgress] = []
-    with _progress_bar(quiet, last) as progress:
+    with counting_bar(quiet) as update:
+
+        def progress(at: BenchProgress) -> None:
+            last[:] = [at]
+            update(at.now, at.done, at.total)
+
         rows = run_bench(
             images,
             output,
@@ -85,44 +89,6 @@ def bench_command(
     for row in failed:
         _tell(f"failed: {row['label']} on {row['image']}: {row['error']}")
     return STATUS_RUN_FAILED if failed else 0
-
-
-@contextmanager
-def _progress_bar(
-    quiet: bool, last: list[BenchProgress]
-) -> Iterator[Callable[[BenchProgress], None]]:
-    """A callback that keeps a bar at a terminal, and what it was last told in last."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-    )
-
-    console = Console(stderr=True)
-    columns = (
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
-    shown = console.is_terminal and not quiet
-    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
-        task = bar.add_task("reading the photos", total=None)
-
-        def update(progress: BenchProgress) -> None:
-            last[:] = [progress]
-            bar.update(
-                task,
-                description=escape(progress.now),  # a file name may look like markup
-                completed=progress.done,
-                total=progress.total,
-            )
-
-        yield update
 
 
 def _tell(line: str) -> None:

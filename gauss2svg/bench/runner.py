@@ -218,7 +218,8 @@ def _do(run: Run, peer_timeout: float) -> Row:
 
 def in_own_process(job: Mapping[str, Any], timeout: float | None) -> Row:
     """What the worker says of a job; an error row if it dies or takes more than timeout s."""
-    command = [sys.executable, "-m", "gauss2svg.bench.worker"]
+    # -P: no module of the folder that it is started in.
+    command = [sys.executable, "-P", "-m", "gauss2svg.bench.worker"]
     with ExitStack() as stack:
         chatter = stack.enter_context(tempfile.TemporaryFile())
         process = stack.enter_context(
@@ -241,7 +242,7 @@ def in_own_process(job: Mapping[str, Any], timeout: float | None) -> Row:
             raise
         if process.returncode == 0:
             return json.loads(answer)
-        return {"error": one_line(f"{_end(process.returncode)}: {_last_line(chatter)}")}
+        return {"error": one_line(f"{end_of(process.returncode)}: {last_line(chatter)}")}
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
@@ -251,13 +252,15 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
         process.kill()
 
 
-def _end(status: int) -> str:
+def end_of(status: int) -> str:
+    """How a process ended, by its status."""
     if status < 0:
         return f"killed by {signal.Signals(-status).name}; was there enough memory?"
     return f"ended with status {status}"
 
 
-def _last_line(stream: IO[bytes]) -> str:
+def last_line(stream: IO[bytes]) -> str:
+    """What a process said last, of all that it said into this file."""
     stream.seek(0)
     lines = stream.read()[-4000:].decode(errors="replace").strip().splitlines()
     return lines[-1] if lines else "it said nothing"

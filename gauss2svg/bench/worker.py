@@ -77,9 +77,12 @@ def _run_peer(job: dict[str, Any]) -> dict[str, Any]:
     clocks = watch.read()
     peak = peak_bytes()  # now, before what scores is loaded
 
+    row = {"used": job["settings"], "peak_bytes": peak, **clocks}
+    if not job.get("scored", True):
+        return row
     from gauss2svg.bench.score import score
 
-    return {"used": job["settings"], "peak_bytes": peak, **clocks, **score(drawn, job["image"])}
+    return row | score(drawn, job["image"])
 
 
 def one_line(text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -30,12 +31,12 @@ from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos, settled
 from gauss2svg.gallery.plan import PHOTOS, Settings, Task, photo_folder, photo_task, variant_task
 from gauss2svg.gallery.records import Failure, Row, Shown, made_of, rows_of, summary_of
 from gauss2svg.gallery.variants import Variant, variants_of
-from gauss2svg.gallery.work import finished
+from gauss2svg.gallery.work import RECORD, finished
 from gauss2svg.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
-from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
+from gauss2svg.memory import allowed
 
 DEFAULT_TITLE = "Photos as Gaussians"
-DEFAULT_PEER_TIMEOUT = 300.0  # s
+DEFAULT_PEER_TIMEOUT = 3600.0  # s: SplatThis takes minutes
 _LONGEST_TIMEOUT = 1e6  # s
 _MOST_JOBS = 256
 
@@ -126,21 +127,24 @@ def build_gallery(
     title = shown_title(title)
     root = _folder(directory, listed)
     listed = settled(listed, root / PHOTOS)
-    settings = Settings(photo_size, max_pixels, seed, jobs, own, peer_timeout)
+    # What is free is shared out: every process would take most of it for its own.
+    most_bytes = allowed(None) // jobs
+    settings = Settings(photo_size, max_pixels, seed, jobs, own, most_bytes, peer_timeout)
     story = Story(
         title=title,
-        command=on_one_line(command or f"build_gallery(.., {os.fspath(directory)!r})"),
+        command=on_one_line(
+            command or f"build_gallery([.. {len(listed)} photos ..], {os.fspath(directory)!r}, ..)"
+        ),
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         seed=seed,
         photo_size=photo_size,
-        renderer=renderer_version(DEFAULT_RENDERER),
         absent=tuple(absent),
     )
     making = _Making(root, listed, wanted, settings, progress)
     try:
         making.run(jobs)
     except KeyboardInterrupt:
-        making.write(story)  # what is finished can be looked at
+        making.write(dataclasses.replace(story, missing=making.missing))
         raise
     return making.write(story)
 
@@ -178,6 +182,14 @@ class _Making:
             self._missing(self._variant_tasks())
             self._make(crew, photos)
             self._make(crew, self._missing(self._variant_tasks()))
+
+    @property
+    def missing(self) -> int:
+        """How many SVGs are still to be made: an interruption came before them."""
+        readable = len(self._photos) - sum(one.variant is None for one in self._failures)
+        failed = sum(one.variant is not None for one in self._failures)
+        made = sum(folder.count("/") > 1 for folder in self._records)
+        return readable * len(self._variants) - failed - made
 
     def write(self, story: Story) -> Gallery:
         """Write the pages of what is finished."""
@@ -226,6 +238,8 @@ class _Making:
                 self._now.append(task.label)
             else:
                 self._now.remove(task.label)
+                if "fatal" in answer:
+                    raise OutputError(answer["error"])
                 if "error" in answer:
                     self._fail(task.photo, task.variant, on_one_line(answer["error"]))
                 else:
@@ -256,9 +270,17 @@ class _Making:
 
 def _folder(directory: str | os.PathLike[str], photos: Iterable[GalleryPhoto]) -> Path:
     """The folder, made where it is missing; refused where something would be lost."""
+    if not os.fspath(directory):
+        raise OutputError("the folder for the pages is ''; needed is a name, . for this one")
     root = Path(directory)
     make_folder(root)
     if not is_gallery(root / DATA):
+        for name in (PHOTOS, ASSETS):
+            if _is_foreign(root / name):
+                raise OutputError(
+                    f"{root / name} is there, of no gallery; choose another folder, so that it is "
+                    "kept"
+                )
         for name in OUTPUTS:
             if os.path.lexists(root / name):
                 raise OutputError(
@@ -276,3 +298,17 @@ def _folder(directory: str | os.PathLike[str], photos: Iterable[GalleryPhoto]) -
     for name in (PHOTOS, ASSETS):
         make_folder(root / name)
     return root
+
+
+def _is_foreign(folder: Path) -> bool:
+    """Whether there is anything in it that no gallery, finished or interrupted, has put there."""
+    if not folder.exists():
+        return False
+    try:
+        return any(
+            not one.is_dir() or (any(one.iterdir()) and not (one / RECORD).exists())
+            for one in folder.iterdir()
+            if not one.name.startswith(".")  # of a file that was being written
+        )
+    except OSError:
+        return True

@@ -17,7 +17,7 @@ class Point:
     """A value to be plotted.
 
     cost > 0, psnr in dB, None where the pictures are equal; series: number of its variant;
-    group: points of one group are joined by a line, in their order, None: by none; href, text:
+    group: points of one group are joined by a line, by cost, None: by none; href, text:
     its link
     """
 
@@ -89,10 +89,17 @@ def scatter(points: Sequence[Point], tell_cost: Callable[[float], str]) -> Chart
     return Chart(
         x_ticks=[(across(value), tell_cost(value)) for value in _ticks(low, high)],
         y_ticks=[(up(bottom + k * step), f"{bottom + k * step:g}") for k in range(count + 1)],
-        lines=[" ".join(f"{one.x},{one.y}" for one in group) for group in groups.values()],
+        lines=[
+            " ".join(f"{one.x},{one.y}" for one in group)
+            for group in map(_by_cost, groups.values())
+        ],
         points=placed,
         equal_y=up(None) if some_equal else None,
     )
+
+
+def _by_cost(group: list[Placed]) -> list[Placed]:
+    return sorted(group, key=lambda one: one.x)
 
 
 def _step(span: float) -> float:

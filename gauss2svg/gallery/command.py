@@ -5,15 +5,10 @@ from __future__ import annotations
 import re
 import shlex
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from cyclopts import Parameter
-
-if TYPE_CHECKING:
-    from gauss2svg.gallery.build import GalleryProgress
 
 STATUS_SOME_FAILED = 1
 
@@ -30,7 +25,7 @@ def gallery_command(
     seed: int = 0,
     photo_size: int | None = None,
     max_pixels: int = 89_478_485,
-    peer_timeout: float = 300.0,
+    peer_timeout: float = 3600.0,
     title: str = "Photos as Gaussians",
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
@@ -70,8 +65,9 @@ def gallery_command(
 
     """
     from gauss2svg.gallery.build import build_gallery
+    from gauss2svg.progress_bar import counting_bar
 
-    with _progress_bar(quiet) as progress:
+    with counting_bar(quiet) as update:
         gallery = build_gallery(
             photos,
             output,
@@ -86,7 +82,7 @@ def gallery_command(
             peer_timeout=peer_timeout,
             title=title,
             command=shlex.join(["gauss2svg", *sys.argv[1:]]),
-            progress=progress,
+            progress=lambda at: update("; ".join(at.now), at.done, at.total),
         )
     if gallery.absent:
         _tell(f"not installed, left out: {', '.join(gallery.absent)}")
@@ -113,41 +109,6 @@ def _whole(word: str) -> int:
     if not re.fullmatch("[0-9]{1,18}", word):
         raise InputError(f"count is {word!r}; needed are whole numbers by commas: 500,2000,8000")
     return int(word)
-
-
-@contextmanager
-def _progress_bar(quiet: bool) -> Iterator[Callable[[GalleryProgress], None]]:
-    """A callback that keeps a bar at a terminal."""
-    from rich.console import Console
-    from rich.markup import escape
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-    )
-
-    console = Console(stderr=True)
-    columns = (
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("{task.description}"),
-    )
-    disabled = quiet or not console.is_terminal
-    with Progress(*columns, console=console, transient=True, disable=disabled) as bar:
-        task = bar.add_task("reading the photos", total=None)
-
-        def update(progress: GalleryProgress) -> None:
-            bar.update(
-                task,
-                description=escape("; ".join(progress.now)),  # a name may look like markup
-                completed=progress.done,
-                total=progress.total,
-            )
-
-        yield update
 
 
 def _tell(line: str) -> None:

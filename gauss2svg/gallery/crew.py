@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import queue
-import signal
 import subprocess
 import sys
 import tempfile
@@ -13,9 +12,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from typing import IO, Any
 
+from gauss2svg.bench.runner import end_of, last_line
 from gauss2svg.bench.worker import one_line
 
-_COMMAND = (sys.executable, "-m", "gauss2svg.gallery.worker")
+# -P: no module of the folder that it is started in.
+_COMMAND = (sys.executable, "-P", "-m", "gauss2svg.gallery.worker")
 _TO_END_S = 10.0  # for a worker to end what it has started, before it is killed
 Answer = dict[str, Any]
 _INTERRUPTED = {"error": "interrupted"}
@@ -92,6 +93,7 @@ class Crew:
                 self._idle.append(worker)
             else:
                 self._all.discard(worker)
+                worker.end()
         return answer
 
     def _ready(self) -> _Worker:
@@ -112,6 +114,7 @@ class _Worker:
 
     def __init__(self) -> None:
         self._told_to_end = False
+        self._killer: threading.Timer | None = None
         with ExitStack() as stack:
             self._chatter: IO[bytes] = stack.enter_context(tempfile.TemporaryFile())
             # A session of its own: a Ctrl-C at the terminal is for this process to pass on.
@@ -145,10 +148,7 @@ class _Worker:
         except subprocess.TimeoutExpired:  # it only closed its output
             process.kill()
             status = process.wait()
-        how = f"status {status}" if status >= 0 else signal.Signals(-status).name
-        said = self._last_words()
-        self.end()
-        return {"error": one_line(f"the worker ended with {how}: {said}")}
+        return {"error": one_line(f"worker {end_of(status)}: {last_line(self._chatter)}")}
 
     def is_alive(self) -> bool:
         """Whether it can take more work."""
@@ -159,21 +159,18 @@ class _Worker:
         self._told_to_end = True
         if self.is_alive():
             self._process.terminate()
-            killer = threading.Timer(_TO_END_S, self._process.kill)
-            killer.daemon = True
-            killer.start()
+            self._killer = threading.Timer(_TO_END_S, self._process.kill)
+            self._killer.daemon = True
+            self._killer.start()
 
     def end(self) -> None:
         """Wait for its end, which was asked for, and close its pipes."""
         self._process.wait()
+        if self._killer is not None:
+            self._killer.cancel()
         for stream in (self._process.stdin, self._process.stdout, self._chatter):
             try:
                 if stream is not None:
                     stream.close()
             except OSError:  # what was not flushed has nobody left to read it
                 continue
-
-    def _last_words(self) -> str:
-        self._chatter.seek(0)
-        lines = self._chatter.read()[-4000:].decode(errors="replace").strip().splitlines()
-        return lines[-1] if lines else "it said nothing; was there enough memory?"

@@ -49,8 +49,8 @@ class Story:
     date: str
     seed: int
     photo_size: int | None
-    renderer: str
     absent: tuple[str, ...]
+    missing: int = 0  # SVGs that an interruption left to be made
 
 
 def shown_title(title: Any) -> str:
@@ -81,6 +81,7 @@ def write_pages(
         "shown": shown,
         "failures": failures,
         "rows": rows,
+        "renderers": _renderers(rows),
         "summary": summary,
         "legend": _legend(),
         "most_levels": MOST,
@@ -118,6 +119,11 @@ def write_pages(
     write_all_atomically(written)
 
 
+def _renderers(rows: Iterable[Row]) -> list[str]:
+    """What drew the SVGs to be measured, by their reports."""
+    return sorted({row["renderer"] for row in rows})
+
+
 def is_gallery(data: Path) -> bool:
     """Whether a gallery has written this file of data."""
     try:
@@ -140,7 +146,8 @@ def _document(
         "date": story.date,
         "seed": story.seed,
         "photo_size": story.photo_size,
-        "renderer": story.renderer,
+        "renderers": _renderers(rows),
+        "missing": story.missing,
         "peers_absent": list(story.absent),
         "summary": summary,
         "rows": rows,

@@ -25,7 +25,8 @@ _DEVICES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])$")
 class GalleryPhoto:
     """A photo to be shown.
 
-    path    of the file; name: its own name without folders, as text that is safe to print
+    path    of the file; name: its own, as text that is safe to print, after its folder's where
+            another photo has the same
     slug    its folder's name: a-z, 0-9 and -, the only one of its gallery
     digest  SHA-256 of the file's bytes; None where it cannot be read, of which trouble tells
     """
@@ -56,9 +57,18 @@ def gallery_photos(paths: Sequence[str | os.PathLike[str]]) -> list[GalleryPhoto
         (Path(path).stem, digest) for path, (digest, _) in zip(texts, read, strict=True)
     )
     return [
-        GalleryPhoto(path, on_one_line(Path(path).name) or on_one_line(path), slug, digest, trouble)
-        for path, slug, (digest, trouble) in zip(texts, slugs, read, strict=True)
+        GalleryPhoto(path, name, slug, digest, trouble)
+        for path, name, slug, (digest, trouble) in zip(
+            texts, _names(texts), slugs, read, strict=True
+        )
     ]
+
+
+def _names(paths: Sequence[str]) -> list[str]:
+    """Of each path its last part, on one line; with its folder where another has the same."""
+    parts = [Path(path).absolute().parts for path in paths]
+    shared = Counter(own[-1] for own in parts)
+    return [on_one_line("/".join(own[-2:] if shared[own[-1]] > 1 else own[-1:])) for own in parts]
 
 
 def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:

@@ -12,6 +12,7 @@ from typing import Any
 from gauss2svg.bench.grid import code_digest
 from gauss2svg.gallery.photos import GalleryPhoto
 from gauss2svg.gallery.variants import Variant
+from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 PHOTOS = "photos"  # the folder of the photos' folders
 
@@ -25,6 +26,7 @@ class Settings:
     seed: int
     jobs: int
     threads: int
+    max_memory: int
     peer_timeout: float
 
 
@@ -79,6 +81,7 @@ def variant_task(
         "seed": settings.seed,
         "jobs": settings.jobs,
         "threads": settings.threads,
+        "max_memory": settings.max_memory,
         "peer_timeout": settings.peer_timeout,
     }
     return Task(photo, variant, folder, work)
@@ -87,8 +90,9 @@ def variant_task(
 def _work(
     kind: str, folder: Path, photo: GalleryPhoto, settings: Settings, ingredients: list[Any]
 ) -> dict[str, Any]:
-    # Jobs, threads and timeouts are left out: they change no picture.
-    whole = [kind, photo.digest, settings.photo_size, code_digest(), *ingredients]
+    # Jobs, threads, memory and timeouts are left out: they change no picture, or it is told.
+    measured_by = [code_digest(), renderer_version(DEFAULT_RENDERER)]
+    whole = [kind, photo.digest, settings.photo_size, *measured_by, *ingredients]
     return {
         "kind": kind,
         "key": hashlib.sha256(json.dumps(whole).encode()).hexdigest(),

@@ -46,6 +46,11 @@ class Made:
     origin: dict[str, Any]
 
     @property
+    def remarks(self) -> list[str]:
+        """What the report has to say beside its numbers."""
+        return [*self.report.get("unreached", ()), *self.report["notes"]]
+
+    @property
     def files(self) -> dict[str, str]:
         """What can be downloaded, by what it is."""
         named = {"SVG": PICTURE, "report": REPORT}

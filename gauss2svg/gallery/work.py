@@ -76,7 +76,7 @@ def make_variant(work: Work) -> dict[str, Any]:
     """An SVG of the photo with its report, its thumbnail and its map of errors.
 
     work  path, key, folder, photo_size, max_pixels, tool, settings, seed, jobs, threads,
-          peer_timeout, and shown, the path of the photo as pages show it
+          max_memory, peer_timeout, and shown, the path of the photo as pages show it
     Returns the record. Raises Gauss2SvgError where it cannot be made.
     """
     # Shrunk photos are the 8-bit ones of the page; others are read as the command line does.
@@ -106,14 +106,17 @@ _Drawn = tuple[dict[str, bytes], dict[str, Any], NDArray[np.float32], dict[str, 
 
 
 def _own(source: str, work: Work) -> _Drawn:
-    options = {**work["settings"], "seed": work["seed"], "threads": work["threads"]}
+    options = {
+        **work["settings"],
+        **{name: work[name] for name in ("seed", "threads", "max_memory", "max_pixels")},
+    }
     if TOOL not in _warm:  # so that seconds are those of a second run on this machine
         compile_kernels()
         noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
         vectorize(noise, quality="draft", iterations=2, threads=work["threads"])
         _warm.add(TOOL)
     watch = Stopwatch()
-    result = vectorize(source, fragments=True, max_pixels=work["max_pixels"], **options)
+    result = vectorize(source, fragments=True, **options)
     clocks = watch.read()
     scene = io.BytesIO()
     result.scene.save(scene)
@@ -146,11 +149,15 @@ def _peer(source: str, work: Work) -> _Drawn:
         png.write_bytes(as_png(photo))
         job = {
             "image": str(png), "png": str(png), "folder": str(folder),
-            "tool": work["tool"], "settings": work["settings"],
+            "tool": work["tool"], "settings": work["settings"], "scored": False,
         }  # fmt: skip
         row = in_own_process(job, work["peer_timeout"])
         if "error" in row:
             raise PeerError(row["error"])
+        if not drawn.exists():
+            raise PeerError(
+                f"{work['tool']} wrote no file; see what it says when it is run by hand"
+            )
         svg = drawn.read_bytes()
         result = check(png, svg)
     finally:
@@ -218,6 +225,8 @@ def finished(folder: Path, key: str) -> dict[str, Any] | None:
         for name, size in record["files"].items():
             if (folder / name).stat().st_size != size:
                 return None
+        if REPORT in record["files"]:
+            json.loads((folder / REPORT).read_bytes())
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None  # not there, or no record of ours: it is made again
     return record
