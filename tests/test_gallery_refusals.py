@@ -274,3 +274,14 @@ def test_main_command_loads_no_gallery_and_a_worker_no_pages():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert done.returncode == 0
     assert gauss2svg.build_gallery is build_gallery
+
+
+@pytest.mark.parametrize("name", ["photos/holidays/a.jpg", "photos/a.jpg", "assets/gallery.css"])
+def test_folder_of_somebody_else_is_kept(name, two, tmp_path, asked, capsys):
+    path = tmp_path / "out" / name
+    path.parent.mkdir(parents=True)
+    path.write_text("mine")
+    assert main(["gallery", str(two[0]), "-o", str(tmp_path / "out"), "--counts", "5"]) == 2
+    assert (asked, capsys.readouterr().err.count("\n")) == ([], 1)
+    assert path.read_text() == "mine"
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [name.split("/")[0]]

@@ -11,7 +11,8 @@ import time
 import numpy as np
 import psutil
 import pytest
-from galleries import all_works, save
+from conftest import has_ended
+from galleries import Page, all_works, save
 
 from gauss2svg.cli import main
 from gauss2svg.gallery import plan
@@ -163,11 +164,14 @@ def test_interrupted_gallery_shows_what_is_finished_and_goes_on(count, two, tmp_
     done = asked.take()
     document = json.loads((out / "gallery.json").read_text())
     assert len(document["rows"]) == sum(kind == "variant" for kind, _ in done)
+    assert document["missing"] == 4 - len(document["rows"])
+    assert ("Not finished." in Page(out / "index.html").texts) == (document["missing"] > 0)
     for row in document["rows"]:
         assert (out / row["page"]).is_file()
         assert row["page"] in (out / "index.html").read_text()
     gallery = build_gallery(two, out, counts=[5, 7])
     assert len(gallery.rows) == 4
+    assert "Not finished." not in Page(out / "index.html").texts
     assert sorted(asked + done) == all_works("ab", ["gaussians-5", "gaussians-7"])
 
 
@@ -207,3 +211,34 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_goes_on(photo,
     assert main([*arguments, "--quiet"]) == 0
     assert asked == [("variant", "a/gaussians-60000")]
     assert row in json.loads((out / "gallery.json").read_text())["rows"]
+
+
+def test_full_disk_ends_all_at_once(two, tmp_path, monkeypatch, capsys):
+    def fill(self, works):
+        yield 0, None
+        yield 0, {"error": "cannot write x: No space left on device", "fatal": True}
+        pytest.fail("went on")
+
+    monkeypatch.setattr("gauss2svg.gallery.crew.Crew.run", fill)
+    assert main(["gallery", *map(str, two), "-o", str(tmp_path / "out"), "--counts", "5"]) == 2
+    assert "No space left" in capsys.readouterr().err
+
+
+def test_worker_ends_with_the_process_that_started_it():
+    script = (
+        "import subprocess, sys, time\n"
+        "command = [sys.executable, '-P', '-m', 'gauss2svg.gallery.worker']\n"
+        "print(subprocess.Popen(command).pid, flush=True)\n"  # its input stays open: it is ours
+        "time.sleep(60)\n"
+    )
+    command = [sys.executable, "-c", script]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as parent:
+        assert parent.stdin is not None
+        assert parent.stdout is not None
+        worker = int(parent.stdout.readline())
+        parent.stdin.write(json.dumps({"kind": "none"}) + "\n")
+        parent.stdin.flush()
+        assert "error" in parent.stdout.readline()  # it is awake
+        parent.kill()
+        assert has_ended(worker) or has_ended(worker)  # on a busy machine
