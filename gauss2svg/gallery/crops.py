@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-SIDE = 88  # px: at 3x one fills a phone, and four stand side by side on a laptop
+SIDE = 74  # px: at 3x five stand side by side on a laptop, and more than one on a phone
 _SAME = 1e-12  # mean squared errors that differ by less are those of sums in another order
 
 
