@@ -69,7 +69,8 @@ def scatter(points: Sequence[Point], tell_cost: Callable[[float], str]) -> Chart
     some_equal = any(point.psnr is None for point in points)
     step = _step(max(finite) - min(finite))
     bottom = math.floor(min(finite) / step) * step
-    top = math.ceil((max(finite) + 1e-9) / step) * step
+    # The highest mark stays clear of the frame.
+    top = math.ceil((max(finite) + step / 5) / step) * step
     ceiling = top + step if some_equal else top
 
     def across(cost: float) -> float:

@@ -39,7 +39,7 @@
         shown += fits;
         list.append(card.node);
       }
-      by("count").textContent = `${shown} of ${cards.length} shown`;
+      by("count").textContent = shown ? `${shown} of ${cards.length} shown` : "No photo is like that";
     }
     function draw() {
       for (const { node, made } of cards) {
@@ -47,7 +47,8 @@
         const picture = node.querySelector("img");
         const label = node.querySelector(".variant");
         if (!one) {
-          label.textContent = "not made of this photo";
+          picture.src = node.dataset.photo;
+          if (Object.keys(made).length) label.textContent = "not made of this photo";
           for (const cell of all("[data-number]", node)) cell.textContent = "–";
           continue;
         }
@@ -66,18 +67,19 @@
     live.addEventListener("input", draw);
     variant.addEventListener("input", () => { draw(); arrange(); });
     by("controls").addEventListener("submit", (event) => event.preventDefault());
-    draw(); // a browser may have kept what was chosen before
+    draw();
     arrange();
+    // By now a browser that came back has put in again what was chosen before.
+    window.addEventListener("pageshow", () => { draw(); arrange(); });
   }
 
   // ---- photo: the divider, zoom, rounds, error map, outlines, variants
   function photo() {
     const variants = JSON.parse(by("data").textContent);
-    const stage = by("stage"), slider = by("slider"), drawn = by("drawn"), outlines = by("outlines");
+    const stage = by("stage"), slider = by("slider"), drawn = by("drawn"), outlines = all(".outlines");
     const form = by("controls"), rounds = by("rounds"), outlined = by("outlined");
-    const size = { w: by("photo").width, h: by("photo").height };
-    size.w = Number(by("photo").getAttribute("width"));
-    size.h = Number(by("photo").getAttribute("height"));
+    const side = (name) => Number(by("photo").getAttribute(name));
+    const size = { w: side("width"), h: side("height") };
     const centre = { x: 0.5, y: 0.5 }; // of what is seen, as a share of the picture
     const chosen = (name) => form.elements[name].value;
     const variant = () => variants.find((one) => one.slug === chosen("variant"));
@@ -101,16 +103,14 @@
     function showPicture() {
       const one = variant(), errors = chosen("side") === "errors";
       const last = one.rounds.length, round = Number(rounds.value);
-      let source = errors ? one.errors : one.picture;
       // The query keeps this image apart from the page's others of the same file: browsers share
       // a document between images of one address, and with it the fragment.
-      if (!errors && round < last) source += `?rounds#round-${one.rounds[round - 1][0]}`;
-      setDrawn(source);
+      const upTo = round < last ? `?rounds#round-${one.rounds[round - 1][0]}` : "";
+      setDrawn(errors ? one.errors : one.picture + upTo);
       drawn.classList.toggle("pixels", errors);
       drawn.alt = errors ? `Error map of ${one.name}` : `The SVG, ${one.name}`;
       by("badge").textContent = errors ? `Errors, ${one.name}` : `SVG, ${one.name}`;
       by("legend").hidden = !errors;
-      by("hint").hidden = errors;
       if (last) {
         const [number, count] = one.rounds[round - 1];
         const text = `after round ${number}: ${count.toLocaleString("en").replaceAll(",", "\u202f")} Gaussians`;
@@ -119,9 +119,12 @@
       }
       rounds.disabled = errors;
       const strokes = outlined.checked && one.outlines;
-      if (strokes) setSource(outlines, one.outlines);
-      outlines.hidden = !strokes;
+      for (const image of outlines) {
+        if (strokes) setSource(image, one.outlines + upTo);
+        image.hidden = !strokes;
+      }
       outlined.disabled = !one.outlines;
+      tellDivider();
     }
     function showVariant() {
       const one = variant();
@@ -141,7 +144,7 @@
 
     const HINTS = {
       fit: "Drag the divider, or use the arrow keys.",
-      zoomed: "Drag the picture to move it, the divider by its handle; Shift and the arrow keys move it too.",
+      zoomed: "Drag the picture, or press Shift and the arrow keys, to move it. Drag the handle, or press the arrow keys, to move the divider.",
     };
     // Both sides and the outlines are laid out by the same four properties of the stage.
     function layOut() {
@@ -172,9 +175,10 @@
     function tellDivider() {
       const share = Math.round(slider.value);
       slider.setAttribute("aria-valuenow", share);
-      slider.setAttribute("aria-valuetext", `${share} % photo, ${100 - share} % SVG`);
+      const other = chosen("side") === "errors" ? "error map" : "SVG";
+      slider.setAttribute("aria-valuetext", `${share} % photo, ${100 - share} % ${other}`);
     }
-    for (const [name, value] of [["role", "slider"], ["aria-label", "Divider between the photo and its SVG"],
+    for (const [name, value] of [["role", "slider"], ["aria-label", "Divider between the photo and the other side"],
       ["aria-valuemin", 0], ["aria-valuemax", 100], ["aria-orientation", "horizontal"], ["aria-describedby", "hint"]])
       slider.setAttribute(name, value);
     slider.addEventListener("slide", tellDivider);
@@ -195,17 +199,21 @@
       event.preventDefault();
       event.stopImmediatePropagation(); // the slider's own listener would move the divider as well
     }, { capture: true });
-    tellDivider();
+    // The slider takes every button of a mouse for the first one, and so a menu for a move.
+    slider.addEventListener("mousedown", (event) => {
+      if (event.button !== 0) event.stopImmediatePropagation();
+    }, { capture: true });
 
     let from = null;
     stage.addEventListener("pointerdown", (event) => {
       if (!stage.classList.contains("zoomed") || event.button !== 0 || onHandle(event)) return;
+      if (!event.isPrimary) return; // a second finger
       from = { x: event.clientX, y: event.clientY };
       stage.setPointerCapture(event.pointerId);
       stage.classList.add("grabbed");
     });
     stage.addEventListener("pointermove", (event) => {
-      if (from === null) return;
+      if (from === null || !event.isPrimary) return;
       move(event.clientX - from.x, event.clientY - from.y);
       from = { x: event.clientX, y: event.clientY };
     });
