@@ -163,7 +163,8 @@ def test_index_shows_what_fits_and_counts_it(gallery, visit):
         ]
         assert names(page) == fitting
         assert len(fitting) == by_hand
-        assert page.locator("#count").text_content() == f"{by_hand} of {len(rows)} shown"
+        told = f"{by_hand} of {len(rows)} shown" if by_hand else "No photo is like that"
+        assert page.locator("#count").text_content() == told
 
 
 def test_index_tells_and_links_the_variant_that_is_chosen(gallery, visit):
@@ -182,6 +183,24 @@ def test_index_tells_and_links_the_variant_that_is_chosen(gallery, visit):
             thumbnail = row["files"]["SVG"].replace("picture.svg", "thumbnail.png")
             assert card.locator("img").get_attribute("src") == thumbnail
             assert card.locator("a").get_attribute("href") == f"{row['page']}#{variant}"
+
+
+def test_whoever_comes_back_finds_cards_and_controls_in_agreement(visit):
+    page = visit().go("index.html")
+    page.locator("#variant").select_option(SLUGS[0])
+    page.locator("#sort").select_option("psnr_svg")
+    page.locator("#least").fill("3")
+    page.locator(".card a").first.click()
+    page.wait_for_selector("#viewer")
+    page.go_back()
+    page.wait_for_selector("#cards")
+    page.wait_for_timeout(300)  # a browser puts in again what was chosen
+    chosen = page.locator("#variant").input_value()
+    labels = set(page.locator(".card:not([hidden]) .variant").all_text_contents())
+    assert labels == {page.locator(f"#variant option[value={chosen}]").text_content().strip()}
+    numbers_shown = page.locator(".card:not([hidden]) [data-number=psnr_svg]").all_text_contents()
+    psnrs = [float(text.split("\u202f")[0]) for text in numbers_shown if text != "equal"]
+    assert page.locator("#sort").input_value() != "psnr_svg" or psnrs == sorted(psnrs)
 
 
 def test_svgs_are_drawn_on_demand_only(gallery, visit):
