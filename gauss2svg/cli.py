@@ -345,7 +345,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command; returns the exit status: 0, or 2 with one line on standard error.
 
     130 and 143 are those of Ctrl-C and SIGTERM, also where the best so far was written. 1 is that
-    of a benchmark of which a run failed, and of a check under its --min-psnr.
+    of a benchmark or a gallery of which something failed, and of a check under its --min-psnr.
     """
     hold_closed_descriptors()
     warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
