@@ -34,6 +34,7 @@ from gauss2svg.gallery.variants import Variant, variants_of
 from gauss2svg.gallery.work import RECORD, finished
 from gauss2svg.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.memory import allowed
+from gauss2svg.warmup import compile_kernels
 
 DEFAULT_TITLE = "Photos as Gaussians"
 DEFAULT_PEER_TIMEOUT = 3600.0  # s: SplatThis takes minutes
@@ -177,6 +178,9 @@ class _Making:
                     readable.append(photo)
                 else:
                     self._fail(photo, None, photo.trouble)
+            if jobs > 1 and any(variant.is_own for variant in self._variants):
+                # Once, by one: numba's cache mixes up what several processes save in it at a time.
+                compile_kernels()
             photos = self._missing([photo_task(self._root, p, self._settings) for p in readable])
             # Known before anything is made, so that an interruption finds them.
             self._missing(self._variant_tasks())
