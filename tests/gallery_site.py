@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from screens import captured
 from skimage import data
 
 from gauss2svg.gallery import Gallery, build_gallery
@@ -151,5 +152,5 @@ def shot(page: Any, part: Box) -> NDArray[np.float64]:
     assert 0 <= left < right <= screen["width"]
     assert 0 <= top < bottom <= screen["height"]
     clip = {"x": left, "y": top, "width": right - left, "height": bottom - top}
-    with Image.open(io.BytesIO(page.screenshot(clip=clip, animations="disabled"))) as picture:
+    with Image.open(io.BytesIO(captured(page, clip=clip, animations="disabled"))) as picture:
         return np.asarray(picture.convert("RGB"), np.float64)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import random_scene
 from PIL import Image
+from screens import captured
 
 from gauss2svg.errors import RendererError
 from gauss2svg.raster import chromium, rasterize
@@ -81,7 +82,7 @@ class _Page:
             for time in times:
                 if time != 0:
                     page.evaluate(AT, time)
-                taken.append(page.screenshot())
+                taken.append(captured(page))
             browser.close()
         return taken
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from conftest import needs, random_scene
 from documents import assert_same
+from screens import captured
 
 from gauss2svg import check
 from gauss2svg.errors import InputError
@@ -42,7 +43,7 @@ def screenshots(folder, motion: str, files: dict[str, str], addresses: list[str]
         for address in addresses:
             page.goto(f"{folder.as_uri()}/{address}")
             page.evaluate("() => document.getAnimations().forEach(a => a.finish())")
-            taken.append(page.screenshot())
+            taken.append(captured(page))
         browser.close()
     return taken
 
