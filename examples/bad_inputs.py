@@ -21,7 +21,7 @@ import numpy as np
 import tifffile
 from PIL import Image
 
-from gauss2svg.cli import main as command
+from gauss2svg.cli.main import main as command
 
 _SIDE = 64  # px
 

@@ -4,7 +4,7 @@
         [--falloffs gaussian,adaptive] [--sheet FOLDER] [--json FILE]
 
 Prints a line a picture and count: for each falloff the PSNR of the drawn SVG, its error over
-flat areas (`gauss2svg.metrics.flat_error`, levels of 255), its bytes plain and gzipped and the
+flat areas (`gauss2svg.measure.metrics.flat_error`, levels of 255), its bytes plain and gzipped and the
 seconds; below, vtracer, if it is installed, in each of its settings; at the end the means.
 FOLDER gets a sheet a picture, drawn four times as large, of the 64 px square where the first
 falloff is worst.
@@ -30,10 +30,10 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import uniform_filter
 from skimage import data
 
-from gauss2svg import metrics, vectorize
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.bench.peers import PEERS
 from gauss2svg.bench.worker import finite
-from gauss2svg.image import load_image
+from gauss2svg.photo.image import load_image
 from gauss2svg.raster import rasterize
 
 Pixels = NDArray[np.float32]

@@ -38,7 +38,7 @@ from gauss2svg.render.autograd import fast_accumulate, fast_composite
 from gauss2svg.render.domain import below_one
 from gauss2svg.render.reference import accumulate, composite, render_reference
 from gauss2svg.scene import ADD, RHO_LIMIT, narrowing_of
-from gauss2svg.svg import settled
+from gauss2svg.pipeline.quantize import quantize
 
 WIDTH, HEIGHT = 40, 36  # px: two and a half tiles by two and a quarter
 _MIDDLE = (20.3, 17.6)
@@ -289,7 +289,7 @@ def drawn_file(scene: Scene) -> tuple[float, float] | SceneError:
     except SceneError as error:
         return error
     width, height = round(scene.width), round(scene.height)
-    raster, model = rasterize(svg, width, height), render(settled(scene, _EXACT))
+    raster, model = rasterize(svg, width, height), render(quantized(scene, _EXACT))
     model = np.clip(model, 0, 1)
     return metrics.psnr(raster, model), metrics.largest_error(raster, model)
 

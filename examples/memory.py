@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from gauss2svg.memory import Load
-from gauss2svg.warmup import compile_kernels
+from gauss2svg.pipeline.memory_budget import Load
+from gauss2svg.pipeline.kernels import compile_kernels
 
 _RUN = """
 import json, sys

@@ -36,13 +36,14 @@ from skimage import data
 from gauss2svg import __version__, metrics, vectorize
 from gauss2svg.bench.machine import machine
 from gauss2svg.errors import RendererError
-from gauss2svg.image import load_image
-from gauss2svg.pipeline import Result
-from gauss2svg.quality import QUALITIES
+from gauss2svg.photo.image import load_image
+from gauss2svg.pipeline.vectorize import Result
+from gauss2svg.pipeline.presets import QUALITIES
 from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize, renderer_version
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.render import render
-from gauss2svg.svg import FORMS, GRADIENT, bytes_by_part
+from gauss2svg.svg.blur import FORMS, GRADIENT
+from gauss2svg.svg.packing import bytes_by_part
 
 Pixels = NDArray[np.floating]
 Row = dict[str, Any]  # heading to number, text, or a tuple of numbers

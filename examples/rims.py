@@ -39,12 +39,13 @@ from skimage import data
 
 from gauss2svg import Scene, SvgOptions, metrics, write_svg
 from gauss2svg.errors import RendererError
-from gauss2svg.falloff import BETA_CLASSES, FALLOFFS, RIM_WIDTH, cut_radius
-from gauss2svg.fit import FitOptions, fit
-from gauss2svg.image import load_image
+from gauss2svg.scene.falloff import BETA_CLASSES, FALLOFFS, RIM_WIDTH, cut_radius
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.fit import fit
+from gauss2svg.photo.image import load_image
 from gauss2svg.raster import RENDERERS, rasterize, renderer_version
 from gauss2svg.render import render
-from gauss2svg.svg import settled
+from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.svg.plain import is_plain
 
 Pixels = NDArray[np.floating]
@@ -226,7 +227,7 @@ def print_fits(drawers: list[str]) -> None:
     for picture, falloff in product(("logo", "astronaut"), FALLOFFS):
         pixels = load_image(getattr(data, picture)()).pixels
         fitted = fit(pixels, replace(_FIT, falloff=falloff)).scene
-        scene, svg = settled(fitted, _WRITTEN), write_svg(fitted, _WRITTEN)
+        scene, svg = quantized(fitted, _WRITTEN), write_svg(fitted, _WRITTEN)
         line = f"{picture:10}{falloff:9}{is_plain(scene).sum():>6}"
         models = [(scale, model(scene, scale)) for scale in _SCALES]
         for name in drawers:

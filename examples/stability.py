@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg import metrics, vectorize
-from gauss2svg.fit import FitOptions, fit
-from gauss2svg.image import WHITE, load_image, shrink
+from gauss2svg.measure import metrics, vectorize
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.fit import fit
+from gauss2svg.photo.image import WHITE, load_image, shrink
 from gauss2svg.render import render
 
 RATES = (1e-6, 0.1, 1.0, 10.0, 100.0, 1e3, 1e6)

@@ -21,9 +21,9 @@ from scipy.ndimage import gaussian_filter, maximum_filter
 from skimage import data
 
 from gauss2svg import Result, vectorize
-from gauss2svg.alpha import over
+from gauss2svg.photo.alpha import over
 from gauss2svg.raster import RENDERERS
-from gauss2svg.reporting import decibels
+from gauss2svg.pipeline.report import decibels
 
 _CLEAR_OF = 7  # px, across: the haze is measured where no pixel shows in such a square
 _CHECKS = 16  # px

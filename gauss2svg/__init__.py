@@ -15,52 +15,60 @@ if TYPE_CHECKING:
         RendererError,
         SceneError,
     )
+    from gauss2svg.fit.options import DensifyOptions, FitOptions
     from gauss2svg.gallery import Gallery, GalleryProgress, build_gallery
-    from gauss2svg.pipeline import Progress, Result, vectorize
+    from gauss2svg.measure.check import CheckResult, check
+    from gauss2svg.pipeline.options import Goal, RunOptions, SvgOptions
+    from gauss2svg.pipeline.quantize import quantize
+    from gauss2svg.pipeline.result import Progress, Result
+    from gauss2svg.pipeline.vectorize import vectorize
     from gauss2svg.scene import Scene
-    from gauss2svg.scoring import CheckResult, check
-    from gauss2svg.svg import Page, SvgOptions, outline_svg, read_svg, write_svg
+    from gauss2svg.svg.document import Document
+    from gauss2svg.svg.format import SvgFormat
+    from gauss2svg.svg.reader.read import read_svg
+    from gauss2svg.svg.write import outline_svg, write_svg
 
 _HOMES = {
-    "CheckResult": "scoring",
-    "Gallery": "gallery",
-    "GalleryProgress": "gallery",
-    "Gauss2SvgError": "errors",
-    "InputError": "errors",
-    "OutputError": "errors",
-    "RendererError": "errors",
-    "SceneError": "errors",
-    "build_gallery": "gallery",
-    "check": "scoring",
-    "Progress": "pipeline",
-    "Result": "pipeline",
-    "vectorize": "pipeline",
-    "Scene": "scene",
-    "Page": "svg",
-    "SvgOptions": "svg",
-    "outline_svg": "svg",
-    "read_svg": "svg",
-    "write_svg": "svg",
+    "errors": ("Gauss2SvgError", "InputError", "OutputError", "RendererError", "SceneError"),
+    "fit.options": ("DensifyOptions", "FitOptions"),
+    "gallery": ("Gallery", "GalleryProgress", "build_gallery"),
+    "measure.check": ("CheckResult", "check"),
+    "pipeline.options": ("Goal", "RunOptions", "SvgOptions"),
+    "pipeline.quantize": ("quantize",),
+    "pipeline.result": ("Progress", "Result"),
+    "pipeline.vectorize": ("vectorize",),
+    "scene": ("Scene",),
+    "svg.document": ("Document",),
+    "svg.format": ("SvgFormat",),
+    "svg.reader.read": ("read_svg",),
+    "svg.write": ("outline_svg", "write_svg"),
 }
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "CheckResult",
+    "DensifyOptions",
+    "Document",
+    "FitOptions",
     "Gallery",
     "GalleryProgress",
     "Gauss2SvgError",
+    "Goal",
     "InputError",
     "OutputError",
-    "Page",
     "Progress",
     "RendererError",
     "Result",
+    "RunOptions",
     "Scene",
     "SceneError",
+    "SvgFormat",
     "SvgOptions",
     "__version__",
     "build_gallery",
     "check",
     "outline_svg",
+    "quantize",
     "read_svg",
     "vectorize",
     "write_svg",
@@ -69,6 +77,6 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # Names load on first use, so that `import gauss2svg` costs milliseconds.
-    if name not in _HOMES:
+    if name not in _HOME_OF:
         raise AttributeError(f"module 'gauss2svg' has no attribute {name!r}")
-    return getattr(import_module(f"gauss2svg.{_HOMES[name]}"), name)
+    return getattr(import_module(f"gauss2svg.{_HOME_OF[name]}"), name)

@@ -1,5 +1,6 @@
-"""`python -m gauss2svg` is the command `gauss2svg`."""
+"""`python -m gauss2svg`."""
 
-from gauss2svg.cli import run
+from gauss2svg.cli.main import run
 
-run()
+if __name__ == "__main__":
+    run()

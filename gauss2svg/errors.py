@@ -1,5 +1,13 @@
 """What can go wrong, as exceptions whose message is one line a person can act on."""
 
+from __future__ import annotations
+
+import math
+import operator
+from typing import Any
+
+_MOST_SHOWN = 200  # characters of a value in an error
+
 
 class Gauss2SvgError(Exception):
     """Base of every error that gauss2svg raises on purpose."""
@@ -29,3 +37,45 @@ def on_one_line(text: str) -> str:
     """Text for a terminal: one line, in which nothing of a file or its name steers it."""
     plain = (" " if c.isspace() else c for c in text)
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in plain)
+
+
+def must_be(name: str, needed: str, got: Any, advice: str = "") -> str:
+    """The line of an error: what was needed, what was got, and what to try."""
+    shown = got if isinstance(got, _AsItIs) else repr(got)
+    if len(shown) > _MOST_SHOWN:
+        shown = shown[:_MOST_SHOWN] + "..."
+    return f"{name} must be {needed}; got {shown}" + (f". Try {advice}" if advice else "")
+
+
+class _AsItIs(str):
+    """Text that an error shows without quotes."""
+
+
+def shown(text: Any) -> str:
+    """What was got, in words rather than as Python writes it."""
+    return _AsItIs(text)
+
+
+def whole_number(name: str, value: Any, least: int, most: int) -> int:
+    """Value as an int in least..most; raises InputError that names it."""
+    try:
+        number = None if isinstance(value, bool) else operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or not least <= number <= most:
+        raise InputError(must_be(name, f"a whole number in {least}..{most}", value))
+    return number
+
+
+def number_within(
+    name: str, value: Any, least: float, most: float, advice: str = "", needed: str = ""
+) -> float:
+    """Value as a float in least..most; raises InputError that names it."""
+    try:
+        number = math.nan if isinstance(value, (bool, str, bytes)) else float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not least <= number <= most:
+        needed = f"a number {needed or f'in {least:g}..{most:g}'}"
+        raise InputError(must_be(name, needed, value, advice))
+    return number

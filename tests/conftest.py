@@ -187,7 +187,7 @@ def threads_given_back() -> Iterator[None]:
 @pytest.fixture
 def drawn_here(monkeypatch) -> None:
     """`check` draws without a process of its own, which takes a third of a second."""
-    monkeypatch.setattr("gauss2svg.scoring.measure.draw", lambda *given: rasterize(*given[:4]))
+    monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *given: rasterize(*given[:4]))
 
 
 def has_ended(process_id: int) -> bool:
@@ -270,7 +270,7 @@ def asked(monkeypatch):
                     galleries.canned(work) if work["kind"] == "variant" else answer_to(work),
                 )
 
-    monkeypatch.setattr(build, "Crew", Here)
+    monkeypatch.setattr(build, "WorkerPool", Here)
     return found
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gauss2svg.falloff import cut_radius, profile
+from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.scene import (
     ADD,
     LEAST_SIGMA,

@@ -14,7 +14,7 @@ from gauss2svg.gallery.work import (
     THUMBNAIL,
     _finish,
 )
-from gauss2svg.outputs import as_json
+from gauss2svg.files import as_json
 
 
 def save(pixels, path, **options):
@@ -23,7 +23,7 @@ def save(pixels, path, **options):
     return path
 
 
-class Page(HTMLParser):
+class Document(HTMLParser):
     """The elements of a page with their attributes, and its texts, in their order."""
 
     def __init__(self, path):

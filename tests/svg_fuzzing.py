@@ -13,7 +13,9 @@ import numpy as np
 from conftest import random_scene, random_sum
 from documents import AS_PATH, CIRCLE, document
 
-from gauss2svg.svg import Page, SvgOptions, outline_svg, write_svg
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.write import outline_svg, write_svg
 
 _DATA = Path(__file__).parent / "data"
 _DOT = (
@@ -74,9 +76,9 @@ def svg_seeds() -> tuple[bytes, ...]:
     labels = np.arange(12).reshape(3, 4) // 4
     texts = [
         write_svg(scene),
-        write_svg(scene, SvgOptions(form="blur", stops=6), Page("a & b", "<c>", "120mm")),
-        write_svg(scene, page=Page(segments=labels, aspect="xMidYMid slice")),
-        write_svg(scene, page=Page(animate=2.0)),
+        write_svg(scene, SvgOptions(form="blur", stops=6), Document("a & b", "<c>", "120mm")),
+        write_svg(scene, page=Document(segments=labels, aspect="xMidYMid slice")),
+        write_svg(scene, page=Document(animate=2.0)),
         write_svg(random_sum(5, 40, 30, 3)),
         outline_svg(scene),
         document(),

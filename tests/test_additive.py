@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gauss2svg.errors import SceneError
-from gauss2svg.falloff import profile
+from gauss2svg.scene.falloff import profile
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_accumulate
 from gauss2svg.render.cpu import removal_cost, render_planar, splats_of, squared_error

@@ -10,13 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.falloff import cut_radius, profile
-from gauss2svg.fit import FitOptions, fit
-from gauss2svg.metrics import psnr
+from gauss2svg.scene.falloff import cut_radius, profile
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.fit import fit
+from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize, resvg
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg import Page, SvgOptions, outline_svg, read_svg, settled, write_svg
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.write import outline_svg, write_svg
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.svg.levels import whole_stops
 from gauss2svg.svg.phases import partial_sums, phases_of
 from gauss2svg.svg.stops import gradient_stops
@@ -286,20 +291,20 @@ def test_chosen_stops_are_nearer_than_rounded_ones(count):
 
 def test_settling_keeps_signs_and_as_many_colours_as_the_palette_has():
     scene = scene_with(11, 200)
-    kept = settled(scene, SvgOptions(palette=20))
+    kept = quantized(scene, SvgOptions(palette=20))
     assert len(np.unique(kept.color, axis=0)) == 20
     assert kept.color.min() < -0.2
     assert kept.color.max() > 0.2
-    np.testing.assert_array_equal(settled(kept, SvgOptions(palette=20)).color, kept.color)
-    fewer = settled(scene, SvgOptions(palette=4))
+    np.testing.assert_array_equal(quantized(kept, SvgOptions(palette=20)).color, kept.color)
+    fewer = quantized(scene, SvgOptions(palette=4))
     assert psnr(render(kept), render(scene)) > psnr(render(fewer), render(scene)) + 3
-    np.testing.assert_array_equal(settled(scene, SvgOptions(palette=200)).color, scene.color)
+    np.testing.assert_array_equal(quantized(scene, SvgOptions(palette=200)).color, scene.color)
 
 
 def test_colours_settle_within_the_error_allowed():
     scene = scene_with(12, 200)
-    coarse = settled(scene, SvgOptions(color_error=1e-2))
-    fine = settled(scene, SvgOptions(color_error=1e-3))
+    coarse = quantized(scene, SvgOptions(color_error=1e-2))
+    fine = quantized(scene, SvgOptions(color_error=1e-3))
     assert len(np.unique(coarse.color, axis=0)) < len(np.unique(fine.color, axis=0)) < 200
 
 
@@ -329,11 +334,11 @@ def test_layers_say_what_they_add_and_take():
 def test_what_a_sum_cannot_have_is_refused():
     scene = scene_with(15, 5)
     with pytest.raises(InputError, match=r"segments.*--portable"):
-        write_svg(scene, page=Page(segments=np.zeros((2, 2), int)))
+        write_svg(scene, page=Document(segments=np.zeros((2, 2), int)))
     with pytest.raises(InputError, match=r"animation.*--portable"):
-        write_svg(scene, page=Page(animate=2.0))
+        write_svg(scene, page=Document(animate=2.0))
     with pytest.raises(InputError, match=r"fragments.*--portable"):
-        write_svg(scene, page=Page(fragments=True))
+        write_svg(scene, page=Document(fragments=True))
     with pytest.raises(InputError, match=r"outlines.*--portable"):
         outline_svg(scene)
     for form in ("blur", "hybrid"):
@@ -344,7 +349,7 @@ def test_what_a_sum_cannot_have_is_refused():
 
 
 def test_a_page_s_names_and_size_are_those_of_any_scene():
-    page = Page(title="Sum", alt="All", size="120mm", aspect="none")
+    page = Document(title="Sum", alt="All", size="120mm", aspect="none")
     svg = write_svg(scene_with(16, 5), page=page)
     assert 'width="120mm"' in svg
     assert "<title>Sum</title><desc>All</desc>" in svg

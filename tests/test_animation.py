@@ -12,12 +12,15 @@ from screens import captured
 from gauss2svg.errors import RendererError
 from gauss2svg.raster import chromium, rasterize
 from gauss2svg.raster.support import refuse_unsupported
-from gauss2svg.svg import Page, SvgOptions, read_svg, write_svg
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import write_svg
 
 SCENE = random_scene(30, 60, 45, 7, (2, 9))
 OPTIONS = SvgOptions(palette=0)
 STILL = write_svg(SCENE, OPTIONS)
-MOVING = write_svg(SCENE, OPTIONS, Page(animate=6))
+MOVING = write_svg(SCENE, OPTIONS, Document(animate=6))
 # Played, paused at a time in ms, or finished; and what the root then looks like.
 AT = """(ms) => document.getAnimations().forEach(
     a => { if (ms === null) a.finish(); else { a.pause(); a.currentTime = ms; } })"""

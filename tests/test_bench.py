@@ -19,7 +19,7 @@ from gauss2svg.bench.rows import flat
 from gauss2svg.bench.runner import in_own_process, run_bench
 from gauss2svg.bench.summary import summarise
 from gauss2svg.bench.worker import finite
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 
 PROMISED = {
     "key", "tool", "image", "width", "height", "settings", "used", "gaussians", "rounds",
@@ -322,7 +322,7 @@ def test_without_matplotlib_all_but_the_plots_is_written(
 
 def test_main_command_does_not_load_the_benchmark():
     code = (
-        "import sys; from gauss2svg.cli import main; main(['no.png', '-o', 'x.svg']);"
+        "import sys; from gauss2svg.cli.main import main; main(['no.png', '-o', 'x.svg']);"
         "sys.exit(any(name.startswith('gauss2svg.bench') for name in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.bench.front import distance_below, front
-from gauss2svg.bench.grid import AXES, DEFAULT_GRID, Run, parse_axes, settings_of
+from gauss2svg.bench.grid import AXES, DEFAULT_GRID, BenchRun, parse_axes, settings_of
 from gauss2svg.bench.rows import RowStore, csv_text
 from gauss2svg.errors import InputError
-from gauss2svg.quality import QUALITIES
+from gauss2svg.pipeline.presets import QUALITIES
 from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS
-from gauss2svg.svg import FORMS
+from gauss2svg.svg.blur import FORMS
 
 points = st.lists(
     st.tuples(*[st.integers(0, 6).map(float)] * 3), min_size=1, max_size=12
@@ -75,15 +75,15 @@ def test_forms_that_a_renderer_does_not_draw_are_refused_before_any_run(form, re
 
 
 def test_key_knows_all_that_changes_a_row_and_no_path():
-    base = Run("a.png", "a.png", "digest", (("gaussians", 5),))
-    assert base.key == Run("b/c.png", "c.png", "digest", (("gaussians", 5),)).key
+    base = BenchRun("a.png", "a.png", "digest", (("gaussians", 5),))
+    assert base.key == BenchRun("b/c.png", "c.png", "digest", (("gaussians", 5),)).key
     others = [
-        Run("a.png", "a.png", "other", (("gaussians", 5),)),
-        Run("a.png", "a.png", "digest", (("gaussians", 6),)),
-        Run("a.png", "a.png", "digest", (("gaussians", 5),), version="0"),
-        Run("a.png", "a.png", "digest", (("gaussians", 5),), tool="jpeg"),
-        Run("a.png", "a.png", "digest", (("gaussians", 5),), seed=1),
-        Run("a.png", "a.png", "digest", (("gaussians", 5),), threads=1),
+        BenchRun("a.png", "a.png", "other", (("gaussians", 5),)),
+        BenchRun("a.png", "a.png", "digest", (("gaussians", 6),)),
+        BenchRun("a.png", "a.png", "digest", (("gaussians", 5),), version="0"),
+        BenchRun("a.png", "a.png", "digest", (("gaussians", 5),), tool="jpeg"),
+        BenchRun("a.png", "a.png", "digest", (("gaussians", 5),), seed=1),
+        BenchRun("a.png", "a.png", "digest", (("gaussians", 5),), threads=1),
     ]
     assert len({run.key for run in [base, *others]}) == len(others) + 1
 

@@ -9,13 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
-from gauss2svg import metrics, vectorize
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.falloff import cut_radius, half_radius, profile
+from gauss2svg.scene.falloff import cut_radius, half_radius, profile
 from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg import FORMS, SvgOptions, read_svg, settled, write_svg
+from gauss2svg.svg.blur import FORMS
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.svg.write import write_svg
 from gauss2svg.svg.blur import (
     BLUR,
     GRADIENT,
@@ -95,8 +99,8 @@ def test_ratios_that_no_profile_is_like_are_refused(ratio):
 @given(st.integers(0, 10**6), FORM, st.sampled_from([0, 12]))
 def test_settled_scenes_stay_as_they_are(seed, form, palette):
     options = SvgOptions(form=form, palette=palette)
-    scene = settled(large_scene(20, seed), options)
-    again = settled(scene, options.every_color)
+    scene = quantized(large_scene(20, seed), options)
+    again = quantized(scene, options.every_color)
     # Save for shapes that got an exponent from the palette which a disc is like.
     same = (drawn_blurs(again) == drawn_blurs(scene)) | is_plain(scene)
     assert same.mean() > 0.7
@@ -144,7 +148,7 @@ def test_blurring_changes_little_or_is_not_done(beta, opacity, form):
     drawn = blur.peak * blurred_disc(sigmas / blur.radius, 1 / blur.deviation)
     differing = opacity * np.abs(drawn - profile(r, beta)).max()
     assert differing <= {BLUR: 0.08, HYBRID: 0.05}[form] + 0.01
-    kept = settled(scene, SvgOptions(form=form, palette=0))
+    kept = quantized(scene, SvgOptions(form=form, palette=0))
     assert np.abs(render(kept) - render(scene)).max() <= differing + 0.03
 
 
@@ -175,7 +179,7 @@ def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, form, p
     scene = large_scene(30, seed)
     svg = write_svg(scene, options)
     used = re.findall(r'filter="url\(#(\w+)\)"', svg)
-    kept = settled(scene, options)
+    kept = quantized(scene, options)
     assert len(used) == np.count_nonzero((drawn_blurs(kept) >= 0) & ~is_plain(kept))
     assert set(used) == set(re.findall(r'<filter[^>]* id="(\w+)"', svg))
     ids = re.findall(r' id="([^"]+)"', svg)
@@ -191,7 +195,7 @@ def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, form, p
 def test_scene_of_blurred_shapes_comes_back_within_the_rounding(seed, form):
     options = SvgOptions(form=form, palette=0, precision=0.001, opacity_decimals=4)
     # Twice: one that got an exponent from the palette which a disc is like is blurred as well.
-    scene = settled(settled(large_scene(25, seed), options), options)
+    scene = quantized(quantized(large_scene(25, seed), options), options)
     scene = scene.select((scene.opacity > 1e-3) & ~is_plain(scene))
     back = read_svg(write_svg(scene, options))
     np.testing.assert_allclose(back.betas, scene.betas)
@@ -223,7 +227,7 @@ def test_renderer_that_cannot_draw_a_form_is_refused_before_the_fit(form, render
 def test_blurred_scene_is_drawn_as_the_model_has_it(form, least, renderer):
     needs(renderer)
     options = SvgOptions(form=form, palette=0, precision=0.01, opacity_decimals=3)
-    scene = settled(random_scene(60, 200, 160, 4, (1, 40), (0.7, 8)), options)
+    scene = quantized(random_scene(60, 200, 160, 4, (1, 40), (0.7, 8)), options)
     assert (drawn_blurs(scene) >= 0).sum() > 10
     drawn = rasterize(write_svg(scene, options), 200, 160, renderer)
     assert metrics.psnr(drawn, render(scene)) > least

@@ -14,11 +14,11 @@ from conftest import has_ended
 from PIL import Image
 
 import gauss2svg
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.raster import program
 from gauss2svg.raster.support import BROWSERS
-from gauss2svg.scoring.heatmap import colors_of, heatmap
+from gauss2svg.measure.heatmap import colors_of, heatmap
 
 XMLNS = 'xmlns="http://www.w3.org/2000/svg"'
 HALVES = '<rect width="8" height="8" fill="#00f"/><rect width="4" height="8" fill="#f00"/>'
@@ -63,7 +63,7 @@ def test_large_pictures_have_an_ms_ssim():
     photo = np.random.default_rng(0).random((176, 180, 3))
     svg = f'<svg {XMLNS} viewBox="0 0 1 1"><rect width="1" height="1" fill="gray"/></svg>'
     checked = gauss2svg.check(photo, svg)
-    assert checked.ms_ssim == gauss2svg.metrics.ms_ssim(checked.raster, checked.photo)
+    assert checked.ms_ssim == gauss2svg.measure.metrics.ms_ssim(checked.raster, checked.photo)
 
 
 @pytest.mark.parametrize(
@@ -133,8 +133,8 @@ def test_what_has_to_be_known_is_a_note(svg, note, halves, drawn_here):
 
 @pytest.mark.parametrize("renderer", BROWSERS)
 def test_what_browsers_draw_is_not_called_left_out(renderer, halves, monkeypatch):
-    monkeypatch.setattr("gauss2svg.scoring.measure.renderer_version", str)
-    monkeypatch.setattr("gauss2svg.scoring.measure.draw", lambda *_: halves)
+    monkeypatch.setattr("gauss2svg.measure.check.renderer_version", str)
+    monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: halves)
     svg = f'<svg {XMLNS} viewBox="0 0 8 8"><foreignObject/><script/></svg>'
     assert gauss2svg.check(halves, svg, renderer=renderer).notes == (
         "script (1) is left out by the renderer", "foreignObject (1) is drawn by browsers alone",
@@ -172,7 +172,7 @@ def test_drawing_imports_nothing_from_the_current_folder(halves, tmp_path, monke
 
 def test_unexpected_failure_names_the_renderer():
     program = (
-        "import sys; from gauss2svg.scoring import drawing; sys.argv = ['', '8', '8', 'librsvg']\n"
+        "import sys; from gauss2svg.measure import drawing; sys.argv = ['', '8', '8', 'librsvg']\n"
         "def fail(*_): raise ZeroDivisionError('by\\nnothing')\n"
         "drawing.rasterize = fail; sys.exit(drawing.main())"
     )

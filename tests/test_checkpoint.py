@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from gauss2svg import checkpoint as checkpoint_module
 from gauss2svg import vectorize
-from gauss2svg.checkpoint import packed, unpacked
-from gauss2svg.cli import main
+from gauss2svg.pipeline.checkpoint import packed, unpacked
+from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError
 
 RUNS = {

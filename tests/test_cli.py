@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.scene import Scene
 
 QUICK = ["--gaussians", "40", "--iterations", "20"]
@@ -170,7 +170,7 @@ def test_interrupt_is_one_line_and_leaves_nothing(picture, tmp_path, monkeypatch
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gauss2svg.fit.run.Run.fit", interrupt)
+    monkeypatch.setattr("gauss2svg.fit.session.FitSession.fit", interrupt)
     assert main([str(picture), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 130
     assert capsys.readouterr().err.count("\n") == 1
     assert list(tmp_path.iterdir()) == [picture]

@@ -5,20 +5,24 @@ import pytest
 import torch
 from conftest import random_scene
 
-from gauss2svg import metrics, vectorize
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
-from gauss2svg.fit import FitOptions, adam, fit
+from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit import adam
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit.adam import LEAST_RAW_BETA, Limits, Rates
-from gauss2svg.fit.rules import FixedCount
-from gauss2svg.fit.run import Run
+from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, settled, write_svg
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.svg.write import write_svg
 from gauss2svg.svg.plain import is_plain, plain_radius
 
 QUICK = {"iterations": 60}
@@ -90,7 +94,7 @@ def test_smooth_scene_keeps_its_gaussians():
 def test_price_of_leaving_one_keeps_shapes_there(photo, monkeypatch):
     shares = []
     for price in (0.0, 0.06, 1.0):
-        monkeypatch.setattr("gauss2svg.fit.run._BETA_PRICE", price)
+        monkeypatch.setattr("gauss2svg.fit.session._BETA_PRICE", price)
         betas = vectorize(photo, gaussians=150, **QUICK).scene.betas
         shares.append((betas == 1).mean())
     assert shares[0] < shares[1] < shares[2]
@@ -126,7 +130,7 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
     shaded = ~is_plain(scene)
     nearest = np.abs(scene.betas[shaded, None] / np.array(BETA_CLASSES) - 1).min(axis=1)
     assert (nearest < 1e-12).all()
-    again = settled(scene, SvgOptions(palette=0))
+    again = quantized(scene, SvgOptions(palette=0))
     np.testing.assert_allclose(again.color, scene.color, atol=0.5 / 255)
     np.testing.assert_allclose(again.betas, scene.betas, rtol=1e-12)
     keys = np.column_stack([scene.betas, np.round(scene.color * 255)])[shaded]
@@ -140,7 +144,7 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
 def test_settling_changes_nothing_but_exponents_extents_and_colours():
     scene = random_scene(60, 120, 90, 7, sigma=(1.0, 20.0))
     options = SvgOptions(palette=12)
-    once = settled(scene, options)
+    once = quantized(scene, options)
     for name in ("mean", "rho", "opacity", "rounds"):
         assert (getattr(once, name) == getattr(scene, name)).all()
     shaded = ~is_plain(scene)
@@ -178,7 +182,7 @@ def test_palette_holds_however_short_the_fit(photo, limits, falloff):
         assert (result.scene.betas == 1).all()
     classes = np.array(BETA_CLASSES)
     assert np.isin(result.scene.betas[~is_plain(result.scene)], classes).all()
-    assert (settled(result.scene, SvgOptions(palette=0)).color == result.scene.color).all()
+    assert (quantized(result.scene, SvgOptions(palette=0)).color == result.scene.color).all()
 
 
 def test_palette_of_the_scenes_own_choice_holds_however_short_the_time(photo):
@@ -190,11 +194,11 @@ def test_exponents_stay_and_colours_stay_shared_once_they_have_settled(photo):
     seen = []
 
     def as_written(scene, psnr):
-        seen.append(settled(scene, SvgOptions(palette=8)))
+        seen.append(quantized(scene, SvgOptions(palette=8)))
         return seen[-1]
 
-    rule = FixedCount("exponential", 60, 80)
-    run = Run(photo, FitOptions(60, 80), rule, as_written=as_written)
+    policy = FixedCount("exponential", 60, 80)
+    run = FitSession(photo, FitOptions(60, 80), policy, as_written=as_written)
     run.fit()
     assert len(seen) == 1
     last = run.scene()

@@ -15,7 +15,7 @@ from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_accumulate, fast_composite
 from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.render.reference import accumulate, composite, render_reference
-from gauss2svg.roundtrip import round_trip
+from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.scene import (
     LEAST_CANVAS,
     LEAST_SIGMA,
@@ -26,7 +26,10 @@ from gauss2svg.scene import (
     RHO_LIMIT,
     Scene,
 )
-from gauss2svg.svg import SvgOptions, outline_svg, read_svg, settled, write_svg
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.write import outline_svg, write_svg
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.pipeline.quantize import quantize
 
 CASES = list(extremes().cases())
 MANY = 1000  # from which on the reference is too slow for more than pictures
@@ -253,7 +256,7 @@ def test_shapes_whose_sigma_settling_takes_over_an_end_are_written():
     ends = random_scene(2, 9, 9, beta=(1, 1)).replace(beta=[0.5, 0.5], mean=[[1e9, 0], [4, 4]])
     for sigma in (LEAST_SIGMA, MOST_SIGMA):
         one = ends.select(slice(0, 1)).replace(sigma=[[sigma, LEAST_SIGMA]])
-        kept = settled(one, SvgOptions(palette=0))
+        kept = quantized(one, SvgOptions(palette=0))
         assert (kept.sigma >= LEAST_SIGMA).all()
         assert (kept.sigma <= MOST_SIGMA).all()
         assert "<circle" not in write_svg(one.replace(mean=[[-1e12, 0]]))

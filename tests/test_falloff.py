@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from gauss2svg.falloff import (
+from gauss2svg.scene.falloff import (
     BETA_CLASSES,
     CUT,
     LEAST_BETA,

@@ -15,8 +15,8 @@ import pytest
 from PIL import Image
 
 from gauss2svg import atomic
-from gauss2svg.checkpoint import unpacked
-from gauss2svg.cli import main
+from gauss2svg.pipeline.checkpoint import unpacked
+from gauss2svg.cli.main import main
 
 OUTPUTS = ("o.svg", "r.json", "p.png", "s.npz", "l.svg")
 FAULTS = {
@@ -160,7 +160,7 @@ def test_each_file_is_the_old_one_or_the_whole_new_one(
 ):
     if command is checking:  # drawn in a process of its own, which is none of these calls
         pixels = np.ones((16, 16, 3), np.float32)
-        monkeypatch.setattr("gauss2svg.scoring.measure.draw", lambda *_: pixels)
+        monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: pixels)
     wholes, counts = [], []
     for old in (0, 1):  # without faults, to count the calls and to see what is made
         folder = made(tmp_path / f"whole{old}", old)

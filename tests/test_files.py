@@ -12,8 +12,8 @@ from conftest import random_scene
 from PIL import Image
 
 from gauss2svg import atomic, outputs
-from gauss2svg.atomic import write_all_atomically, write_atomically
-from gauss2svg.cli import main
+from gauss2svg.files import write_all_atomically, write_atomically
+from gauss2svg.cli.main import main
 from gauss2svg.errors import OutputError
 from gauss2svg.scene import Scene
 
@@ -107,7 +107,7 @@ def test_limit_of_a_files_size_is_a_full_disk(tmp_path):
     code = (
         "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN); "
         "resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000)); "
-        "from gauss2svg.atomic import write_all_atomically as w; "
+        "from gauss2svg.files import write_all_atomically as w; "
         "w({sys.argv[1]: b'n' * 4000, sys.argv[2]: b'n' * 6000})"
     )
     first, second = tmp_path / "first", tmp_path / "second"

@@ -8,9 +8,11 @@ import pytest
 import torch
 from conftest import random_scene
 
-from gauss2svg import metrics
+from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError
-from gauss2svg.fit import FitOptions, adam, fit
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit import adam
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit import run as run_module
 from gauss2svg.fit.adam import Limits, Rates, gradients
@@ -19,8 +21,8 @@ from gauss2svg.fit.losses import LOSSES, image_gradient, structural_similarity
 from gauss2svg.fit.options import DTYPES
 from gauss2svg.fit.placement import PLACEMENTS, Target, place
 from gauss2svg.fit.population import LEAST_OPACITY
-from gauss2svg.fit.rules import FixedCount
-from gauss2svg.fit.run import LEAST_SIGMA, Run
+from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.session import LEAST_SIGMA, FitSession
 from gauss2svg.fit.schedule import SCHEDULES, rate, reduction, totals
 from gauss2svg.fit.state import State
 from gauss2svg.render import render
@@ -166,7 +168,7 @@ def test_background_is_a_colour_that_can_be_written(photo):
 
 
 def test_what_renderers_would_not_draw_is_dropped(photo):
-    run = Run(photo, FitOptions(4), FixedCount("exponential", 4, 300))
+    run = FitSession(photo, FitOptions(4), FixedCount("exponential", 4, 300))
     run.population.state = state_of(
         Scene(
             128, 128, np.array([[60, 60], [60, 60], [-500, 60]]), np.full((3, 2), 5.0),

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from gauss2svg import metrics, vectorize
-from gauss2svg.alpha import stacked
+from gauss2svg.measure import metrics, vectorize
+from gauss2svg.photo.alpha import stacked
 from gauss2svg.render import render, render_rgba
 
 RNG = np.random.default_rng(0)

@@ -12,12 +12,15 @@ from gauss2svg import check
 from gauss2svg.errors import InputError
 from gauss2svg.raster import chromium, rasterize
 from gauss2svg.raster.support import BROWSERS
-from gauss2svg.svg import Page, SvgOptions, outline_svg, read_svg, write_svg
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.write import outline_svg, write_svg
+from gauss2svg.svg.reader.read import read_svg
 
 SCENE = random_scene(30, 60, 45, 7, (2, 9))
 OPTIONS = SvgOptions(palette=0)
 LABELS = np.arange(12).reshape(3, 4)
-PAGES = {
+BACKDROPS = {
     "plain": {},
     "segments": {"segments": LABELS},
     "animated": {"animate": 4.0},
@@ -28,7 +31,7 @@ SHEET = re.compile("<style.*?</style>", re.DOTALL)
 def written(kind: str, rounds: int | None = None, fragments: bool = False) -> str:
     """The file of the first rounds, or of all."""
     scene = SCENE if rounds is None else SCENE.select(SCENE.rounds < rounds)
-    return write_svg(scene, OPTIONS, Page(**PAGES[kind], fragments=fragments))
+    return write_svg(scene, OPTIONS, Document(**BACKDROPS[kind], fragments=fragments))
 
 
 def screenshots(folder, motion: str, files: dict[str, str], addresses: list[str]) -> list[bytes]:
@@ -93,7 +96,7 @@ def test_image_shows_the_rounds_up_to_the_one_in_its_address(name, monkeypatch):
     needs(name)
     expected = rasterize(written("plain", 2), 60, 45, name)
     svg = written("animated", fragments=True)
-    monkeypatch.setattr("gauss2svg.raster.page.IMAGE", "drawing.svg#round-2")
+    monkeypatch.setattr("gauss2svg.raster.html.IMAGE", "drawing.svg#round-2")
     assert (rasterize(svg, 60, 45, name) == expected).all()
 
 
@@ -106,14 +109,14 @@ def test_every_renderer_draws_all_without_a_fragment(renderer):
 
 def test_outlines_have_fragments_too(browser, tmp_path):
     first = SCENE.select(SCENE.rounds < 1)
-    files = {"part.svg": outline_svg(first), "out.svg": outline_svg(SCENE, Page(fragments=True))}
+    files = {"part.svg": outline_svg(first), "out.svg": outline_svg(SCENE, Document(fragments=True))}
     part, shown, whole = screenshots(
         tmp_path, "reduce", files, ["part.svg", "out.svg#round-1", "out.svg"]
     )
     assert part == shown != whole
 
 
-@pytest.mark.parametrize("kind", PAGES)
+@pytest.mark.parametrize("kind", BACKDROPS)
 def test_scene_is_read_back_from_a_file_with_fragments(kind):
     assert_same(read_svg(written(kind, fragments=True)), read_svg(written(kind)), atol=0)
 

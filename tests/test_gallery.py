@@ -12,14 +12,14 @@ from galleries import Page, Table, save
 from PIL import Image, PngImagePlugin
 
 from gauss2svg.bench.rows import flat
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.errors import on_one_line
 from gauss2svg.gallery import build, numbers
 from gauss2svg.gallery.build import build_gallery
 from gauss2svg.gallery.photos import slug_of
 from gauss2svg.gallery.records import NUMBERS
 from gauss2svg.gallery.worker import answer_to
-from gauss2svg.image import load_image
+from gauss2svg.photo.image import load_image
 
 NASTY = "<script>alert(1)<img src=x onerror=alert(2)>&amp;\"'{{7*7}}{%if%}\u202e.png"
 UNDECODABLE = "\udcff.png"
@@ -256,7 +256,7 @@ def test_flat_picture_is_equal_and_told_so(site):
     assert "equal" in (site.out / "trade-off.html").read_text()
 
 
-class Crew:
+class WorkerPool:
     """Asked for nothing."""
 
     def __init__(self, jobs):
@@ -277,7 +277,7 @@ class Crew:
 
 
 def test_second_build_makes_nothing_and_says_the_same(site, monkeypatch, capsys):
-    monkeypatch.setattr(build, "Crew", Crew)
+    monkeypatch.setattr(build, "WorkerPool", WorkerPool)
     assert main(site.arguments) == 1
     assert "8 SVGs, 8 of them kept from before; 4 failed" in capsys.readouterr().err
     again = json.loads((site.out / "gallery.json").read_text())

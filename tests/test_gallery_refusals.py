@@ -11,13 +11,13 @@ import pytest
 from galleries import Page, Table, save
 
 import gauss2svg
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.gallery import build
 from gauss2svg.gallery.build import build_gallery
 from gauss2svg.gallery.pages import write_pages
 from gauss2svg.gallery.worker import answer_to
-from gauss2svg.image import load_image
+from gauss2svg.photo.image import load_image
 
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="48" height="40"/>'
 
@@ -265,7 +265,7 @@ def test_equal_pictures_are_charted_and_told(two, tmp_path, asked):
 
 def test_main_command_loads_no_gallery_and_a_worker_no_pages():
     code = (
-        "import sys; from gauss2svg.cli import main; main(['no.png', '-o', 'x.svg']);"
+        "import sys; from gauss2svg.cli.main import main; main(['no.png', '-o', 'x.svg']);"
         "bad = [n for n in sys.modules if n == 'jinja2' or n.startswith('gauss2svg.gallery')];"
         "import gauss2svg.gallery.worker;"
         "bad += [n for n in ('jinja2', 'gauss2svg.gallery.pages') if n in sys.modules];"

@@ -14,7 +14,7 @@ import pytest
 from conftest import has_ended
 from galleries import Page, all_works, save
 
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.gallery import plan
 from gauss2svg.gallery.build import build_gallery
 from gauss2svg.gallery.work import (
@@ -219,7 +219,7 @@ def test_full_disk_ends_all_at_once(two, tmp_path, monkeypatch, capsys):
         yield 0, {"error": "cannot write x: No space left on device", "fatal": True}
         pytest.fail("went on")
 
-    monkeypatch.setattr("gauss2svg.gallery.crew.Crew.run", fill)
+    monkeypatch.setattr("gauss2svg.gallery.pool.WorkerPool.run", fill)
     assert main(["gallery", *map(str, two), "-o", str(tmp_path / "out"), "--counts", "5"]) == 2
     assert "No space left" in capsys.readouterr().err
 

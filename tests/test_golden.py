@@ -14,13 +14,14 @@ import pytest
 from conftest import random_scene
 from PIL import Image
 
-from gauss2svg import metrics
-from gauss2svg.falloff import BETA_CLASSES
+from gauss2svg.measure import metrics
+from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, write_svg
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.write import write_svg
 
 GOLDEN = Path(__file__).parent / "golden"
 CUT = 3.0

@@ -7,7 +7,7 @@ from pictures import encoded
 from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.image import (
+from gauss2svg.photo.image import (
     DEFAULT_MAX_PIXELS,
     MOST_PIXELS,
     Photo,

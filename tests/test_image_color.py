@@ -10,7 +10,7 @@ import tifffile
 from pictures import chunk, encoded, png, srgb_curve
 from PIL import Image, ImageCms
 
-from gauss2svg.image import load_image
+from gauss2svg.photo.image import load_image
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)

@@ -10,7 +10,7 @@ from pictures import chunk, encoded, png
 from PIL import Image, features
 
 from gauss2svg import vectorize
-from gauss2svg.image import load_image
+from gauss2svg.photo.image import load_image
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)

@@ -13,9 +13,9 @@ from pictures import chunk, encoded, png
 from PIL import Image, features
 
 from gauss2svg import vectorize
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.image import DEFAULT_MAX_PIXELS, MOST_PIXELS, Photo, load_image
+from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS, Photo, load_image
 from gauss2svg.photo.files import FORMATS
 
 RNG = np.random.default_rng(0)

@@ -10,9 +10,11 @@ import pytest
 from conftest import random_scene
 from documents import assert_same
 
-from gauss2svg.falloff import BETA_CLASSES
+from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, read_svg, write_svg
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import write_svg
 from gauss2svg.svg.blur import BLUR, GRADIENT
 
 DATA = Path(__file__).parent / "data"

@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 from skimage import data
 
-from gauss2svg.cli import main
-from gauss2svg.fit.run import Run
+from gauss2svg.cli.main import main
+from gauss2svg.fit.session import FitSession
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
@@ -37,14 +37,14 @@ def after(monkeypatch):
     """Have a signal come after these steps of a fit."""
 
     def arrange(number, *steps):
-        tell = Run._tell
+        tell = FitSession._tell
 
         def and_a_signal(run, done):
             if run.clock.iteration in steps:
                 signal.raise_signal(number)
             tell(run, done)
 
-        monkeypatch.setattr(Run, "_tell", and_a_signal)
+        monkeypatch.setattr(FitSession, "_tell", and_a_signal)
 
     return arrange
 
@@ -75,7 +75,7 @@ def test_second_signal_ends_everything_and_leaves_the_old_file(
             signal.raise_signal(number)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Run, "_tell", again)
+        patch.setattr(FitSession, "_tell", again)
         assert main(command) == STATUS[number]
     assert "every file is whole or untouched" in capsys.readouterr().err
     assert (tmp_path / "out.svg").read_text() == "old"
@@ -87,7 +87,7 @@ def test_signal_before_the_fit_ends_everything(number, command, tmp_path, monkey
     def signalled(*_, **__):
         signal.raise_signal(number)
 
-    monkeypatch.setattr("gauss2svg.pipeline.load_image", signalled)
+    monkeypatch.setattr("gauss2svg.pipeline.vectorize.load_image", signalled)
     assert main(command) == STATUS[number]
     assert "every file is whole or untouched" in capsys.readouterr().err
     assert (tmp_path / "out.svg").read_text() == "old"
@@ -114,14 +114,14 @@ def test_checkpoint_of_an_interrupted_run_leads_to_the_same_file(
     assert main(command) == 0
     whole = (tmp_path / "out.svg").read_bytes()
     with pytest.MonkeyPatch.context() as patch:
-        tell = Run._tell
+        tell = FitSession._tell
 
         def and_a_signal(run, done):
             if run.clock.iteration == 23:
                 signal.raise_signal(signal.SIGTERM)
             tell(run, done)
 
-        patch.setattr(Run, "_tell", and_a_signal)
+        patch.setattr(FitSession, "_tell", and_a_signal)
         assert main([*command, "--checkpoint", fit]) == 143
     assert f"go on with --resume {fit}" in capsys.readouterr().err
     assert (tmp_path / "out.svg").read_bytes() != whole

@@ -20,7 +20,9 @@ from gauss2svg.render.cpu import render_planar, splats_of, squared_error
 from gauss2svg.render.domain import below_one
 from gauss2svg.render.reference import accumulate, composite, render_reference
 from gauss2svg.scene import ADD, OVER, Scene
-from gauss2svg.svg import SvgOptions, read_svg, write_svg
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import write_svg
 
 DTYPES = (np.float32, np.float64)
 TORCH = {np.float32: torch.float32, np.float64: torch.float64}

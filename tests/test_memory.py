@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from gauss2svg import memory, vectorize
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.memory import Load, allowed, free_bytes, size_that_fits
-from gauss2svg.warmup import compile_kernels
+from gauss2svg.pipeline.memory_budget import Load, allowed, free_bytes, size_that_fits
+from gauss2svg.pipeline.kernels import compile_kernels
 
 SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
 LOADS = st.builds(
@@ -96,7 +96,7 @@ def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
 
 
 def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("gauss2svg.pipeline.Pursuit", None)
+    monkeypatch.setattr("gauss2svg.pipeline.vectorize.TargetSearch", None)
     path, out = tmp_path / "photo.png", tmp_path / "o.svg"
     Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(path)
     command = [str(path), "-o", str(out), "--gaussians", "3", "--max-memory"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
-from gauss2svg import metrics
+from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError
 
 RNG = np.random.default_rng(1)

@@ -12,13 +12,14 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from gauss2svg import vectorize
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import half_radius, profile
+from gauss2svg.scene.falloff import half_radius, profile
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.svg import Page, outline_svg
-from gauss2svg.svg.values import color
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.write import outline_svg
+from gauss2svg.svg.reader.values import color
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -79,7 +80,7 @@ def test_width_is_the_same_however_thin_the_ellipse():
 
 
 def test_page_is_that_of_the_picture():
-    page = Page("<t>", "a & b", "9cm", "xMaxYMid meet", np.array([[1, 2]]), 3)
+    page = Document("<t>", "a & b", "9cm", "xMaxYMid meet", np.array([[1, 2]]), 3)
     scene = random_scene(30, seed=2)
     root = parse(outline_svg(scene, page))
     assert [root[0].text, root[1].text] == ["<t>", "a & b"]

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from conftest import random_sum
 
-from gauss2svg import metrics
+from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError
-from gauss2svg.fit import FitOptions, fit, paint
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.fit import fit, paint
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.losses import image_gradient
 from gauss2svg.fit.placement import PLACEMENTS, Target, place
-from gauss2svg.fit.rules import FixedCount
-from gauss2svg.fit.run import Run
+from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.schedule import SCHEDULES, totals
 from gauss2svg.render import render
 
@@ -70,7 +71,7 @@ def test_new_gaussians_of_a_sum_share_what_is_missing(photo):
     # All at one bright place: if each added all of it, the sum would be many times too much.
     pixels = np.zeros((64, 64, 3), np.float32)
     pixels[28:36, 28:36] = 1.0
-    run = Run(
+    run = FitSession(
         pixels,
         FitOptions(60, 10, blend="add", placement="error"),
         FixedCount("exponential", 60, 10),
@@ -232,8 +233,8 @@ def test_without_relocation_none_is_placed_anew(photo):
     def moved(relocate: bool) -> int:
         ages = []
         options = FitOptions(60, 80, blend="add", relocate=relocate)
-        rule = FixedCount(options.schedule, options.gaussians, options.iterations)
-        run = Run(photo, options, rule, progress=lambda _: ages.append(run.state.age.copy()))
+        policy = FixedCount(options.schedule, options.gaussians, options.iterations)
+        run = FitSession(photo, options, policy, progress=lambda _: ages.append(run.state.age.copy()))
         run.fit()
         full = [age for age in ages if len(age) == 60]
         return sum(int((b < a).sum()) for a, b in itertools.pairwise(full))
@@ -259,8 +260,8 @@ def test_rounds_run_on_the_full_picture_where_that_is_asked_for(photo):
     def sizes(reduce: bool) -> set[int]:
         seen = set()
         options = FitOptions(64, 40, blend="add", reduce=reduce)
-        rule = FixedCount(options.schedule, options.gaussians, options.iterations)
-        run = Run(photo, options, rule, progress=lambda _: seen.add(run.population.target.width))
+        policy = FixedCount(options.schedule, options.gaussians, options.iterations)
+        run = FitSession(photo, options, policy, progress=lambda _: seen.add(run.population.target.width))
         run.fit()
         return seen
 

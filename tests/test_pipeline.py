@@ -10,10 +10,10 @@ import pytest
 from numba import get_num_threads
 from PIL import Image
 
-from gauss2svg import metrics, vectorize
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.errors import InputError, OutputError, RendererError
 from gauss2svg.raster import rasterize
-from gauss2svg.svg import write_svg
+from gauss2svg.svg.write import write_svg
 
 PROMISED_KEYS = {
     "width", "height", "gaussians", "iterations", "rounds", "fit_s", "total_s", "stop_reason",
@@ -82,7 +82,7 @@ def test_exact_fit_has_a_report_that_json_knows():
 def test_warming_up_compiles_all_that_a_run_needs():
     code = (
         "import numpy as np; from gauss2svg import vectorize; "
-        "from gauss2svg.warmup import compile_kernels; compile_kernels(); "
+        "from gauss2svg.pipeline.kernels import compile_kernels; compile_kernels(); "
         "from gauss2svg.render.walk import walk_tiles; "
         "from gauss2svg.render.tiles import find_pairs; "
         "vectorize(np.random.default_rng(0).random((20, 20, 3)), gaussians=9, iterations=9); "

@@ -2,17 +2,19 @@ import numpy as np
 import pytest
 from conftest import random_scene
 
-from gauss2svg import metrics
+from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.raster import cairo, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, settled, write_svg
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.svg.write import write_svg
 
 
 def test_svg_is_drawn_at_any_size(renderer):
     options = SvgOptions(palette=0)
-    scene = settled(random_scene(20, 60, 40, 2, (3.0, 20.0), (1.0, 4.0)), options)
+    scene = quantized(random_scene(20, 60, 40, 2, (3.0, 20.0), (1.0, 4.0)), options)
     drawn = rasterize(write_svg(scene, options), 120, 80, renderer)
     assert metrics.psnr(drawn, render(scene, 120, 80)) > 44
 

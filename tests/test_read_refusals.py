@@ -4,7 +4,7 @@ import pytest
 from documents import AS_PATH, CIRCLE, RECT, document
 
 from gauss2svg.errors import InputError
-from gauss2svg.svg import read_svg
+from gauss2svg.svg.reader.read import read_svg
 
 USER_REGION = (
     '<filter id="user" filterUnits="userSpaceOnUse" x="-11" y="-11" width="22" height="22">'

@@ -10,14 +10,18 @@ from documents import AS_PATH, CIRCLE, assert_same, document, gradient
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gauss2svg import metrics
+from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import BETA_CLASSES
+from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg import FORMS, GRADIENT, SvgOptions, read_svg, settled, write_svg
-from gauss2svg.svg.affine import compose, parse_transform
+from gauss2svg.svg.blur import FORMS, GRADIENT
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.svg.write import write_svg
+from gauss2svg.svg.reader.affine import compose, parse_transform
 from gauss2svg.svg.blur import blurs, drawn_blurs
 from gauss2svg.svg.plain import is_plain
 from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
@@ -25,7 +29,7 @@ from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
 
 def drawn(scene: Scene, options: SvgOptions) -> Scene:
     """The settled scene without the shapes that are written as nothing."""
-    scene = settled(scene, options)
+    scene = quantized(scene, options)
     factor = np.abs(scene.factor[:, [0, 1], [0, 1]]) * np.sqrt(2)
     large = (factor > options.precision).all(axis=1)
     return scene.select(large & (scene.opacity > 10.0**-options.opacity_decimals))
@@ -45,7 +49,7 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
     )
     scene = drawn(random_scene(25, 60, 45, seed, sigma=(0.5, 25)), options)
     back = read_svg(write_svg(scene, options))
-    scene = settled(scene, options)
+    scene = quantized(scene, options)
     plain = is_plain(scene)
     blurred = ~plain & (drawn_blurs(scene) >= 0) & (form != GRADIENT)
     np.testing.assert_allclose(back.betas[~plain], scene.betas[~plain], rtol=1e-12)
@@ -66,7 +70,7 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
 @pytest.mark.parametrize("seed", range(6))
 def test_scene_read_back_is_drawn_alike(seed):
     options = SvgOptions(palette=0, precision=0.01, opacity_decimals=3)
-    scene = settled(random_scene(60, 120, 80, seed, (0.7, 20)), options)
+    scene = quantized(random_scene(60, 120, 80, seed, (0.7, 20)), options)
     text = write_svg(scene, options)
     back = read_svg(text)
     assert metrics.psnr(render(back), render(scene)) > 52
@@ -78,7 +82,7 @@ def test_scene_read_back_is_drawn_alike(seed):
 def test_plain_ellipses_come_back_as_plain_as_they_were(seed):
     options = SvgOptions(palette=0, precision=0.01, opacity_decimals=3)
     scene = random_scene(400, 300, 200, seed, (2, 60), (6, 64))
-    scene = settled(scene.select(is_plain(scene)), options)
+    scene = quantized(scene.select(is_plain(scene)), options)
     assert len(scene) > 5
     text = write_svg(scene, options)
     back = read_svg(text)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import RADIUS, cut_radius, profile
+from gauss2svg.scene.falloff import RADIUS, cut_radius, profile
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.cpu import moments_of_gradient, removal_cost, splats_of, squared_error

@@ -13,14 +13,16 @@ import numpy as np
 import pytest
 from conftest import needs, random_scene
 
-from gauss2svg import metrics
-from gauss2svg.cli import vectorize_command
+from gauss2svg.measure import metrics
+from gauss2svg.cli.main import vectorize_command
 from gauss2svg.errors import RendererError
 from gauss2svg.raster import RENDERERS, chromium, program, rasterize, renderer_version
 from gauss2svg.raster.support import BROWSERS, refuse_unsupported
 from gauss2svg.render import render
-from gauss2svg.scoring.command import check_command
-from gauss2svg.svg import SvgOptions, settled, write_svg
+from gauss2svg.cli.check import check_command
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.svg.write import write_svg
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="40" height="30"{}</svg>'
 GREEN = SVG.format('><rect width="40" height="30" fill="#0f0"/>')
@@ -47,7 +49,7 @@ def refusal(svg: str, width: int, height: int, name: str) -> str | None:
 
 def test_every_renderer_draws_the_model_at_its_decibels(renderer):
     options = SvgOptions(palette=0, stops=12, precision=0.01)
-    scene = settled(random_scene(60, 240, 160, 2, (2.0, 40.0), (1.0, 4.0)), options)
+    scene = quantized(random_scene(60, 240, 160, 2, (2.0, 40.0), (1.0, 4.0)), options)
     drawn = rasterize(write_svg(scene, options), 240, 160, renderer)
     assert drawn.shape == (160, 240, 3)
     model = render(scene)

@@ -30,7 +30,7 @@ def claims():
     return importlib.import_module("paper.claims")
 
 
-class Page(HTMLParser):
+class Document(HTMLParser):
     """Tags with their attributes, and the text inside of each open tag's end."""
 
     def __init__(self, text: str) -> None:
@@ -72,8 +72,8 @@ def quick(tmp_path_factory, context) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page(quick) -> Page:
-    return Page((quick / "index.html").read_text(encoding="utf-8"))
+def page(quick) -> Document:
+    return Document((quick / "index.html").read_text(encoding="utf-8"))
 
 
 SECTIONS = ["rounds", "iterations", "schedules", "windows", "losses", "drawn", "claims"]

@@ -12,17 +12,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from gauss2svg import metrics, vectorize
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.errors import InputError
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.order import SegmentOrder
-from gauss2svg.fit.rules import Demand, SceneDecides
-from gauss2svg.fit.run import Run
+from gauss2svg.fit.densification import GrowthLimits, AdaptiveCount
+from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.segments import MOST_SEGMENTS, labels_of, superpixels
-from gauss2svg.svg import Page, SvgOptions, arranged, read_svg, write_svg
+from gauss2svg.photo.segments import MOST_SEGMENTS, labels_of, superpixels
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.layers import grouped_by_segment
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import write_svg
 from gauss2svg.svg.layers import segment_at
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -82,7 +86,7 @@ def test_fit_makes_up_for_the_order(result, photo):
     free = vectorize(photo, **QUICK)
     assert result.report["psnr_svg"] > free.report["psnr_svg"] - 0.6
     # the same layers of a scene that was not fitted for them are another picture
-    late = arranged(free.scene, LABELS)
+    late = grouped_by_segment(free.scene, LABELS)
     assert metrics.psnr(render(late), photo) < free.report["psnr_svg"] - 1
     # from the start, or it makes up for little of it: 30.3 dB
     many = {"gaussians": 500, "iterations": 150}
@@ -93,13 +97,13 @@ def test_fit_makes_up_for_the_order(result, photo):
 def test_finished_fit_has_the_order_already(photo):
     labels = np.random.default_rng(0).integers(0, 9, (32, 32))
     options = FitOptions(gaussians=300, iterations=60)
-    rule = SceneDecides(Demand(0.0, 1.0, math.inf, 300), lambda demand, now: demand)
-    run = Run(photo, options, rule, segment_at=partial(segment_at, labels))
+    policy = AdaptiveCount(GrowthLimits(0.0, 1.0, math.inf, 300), lambda demand, now: demand)
+    run = FitSession(photo, options, policy, segment_at=partial(segment_at, labels))
     for change in (run.fit, lambda: run.resize(200, 20)):
         change()
         scene = run.scene()
         assert len(np.unique(scene.rounds)) > 2
-        np.testing.assert_array_equal(arranged(scene, labels).mean, scene.mean)
+        np.testing.assert_array_equal(grouped_by_segment(scene, labels).mean, scene.mean)
 
 
 def test_layers_are_named_and_counted(result):
@@ -131,7 +135,7 @@ def test_file_comes_back_with_its_rounds(result):
 def test_order_is_by_round_and_segment_and_otherwise_kept(seed, rows, columns):
     scene = random_scene(40, seed=seed)
     labels = np.random.default_rng(seed).integers(0, 4, (rows, columns))
-    sorted_scene = arranged(scene, labels)
+    sorted_scene = grouped_by_segment(scene, labels)
     cell = [
         labels[
             min(max(int(y * rows / scene.height), 0), rows - 1),
@@ -141,14 +145,14 @@ def test_order_is_by_round_and_segment_and_otherwise_kept(seed, rows, columns):
     ]
     order = sorted(range(40), key=lambda i: (scene.rounds[i], cell[i]))
     np.testing.assert_array_equal(sorted_scene.mean, scene.mean[order])
-    np.testing.assert_array_equal(arranged(sorted_scene, labels).mean, sorted_scene.mean)
+    np.testing.assert_array_equal(grouped_by_segment(sorted_scene, labels).mean, sorted_scene.mean)
 
 
 def test_segments_change_no_shape_and_nothing_of_a_scene_that_has_their_order():
     options = SvgOptions(palette=0)
     labels = np.arange(6).reshape(2, 3)
-    scene = arranged(random_scene(50, seed=4), labels)
-    grouped, plain = write_svg(scene, options, Page(segments=labels)), write_svg(scene, options)
+    scene = grouped_by_segment(random_scene(50, seed=4), labels)
+    grouped, plain = write_svg(scene, options, Document(segments=labels)), write_svg(scene, options)
     circles = [re.findall("<circle[^>]*>", text) for text in (grouped, plain)]
     assert circles[0] == circles[1]
     assert (rasterize(grouped, 40, 30) == rasterize(plain, 40, 30)).all()
@@ -158,7 +162,7 @@ def test_shapes_that_are_not_drawn_leave_empty_segments_out():
     labels = np.array([[1, 2]])
     scene = random_scene(30, seed=5)
     faint = scene.mean[:, 0] >= 20
-    text = write_svg(scene.replace(opacity=np.where(faint, 0, 1)), page=Page(segments=labels))
+    text = write_svg(scene.replace(opacity=np.where(faint, 0, 1)), page=Document(segments=labels))
     assert {segment for _, segment, _ in groups_of(text)} == {1}
     assert sum(len(at) for _, _, at in groups_of(text)) == (~faint).sum()
 

@@ -7,12 +7,13 @@ from conftest import random_scene
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.options import FitOptions
-from gauss2svg.fit.rules import FixedCount
-from gauss2svg.fit.run import Run
+from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.render.cpu import removal_cost, squared_error
-from gauss2svg.svg import SvgOptions, settled
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.pipeline.quantize import quantize
 
 COUNT = 60
 
@@ -28,13 +29,13 @@ def state_of(scene) -> State:
         np.zeros(count),
         0,
     )
-    return state.settled(scene)
+    return state.quantized(scene)
 
 
 @pytest.fixture
 def shared_state():
     scene = random_scene(COUNT, 60, 45, 5, (1, 8), (1, 8))
-    return state_of(settled(scene, SvgOptions(palette=12)))
+    return state_of(quantized(scene, SvgOptions(palette=12)))
 
 
 @pytest.fixture
@@ -86,7 +87,7 @@ def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, t
 
 def test_exchange_never_makes_the_picture_worse_and_helps_this_one(shared_state, target):
     pixels = np.ascontiguousarray(np.moveaxis(target, 0, -1))
-    run = Run(pixels, FitOptions(COUNT, 10), FixedCount("exponential", COUNT, 10))
+    run = FitSession(pixels, FitOptions(COUNT, 10), FixedCount("exponential", COUNT, 10))
     run.population.state = shared_state
     shared = SharedColors(run.state, blending("over"))
     errors = [squared_error(run.state.splats(run.population.background), target)[1]]
@@ -103,9 +104,9 @@ def test_nearly_opaque_shapes_become_opaque_when_they_settle(photo):
 
     def as_written(scene, _):
         seen.append(scene.opacity)
-        return settled(scene, SvgOptions(palette=50))
+        return quantized(scene, SvgOptions(palette=50))
 
-    run = Run(photo, FitOptions(150, 60), FixedCount("exponential", 150, 60), as_written=as_written)
+    run = FitSession(photo, FitOptions(150, 60), FixedCount("exponential", 150, 60), as_written=as_written)
     run.fit()
     opacity = seen[0]
     assert not ((opacity > 0.954) & (opacity < 0.9999)).any()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import BETA_CLASSES, LEAST_BETA, cut_radius, profile
+from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, cut_radius, profile
 from gauss2svg.svg.stops import STATED_ERRORS, STOP_COUNTS, gradient_stops
 
 ALL = [(count, beta) for count in STOP_COUNTS for beta in (LEAST_BETA, *BETA_CLASSES)]

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from gauss2svg import vectorize
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.convert import painted
 from gauss2svg.fit.options import FitOptions

@@ -12,12 +12,14 @@ from hypothesis import strategies as st
 from gauss2svg.errors import InputError, SceneError
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.svg import Page, SvgOptions, write_svg
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.write import write_svg
 from gauss2svg.svg import settle as settle_module
 from gauss2svg.svg.encode import number, short_id
-from gauss2svg.svg.palette import Palette, quantize
+from gauss2svg.pipeline.palette import Palette, quantize
 from gauss2svg.svg.plain import is_plain
-from gauss2svg.svg.settle import visible_mass
+from gauss2svg.pipeline.quantize import visible_mass
 
 SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
@@ -29,7 +31,7 @@ def parse(svg: str) -> ElementTree.Element:
 
 def test_size_background_title_and_layers_are_there():
     scene = random_scene(30, width=70, height=50)
-    root = parse(write_svg(scene, page=Page(title="A <b>&")))
+    root = parse(write_svg(scene, page=Document(title="A <b>&")))
     assert (root.get("width"), root.get("height")) == ("70", "50")
     assert root.get("viewBox") == "0 0 1750 1250"  # of 0.04 px
     assert root.findtext(SVG + "title") == "A <b>&"

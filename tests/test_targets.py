@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
-from gauss2svg import metrics, vectorize
-from gauss2svg.attempt import Attempt, trimmed
+from gauss2svg.measure import metrics, vectorize
+from gauss2svg.pipeline.candidate import Candidate, pruned_to_size
 from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.request import LARGEST_COLOR_ERROR
-from gauss2svg.svg import Page, SvgOptions, write_svg
-from gauss2svg.targets import Targets, size_in_bytes
+from gauss2svg.pipeline.request import LARGEST_COLOR_ERROR
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.write import write_svg
+from gauss2svg.pipeline.targets import Targets, size_in_bytes
 
 QUICK = {"iterations": 80}
 
@@ -176,8 +178,8 @@ def test_bytes_that_do_not_bind_change_nothing(photo):
 def test_what_is_too_large_is_trimmed_of_what_is_missed_least(photo):
     result = vectorize(photo, gaussians=60, palette=0, **QUICK)
     few = write_svg(result.scene, SvgOptions(palette=5))
-    attempt = Attempt(result.scene, few, SvgOptions(palette=5), Page(), False, 20.0, 0.01)
-    less = trimmed(attempt, len(few) // 2, photo)
+    attempt = Candidate(result.scene, few, SvgOptions(palette=5), Document(), False, 20.0, 0.01)
+    less = pruned_to_size(attempt, len(few) // 2, photo)
     assert len(few) // 3 < less.size <= len(few) // 2
     kept = metrics.psnr(render(less.scene), photo)
     first = metrics.psnr(render(result.scene.select(np.arange(len(less.scene)))), photo)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from conftest import random_scene, random_sum
 
-from gauss2svg.alpha import PAGES, from_views, matte_color, over, shrunk, straight
+from gauss2svg.photo.alpha import BACKDROPS, from_views, matte_color, over, shrunk, straight
 from gauss2svg.errors import InputError, SceneError
-from gauss2svg.fit import FitOptions, fit
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.losses import LOSSES
@@ -18,7 +19,8 @@ from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
-from gauss2svg.svg import read_svg, write_svg
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import write_svg
 
 FIELDS = ("mean", "sigma", "rho", "color", "opacity", "beta", "background", "round_index")
 
@@ -58,7 +60,7 @@ def test_what_a_page_shows_is_the_colour_and_the_page_that_shines_through(seed):
 def test_alpha_is_what_the_oracle_covers():
     scene = clear_scene(seed=4)
     white, black = (
-        render_reference(scene.replace(background=np.full(3, page))).numpy() for page in PAGES
+        render_reference(scene.replace(background=np.full(3, page))).numpy() for page in BACKDROPS
     )
     expected = from_views(white, black)
     rgba = render_rgba(scene, dtype=np.float64)
@@ -84,7 +86,7 @@ def test_two_pages_say_all_of_a_picture():
 def oracle_loss(scene, rgba, weight):
     """Half the weighted squared error of a scene over white and over black, by the reference."""
     total = 0.0
-    for page in PAGES:
+    for page in BACKDROPS:
         shown = render_reference(scene.replace(background=np.full(3, page))).numpy()
         alpha = rgba[:, :, 3:].astype(np.float64)
         wanted = rgba[:, :, :3] * alpha + (1 - alpha) * page
@@ -103,8 +105,8 @@ def test_gradient_over_both_pages_is_that_of_the_oracle(small):
     scene = clear_scene(8, seed=3, beta=(1.0, 4.0))
     scene = scene.replace(opacity=0.2 + 0.6 * scene.opacity, color=0.1 + 0.8 * scene.color)
     target = target_of(rgba, np.float64, flat_weight=4.0)
-    judged = target.judged(splats_of(scene), "mse", None)
-    gradient = gradients(judged.moments, scene.opacity, scene.betas)
+    evaluated = target.evaluate(splats_of(scene), "mse", None)
+    gradient = gradients(evaluated.moments, scene.opacity, scene.betas)
     by_mean = np.linalg.solve(np.swapaxes(scene.factor, 1, 2), gradient[:, :2, None])[:, :, 0]
     by_opacity = gradient[:, 5] / (scene.opacity * (1 - scene.opacity))
     step = 1e-5
@@ -124,7 +126,7 @@ def test_gradient_over_both_pages_is_that_of_the_oracle(small):
 def test_gradients_of_other_losses_look_over_both_pages(small, loss):
     target = target_of(shrunk(small, 24, 24), np.float64)
     splats = splats_of(clear_scene(5, seed=1, width=24, height=24))
-    judged = target.judged(splats, loss, 0.5)
+    evaluated = target.evaluate(splats, loss, 0.5)
     step = 1e-6
     for i in range(5):
         for c in range(3):
@@ -132,9 +134,9 @@ def test_gradients_of_other_losses_look_over_both_pages(small, loss):
             for d in (step, -step):
                 paint = splats.paint.copy()
                 paint[i, 1 + c] += d
-                losses.append(target.judged(splats._replace(paint=paint), loss, 0.5).loss)
+                losses.append(target.evaluate(splats._replace(paint=paint), loss, 0.5).loss)
             found = (losses[0] - losses[1]) / (2 * step)
-            assert judged.moments[i, 6 + c] == pytest.approx(found, rel=1e-3, abs=1e-3)
+            assert evaluated.moments[i, 6 + c] == pytest.approx(found, rel=1e-3, abs=1e-3)
 
 
 def test_removal_costs_what_the_error_over_both_pages_grows_by(small):
@@ -198,7 +200,7 @@ def test_fit_comes_near_over_both_pages(photo, shape):
     scene = fit(rgba, FitOptions(200, 120)).scene
     assert scene.transparent
     fitted = render_rgba(scene)
-    for page in PAGES:
+    for page in BACKDROPS:
         assert np.mean(np.square(over(fitted, page) - over(rgba, page))) < 10**-2.6
     assert np.mean(np.square(fitted[:, :, 3] - rgba[:, :, 3])) < 10**-2.9
 
@@ -252,7 +254,7 @@ def test_file_of_a_transparent_scene_has_no_background_and_reads_as_one():
     assert "<rect" not in text
     back = read_svg(text)
     assert back.transparent
-    for page in PAGES:
+    for page in BACKDROPS:
         shown, again = (
             render(one.replace(background=np.full(3, page))) for one in (read_svg(text), back)
         )
@@ -279,7 +281,7 @@ def test_new_gaussians_go_where_paint_is_missing_and_not_where_there_is_too_much
     rgba = np.full((32, 64, 4), 0.5)
     target = target_of(rgba, np.float32)
     covered = np.where(np.arange(64) < 32, 0.8, 0.2) * np.ones((32, 1))
-    rendered = np.concatenate([[0.5 * covered + (1 - covered) * page] * 3 for page in PAGES])
+    rendered = np.concatenate([[0.5 * covered + (1 - covered) * page] * 3 for page in BACKDROPS])
     errors = np.square(target.planar - rendered).sum(axis=0)
     assert errors[:, :32].sum() == pytest.approx(errors[:, 32:].sum(), rel=1e-4)
     rng = np.random.default_rng(0)

@@ -9,12 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gauss2svg.alpha import PAGES
+from gauss2svg.photo.alpha import BACKDROPS
 from gauss2svg.errors import SceneError
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
-from gauss2svg.svg import SvgOptions, read_svg, write_svg
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import write_svg
 
 ROUNDING = {np.float32: 6e-5, np.float64: 3e-7}  # two pictures, and float32 of what is told
 in_both = pytest.mark.parametrize("dtype", ROUNDING, ids=["float32", "float64"])
@@ -48,7 +50,7 @@ def test_colour_and_alpha_are_finite_and_within_their_range(dtype, scene):
 @given(clear_scenes)
 def test_over_a_page_it_is_the_scene_on_that_background(dtype, scene):
     rgba, allowed = render_rgba(scene, dtype=dtype), ROUNDING[dtype] + 2 * rounding_of(scene)
-    for page in PAGES:
+    for page in BACKDROPS:
         expected = render(on_page(scene, page), dtype=dtype)
         np.testing.assert_allclose(shown_over(rgba, page), expected, atol=allowed)
         oracle = render_reference(on_page(scene, page)).numpy()

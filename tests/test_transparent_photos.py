@@ -8,14 +8,14 @@ import pytest
 from PIL import Image
 
 import gauss2svg
-from gauss2svg import metrics, vectorize
-from gauss2svg.alpha import BLACK, over, shrunk
-from gauss2svg.cli import main
+from gauss2svg.measure import metrics, vectorize
+from gauss2svg.photo.alpha import BLACK, over, shrunk
+from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.finish import finished
 from gauss2svg.raster import rasterize, rasterize_rgba
 from gauss2svg.scene import ADD
-from gauss2svg.segments import superpixels
+from gauss2svg.photo.segments import superpixels
 
 QUICK = {"gaussians": 150, "iterations": 80}
 GLASS = (

@@ -13,13 +13,13 @@ import pytest
 from documents import gradient
 from PIL import Image
 
-from gauss2svg.cli import main
+from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.raster.support import refuse_unsupported
-from gauss2svg.scoring.frame import frame_of
-from gauss2svg.scoring.source import svg_source
-from gauss2svg.scoring.survey import survey
-from gauss2svg.svg import read_svg
+from gauss2svg.measure.frame import frame_of
+from gauss2svg.measure.source import svg_source
+from gauss2svg.measure.survey import survey
+from gauss2svg.svg.reader.read import read_svg
 
 ROOT = (
     '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '

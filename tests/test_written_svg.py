@@ -13,7 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
-from gauss2svg.svg import FORMS, Page, SvgOptions, outline_svg, write_svg
+from gauss2svg.svg.blur import FORMS
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.write import outline_svg, write_svg
 
 SCENE, SUM = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
 LABELS = np.arange(12).reshape(3, 4) // 4
@@ -23,11 +26,11 @@ WRITERS = {
     "sum": lambda page: write_svg(SUM, None, page),
     "outline": lambda page: outline_svg(SCENE, page),
     "segments": lambda page: write_svg(
-        SCENE, None, Page(page.title, page.alt, "9mm", "none", LABELS)
+        SCENE, None, Document(page.title, page.alt, "9mm", "none", LABELS)
     ),
-    "animated": lambda page: write_svg(SCENE, None, Page(page.title, page.alt, animate=3.0)),
-    "fragments": lambda page: write_svg(SCENE, None, Page(page.title, page.alt, fragments=True)),
-    "animated outline": lambda page: outline_svg(SCENE, Page(page.title, page.alt, animate=3.0)),
+    "animated": lambda page: write_svg(SCENE, None, Document(page.title, page.alt, animate=3.0)),
+    "fragments": lambda page: write_svg(SCENE, None, Document(page.title, page.alt, fragments=True)),
+    "animated outline": lambda page: outline_svg(SCENE, Document(page.title, page.alt, animate=3.0)),
 }  # fmt: skip
 ELEMENTS = {
     "svg", "title", "desc", "defs", "g", "rect", "circle", "ellipse", "radialGradient", "stop",
@@ -88,21 +91,21 @@ def read(svg):
 @pytest.mark.parametrize("writer", WRITERS)
 def test_nothing_but_shapes_is_written_whatever_is_said(writer):
     said = " ".join(HOSTILE)
-    texts = read(WRITERS[writer](Page(f"a {said} b", f"c {said} d")))
+    texts = read(WRITERS[writer](Document(f"a {said} b", f"c {said} d")))
     assert texts["title"] == f"a {said} b"
     assert texts["desc"] == f"c {said} d"
 
 
 @pytest.mark.parametrize("said", HOSTILE)
 def test_each_text_is_kept_as_it_is(said):
-    assert read(write_svg(SCENE, None, Page(said, said)))["title"] == said
+    assert read(write_svg(SCENE, None, Document(said, said)))["title"] == said
 
 
 @settings(max_examples=25)
 @given(st.text(max_size=40), st.sampled_from(list(WRITERS)))
 def test_any_text_is_kept_or_refused(said, writer):
     try:
-        page = Page(said, said)
+        page = Document(said, said)
     except InputError:
         return
     # XML makes every end of a line one \n.

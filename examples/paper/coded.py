@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image
 
-from gauss2svg import metrics
+from gauss2svg.measure import metrics
 
 from .photos import Pixels
 from .table import Row

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gauss2svg import metrics
-from gauss2svg.fit import FitOptions, FitProgress
-from gauss2svg.fit.rules import FixedCount
-from gauss2svg.fit.run import Run
+from gauss2svg.measure import metrics
+from gauss2svg.fit.options import FitOptions, FitProgress
+from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.session import FitSession
 from gauss2svg.render import render
 from gauss2svg.scene import ADD, Scene
 
@@ -106,8 +106,8 @@ def fit(
         if progress.iteration in watched:
             snapshots[progress.iteration] = scene
 
-    rule = FixedCount(schedule, gaussians, iterations, options.per_round)
-    run = Run(pixels, options, rule, progress=look)
+    policy = FixedCount(schedule, gaussians, iterations, options.per_round)
+    run = FitSession(pixels, options, policy, progress=look)
     begun = time.perf_counter()
     run.fit()
     seconds = time.perf_counter() - begun

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from gauss2svg import metrics
+from gauss2svg.measure import metrics
 from gauss2svg.fit.losses import LOSSES
 
 from .engine import EXPONENTIAL, PRODUCT, fit

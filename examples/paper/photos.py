@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from skimage import data
 
-from gauss2svg.image import load_image, shrink
+from gauss2svg.photo.image import load_image, shrink
 
 Pixels = NDArray[np.float32]
 

@@ -20,7 +20,7 @@ from gauss2svg import __version__
 from gauss2svg.bench.machine import machine
 from gauss2svg.bench.worker import finite
 from gauss2svg.errors import InputError
-from gauss2svg.warmup import compile_kernels
+from gauss2svg.pipeline.kernels import compile_kernels
 
 from . import drawn_sections, model_sections, table
 from .book import Book, counted

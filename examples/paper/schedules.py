@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from gauss2svg import metrics
+from gauss2svg.measure import metrics
 
 from .engine import AT_ONCE, EXPONENTIAL, PAPER, SCHEDULES, WAYS, Trace, Way, drawn, fit
 from .photos import Pixels

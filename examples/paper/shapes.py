@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from gauss2svg import metrics
-from gauss2svg.falloff import RIM_WIDTH
+from gauss2svg.measure import metrics
+from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.render.autograd import fast_composite
 
 from .photos import Pixels, Smoothness, smoothness

@@ -16,7 +16,7 @@ from gauss2svg import Result, metrics, vectorize
 from gauss2svg.bench.peers import PEERS
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import BLENDS
-from gauss2svg.svg import file_bytes
+from gauss2svg.svg.packing import file_bytes
 
 from .photos import Pixels, Smoothness, smoothness
 from .settings import Settings
@@ -66,7 +66,7 @@ class Row:
 
     kind     of the file, or the peer's settings; count  Gaussians asked for, or the peer's paths
     psnr, ssim   of the drawn SVG against the photo; error, edges  see photos.Smoothness
-    flat     gauss2svg.metrics.flat_error, levels
+    flat     gauss2svg.measure.metrics.flat_error, levels
     """
 
     photo: str

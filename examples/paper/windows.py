@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from gauss2svg import metrics
+from gauss2svg.measure import metrics
 from gauss2svg.render.kernel_window import (
     GRID_REACH,
     WIDEST_UNCROPPED_SIGMA,

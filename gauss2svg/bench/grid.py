@@ -14,15 +14,15 @@ from typing import Any
 
 from gauss2svg.bench.worker import TOOL
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import FALLOFFS, GAUSSIAN
 from gauss2svg.fit.losses import LOSSES
 from gauss2svg.fit.options import DTYPES, MOST_GAUSSIANS
 from gauss2svg.fit.placement import PLACEMENTS
 from gauss2svg.fit.schedule import SCHEDULES
-from gauss2svg.quality import QUALITIES
+from gauss2svg.pipeline.presets import QUALITIES
 from gauss2svg.raster import DEFAULT_RENDERER, DRAW_BLENDS, DRAW_TURNED_BLURS, RENDERERS
 from gauss2svg.scene import ADD, BLENDS
-from gauss2svg.svg import FORMS, GRADIENT
+from gauss2svg.scene.falloff import FALLOFFS, GAUSSIAN
+from gauss2svg.svg.blur import FORMS, GRADIENT
 from gauss2svg.svg.options import LEAST_PRECISION, MOST_PRECISION
 from gauss2svg.svg.stops import STOP_COUNTS
 from gauss2svg.version import __version__
@@ -219,7 +219,7 @@ def code_digest() -> str:
 
 
 @dataclass(frozen=True)
-class Run:
+class BenchRun:
     """One row to be: a picture, what makes an SVG of it, and how.
 
     image     path; name: what tables call it; digest: SHA-256 of the file's bytes

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.atomic import write_atomically
 from gauss2svg.bench.front import front
 from gauss2svg.bench.peers import PEERS
 from gauss2svg.bench.summary import BYTES, SECONDS
 from gauss2svg.bench.worker import TOOL
+from gauss2svg.files import write_atomically
 
 INSTALL = "pip install 'gauss2svg[bench]'"
 _OWN, _PRESET, _FRONT = "#9aa5b1", "#0b3d91", "#d1495b"

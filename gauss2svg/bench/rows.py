@@ -10,8 +10,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.atomic import write_atomically
 from gauss2svg.errors import OutputError
+from gauss2svg.files import write_atomically
 
 Row = dict[str, Any]
 

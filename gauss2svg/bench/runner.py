@@ -21,17 +21,16 @@ import numpy as np
 from numba.core import config
 from PIL import Image
 
-from gauss2svg.atomic import check_writable, write_all_atomically
 from gauss2svg.bench import plots
-from gauss2svg.bench.grid import Run, settings_of
+from gauss2svg.bench.grid import BenchRun, settings_of
 from gauss2svg.bench.machine import machine
 from gauss2svg.bench.peers import PEERS, check_peers
 from gauss2svg.bench.rows import Row, RowStore, csv_text, json_text
 from gauss2svg.bench.summary import markdown, summarise
 from gauss2svg.bench.worker import TOOL, one_line
-from gauss2svg.checks import whole_number
-from gauss2svg.errors import InputError, OutputError
-from gauss2svg.image import WHITE, load_image
+from gauss2svg.errors import InputError, OutputError, whole_number
+from gauss2svg.files import check_writable, write_all_atomically
+from gauss2svg.photo.image import WHITE, load_image
 from gauss2svg.version import __version__
 
 DEFAULT_PEER_TIMEOUT = 300.0  # s
@@ -88,7 +87,7 @@ def run_bench(
     all_settings = settings_of(axes)
     pictures = _pictures(images)
     plan = [
-        Run(path, name, digest, settings, seed=seed, threads=threads)
+        BenchRun(path, name, digest, settings, seed=seed, threads=threads)
         for settings in all_settings
         for path, name, digest in pictures
     ]
@@ -137,9 +136,11 @@ def _pictures(images: Sequence[str | os.PathLike[str]]) -> list[tuple[str, str, 
     return [(str(p), n, d) for p, n, d in zip(paths, names, digests, strict=True)]
 
 
-def _peer_runs(names: Iterable[str], pictures: Sequence[tuple[str, str, str]]) -> list[Run]:
+def _peer_runs(names: Iterable[str], pictures: Sequence[tuple[str, str, str]]) -> list[BenchRun]:
     return [
-        Run(path, name, digest, tuple(sorted(settings.items())), peer, PEERS[peer].version() or "")
+        BenchRun(
+            path, name, digest, tuple(sorted(settings.items())), peer, PEERS[peer].version() or ""
+        )
         for peer in names
         for settings in PEERS[peer].settings
         for path, name, digest in pictures
@@ -158,7 +159,7 @@ def _folder(directory: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def _in_order(plan: Iterable[Run], rows: Mapping[str, Row]) -> list[Row]:
+def _in_order(plan: Iterable[BenchRun], rows: Mapping[str, Row]) -> list[Row]:
     # A row kept from before may know its picture by the name that it had then.
     return [rows[run.key] | {"image": run.name} for run in plan if run.key in rows]
 
@@ -183,7 +184,7 @@ def _write_tables(
     return summary
 
 
-def _do(run: Run, peer_timeout: float) -> Row:
+def _do(run: BenchRun, peer_timeout: float) -> Row:
     settings = dict(run.settings)
     row: Row = {
         "key": run.key,

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.errors import RendererError
-from gauss2svg.image import WHITE, load_image
+from gauss2svg.measure.roundtrip import measure_pixels
+from gauss2svg.photo.image import WHITE, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize, renderer_version
-from gauss2svg.roundtrip import measure_pixels
 
 _WHITE = (1.0, 1.0, 1.0)  # peers are compared as a page shows them
 

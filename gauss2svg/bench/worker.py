@@ -41,8 +41,8 @@ def _run_own(job: dict[str, Any]) -> dict[str, Any]:
     import numpy as np
 
     from gauss2svg.bench.grid import AXES
-    from gauss2svg.pipeline import vectorize
-    from gauss2svg.warmup import compile_kernels
+    from gauss2svg.pipeline.kernels import compile_kernels
+    from gauss2svg.pipeline.vectorize import vectorize
 
     options: dict[str, Any] = {**job["settings"], "seed": job["seed"], "threads": job["threads"]}
     warming = time.perf_counter()

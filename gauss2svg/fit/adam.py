@@ -27,8 +27,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-from gauss2svg.falloff import RIM_WIDTH
 from gauss2svg.fit.state import FARTHEST, PARAMETERS, State
+from gauss2svg.scene.falloff import RIM_WIDTH
 
 
 @dataclass(frozen=True)

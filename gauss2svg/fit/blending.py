@@ -13,7 +13,7 @@ _OPAQUE_LOGIT = 12.0
 
 @dataclass(frozen=True)
 class Blending:
-    """Step sizes, bounds and beginnings of one of gauss2svg.scene.BLENDS.
+    """Step sizes, bounds and beginnings of one of gauss2svg.scene.scene.BLENDS.
 
     least_color, most_color  of each channel; signed colours are bounded so that a file, whose
                              partial sums must fit into 8 bits, can hold them
@@ -40,5 +40,5 @@ _ADD = Blending(
 
 
 def blending(blend: str) -> Blending:
-    """That of a blend, one of gauss2svg.scene.BLENDS."""
+    """That of a blend, one of gauss2svg.scene.scene.BLENDS."""
     return _ADD if blend == ADD else _OVER

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from gauss2svg.checks import number_within, whole_number
+from gauss2svg.errors import number_within, whole_number
 from gauss2svg.fit.schedule import GROWTH_SHARE
 
 # Where only time is limited, a round of growth takes no more steps than this: what is left
@@ -97,8 +97,8 @@ class Clock:
         self.out_of_time = by_time > by_steps
         return self._from + (1 - self._from) * min(max(by_steps, by_time), 1.0)
 
-    def memory(self) -> dict[str, Any]:
-        """What `recall` needs; a deadline is not part of it."""
+    def state_dict(self) -> dict[str, Any]:
+        """What `load_state_dict` needs; a deadline is not part of it."""
         return {
             "iteration": self.iteration,
             "stage_first": self._stage_first,
@@ -107,7 +107,7 @@ class Clock:
             "elapsed_s": self.elapsed_s,
         }
 
-    def recall(self, memory: dict[str, Any]) -> None:
+    def load_state_dict(self, memory: dict[str, Any]) -> None:
         """Go on as a clock does that gave this memory; InputError for one that none can give."""
         most = _MOST_STEPS if self.iterations is None else self.iterations
         self.iteration = whole_number("iteration", memory["iteration"], 0, most)

@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gauss2svg.falloff import ADAPTIVE
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.placement import FIRST_RAW_BETA
-from gauss2svg.fit.schedule import DEFAULT_SCHEDULE, totals
+from gauss2svg.fit.schedule import totals
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import Target
 from gauss2svg.scene import OVER, Scene
@@ -35,7 +34,7 @@ def painted(scene: Scene, target: Target, options: FitOptions) -> State:
     if target.visible is not None:
         shown = target.visible[y, x]
         mean, factor, x, y = mean[shown], factor[shown], x[shown], y[shown]
-    learns = options.falloff == ADAPTIVE
+    learns = options.learned_falloff
     count = len(mean)
     state = State.empty().append(
         mean,
@@ -45,6 +44,6 @@ def painted(scene: Scene, target: Target, options: FitOptions) -> State:
         np.full(count, FIRST_RAW_BETA if learns else 0.0),
         0,
     )
-    rounds = totals(DEFAULT_SCHEDULE, count, None)[:-1]
+    rounds = totals("exponential", count, None)[:-1]
     state.round_index = np.searchsorted(rounds, np.arange(count), side="right").astype(np.int32)
     return state

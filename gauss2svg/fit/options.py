@@ -4,134 +4,128 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from gauss2svg.checks import number_within, whole_number
-from gauss2svg.errors import InputError
-from gauss2svg.falloff import ADAPTIVE, FALLOFFS, GAUSSIAN
-from gauss2svg.fit.losses import DEFAULT_LOSS, check_loss, has_ssim
-from gauss2svg.fit.placement import DEFAULT_PLACEMENT, PLACEMENTS
-from gauss2svg.fit.schedule import DEFAULT_SCHEDULE, GROWTH_SHARE, SCHEDULES, totals
-from gauss2svg.scene import ADD, BLENDS, OVER, Scene
+from gauss2svg.errors import InputError, must_be, whole_number
+from gauss2svg.fit.losses import has_ssim
+from gauss2svg.fit.schedule import GROWTH_SHARE, totals
+from gauss2svg.options import Number, OptionGroup, Whole
+from gauss2svg.scene import ADD, OVER, Scene
+from gauss2svg.scene.falloff import ADAPTIVE, GAUSSIAN
 
 # 228 bytes of optimiser state each: over 2 GB.
 MOST_GAUSSIANS = 10_000_000
 
-LEARNING_RATES = 1e-6, 1e6
-
-# What the kernels compute in. Neither ends truer: at 200 to 1000 Gaussians they differ by
-# up to 0.2 dB either way, as each does from itself under noise of 1e-6, since another
-# Gaussian is relocated; without relocation by 0.002.
+# What the kernels compute in; docs/decisions/numbers.md has what the wider one buys: nothing.
 DTYPES = ("float32", "float64")
 DEFAULT_DTYPE = "float32"
 
 
-def check_blend(blend: str) -> None:
-    """Raise InputError unless it is one of BLENDS."""
-    if blend not in BLENDS:
-        raise InputError(f"blend is {blend!r}; needed is one of {', '.join(BLENDS)}")
+@dataclass(frozen=True, kw_only=True)
+class FitOptions(OptionGroup):
+    """The model and the optimiser."""
+
+    iterations: Annotated[int | None, Whole(1, 10**9)] = None
+    """Optimiser steps; the preset's if not given."""
+
+    loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
+    """Loss; those with ssim keep more texture, take longer and need the extra torch."""
+
+    ssim_weight: Annotated[float | None, Number(0, 1)] = None
+    """Weight of 1 - SSIM in the losses with ssim, 0 to 1; 0.2 if not given."""
+
+    learning_rate: Annotated[float, Number(1e-6, 1e6)] = 1.0
+    """Learning-rate multiplier."""
+
+    blend: Literal["over", "add"] = "over"
+    """over: alpha compositing; add: the paper's additive blending of signed colours, for resvg,
+    browsers, librsvg and Inkscape."""
+
+    falloff: Literal["gaussian", "adaptive"] | None = None
+    """adaptive: each shape learns how crisp its rim is; gaussian: all are Gaussians, as in the
+    paper. The default is adaptive, and gaussian with additive blending."""
+
+    seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
+    """Seed; the same seed gives the same file."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.ssim_weight is not None and not has_ssim(self.loss):
+            needed = "one with ssim where ssim_weight is given"
+            raise InputError(must_be("loss", needed, self.loss, f"--loss {self.loss}+ssim"))
+
+    @property
+    def learned_falloff(self) -> bool:
+        """Whether each shape learns its exponent."""
+        return (self.falloff or (GAUSSIAN if self.blend == ADD else ADAPTIVE)) == ADAPTIVE
 
 
-@dataclass(frozen=True)
-class FitOptions:
-    """What a fit does.
+@dataclass(frozen=True, kw_only=True)
+class DensifyOptions(OptionGroup):
+    """How Gaussians are added and moved during the fit."""
 
-    gaussians   how many, >= 0; 0 gives the mean colour
+    init: Literal["selective", "error", "random", "live"] = "selective"
+    """Placement of new Gaussians: on the largest components of the error, in proportion to the
+    squared error, at random, or on components chosen as in LIVE."""
+
+    schedule: Literal["exponential", "linear", "all-at-once"] = "exponential"
+    """How the rounds grow to a given number of Gaussians."""
+
+    per_round: Annotated[int | None, Whole(1, MOST_GAUSSIANS)] = None
+    """Gaussians added in a round: exponential rounds add 1, 2, 4, ... up to this, linear ones
+    this."""
+
+    round_iterations: Annotated[int | None, Whole(1, 10**9)] = None
+    """Optimiser steps in each round."""
+
+    relocate: bool = True
+    """Relocate the least useful Gaussians during the fit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitConfig:
+    """All that a fit of one picture goes by.
+
+    gaussians   number of Gaussians, >= 0; 0 gives the mean colour
     iterations  optimiser steps, >= 1; None: until the deadline
-    placement   one of PLACEMENTS; schedule one of SCHEDULES; loss one of LOSSES
-    seed        of the one random generator
     dtype       one of DTYPES, of all that the kernels compute
-    falloff     one of FALLOFFS: Gaussians, or shapes that each learn an exponent; None: the
-                latter, save where they are summed
-    blend       one of gauss2svg.scene.BLENDS: painted over each other, or summed
-    per_round   of growth to a given count, the paper's k or m: exponential rounds i = 0, 1, ..
-                add min(2^i, per_round), linear ones per_round each; None: six rounds
-    round_iterations  of each round; None: all rounds together have 30 % of the iterations
-    ssim_weight  of 1 - SSIM in the losses that have it, 0..1, the rest being the pixel term's;
-                None: 0.2
-    relocate    whether those that are missed least are placed anew on the way
-    learning_rate  times the usual sizes of all steps, in LEARNING_RATES; a fit that runs away
-                with it goes back to its best state and lowers them
     reduce      whether rounds of few Gaussians run on a reduced picture, which is quicker
     """
 
     gaussians: int = 5000
     iterations: int | None = 200
-    placement: str = DEFAULT_PLACEMENT
-    schedule: str = DEFAULT_SCHEDULE
-    loss: str = DEFAULT_LOSS
-    seed: int = 0
+    fit: FitOptions = FitOptions()
+    densify: DensifyOptions = DensifyOptions()
     dtype: str = DEFAULT_DTYPE
-    falloff: str | None = None
-    blend: str = OVER
-    per_round: int | None = None
-    round_iterations: int | None = None
-    ssim_weight: float | None = None
-    relocate: bool = True
     reduce: bool = True
-    learning_rate: float = 1.0
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
         if self.iterations is not None:
             whole_number("iterations", self.iterations, 1, 10**9)
-        number_within("learning_rate", self.learning_rate, *LEARNING_RATES)
-        whole_number("seed", self.seed, 0, 2**63 - 1)
-        if self.placement not in PLACEMENTS:
-            raise InputError(
-                f"init is {self.placement!r}; needed is one of {', '.join(PLACEMENTS)}"
-            )
-        if self.schedule not in SCHEDULES:
-            raise InputError(
-                f"schedule is {self.schedule!r}; needed is one of {', '.join(SCHEDULES)}"
-            )
-        check_loss(self.loss)
-        check_blend(self.blend)
-        if self.falloff is None:
-            falloff = GAUSSIAN if self.blend == ADD else ADAPTIVE
-            object.__setattr__(self, "falloff", falloff)
-        if self.falloff not in FALLOFFS:
-            raise InputError(f"falloff is {self.falloff!r}; needed is one of {', '.join(FALLOFFS)}")
-        if self.blend == ADD and self.falloff != GAUSSIAN:
-            raise InputError(
-                f"falloff is {self.falloff!r} with blend 'add', of Gaussians of eight parameters; "
-                f"needed is {GAUSSIAN}, or blend {OVER!r}"
-            )
-        self._check_ssim_weight()
-        self._check_rounds()
         if self.dtype not in DTYPES:
-            raise InputError(f"dtype is {self.dtype!r}; needed is one of {', '.join(DTYPES)}")
+            raise InputError(must_be("dtype", f"one of {', '.join(DTYPES)}", self.dtype))
+        if self.fit.blend == ADD and self.fit.falloff not in (None, GAUSSIAN):
+            needed = f"{GAUSSIAN} with additive blending"
+            raise InputError(must_be("falloff", needed, self.fit.falloff, f"--blend {OVER}"))
+        self._check_rounds()
 
     @property
     def totals(self) -> list[int]:
         """Ascending totals of the rounds in which the Gaussians asked for are added."""
-        return totals(self.schedule, self.gaussians, self.iterations, self.per_round)
-
-    def _check_ssim_weight(self) -> None:
-        if self.ssim_weight is None:
-            return
-        number_within("ssim_weight", self.ssim_weight, 0, 1)
-        if not has_ssim(self.loss):
-            raise InputError(
-                f"ssim_weight is {self.ssim_weight} with the loss {self.loss}, which has no SSIM; "
-                f"needed is a loss {self.loss}+ssim"
-            )
+        densify = self.densify
+        return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
 
     def _check_rounds(self) -> None:
-        if self.per_round is not None:
-            whole_number("per_round", self.per_round, 1, MOST_GAUSSIANS)
-        if self.round_iterations is not None:
-            whole_number("round_iterations", self.round_iterations, 1, 10**9)
+        each, per_round = self.densify.round_iterations, self.densify.per_round
         rounds = len(self.totals)
-        by_default = self.per_round is None and self.round_iterations is None
-        if self.iterations is None or by_default:
+        if self.iterations is None or (each is None and per_round is None):
             return
-        each = self.round_iterations or 1
-        room = self.iterations if self.round_iterations else int(self.iterations * GROWTH_SHARE)
-        if rounds * each > room:
+        room = self.iterations if each else int(self.iterations * GROWTH_SHARE)
+        if rounds * (each or 1) > room:
             raise InputError(
-                f"{rounds} rounds of {each} iterations or more are asked for, with room for "
-                f"{room}; needed are more iterations, or a larger per_round"
+                f"iterations must leave room for {rounds} rounds of {each or 1} or more; got "
+                f"{room} for the rounds. Try more --iterations or a larger --per-round"
             )
 
 
@@ -157,7 +151,7 @@ class FitResult:
 
     cpu_s counts the CPU seconds of all threads, pixel_pairs the pixel-Gaussian pairs
     of the optimiser's steps, forward and backward counted once. stop_reason is one of
-    gauss2svg.fit.rules.STOP_REASONS. rollbacks is how often the fit ran away and was taken back
+    gauss2svg.fit.densification.STOP_REASONS. rollbacks is how often the fit ran away and was taken back
     to its best state, rate what its steps were in the end, as a share of the usual ones.
     """
 

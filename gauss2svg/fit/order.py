@@ -35,14 +35,14 @@ class SegmentOrder:
         self._segment_at = segment_at
         self.home: NDArray[np.float64] | None = None
 
-    def arranged(self, state: State, width: float, height: float) -> State:
+    def grouped_by_segment(self, state: State, width: float, height: float) -> State:
         """The state in that order; positions in px of a picture of width x height."""
         segment = self._segment_at(state.mean / [width, height])
         return state.select(np.lexsort((segment, state.round_index)))
 
     def settle(self, state: State, width: float, height: float) -> State:
         """The same, and from here on shapes stay in their segments, for `kept`."""
-        state = self.arranged(state, width, height)
+        state = self.grouped_by_segment(state, width, height)
         self.home = state.mean / [width, height]
         return state
 

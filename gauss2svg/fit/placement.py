@@ -9,12 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from gauss2svg.errors import InputError
 from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.target import Target
-
-PLACEMENTS = ("selective", "error", "random", "live")
-DEFAULT_PLACEMENT = "selective"
 
 # ln beta; starting at 1, 1.5, 2.5 or 3, everywhere or only for components, ends within the
 # scatter of +-0.3 dB on drawings and 0.03 dB on photos.
@@ -70,24 +66,23 @@ def place(
     count: int,
     total: int,
     rng: np.random.Generator,
-    manner: Blending,
+    blending: Blending,
 ) -> New:
     """New Gaussians, `count` of them, for a scene that has `total` with them.
 
+    placement is that of DensifyOptions.init.
+
     rendered is the scene so far, like target.planar. Where the target has alpha and nothing of
     it shows, none go: more paint can only make that worse.
-    Raises InputError for an unknown placement.
     """
-    placing = _Placing(target, rendered, target.spacing(total), rng, manner)
+    placing = _Placing(target, rendered, target.spacing(total), rng, blending)
     if placement == "error":
         return placing.by_error(count)
     if placement == "selective":
         return placing.by_component(count)
     if placement == "live":
         return placing.as_in_live(count)
-    if placement == "random":
-        return placing.at_random(count)
-    raise InputError(f"init is {placement!r}; needed is one of {', '.join(PLACEMENTS)}")
+    return placing.at_random(count)
 
 
 class _Placing:
@@ -99,7 +94,7 @@ class _Placing:
         rendered: NDArray[np.floating],
         spacing: float,
         rng: np.random.Generator,
-        manner: Blending,
+        blending: Blending,
     ) -> None:
         self._target = target
         self._missed = target.planar - rendered
@@ -108,10 +103,10 @@ class _Placing:
             over_white, over_black = self._missed[:3], self._missed[3:]
             covered = (over_white - over_black).mean(axis=0)  # more than in the target
             self._missed *= np.where(covered > _TOO_COVERED, _MENDS_LESS, 1.0)
-        self._paint = self._missed if manner.by_residual else target.paint
+        self._paint = self._missed if blending.by_residual else target.paint
         self._spacing = spacing
         self._rng = rng
-        self._sigma_share = manner.sigma_share
+        self._sigma_share = blending.sigma_share
 
     def by_error(self, count: int) -> New:
         """Drawn in proportion to the squared error, one from each of `count` equal parts of it."""

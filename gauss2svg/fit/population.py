@@ -8,18 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.alpha import has_alpha
-from gauss2svg.checks import whole_number
-from gauss2svg.errors import InputError
-from gauss2svg.falloff import ADAPTIVE
+from gauss2svg.errors import InputError, whole_number
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.convert import painted
-from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import FIRST_RAW_BETA, New, place
 from gauss2svg.fit.schedule import LARGEST_REDUCTION
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import Views
+from gauss2svg.photo.alpha import has_alpha
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, Scene
 
@@ -41,18 +39,18 @@ class Population:
     """
 
     def __init__(
-        self, pixels: NDArray[np.float32], options: FitOptions, segment_at: SegmentAt | None = None
+        self, pixels: NDArray[np.float32], config: FitConfig, segment_at: SegmentAt | None = None
     ) -> None:
-        self.options = options
-        self.manner = blending(options.blend)
+        self.config = config
+        self.blending = blending(config.fit.blend)
         self.state = State.empty()
         self.round_index = 0
         # On 8 bits already, as it will be written: the fit makes up for the rounding.
         self.background = np.round(pixels.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
         if has_alpha(pixels):
             self.background = np.ones(3)  # the page; none of it is written
-        self.rng = np.random.default_rng(options.seed)
-        self._views = Views(pixels, options.dtype, FLAT_WEIGHT)
+        self.rng = np.random.default_rng(config.fit.seed)
+        self._views = Views(pixels, config.dtype, FLAT_WEIGHT)
         self._reduction = 1
         self.target = self._views.reduced(1)
         self._order = None if segment_at is None else SegmentOrder(segment_at)
@@ -67,7 +65,7 @@ class Population:
 
     def splats(self) -> Splats:
         """As the kernels read them."""
-        return self.state.splats(self.background, self.options.blend)
+        return self.state.splats(self.background, self.config.fit.blend)
 
     def rendered(self) -> NDArray[np.floating]:
         """As they are drawn on the present picture."""
@@ -76,7 +74,7 @@ class Population:
     def scene(self) -> Scene:
         """The Gaussians so far, on the whole working canvas."""
         size = self.target.width, self.target.height
-        scene = self.state.scene(self.background, *size, self.options.blend)
+        scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
             scene = scene.replace(transparent=True)
         height, width = self._views.pixels.shape[:2]
@@ -104,10 +102,10 @@ class Population:
 
     def adopt(self, scene: Scene) -> None:
         """Begin with a sum's Gaussians, painted over each other."""
-        self.state = painted(scene, self.target, self.options)
+        self.state = painted(scene, self.target, self.config.fit)
         self.round_index = int(self.state.round_index.max(initial=0))
 
-    def change_count(self, count: int) -> None:
+    def densify_or_prune(self, count: int) -> None:
         """Remove the Gaussians that are missed least, or add some where the error is."""
         surplus = len(self) - count
         if surplus > 0:
@@ -126,7 +124,7 @@ class Population:
             return False
         kept = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])
         self.state = self.state.select(kept)
-        if self.manner.additive:  # the sum of those gone may be missed more than each
+        if self.blending.additive:  # the sum of those gone may be missed more than each
             rendered = self.rendered()
         self._add(rendered, count, total)
         return True
@@ -165,18 +163,20 @@ class Population:
 
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
         new = place(
-            self.options.placement, self.target, rendered, count, total, self.rng, self.manner
+            self.config.densify.init, self.target, rendered, count, total, self.rng, self.blending
         )
-        opacity = self.target.opacity_logits(new.mean, self.manner.first_opacity_logit)
-        raw_beta = np.full(count, FIRST_RAW_BETA if self.options.falloff == ADAPTIVE else 0.0)
+        opacity = self.target.opacity_logits(new.mean, self.blending.first_opacity_logit)
+        raw_beta = np.full(count, FIRST_RAW_BETA if self.config.fit.learned_falloff else 0.0)
         color = new.color
-        if self.manner.additive:
+        if self.blending.additive:
             color = color / self._crowd(new)[:, None]
         self.state = self.state.append(
             new.mean, new.factor, opacity, color, raw_beta, self.round_index
         )
         if self._order is not None:  # from the start, so that the fit makes up for it
-            self.state = self._order.arranged(self.state, self.target.width, self.target.height)
+            self.state = self._order.grouped_by_segment(
+                self.state, self.target.width, self.target.height
+            )
 
     def _crowd(self, new: New) -> NDArray[np.float64]:
         """(n,) sum of all new falloffs at each new mean, at least 1.
@@ -193,21 +193,21 @@ class Population:
         x, y = np.clip(new.mean.astype(np.intp), 0, [target.width - 1, target.height - 1]).T
         return np.maximum(summed[y, x].astype(np.float64), 1.0)
 
-    def memory(self) -> dict[str, Any]:
-        """What `recall` needs to go on from here, to the last bit."""
+    def state_dict(self) -> dict[str, Any]:
+        """What `load_state_dict` needs to go on from here, to the last bit."""
         return {
-            "state": self.state.memory(),
+            "state": self.state.state_dict(),
             "round_index": self.round_index,
             "reduction": self._reduction,
             "rng": self.rng.bit_generator.state,
             "home": None if self._order is None else self._order.home,
         }
 
-    def recall(self, memory: dict[str, Any]) -> None:
+    def load_state_dict(self, memory: dict[str, Any]) -> None:
         """Become as one was that gave this memory; raises InputError for what none can give."""
         self._reduction = whole_number("reduction", memory["reduction"], 1, LARGEST_REDUCTION)
         self.target = self._views.reduced(self._reduction)
-        self.state = State.recalled(memory["state"])
+        self.state = State.from_state_dict(memory["state"])
         self.round_index = whole_number("round_index", memory["round_index"], 0, 2**31 - 1)
         self.rng.bit_generator.state = memory["rng"]
         if self._order is not None:

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from gauss2svg.checks import whole_number
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, whole_number
 from gauss2svg.fit.adam import FIRST_DECAY, SECOND_DECAY
 from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.state import COLOR, State
@@ -34,8 +33,8 @@ _LEAST_MASS = 1e-3  # px; shapes that show less keep their colour
 class SharedColors:
     """The distinct pairs of a colour and an exponent in a state, and which one each shape has."""
 
-    def __init__(self, state: State, manner: Blending) -> None:
-        self._manner = manner
+    def __init__(self, state: State, blending: Blending) -> None:
+        self._manner = blending
         keys = np.column_stack([state.color, state.raw_beta])
         shared, entry = np.unique(keys, axis=0, return_inverse=True)
         self._color, self._raw_beta = shared[:, :3].copy(), shared[:, 3]
@@ -45,11 +44,11 @@ class SharedColors:
 
     def copy(self) -> SharedColors:
         """The same, which steps of this one leave alone."""
-        return SharedColors.recalled(
-            {name: np.copy(value) for name, value in self.memory().items()}, self._manner
+        return SharedColors.from_state_dict(
+            {name: np.copy(value) for name, value in self.state_dict().items()}, self._manner
         )
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """What `recalled` needs, for a checkpoint."""
         return {
             "color": self._color,
@@ -61,7 +60,7 @@ class SharedColors:
         }
 
     @classmethod
-    def recalled(cls, memory: dict[str, Any], manner: Blending) -> SharedColors:
+    def from_state_dict(cls, memory: dict[str, Any], blending: Blending) -> SharedColors:
         """Those that gave this memory; raises InputError for arrays that cannot be theirs."""
         count = len(memory["raw_beta"])
         for name in ("color", "raw_beta", "first", "second"):
@@ -73,7 +72,7 @@ class SharedColors:
         if not known or (entry < 0).any() or (entry >= count).any():
             raise InputError("entry of a checkpoint's shared colours is none; begin anew")
         whole_number("age", memory["age"], 0, 10**9)
-        shared = cls(State.empty(), manner)
+        shared = cls(State.empty(), blending)
         shared._color, shared._raw_beta = memory["color"], memory["raw_beta"]
         shared.entry, shared._age = memory["entry"], int(memory["age"])
         shared._first, shared._second = memory["first"], memory["second"]

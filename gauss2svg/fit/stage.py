@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from gauss2svg.checks import whole_number
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, whole_number
 
 GROWING, REFINING, OVER = "growing", "refining", "over"
 
@@ -30,7 +29,7 @@ class Stage:
     settled: bool = False
 
     @classmethod
-    def recalled(cls, memory: dict[str, Any]) -> Stage:
+    def from_state_dict(cls, memory: dict[str, Any]) -> Stage:
         """The stage of this memory; raises InputError for a name that is none."""
         stage = cls(**memory)
         if stage.name not in (GROWING, REFINING, OVER):

@@ -11,9 +11,9 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import CUT
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, OVER, RHO_LIMIT, Scene
+from gauss2svg.scene.falloff import CUT
 
 FARTHEST = 1e9  # px, from the origin and of a shape: well within what a scene may have
 PARAMETERS = 10  # shift along the two whitened axes, three of shape, opacity, r, g, b, ln beta
@@ -64,18 +64,18 @@ class State:
 
     def copy(self) -> State:
         """With arrays of its own, which steps of this one leave alone."""
-        return State(**{name: array.copy() for name, array in self.memory().items()})
+        return State(**{name: array.copy() for name, array in self.state_dict().items()})
 
-    def memory(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Its arrays by name, for a checkpoint."""
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
 
     @classmethod
-    def recalled(cls, memory: dict[str, Any]) -> State:
+    def from_state_dict(cls, memory: dict[str, Any]) -> State:
         """The state that gave this memory; raises InputError for arrays that cannot be one's."""
         usual = cls.empty()
         count = len(np.atleast_1d(memory.get("mean", [])))
-        for name, array in usual.memory().items():
+        for name, array in usual.state_dict().items():
             got = memory.get(name)
             shape = (count, *array.shape[1:])
             if not isinstance(got, np.ndarray) or got.shape != shape or got.dtype != array.dtype:
@@ -113,7 +113,7 @@ class State:
         pairs = ((getattr(self, f.name), getattr(new, f.name)) for f in dataclasses.fields(self))
         return State(*(np.concatenate(pair) for pair in pairs))
 
-    def settled(self, scene: Scene) -> State:
+    def quantized(self, scene: Scene) -> State:
         """With a scene's shapes, exponents and colours; the optimiser forgets the last two."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         first, second = self.first.copy(), self.second.copy()

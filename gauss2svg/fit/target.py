@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 from scipy.special import expit, logit
 
-from gauss2svg.alpha import PAGES, has_alpha, shrunk
 from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
+from gauss2svg.photo.alpha import BACKDROPS, has_alpha, shrunk
 from gauss2svg.render.cpu import (
     Splats,
     moments_of_gradient,
@@ -30,7 +30,7 @@ _LEAST_ALPHA = 0.5 / 255  # of a pixel that shows
 _LEAST_OPACITY, _MOST_OPACITY = 0.02, 0.98  # with which Gaussians on a picture with alpha begin
 
 
-class Judgement(NamedTuple):
+class LossAndGradient(NamedTuple):
     """What a step of a fit goes by.
 
     loss     what is made small, summed over all values
@@ -90,10 +90,10 @@ class Target:
         else:
             self.visible = alpha >= _LEAST_ALPHA
             self.paint = _filled(color, self.visible)
-            pages = [alpha * color + (1 - alpha) * color.dtype.type(page) for page in PAGES]
+            pages = [alpha * color + (1 - alpha) * color.dtype.type(page) for page in BACKDROPS]
             self.planar = np.concatenate(pages)
             self._views = tuple(
-                View(self.planar[3 * k : 3 * k + 3], page) for k, page in enumerate(PAGES)
+                View(self.planar[3 * k : 3 * k + 3], page) for k, page in enumerate(BACKDROPS)
             )
         self._slopes = [_slopes(view.planar) for view in self._views]
         energy = reduce(add, (gx * gx + gy * gy for gx, gy in self._slopes)) / len(self._views)
@@ -158,18 +158,20 @@ class Target:
         return float(np.mean(np.square(self.rendered(splats) - self.planar), dtype=np.float64))
 
     def loss(self, splats: Splats) -> float:
-        """The loss of `judged`, where it is the squared error."""
+        """The loss of `evaluated`, where it is the squared error."""
         return 0.5 * self.error(splats) * self.planar.size
 
-    def judged(self, splats: Splats, loss: str, ssim_weight: float | None) -> Judgement:
-        """The loss, one of gauss2svg.fit.losses.LOSSES, and its gradient."""
-        judgements = [self._judged(view, splats, loss, ssim_weight) for view in self._views]
+    def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
+        """The loss, one of FitOptions.loss, and its gradient."""
+        judgements = [self._evaluate(view, splats, loss, ssim_weight) for view in self._views]
         losses, errors, moments, pairs = zip(*judgements, strict=True)
-        return Judgement(sum(losses), sum(errors) / len(errors), reduce(add, moments), sum(pairs))
+        return LossAndGradient(
+            sum(losses), sum(errors) / len(errors), reduce(add, moments), sum(pairs)
+        )
 
-    def _judged(
+    def _evaluate(
         self, view: View, splats: Splats, loss: str, ssim_weight: float | None
-    ) -> Judgement:
+    ) -> LossAndGradient:
         splats = view.on_page(splats)
         image, squares, moments, rows = squared_error(splats, view.planar, self.weight)
         value = 0.5 * squares
@@ -177,7 +179,7 @@ class Target:
             mean, gradient = image_gradient(loss, image, view.planar, ssim_weight)
             value = mean * view.planar.size
             moments = moments_of_gradient(splats, gradient)
-        return Judgement(value, squares / view.planar.size, moments, rows * _PIXELS_A_ROW)
+        return LossAndGradient(value, squares / view.planar.size, moments, rows * _PIXELS_A_ROW)
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
         """Sum of squared differences, and the moments of half of it."""

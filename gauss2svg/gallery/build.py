@@ -12,29 +12,28 @@ from typing import Any
 
 from numba.core import config
 
-from gauss2svg.atomic import check_writable
-from gauss2svg.checks import number_within, whole_number
-from gauss2svg.errors import InputError, OutputError, on_one_line
-from gauss2svg.gallery.crew import Crew
+from gauss2svg.errors import InputError, OutputError, number_within, on_one_line, whole_number
+from gauss2svg.files import check_writable
 from gauss2svg.gallery.pages import (
     ASSETS,
     DATA,
     INDEX,
     OUTPUTS,
-    Story,
+    Provenance,
     is_gallery,
     make_folder,
     shown_title,
     write_pages,
 )
-from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos, settled
+from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos, quantized
 from gauss2svg.gallery.plan import PHOTOS, Settings, Task, photo_folder, photo_task, variant_task
+from gauss2svg.gallery.pool import WorkerPool
 from gauss2svg.gallery.records import Failure, Row, Shown, made_of, rows_of, summary_of
 from gauss2svg.gallery.variants import Variant, variants_of
 from gauss2svg.gallery.work import RECORD, finished
-from gauss2svg.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
-from gauss2svg.memory import allowed
-from gauss2svg.warmup import compile_kernels
+from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.memory_budget import allowed
 
 DEFAULT_TITLE = "Photos as Gaussians"
 DEFAULT_PEER_TIMEOUT = 3600.0  # s: SplatThis takes minutes
@@ -97,7 +96,7 @@ def build_gallery(
     """Vectorise photos in several ways, and write pages that show what came of it.
 
     photos      paths; directory: where the pages go, made if missing
-    variants    presets of gauss2svg.quality; counts: of Gaussians; where neither is given,
+    variants    presets of gauss2svg.pipeline.presets; counts: of Gaussians; where neither is given,
                 draft, balanced and high
     peers       vtracer, splatthis, primitive, as they are without options or in a style of the
                 benchmark, such as "vtracer:detailed"; those not installed are left out
@@ -127,11 +126,11 @@ def build_gallery(
     own = max(1, cores // jobs) if threads is None else whole_number("threads", threads, 1, cores)
     title = shown_title(title)
     root = _folder(directory, listed)
-    listed = settled(listed, root / PHOTOS)
+    listed = quantized(listed, root / PHOTOS)
     # What is free is shared out: every process would take most of it for its own.
     most_bytes = allowed(None) // jobs
     settings = Settings(photo_size, max_pixels, seed, jobs, own, most_bytes, peer_timeout)
-    story = Story(
+    story = Provenance(
         title=title,
         command=on_one_line(
             command or f"build_gallery([.. {len(listed)} photos ..], {os.fspath(directory)!r}, ..)"
@@ -171,7 +170,7 @@ class _Making:
 
     def run(self, jobs: int) -> None:
         """Photos first, so that a bad one is known early; then the SVGs of the good ones."""
-        with Crew(jobs) as crew:
+        with WorkerPool(jobs) as crew:
             readable = []
             for photo in self._photos:
                 if photo.trouble is None:
@@ -195,7 +194,7 @@ class _Making:
         made = sum(folder.count("/") > 1 for folder in self._records)
         return readable * len(self._variants) - failed - made
 
-    def write(self, story: Story) -> Gallery:
+    def write(self, story: Provenance) -> Gallery:
         """Write the pages of what is finished."""
         shown = [
             self._shown(photo, record)
@@ -234,7 +233,7 @@ class _Making:
             self._done += 1
         return missing
 
-    def _make(self, crew: Crew, tasks: list[Task]) -> None:
+    def _make(self, crew: WorkerPool, tasks: list[Task]) -> None:
         self._tell()
         for index, answer in crew.run([task.work for task in tasks]):
             task = tasks[index]

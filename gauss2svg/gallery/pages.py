@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from gauss2svg.atomic import write_all_atomically
 from gauss2svg.bench.rows import csv_text, json_text
 from gauss2svg.errors import InputError, OutputError
+from gauss2svg.files import write_all_atomically
 from gauss2svg.gallery import numbers
 from gauss2svg.gallery.chart import Point, scatter
 from gauss2svg.gallery.crops import SIDE
 from gauss2svg.gallery.records import Failure, Made, Row, Shown, rows_of, summary_of
 from gauss2svg.gallery.variants import Variant, main_variant
 from gauss2svg.gallery.work import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
-from gauss2svg.scoring.heatmap import MOST, colors_of
+from gauss2svg.measure.heatmap import MOST, colors_of
 from gauss2svg.version import __version__
 
 INDEX, TRADE_OFF, HOW = "index.html", "trade-off.html", "how.html"
@@ -41,7 +41,7 @@ _COSTS = (
 
 
 @dataclass(frozen=True)
-class Story:
+class Provenance:
     """How a gallery was made; see `build_gallery`."""
 
     title: str
@@ -62,7 +62,7 @@ def shown_title(title: Any) -> str:
 
 def write_pages(
     root: Path,
-    story: Story,
+    story: Provenance,
     variants: Sequence[Variant],
     shown: Sequence[Shown],
     failures: Sequence[Failure],
@@ -134,7 +134,7 @@ def is_gallery(data: Path) -> bool:
 
 
 def _document(
-    story: Story,
+    story: Provenance,
     summary: Sequence[Row],
     rows: Sequence[Row],
     failures: Iterable[Failure],

@@ -9,10 +9,9 @@ from typing import Any
 from gauss2svg.bench.grid import Settings
 from gauss2svg.bench.peers import PEERS, check_peers
 from gauss2svg.bench.worker import TOOL
-from gauss2svg.checks import whole_number
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, whole_number
 from gauss2svg.fit.options import MOST_GAUSSIANS
-from gauss2svg.quality import DEFAULT_QUALITY, QUALITIES
+from gauss2svg.pipeline.presets import DEFAULT_QUALITY, QUALITIES
 from gauss2svg.version import __version__
 
 DEFAULT_VARIANTS = ("draft", "balanced", "high")
@@ -49,7 +48,7 @@ def variants_of(
 ) -> tuple[list[Variant], list[str]]:
     """The variants, each once and in this order, and the peers that are not installed.
 
-    presets  of gauss2svg.quality; counts: of Gaussians, 0..MOST_GAUSSIANS; where neither is
+    presets  of gauss2svg.pipeline.presets; counts: of Gaussians, 0..MOST_GAUSSIANS; where neither is
              given, DEFAULT_VARIANTS
     peers    of SVG_PEERS, "vtracer" as it is without options or "vtracer:detailed" in a style
              that the benchmark knows

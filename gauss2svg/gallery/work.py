@@ -18,20 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.alpha import over, pixels_of, shrunk
-from gauss2svg.atomic import write_all_atomically
 from gauss2svg.bench.machine import Stopwatch, machine
 from gauss2svg.bench.runner import in_own_process
 from gauss2svg.bench.worker import TOOL, finite
 from gauss2svg.errors import OutputError, PeerError
+from gauss2svg.files import as_json, as_png, write_all_atomically
 from gauss2svg.gallery.crops import worst_and_typical
-from gauss2svg.image import WHITE, load_image
-from gauss2svg.outputs import as_json, as_png
-from gauss2svg.pipeline import vectorize
-from gauss2svg.scoring.heatmap import error_map
-from gauss2svg.scoring.measure import check
-from gauss2svg.svg.document import parse_document
-from gauss2svg.warmup import compile_kernels
+from gauss2svg.measure.check import check
+from gauss2svg.measure.heatmap import error_map
+from gauss2svg.photo.alpha import over, pixels_of, shrunk
+from gauss2svg.photo.image import WHITE, load_image
+from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.vectorize import vectorize
+from gauss2svg.svg.reader.parse import parse_document
 
 RECORD = "record.json"
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 from PIL import Image, ImageFile, features
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo.chatter import hushed
+from gauss2svg.photo.stderr import stderr_silenced
 
 # Decoders that are tried; anything else is refused unread. Pillow's plugin of each.
 FORMATS = {
@@ -190,7 +190,9 @@ def _too_large(size: str, name: str, max_pixels: int, count: int) -> InputError:
 def loaded(picture: Image.Image, name: str) -> Image.Image:
     """The picture with its pixels decoded; raises InputError if they are broken or cut off."""
     try:
-        with hushed() if picture.format == "TIFF" else nullcontext():  # libtiff writes by itself
+        with (
+            stderr_silenced() if picture.format == "TIFF" else nullcontext()
+        ):  # libtiff writes by itself
             picture.load()
     except MemoryError:
         raise

@@ -24,7 +24,7 @@ _ICC_PROFILE, _ORIENTATION, _UNIT, _DENSITIES = 34675, 274, 296, (282, 283)  # t
 
 
 @dataclass(frozen=True, eq=False)
-class Page:
+class Document:
     """The first page of a TIFF, as stored: color (h, w, 1 or 3), alpha (h, w); pages in all."""
 
     color: NDArray[Any]
@@ -34,7 +34,7 @@ class Page:
     pages: int
 
 
-def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
+def first_page(file: BinaryIO, name: str, max_pixels: int) -> Document:
     """The first page of a TIFF; InputError for one that cannot be read or has too many pixels."""
     import tifffile  # 0.1 s, for few files
 
@@ -77,7 +77,7 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
             if kind == _PREMULTIPLIED:
                 color = _straight(color, alpha)
             break
-    return Page(color, alpha, profile if isinstance(profile, bytes) else None, tags, pages)
+    return Document(color, alpha, profile if isinstance(profile, bytes) else None, tags, pages)
 
 
 def _tags(page: Any) -> Tags:

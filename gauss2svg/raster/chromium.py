@@ -38,9 +38,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.alpha import straight
 from gauss2svg.errors import RendererError
-from gauss2svg.raster.page import CLEAR, IMAGE, WHITE, html
+from gauss2svg.photo.alpha import straight
+from gauss2svg.raster.html import CLEAR, IMAGE, WHITE, html
 from gauss2svg.raster.program import TIMEOUT_S, find, version_line
 
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"

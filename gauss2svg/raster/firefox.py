@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.alpha import from_views
 from gauss2svg.errors import RendererError
-from gauss2svg.raster.page import BLACK, IMAGE, WHITE, html
+from gauss2svg.photo.alpha import from_views
+from gauss2svg.raster.html import BLACK, IMAGE, WHITE, html
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 

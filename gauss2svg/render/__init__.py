@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.alpha import straight
 from gauss2svg.errors import InputError
+from gauss2svg.photo.alpha import straight
 from gauss2svg.render.cpu import Real, render_planar, splats_of
 from gauss2svg.scene import ADD, Scene
 

@@ -10,10 +10,10 @@ import torch
 from numpy.typing import NDArray
 from torch.autograd.function import once_differentiable
 
-from gauss2svg.falloff import cut_radius
 from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar
 from gauss2svg.render.domain import check_domain
 from gauss2svg.scene import whitening_of
+from gauss2svg.scene.falloff import cut_radius
 
 # An opacity of 0 hides the falloff that its gradient needs; at these it is there, and ten
 # thousand of them in one pixel still change less than the dtype resolves.

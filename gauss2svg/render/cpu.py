@@ -24,7 +24,6 @@ from numba import get_num_threads
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import cut_radius
 from gauss2svg.render.kernels import MOMENTS
 from gauss2svg.render.tiles import Pairs, find_pairs
 from gauss2svg.render.walk import (
@@ -37,6 +36,7 @@ from gauss2svg.render.walk import (
     walk_tiles,
 )
 from gauss2svg.scene import ADD, Scene, whitening_of
+from gauss2svg.scene.falloff import cut_radius
 
 # numba's fallback threading layer aborts the process if two Python threads are in a
 # parallel kernel at once; whoever calls one holds this lock.

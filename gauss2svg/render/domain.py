@@ -6,8 +6,8 @@ import numpy as np
 import torch
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import LEAST_BETA, MOST_BETA
 from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, MOST_SIGNED, RHO_LIMIT
+from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 _DOMAIN = {
     "mean": (-MOST_MEAN, MOST_MEAN),
@@ -23,7 +23,7 @@ _DOMAIN = {
 def check_domain(**tensors: torch.Tensor) -> None:
     """Raise InputError for an element that is not finite or leaves the domain of its parameter.
 
-    As in gauss2svg.scene.Scene, save that colours may be signed in both blends, and that rho may
+    As in gauss2svg.scene.scene.Scene, save that colours may be signed in both blends, and that rho may
     go up to the last number before 1 of its own dtype.
     """
     for name, tensor in tensors.items():

@@ -4,7 +4,7 @@
     w_k phi_k(x) = c_k exp(-r_k(x)^2 / 2),
 
 with phi_k the normal density, w_k its signed coefficient and c_k what it adds at its mean:
-gauss2svg.scene.Scene.densities and peaks_of turn one into the other. A kernel of `s` samples a
+gauss2svg.scene.scene.Scene.densities and peaks_of turn one into the other. A kernel of `s` samples a
 side spans -5..5 in its own unit, which is s / 10 px, so that the window reaches h = s / 2 px:
 
     fixed     h_k = s / 2 whatever the sigma: one of 2 units ends at 2.5 sigma, a wider one is
@@ -14,7 +14,7 @@ side spans -5..5 in its own unit, which is s / 10 px, so that the window reaches
 
 From "Investigation into 2D Gaussian Splatting for Image Representation", whose public
 implementation has the fixed window. The product's own renderer never crops: its falloff ends at
-0 (gauss2svg.falloff), where this one jumps from edge_values to 0.
+0 (gauss2svg.scene.falloff), where this one jumps from edge_values to 0.
 """
 
 from __future__ import annotations

@@ -37,7 +37,6 @@ loop of their own and pay nothing for it; a pair of the other kind takes some 1.
 
 from numba import njit
 
-from gauss2svg.falloff import CUT, RIM
 from gauss2svg.render.powers import LOG2_E, LOGARITHM_FROM, exp2, log
 from gauss2svg.render.simd import (
     LANES,
@@ -52,6 +51,7 @@ from gauss2svg.render.simd import (
     total,
 )
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
+from gauss2svg.scene.falloff import CUT, RIM
 
 assert TILE_WIDTH == LANES, "one tile row is one value of sixteen lanes"
 PLANE = TILE_WIDTH * TILE_HEIGHT

@@ -17,9 +17,9 @@ import numpy as np
 import torch
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import CUT, RIM
 from gauss2svg.render.domain import below_one, check_domain
 from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene.falloff import CUT, RIM
 
 
 def composite(
@@ -107,7 +107,7 @@ def _falloff(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """(height, width) falloff of one shape, by the formula of gauss2svg.falloff.
+    """(height, width) falloff of one shape, by the formula of gauss2svg.scene.falloff.
 
     Computed in float64, for in float32 a thin sheared shape's z2 would be the difference of two
     numbers that are sqrt(1 - rho^2) times apart, and an offset from a far mean be lost.

@@ -23,13 +23,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.falloff import cut_radius
+from gauss2svg.errors import InputError, must_be
 from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.encode import check_canvas, hex_color, matrix_text, number, short_id, writable
+from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.levels import whole_stops
-from gauss2svg.svg.options import SvgOptions
 from gauss2svg.svg.phases import Phase, canvas_of, partial_sums, phases_of
-from gauss2svg.svg.settle import settled
 
 _WHITE = 255
 _MARGIN = 0.01  # of the span of partial sums, either side: layers round
@@ -87,7 +88,7 @@ class EncodedSum:
     phases: tuple[DrawnPhase, ...]
 
 
-def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
+def encode_sum(scene: Scene, format: SvgFormat) -> EncodedSum:
     """Numbers of the SVG of an additive scene; depends on nothing but the two arguments.
 
     Gaussians whose extent is written as 0 or whose colour as black are left out, as are those off
@@ -95,7 +96,14 @@ def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
     for others). Raises InputError for a form other than gradients.
     """
     check_canvas(scene)
-    scene = settled(scene, options)
+    if format.form != GRADIENT:
+        raise InputError(
+            must_be(
+                "form",
+                f"{GRADIENT!r} for an additive scene, whose blurs cannot be added exactly",
+                format.form,
+            )
+        )
     canvas = canvas_of(scene)
     phases = phases_of(scene, canvas)
     low, high = partial_sums(scene, phases, canvas)
@@ -104,7 +112,7 @@ def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
     middle = 0.5 * (low + high)
     scale = _WHITE / span  # levels of the canvas for 1 of the picture
     begin = np.round(scale * (scene.background - middle + 0.5 * span))
-    shapes = _Shapes(scene, scale, options)
+    shapes = _Shapes(scene, scale, format)
 
     drawn: list[DrawnPhase] = []
     first = turned_over = np.zeros(3, bool)
@@ -124,8 +132,8 @@ def encode_sum(scene: Scene, options: SvgOptions) -> EncodedSum:
     level = np.where(turned_over, _WHITE - begin, begin) / _WHITE
     intercept = scene.background - slope * level + _HALF_WAY / _WHITE
     return EncodedSum(
-        view_width=number(scene.width / options.precision, 6),
-        view_height=number(scene.height / options.precision, 6),
+        view_width=number(scene.width / format.precision, 6),
+        view_height=number(scene.height / format.precision, 6),
         background=hex_color(np.where(first, _WHITE - begin, begin).astype(int)),
         transfer=tuple(
             (number(a, _TRANSFER_DECIMALS), number(b, _TRANSFER_DECIMALS))
@@ -143,12 +151,12 @@ class _Shapes:
     sixth of the area of 8000 Gaussians, would be drawn for nothing.
     """
 
-    def __init__(self, scene: Scene, scale: NDArray[np.float64], options: SvgOptions) -> None:
+    def __init__(self, scene: Scene, scale: NDArray[np.float64], format: SvgFormat) -> None:
         color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
-        offsets, levels = whole_stops(scale * color, options.stops)
+        offsets, levels = whole_stops(scale * color, format.stops)
         colored = levels.any(axis=2)
         # How many stops there are before those that are black to the end.
-        before = np.where(colored, np.arange(1, options.stops + 1), 0).max(axis=1)
+        before = np.where(colored, np.arange(1, format.stops + 1), 0).max(axis=1)
         reach = offsets[np.arange(len(color)), before]
         self._entry = entry.reshape(-1)
         self._stops = [
@@ -156,10 +164,10 @@ class _Shapes:
             for k, count in enumerate(before.tolist())
         ]
         radius = float(cut_radius(1.0)) * reach[self._entry]
-        fits = writable(scene, radius, options.precision)
+        fits = writable(scene, radius, format.precision)
         discs = zip(fits, radius[:, None, None] * scene.factor, scene.mean, strict=True)
         self._matrices = [
-            matrix_text(factor, mean, options.precision) if fit else ""
+            matrix_text(factor, mean, format.precision) if fit else ""
             for fit, factor, mean in discs
         ]
         self._ids: dict[tuple[tuple[str, str], ...], str] = {}

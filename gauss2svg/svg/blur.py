@@ -29,8 +29,8 @@ from scipy.optimize import minimize
 from scipy.special import ive
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
 from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
 from gauss2svg.svg.plain import is_plain
 
 GRADIENT, BLUR, HYBRID = "gradient", "blur", "hybrid"

@@ -1,111 +1,184 @@
-"""SVG sources as trees of elements; the module of svg/ that knows defusedxml.
-
-Files come from anywhere: document type declarations are refused, and with them entities that
-multiply or read other files. Neither write_svg nor Inkscape writes one. Bytes, elements and depth
-have limits.
-"""
+"""How a document presents its picture: names, size on paper, layers, animation, fragments."""
 
 from __future__ import annotations
 
-import gzip
-import io
+import math
 import os
-import zlib
-from pathlib import Path
-from typing import Any
-from xml.etree.ElementTree import TreeBuilder
+import re
+import unicodedata
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
-from defusedxml.ElementTree import DefusedXMLParser, ParseError
+import numpy as np
+from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.options import Number, OptionGroup
 
-GZIP = b"\x1f\x8b"
-MOST_BYTES = 256_000_000  # unpacked: a gzip bomb has a thousand for each of its own
-MOST_ELEMENTS = 4_000_000  # a tree of them takes some 3 GB
-_DEEPEST = 1000  # no renderer draws much deeper ones
+DEFAULT_TITLE = "Vectorised photo"
+PHOTO_SIZE = "photo"
+_UNITS = ("px", "mm", "cm", "in", "pt", "pc")
+_SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(_UNITS)})")
+_ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
+_LARGEST_SIZE = 1e6  # of a width, whatever its unit
+_DECIMALS = 4  # of a size: a millionth of a metre where the unit is a centimetre
+_LARGEST_LABEL = 2**31 - 1
+LONGEST_ANIMATION_S = 3600.0
+MOST_SEGMENTS = 10_000
+# Of groups under the root alone: with a segment for its fragment a file shows the whole picture,
+# and not a round without some of its segments under all later rounds.
+_UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
-class _Tree(TreeBuilder):
-    """A tree of limited size and depth."""
+def check_text(name: str, text: Any) -> str:
+    """Text that an element can hold; raises InputError for any other value."""
+    if not isinstance(text, str) or not text.strip():
+        raise InputError(must_be(name, "text that is not empty", text))
+    # Control characters, lone surrogates, and what XML 1.0 has no place for.
+    if any(unicodedata.category(c) in ("Cc", "Cs") or c in "\ufffe\uffff" for c in text):
+        raise InputError(must_be(name, "text without control characters", text))
+    return text
 
-    def __init__(self, most_elements: int) -> None:
-        super().__init__()
-        self._most = most_elements
-        self._count = self._depth = 0
 
-    def start(self, tag: str, attrs: dict[Any, Any], /) -> Any:
-        self._count += 1
-        self._depth += 1
-        if self._count > self._most:
-            raise InputError(
-                f"the SVG has more than {self._most} elements; give a larger max_elements if it is "
-                "to be trusted"
+def check_size(name: str, size: Any) -> str:
+    """A width with its unit, or PHOTO_SIZE."""
+    if isinstance(size, str) and size == PHOTO_SIZE:
+        return size
+    _width_of(name, size)
+    return size
+
+
+def check_aspect(name: str, aspect: Any) -> str:
+    """A value of preserveAspectRatio."""
+    if not isinstance(aspect, str) or not _ASPECT.fullmatch(aspect):
+        raise InputError(must_be(name, "none or such as xMidYMid or 'xMinYMax slice'", aspect))
+    return aspect
+
+
+def check_segments(name: str, segments: Any) -> Any:
+    """A number, a path, or an array of labels, whose values are checked."""
+    if isinstance(segments, (str, os.PathLike)):
+        return os.fspath(segments)
+    if not isinstance(segments, np.ndarray) or segments.ndim == 0:
+        return whole_number(name, segments, 1, MOST_SEGMENTS)
+    labels = segments.astype(np.uint8) if segments.dtype == bool else segments
+    if labels.ndim != 2 or not labels.size:
+        got = shown(f"shape {labels.shape}")
+        raise InputError(must_be(name, "an array (h, w) of whole numbers", got))
+    if not np.issubdtype(labels.dtype, np.integer):
+        raise InputError(must_be(name, "whole numbers", shown(f"type {labels.dtype}")))
+    if labels.min() < 0 or labels.max() > _LARGEST_LABEL:
+        got = shown(f"{labels.min()}..{labels.max()}")
+        raise InputError(must_be(name, f"whole numbers in 0..{_LARGEST_LABEL}", got))
+    return labels
+
+
+# A label image, its path, or a number of superpixels. The command line takes no arrays.
+if TYPE_CHECKING:
+    Segments = int | str | os.PathLike[str] | NDArray[np.integer]
+else:
+    Segments = int | str | os.PathLike[str]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Document(OptionGroup):
+    """How the document presents its picture; how shapes are written is SvgFormat."""
+
+    title: Annotated[str, check_text] = DEFAULT_TITLE
+    """Title, which browsers show and screen readers read."""
+
+    alt: Annotated[str | None, check_text] = None
+    """Description of what the picture shows, for screen readers."""
+
+    size: Annotated[str | None, check_size] = None
+    """Width where it is printed or placed, such as 120mm, 5in or 300px; photo: by the photo's
+    resolution. The height follows from the proportions."""
+
+    aspect: Annotated[str | None, check_aspect] = None
+    """How the picture fills a frame of other proportions: preserveAspectRatio, such as
+    'xMidYMid slice'."""
+
+    segments: Annotated[Segments | None, check_segments] = None
+    """Layers inside the rounds: an approximate number of superpixels, or a label image of the
+    photo's size."""
+
+    animate: Annotated[float | None, Number(0, LONGEST_ANIMATION_S, above=True)] = None
+    """Seconds in which the rounds fade in, unless the viewer prefers reduced motion; the last frame
+    is the still picture."""
+
+    fragments: bool = False
+    """Opened as out.svg#round-3 the file shows the picture up to that round."""
+
+    @property
+    def labels(self) -> NDArray[np.integer] | None:
+        """(rows, columns) whole numbers >= 0, spread over the canvas, or None.
+
+        In each round shapes whose centre lies on the same number are a layer of their own. Raises
+        InputError where segments are a number or a path: `vectorize` finds labels in a photo.
+        """
+        if self.segments is None or isinstance(self.segments, np.ndarray):
+            return self.segments
+        raise InputError(must_be("segments", "an array (h, w) of labels here", self.segments))
+
+    def sides(self, width: float, height: float) -> tuple[str, str] | None:
+        """Width and height with their unit of a canvas of width x height px; None without a size.
+
+        Raises InputError for a size that is none, or at which a side would be written as 0.
+        """
+        if self.size is None:
+            return None
+        across, unit = _width_of("size", self.size)
+        sides = [f"{side:.{_DECIMALS}f}" for side in (across, across * height / width)]
+        if any(float(side) == 0 for side in sides):
+            got = shown(
+                f"{self.size}, which makes {width:g}x{height:g} px {' by '.join(sides)}{unit}"
             )
-        if self._depth > _DEEPEST:
-            raise InputError(f"elements are nested more than {_DEEPEST} deep; ungroup them")
-        return super().start(tag, attrs)
+            raise InputError(must_be("size", "larger", got))
+        first, second = (side.rstrip("0").rstrip(".") + unit for side in sides)
+        return first, second
 
-    def end(self, tag: str, /) -> Any:
-        self._depth -= 1
-        return super().end(tag)
+    def style(self, rounds: Sequence[int]) -> str | None:
+        """Style sheet of the groups of these rounds; None where it needs none.
 
+        With fragments the groups after the one that the address names are hidden; without one in
+        the address, or where no group has it for its id, none is.
 
-def parse_document(
-    source: str | bytes | os.PathLike[str],
-    max_bytes: int = MOST_BYTES,
-    max_elements: int = MOST_ELEMENTS,
-) -> Any:
-    """The root element of a path (.svg or .svgz), of text or of bytes, gzipped or not.
+        With animation they fade in, group by group. Each begins when the one before is half there.
+        Before and while it waits a group is as it starts, afterwards as it is written, so nothing
+        is left of the animation in the end; whoever wants less motion, or has no CSS, sees the end
+        at once.
+        """
+        if not rounds:
+            return None
+        up_to_target = _UP_TO_TARGET if self.fragments else ""
+        return up_to_target + self._fading(rounds) or None
 
-    A str is text if it has a "<" in it, a path otherwise. Raises InputError for what cannot be
-    read, is no XML, declares a document type, has more than max_bytes bytes, gunzipped, or more
-    than max_elements elements, or nests them more than 1000 deep.
-    """
-    name = "the SVG"
-    if isinstance(source, os.PathLike) or (isinstance(source, str) and "<" not in source):
-        name = os.fspath(source)
-        try:
-            with Path(source).open("rb") as stream:
-                data: str | bytes = stream.read(max_bytes + 1)
-        except (OSError, ValueError) as error:  # ValueError: a null character in the path
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot read {name}: {reason}; give an SVG's path or text") from None
-    elif isinstance(source, (str, bytes)):
-        data = source
-    else:
-        raise InputError(f"source is {type(source).__name__}; needed is a path, text or bytes")
-    _within(data, max_bytes, name)
-    try:
-        if isinstance(data, bytes) and data.startswith(GZIP):
-            data = gunzipped(data, max_bytes, name)
-            _within(data, max_bytes, f"{name}, gunzipped,")
-        if isinstance(data, str):
-            data = data.lstrip("\ufeff \t\r\n")
-        parser = DefusedXMLParser(target=_Tree(max_elements), forbid_dtd=True)
-        parser.feed(data)
-        return parser.close()
-    except InputError:
-        raise
-    except (ParseError, ValueError, LookupError) as error:
-        what = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{name} is no SVG: {what[:200]}; needed is a file of write_svg") from None
-
-
-def _within(data: str | bytes, max_bytes: int, name: str) -> None:
-    if len(data) > max_bytes:
-        raise InputError(
-            f"{name} has more than {max_bytes} bytes; give a larger max_bytes if it is to be "
-            "trusted"
+    def _fading(self, rounds: Sequence[int]) -> str:
+        """The animation's rules, "" for a still picture."""
+        if self.animate is None:
+            return ""
+        step = self.animate / (len(rounds) + 1)
+        rules = "".join(
+            f"#{round_id(index)}{{animation:fade-in {2 * step:.4g}s {at * step:.4g}s backwards}}"
+            for at, index in enumerate(rounds)
+        )
+        return (
+            "@media (prefers-reduced-motion:no-preference)"
+            f"{{@keyframes fade-in{{from{{opacity:0}}}}{rules}}}"
         )
 
 
-def gunzipped(data: bytes, most_bytes: int, name: str) -> bytes:
-    """At most one byte more than most_bytes, however many there would be.
+def round_id(index: int) -> str:
+    """Id of the group of a round, from 0."""
+    return f"round-{index + 1}"
 
-    Raises InputError for what is no whole gzip.
-    """
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
-            return stream.read(most_bytes + 1)
-    except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{name} is broken gzip: {error}; save it anew and try again") from error
+
+def _width_of(name: str, size: Any) -> tuple[float, str]:
+    match = _SIZE.fullmatch(size) if isinstance(size, str) else None
+    across = float(match[1]) if match else math.nan
+    if match is None or not 0 < across <= _LARGEST_SIZE:
+        units = ", ".join(_UNITS)
+        needed = f"a width above 0 with its unit, one of {units}: such as 120mm"
+        raise InputError(must_be(name, needed, size))
+    return across, match[2]

@@ -27,12 +27,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import SceneError
-from gauss2svg.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.blur import GRADIENT, blurs, drawn_blurs
-from gauss2svg.svg.options import SvgOptions
+from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.plain import is_plain, plain_radius
-from gauss2svg.svg.settle import settled
+from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.stops import gradient_stops
 
 _DIGITS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -172,7 +172,7 @@ def writable(
     return fits
 
 
-def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
+def encode(scene: Scene, format: SvgFormat) -> EncodedScene:
     """Numbers of the SVG of a scene; depends on nothing but the two arguments.
 
     Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out, as are
@@ -180,9 +180,9 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
     others that are, and for such a canvas.
     """
     check_canvas(scene)
-    scene = settled(scene, options)
+    scene = snapped(scene, format.form)
     plain, blur = is_plain(scene), drawn_blurs(scene)
-    blurred = ~plain & (blur >= 0) & (options.form != GRADIENT)
+    blurred = ~plain & (blur >= 0) & (format.form != GRADIENT)
     shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.betas), color])
@@ -205,18 +205,18 @@ def encode(scene: Scene, options: SvgOptions) -> EncodedScene:
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
         scene.factor * radius[:, None, None], scene.mean,
     )  # fmt: skip
-    fits = writable(scene, radius, options.precision, unit)
-    layers = _layers(discs, fits, scene.rounds, options)
+    fits = writable(scene, radius, format.precision, unit)
+    layers = _layers(discs, fits, scene.rounds, format)
     drawn = [ellipse for _, ellipses in layers for ellipse in ellipses]
     fills_used, filters_used = {e.fill for e in drawn}, {e.filter for e in drawn}
     return EncodedScene(
         width=number(scene.width, 3),
         height=number(scene.height, 3),
-        view_width=number(scene.width / options.precision, 6),
-        view_height=number(scene.height / options.precision, 6),
+        view_width=number(scene.width / format.precision, 6),
+        view_height=number(scene.height / format.precision, 6),
         background=_background(scene),
         gradients=tuple(
-            _gradient(name, BETA_CLASSES[key[0]], key[1:], options.stops)
+            _gradient(name, BETA_CLASSES[key[0]], key[1:], format.stops)
             for name, key in zip(ids, shared, strict=True)
             if f"url(#{name})" in fills_used
         ),
@@ -255,22 +255,22 @@ class _Discs:
 
 
 def _layers(
-    discs: _Discs, fits: NDArray[np.bool_], rounds: NDArray[np.int32], options: SvgOptions
+    discs: _Discs, fits: NDArray[np.bool_], rounds: NDArray[np.int32], format: SvgFormat
 ) -> tuple[tuple[int, tuple[Ellipse, ...]], ...]:
     """Rounds that draw something, and what they draw."""
     layers = []
     for layer in np.unique(rounds).tolist():
         members = np.flatnonzero((rounds == layer) & fits).tolist()
-        ellipses = (_ellipse(discs, i, options) for i in members)
+        ellipses = (_ellipse(discs, i, format) for i in members)
         drawn = tuple(ellipse for ellipse in ellipses if ellipse is not None)
         if drawn:
             layers.append((layer, drawn))
     return tuple(layers)
 
 
-def _ellipse(discs: _Discs, i: int, options: SvgOptions) -> Ellipse | None:
-    matrix = matrix_text(discs.factor[i], discs.mean[i], options.precision, int(discs.unit[i]))
-    shown = number(discs.opacity[i], options.opacity_decimals)
+def _ellipse(discs: _Discs, i: int, format: SvgFormat) -> Ellipse | None:
+    matrix = matrix_text(discs.factor[i], discs.mean[i], format.precision, int(discs.unit[i]))
+    shown = number(discs.opacity[i], format.opacity_decimals)
     if shown == "0" or not matrix:
         return None
     return Ellipse(

@@ -28,7 +28,7 @@ def segment_of(scene: Scene, labels: NDArray[np.integer]) -> NDArray[np.intp]:
     return segment_at(labels, scene.mean / [scene.width, scene.height])
 
 
-def arranged(scene: Scene, labels: Labels) -> Scene:
+def grouped_by_segment(scene: Scene, labels: Labels) -> Scene:
     """The scene in the order of its file: by round, by segment, then as it was.
 
     Without labels it is as it was.

@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.falloff import cut_radius, profile
+from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg.stops import gradient_stops
 
 _WHITE = 255

@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gauss2svg.falloff import cut_radius, profile
 from gauss2svg.scene import Scene, narrowing_of, whitening_of
+from gauss2svg.scene.falloff import cut_radius, profile
 
 _FINEST = 4.0  # samples of the grid per px, each way
 _SIDE = 1536  # samples of the grid, at most

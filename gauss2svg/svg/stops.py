@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.falloff import cut_radius, profile
+from gauss2svg.scene.falloff import cut_radius, profile
 
 STOP_COUNTS = (5, 6, 8, 10, 12)
 # Root mean square over the disc, and largest error, of so many stops at beta = 1.

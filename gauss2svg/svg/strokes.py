@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss2svg.falloff import half_radius
 from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import half_radius
 from gauss2svg.svg.encode import hex_color, number, writable
 
 OUTLINE_WIDTH = 0.5  # px

@@ -29,52 +29,57 @@ from typing import Any
 import svgwrite
 from svgwrite.extensions import Inkscape
 
-from gauss2svg.checks import number_within
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, number_within
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive import Ramp, encode_sum
-from gauss2svg.svg.canvas import CANVAS
+from gauss2svg.svg.document import Document, round_id
 from gauss2svg.svg.encode import Ellipse, Filter, Gradient, encode, number
-from gauss2svg.svg.layers import Labels, arranged, runs, segment_of
-from gauss2svg.svg.options import SvgOptions
-from gauss2svg.svg.page import Page, round_id
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.layers import Labels, grouped_by_segment, runs, segment_of
+from gauss2svg.svg.reader.canvas import CANVAS
 from gauss2svg.svg.strokes import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, Stroke, stroked
 from gauss2svg.version import __version__
 
 _SUM, _TRANSFER = "summed", "transfer"  # ids: longer than those of gradients
 
 
-def write_svg(scene: Scene, options: SvgOptions | None = None, page: Page | None = None) -> str:
-    """The SVG text of a scene; depends on nothing but the scene, the options and the page.
+def write_svg(
+    scene: Scene, format: SvgFormat | None = None, document: Document | None = None
+) -> str:
+    """The SVG text of a scene; depends on nothing but the scene, the format and the document.
 
-    What is drawn is gauss2svg.svg.settled(scene, options): exponents become those of
-    BETA_CLASSES, under 1 too, and colours those of the palette. With segments shapes are in the
-    order of gauss2svg.svg.arranged(scene, page.segments). A transparent scene has no <rect>.
+    The scene is written as it is, with the exponents and colours that a file can hold
+    (gauss2svg.svg.snap.snapped); gauss2svg.quantize gives one with fewer of them, and so a smaller
+    file. With segments shapes are in the order of gauss2svg.svg.grouped_by_segment. A transparent
+    scene has no <rect>.
 
-    An additive scene is written as gauss2svg.svg.additive explains: its layers are phases, and
-    InputError is raised for a page with segments, animation or fragments.
+    An additive scene is written as gauss2svg.svg.additive explains: its layers are phases.
+    Raises InputError for an additive scene with segments, animation or fragments, and for a
+    document whose segments or size are yet to be found in a photo.
     """
-    options, page = options or SvgOptions(), page or Page()
+    format, document = format or SvgFormat(), document or Document()
     if scene.blend == ADD:
-        return _write_sum(scene, options, page)
-    scene = arranged(scene, page.segments)
-    encoded = encode(scene, options)
+        return _write_sum(scene, format, document)
+    scene = grouped_by_segment(scene, document.labels)
+    encoded = encode(scene, format)
     ellipses = [ellipse for _, of_round in encoded.layers for ellipse in of_round]
-    drawing = _root(page, scene, (encoded.view_width, encoded.view_height), len(ellipses))
+    drawing = _root(document, scene, (encoded.view_width, encoded.view_height), len(ellipses))
     for gradient in encoded.gradients:
         drawing.defs.add(_gradient(drawing, gradient))
     for blur in encoded.filters:
         drawing.defs.add(_filter(drawing, blur))
-    _add_style(drawing, page, [index for index, _ in encoded.layers])
+    _add_style(drawing, document, [index for index, _ in encoded.layers])
     if encoded.background:
         background = drawing.rect(size=("100%", "100%"), fill=encoded.background, id="background")
         drawing.add(background)
     circles = [_circle(drawing, ellipse) for ellipse in ellipses]
-    _add_layers(drawing, circles, scene, [ellipse.index for ellipse in ellipses], page.segments)
+    _add_layers(drawing, circles, scene, [ellipse.index for ellipse in ellipses], document.labels)
     return _text(drawing)
 
 
-def outline_svg(scene: Scene, page: Page | None = None, stroke_width: float = OUTLINE_WIDTH) -> str:
+def outline_svg(
+    scene: Scene, document: Document | None = None, stroke_width: float = OUTLINE_WIDTH
+) -> str:
     """The SVG text of a scene's shapes as bare strokes, for plotters; without a background.
 
     Each is an <ellipse> along the contour on which the falloff is half of its height, in the
@@ -84,33 +89,33 @@ def outline_svg(scene: Scene, page: Page | None = None, stroke_width: float = OU
     stroke_width  px, above 0
     Raises InputError for a width that is none, and for an additive scene.
     """
-    page = page or Page()
+    document = document or Document()
     if scene.blend == ADD:
         raise _not_for_sums(
             "outlines", "their colours are differences, and no picture by themselves"
         )
     width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
-    scene = arranged(scene, page.segments)
+    scene = grouped_by_segment(scene, document.labels)
     strokes = stroked(scene)
     size = number(scene.width, 3), number(scene.height, 3)
-    drawing = _root(page, scene, size, len(strokes))
-    _add_style(drawing, page, [index for index, _ in runs([one.round for one in strokes])])
+    drawing = _root(document, scene, size, len(strokes))
+    _add_style(drawing, document, [index for index, _ in runs([one.round for one in strokes])])
     drawing["fill"], drawing["stroke-width"] = "none", width
     ellipses = [_outline(drawing, one) for one in strokes]
-    _add_layers(drawing, ellipses, scene, [one.index for one in strokes], page.segments)
+    _add_layers(drawing, ellipses, scene, [one.index for one in strokes], document.labels)
     return _text(drawing)
 
 
-def _write_sum(scene: Scene, options: SvgOptions, page: Page) -> str:
-    if page.segments is not None:
+def _write_sum(scene: Scene, format: SvgFormat, document: Document) -> str:
+    if document.segments is not None:
         raise _not_for_sums("segments", "its layers are the phases of the sum")
-    if page.animate is not None:
+    if document.animate is not None:
         raise _not_for_sums("animation", "its parts are no pictures until all are drawn")
-    if page.fragments:
+    if document.fragments:
         raise _not_for_sums("fragments", "its layers are phases, and no rounds")
-    encoded = encode_sum(scene, options)
+    encoded = encode_sum(scene, format)
     count = sum(len(phase.discs) for phase in encoded.phases)
-    drawing = _root(page, scene, (encoded.view_width, encoded.view_height), count)
+    drawing = _root(document, scene, (encoded.view_width, encoded.view_height), count)
     # Two sums inline in one page keep their own transfer.
     key = f"{zlib.crc32(repr((encoded.transfer, encoded.background)).encode()):08x}"
     drawing.defs.add(_transfer(drawing, encoded.transfer, f"{_TRANSFER}-{key}"))
@@ -152,22 +157,22 @@ def _not_for_sums(what: str, why: str) -> InputError:
     )
 
 
-def _root(page: Page, scene: Scene, view: tuple[str, str], count: int) -> Any:
+def _root(document: Document, scene: Scene, view: tuple[str, str], count: int) -> Any:
     """A drawing of `count` shapes with everything but these: size, names, attributes."""
     canvas = number(scene.width, 3), number(scene.height, 3)
-    sides = page.sides(scene.width, scene.height)
+    sides = document.sides(scene.width, scene.height)
     # debug=True, svgwrite's default, triples the time and still lets NaN through;
     # the numbers are checked by encode().
     drawing = svgwrite.Drawing(
         size=sides or canvas, viewBox=f"0 0 {view[0]} {view[1]}", debug=False
     )
-    if page.aspect:
-        drawing["preserveAspectRatio"] = page.aspect
+    if document.aspect:
+        drawing["preserveAspectRatio"] = document.aspect
     if sides:
         drawing[CANVAS] = " ".join(canvas)
     drawing["role"] = "img"
     usual = f"{count} Gaussians, fitted and written by gauss2svg {__version__}"
-    drawing.set_desc(title=page.title, desc=page.alt or usual)
+    drawing.set_desc(title=document.title, desc=document.alt or usual)
     return drawing
 
 
@@ -236,8 +241,8 @@ def _outline(drawing: Any, one: Stroke) -> Any:
     return element
 
 
-def _add_style(drawing: Any, page: Page, rounds: Sequence[int]) -> None:
-    sheet = page.style(rounds)
+def _add_style(drawing: Any, document: Document, rounds: Sequence[int]) -> None:
+    sheet = document.style(rounds)
     if sheet:
         drawing.add(drawing.style(sheet))
 

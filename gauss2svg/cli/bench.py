@@ -1,0 +1,95 @@
+"""The command `gauss2svg bench`; the command line loads it only when it is asked for."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from gauss2svg.bench.runner import BenchProgress
+
+STATUS_RUN_FAILED = 1
+
+
+def bench_command(
+    images: Annotated[list[str], Parameter(negative="")],
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"])],
+    axis: Annotated[list[str] | None, Parameter(negative="")] = None,
+    peers: str = "",
+    peer_timeout: float = 300.0,
+    seed: int = 0,
+    threads: int | None = None,
+    quiet: Annotated[bool, Parameter(negative="")] = False,
+) -> int:
+    """Vectorise photos by many settings, and write tables and plots of what each costs and gives.
+
+    Parameters
+    ----------
+    images
+        The photos.
+    output
+        The folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. Run again
+        after an interruption: finished rows are kept.
+    axis
+        What to vary: NAME or NAME=VALUE,VALUE of gaussians, iterations, quality, init, schedule,
+        loss, falloff, dtype, form, stops, precision, palette, blend, portable,
+        per_round, round_iterations, ssim_weight, relocate, renderer, max_size. Several
+        span a grid; without any the presets and a small grid are run.
+    peers
+        Other tools to measure, by commas, where installed: vtracer, splatthis, primitive, jpeg,
+        webp. Their SVGs are drawn by resvg, whatever the axis renderer says.
+    peer_timeout
+        Seconds that a run of a peer may take.
+    seed
+        As of the main command.
+    threads
+        CPU threads of gauss2svg; one for each core if not given.
+    quiet
+        No progress and no summary.
+
+    """
+    from gauss2svg.bench import plots
+    from gauss2svg.bench.grid import parse_axes
+    from gauss2svg.bench.peers import check_peers
+    from gauss2svg.bench.runner import run_bench
+    from gauss2svg.cli.progress_bar import counting_bar
+
+    names = [name.strip() for name in peers.split(",") if name.strip()]
+    axes = parse_axes(axis or ())
+    absent = check_peers(names)[1]
+    if absent:
+        _tell(f"not installed, left out: {', '.join(absent)}")
+    last: list[BenchProgress] = []
+    with counting_bar(quiet) as update:
+
+        def progress(at: BenchProgress) -> None:
+            last[:] = [at]
+            update(at.now, at.done, at.total)
+
+        rows = run_bench(
+            images,
+            output,
+            axes=axes or None,
+            peers=names,
+            seed=seed,
+            threads=threads,
+            peer_timeout=peer_timeout,
+            progress=progress,
+        )
+    if not plots.available():
+        _tell(f"no plots without matplotlib; for them {plots.INSTALL}")
+    failed = [row for row in rows if "error" in row]
+    if not quiet:
+        kept = f", {last[-1].kept} of them kept from before" if last[-1].kept else ""
+        _tell(f"{len(rows)} runs{kept}; {len(failed)} failed; see {output / 'summary.md'}")
+    for row in failed:
+        _tell(f"failed: {row['label']} on {row['image']}: {row['error']}")
+    return STATUS_RUN_FAILED if failed else 0
+
+
+def _tell(line: str) -> None:
+    print(f"gauss2svg: {' '.join(line.split())}", file=sys.stderr)

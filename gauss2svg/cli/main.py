@@ -1,0 +1,100 @@
+"""The program `gauss2svg`: its commands, exit status and error lines."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+import warnings
+
+from cyclopts import App, CycloptsError, Group, Parameter
+
+from gauss2svg.cli.signals import STATUS_OF_SIGNAL, Terminated, terminable
+from gauss2svg.cli.streams import drop_output, hold_closed_descriptors
+from gauss2svg.cli.vectorize import vectorize_command
+from gauss2svg.errors import Gauss2SvgError, on_one_line
+from gauss2svg.photo.stderr import own_standard_error
+from gauss2svg.version import __version__
+
+STATUS_BAD_INPUT = 2
+STATUS_INTERRUPTED = STATUS_OF_SIGNAL + signal.SIGINT
+STATUS_TERMINATED = STATUS_OF_SIGNAL + signal.SIGTERM
+
+_HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches."
+_HELP_ALL = "--help-all"
+
+
+def build_app(everything: bool = False) -> App:
+    """The command line; its help lists what most people use, or everything."""
+    app = App(
+        name="gauss2svg",
+        version=__version__,
+        version_flags=["--version"],
+        help_flags=[_HELP_ALL] if everything else ["--help", "-h"],
+        help=_HELP,
+        default_parameter=Parameter(negative=()),
+        group_commands=Group("Commands", sort_key=9),
+        suppress_keyboard_interrupt=False,  # main says what became of the files
+        result_action="return_value",
+    )
+    app.default(vectorize_command(everything))
+    # By name, so that it is loaded only where it is asked for.
+    for name, help_line in {
+        "check": "Measure how closely any SVG matches a photo.",
+        "bench": "Vectorise photos with many settings; write tables and plots of cost and quality.",
+        "gallery": "Write web pages that compare the results for photos.",
+    }.items():
+        app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)
+    return app
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; returns the exit status: 0, or 2 with one line on standard error.
+
+    130 and 143 are those of Ctrl-C and SIGTERM, also where the best so far was written. 1 is that
+    of a benchmark or a gallery of which something failed, and of a check under its --min-psnr.
+    """
+    hold_closed_descriptors()
+    warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
+    for library in ("PIL", "tifffile"):  # whose complaints would be more lines than one
+        logging.getLogger(library).addHandler(logging.NullHandler())
+    try:
+        with terminable(), own_standard_error():
+            given = sys.argv[1:] if arguments is None else arguments
+            app = build_app(everything=_HELP_ALL in given)
+            status = app(given, exit_on_error=False, print_error=False)
+    except CycloptsError as error:
+        return _refuse(f"{' '.join(str(error).split()).rstrip('.')}; see gauss2svg --help")
+    except Gauss2SvgError as error:
+        return _refuse(str(error))
+    except MemoryError as error:
+        return _refuse(f"out of memory ({error}); try a smaller photo or fewer --gaussians")
+    except OSError as error:  # a stream that broke: files are Gauss2SvgErrors already
+        drop_output()
+        return _refuse(f"{error.strerror or error}; nothing more was written")
+    except (KeyboardInterrupt, SystemError) as error:
+        # A Ctrl-C inside a kernel arrives wrapped in numba's SystemError.
+        cause = error if isinstance(error, KeyboardInterrupt) else None
+        cause = cause or error.__cause__ or error.__context__
+        if not isinstance(cause, KeyboardInterrupt):
+            raise
+        print("gauss2svg: interrupted; every file is whole or untouched", file=sys.stderr)
+        return STATUS_TERMINATED if isinstance(cause, Terminated) else STATUS_INTERRUPTED
+    return status if isinstance(status, int) else 0
+
+
+def run() -> None:
+    """The command as a program: once its status is known, signals change nothing any more."""
+    status = main()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
+    sys.exit(status)
+
+
+def _refuse(message: str) -> int:
+    print(f"gauss2svg: {on_one_line(' '.join(message.split()))}", file=sys.stderr)
+    return STATUS_BAD_INPUT
+
+
+if __name__ == "__main__":
+    run()

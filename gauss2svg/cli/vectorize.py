@@ -1,0 +1,184 @@
+"""The command `gauss2svg PHOTO -o OUT.svg`."""
+
+import os
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Group, Parameter
+
+_BEGUN = time.perf_counter()
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutputFiles:
+    """Further files, and what is shown."""
+
+    preview: Path | None = None
+    """Save the rasterised SVG to this file, as PNG."""
+
+    report: Path | None = None
+    """Save all numbers of the run to this file, as JSON."""
+
+    outline: Path | None = None
+    """Save the outlines of the shapes to this file, as another SVG."""
+
+    save_scene: Path | None = None
+    """Save the fitted Gaussians to this file, as NPZ."""
+
+    quiet: bool = False
+    """Show neither progress nor summary."""
+
+
+def vectorize_command(everything: bool) -> Callable[..., int]:
+    """The command as a function of options whose groups are shown in its help, or most of them."""
+    from gauss2svg.fit.options import DensifyOptions, FitOptions
+    from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
+    from gauss2svg.svg.document import Document
+
+    def group(name: str, order: int, shown: bool = everything) -> Group:
+        return Group(name, sort_key=order, show=shown)
+
+    def command(
+        photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        *,
+        output: Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)],
+        goal: Annotated[Goal, Parameter(name="*", group=group("Goal", 1, shown=True))] = Goal(),
+        files: Annotated[
+            OutputFiles, Parameter(name="*", group=group("Output files", 2, shown=True))
+        ] = OutputFiles(),
+        svg: Annotated[SvgOptions, Parameter(name="*", group=group("SVG", 3))] = SvgOptions(),
+        document: Annotated[Document, Parameter(name="*", group=group("Document", 4))] = Document(),
+        fit: Annotated[FitOptions, Parameter(name="*", group=group("Fit", 5))] = FitOptions(),
+        densify: Annotated[
+            DensifyOptions,
+            Parameter(
+                name="*", group=group("Densification", 6), negative_bool="no-", negative=None
+            ),
+        ] = DensifyOptions(),
+        run: Annotated[
+            RunOptions, Parameter(name="*", group=group("Resources and checkpoints", 7))
+        ] = RunOptions(),
+    ) -> int:
+        options = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
+        return _run(photo, output, options, files)
+
+    command.__doc__ = """Turn a photo into an SVG of Gaussians, and measure how closely it matches.
+
+    Examples:
+      gauss2svg photo.jpg -o out.svg                     adapts the number of Gaussians
+      gauss2svg photo.jpg -o out.svg --quality draft     small and fast
+      gauss2svg photo.jpg -o out.svg --max-bytes 150k    the best that fits
+
+    Parameters
+    ----------
+    photo
+        JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF; - reads standard input.
+    output
+        SVG to write; - writes standard output.
+    """
+    return command
+
+
+def _run(photo: str, output: str, options: Any, files: OutputFiles) -> int:
+    from gauss2svg.cli.signals import interruptible
+    from gauss2svg.cli.streams import standard_stream
+    from gauss2svg.cli.terminal import print_summary, show_progress
+    from gauss2svg.errors import InputError
+    from gauss2svg.files import STANDARD_STREAM, refuse_option_like, write_all_atomically
+    from gauss2svg.pipeline.vectorize import vectorize_by
+    from gauss2svg.scene import ADD
+    from gauss2svg.svg.packing import file_bytes, is_svgz
+
+    refuse_option_like(photo, output)
+    if files.outline is not None and options.fit.blend == ADD and not options.svg.portable:
+        raise InputError(
+            "--outline must not be given with --blend add, whose signed colours have no strokes. "
+            "Try --portable"
+        )
+    if is_svgz(output):
+        options = options.changed(gzip=True)
+    to_stdout = output == STANDARD_STREAM
+    _check_files(photo, output, options, files)
+
+    source: Any = photo
+    if photo == STANDARD_STREAM:
+        source = standard_stream(sys.stdin, "input").read()
+    stdout = standard_stream(sys.stdout, "output") if to_stdout else None
+    with interruptible() as interruption, show_progress(files.quiet) as progress:
+        result = vectorize_by(
+            options,
+            source,
+            progress=progress,
+            stop=interruption.asked,
+            started=_BEGUN if options.goal.time_limit is not None else None,
+        )
+    svg = file_bytes(result.svg, options.svg.gzip)
+    written: dict[str | os.PathLike[str], bytes] = {} if to_stdout else {output: svg}
+    written |= _further_files(result, files)
+    if stdout is not None:
+        stdout.write(svg)
+        stdout.flush()
+    write_all_atomically(written)
+    if files.quiet:
+        for line in result.report["unreached"]:  # bad news is reported all the same
+            print(f"gauss2svg: {line}", file=sys.stderr)
+    else:
+        print_summary(result.report, None if to_stdout else output)
+    checkpoint = options.run.checkpoint
+    if result.report["checkpoint_trouble"] is not None:
+        print(f"gauss2svg: {result.report['checkpoint_trouble']}", file=sys.stderr)
+        checkpoint = None  # nothing to continue from
+    if interruption.signal is not None:
+        again = "" if checkpoint is None else f"; continue with --resume {shlex.quote(checkpoint)}"
+        where = "standard output" if to_stdout else output
+        print(
+            f"gauss2svg: interrupted after {result.report['iterations']} iterations; the best so "
+            f"far is in {where}{again}",
+            file=sys.stderr,
+        )
+    return interruption.status
+
+
+def _check_files(photo: str, output: str, options: Any, files: OutputFiles) -> None:
+    """Refuse outputs that could not be written, or would overwrite an input or each other."""
+    from gauss2svg.files import STANDARD_STREAM, check_outputs
+
+    further = (files.outline, files.report, files.preview, files.save_scene)
+    outputs = [path for path in further if path is not None]
+    if output != STANDARD_STREAM:
+        outputs.insert(0, Path(output))
+    inputs = {photo: "the photo"}
+    segments, run = options.document.segments, options.run
+    if isinstance(segments, str):
+        inputs[segments] = "the label image"
+    if run.resume is not None:
+        inputs[run.resume] = "the checkpoint"
+    check_outputs(inputs, outputs)
+    if run.checkpoint is not None:  # it may be the one that is continued from
+        inputs.pop(str(run.resume), None)
+        check_outputs(inputs, [*outputs, Path(run.checkpoint)])
+
+
+def _further_files(result: Any, files: OutputFiles) -> dict[str | os.PathLike[str], bytes]:
+    import io
+
+    from gauss2svg.files import as_json, as_png
+    from gauss2svg.svg.packing import file_bytes, is_svgz
+
+    written: dict[str | os.PathLike[str], bytes] = {}
+    if files.outline is not None:
+        written[files.outline] = file_bytes(result.outline(), is_svgz(files.outline))
+    if files.preview is not None:
+        written[files.preview] = as_png(result.raster)
+    if files.save_scene is not None:
+        stream = io.BytesIO()
+        result.scene.save(stream)
+        written[files.save_scene] = stream.getvalue()
+    if files.report is not None:
+        written[files.report] = as_json(result.report)
+    return written

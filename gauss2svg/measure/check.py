@@ -1,0 +1,221 @@
+"""How true an SVG is to a photo: the numbers that `vectorize` reports, for any file."""
+
+from __future__ import annotations
+
+import gzip
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError, whole_number
+from gauss2svg.measure import metrics
+from gauss2svg.measure.drawing import draw
+from gauss2svg.measure.frame import Frame, frame_of
+from gauss2svg.measure.heatmap import heatmap
+from gauss2svg.measure.roundtrip import measure_pixels
+from gauss2svg.measure.source import SvgSource, svg_source
+from gauss2svg.measure.survey import Survey, survey
+from gauss2svg.options import byte_size
+from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
+from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, ImageSource, load_image
+from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
+from gauss2svg.raster.root import stretched
+from gauss2svg.raster.support import BROWSERS
+
+MOST_SVG_BYTES = 256_000_000
+MOST_ELEMENTS = 1_000_000  # resvg draws no more
+DRAW_TIMEOUT_S = 300.0
+LONGEST_DRAW_TIMEOUT_S = 86400.0
+# Elements that do something in a web page, and nothing in what is measured. Animation is never
+# measured by a browser: gauss2svg.raster.support refuses it.
+_LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """An SVG against a photo.
+
+    psnr           dB, infinite if equal
+    ssim           -1..1, None under 3 px a side
+    ms_ssim        0..1, None under 176 px a side
+    largest_error  of any channel, bias: mean of SVG - photo; levels of 255
+    svg_bytes      of the file, gunzipped; svgz_bytes: gzipped at level 9
+    survey         the elements that it has; frame: the size that it gives itself
+    renderer       what drew it, with its version
+    raster         (h, w, 3) float32 in 0..1: what it drew; photo: what it is compared with;
+                   both (h, w, 4) where the photo has alpha
+    notes          what else has to be known
+    psnr_black     dB over black, psnr_alpha: of alpha; None where the photo is opaque. All
+                   other numbers are over white
+    """
+
+    psnr: float
+    ssim: float | None
+    ms_ssim: float | None
+    largest_error: float
+    bias: float
+    svg_bytes: int
+    svgz_bytes: int
+    survey: Survey
+    frame: Frame
+    renderer: str
+    raster: NDArray[np.float32]
+    photo: NDArray[np.float32]
+    notes: tuple[str, ...]
+    psnr_black: float | None = None
+    psnr_alpha: float | None = None
+
+    @cached_property
+    def report(self) -> dict[str, Any]:
+        """The numbers, ready for JSON; see the README for the keys."""
+        height, width = self.photo.shape[:2]
+        return {
+            "width": width,
+            "height": height,
+            "svg_width": self.frame.width,
+            "svg_height": self.frame.height,
+            "view_box": list(self.frame.view_box),
+            "renderer": self.renderer,
+            "transparent": has_alpha(self.photo),
+            "psnr_svg": _finite(self.psnr),
+            "psnr_svg_black": _finite(self.psnr_black),
+            "psnr_svg_alpha": _finite(self.psnr_alpha),
+            "ssim_svg": self.ssim,
+            "ms_ssim_svg": self.ms_ssim,
+            "largest_error_svg": self.largest_error,
+            "bias_svg": self.bias,
+            "svg_bytes": self.svg_bytes,
+            "svgz_bytes": self.svgz_bytes,
+            "elements": self.survey.elements,
+            "elements_by_tag": dict(self.survey.tags),
+            "groups": self.survey.tags.get("g", 0),
+            "layers": self.survey.layers,
+            "notes": list(self.notes),
+        }
+
+    def heatmap(self) -> bytes:
+        """PNG of where it differs from the photo, over white: see gauss2svg.measure.heatmap."""
+        return heatmap(over(self.raster), over(self.photo))
+
+    def __repr__(self) -> str:
+        height, width = self.photo.shape[:2]
+        return (
+            f"<gauss2svg.CheckResult {width}x{height}, {self.psnr:.2f} dB, "
+            f"{self.survey.elements} elements, {self.svg_bytes} bytes>"
+        )
+
+
+def check(
+    photo: ImageSource,
+    svg: SvgSource,
+    *,
+    renderer: str = DEFAULT_RENDERER,
+    max_svg_bytes: int | str = MOST_SVG_BYTES,
+    max_elements: int = MOST_ELEMENTS,
+    draw_timeout: float = DRAW_TIMEOUT_S,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
+    matte: str | None = None,
+) -> CheckResult:
+    """Draw an SVG at a photo's size, over white, and measure how true it is.
+
+    Where the photo has alpha the SVG's is compared as well, and both over black.
+
+    photo          whatever `vectorize` takes
+    svg            a path, text that begins with <, bytes or a binary file; gzipped or not
+    renderer       one of RENDERERS
+    max_svg_bytes  most bytes of it, gunzipped: 256000000, "256M"; max_elements: most elements
+                   of it, >= 1; draw_timeout: seconds that the drawing may take, > 0
+    max_pixels     most pixels of the photo, as of `vectorize`
+    matte          colour, such as white or #fa0, over which the photo is shown, as if it were
+                   opaque; None: its alpha is compared too
+
+    The SVG is not trusted: entities, links to anything outside of it and what passes the
+    limits are refused, and it is drawn in a process of its own, whose memory is not limited.
+    Raises InputError for a photo or an SVG that cannot be used, RendererError for an SVG that
+    cannot be drawn and for a renderer that is missing.
+    """
+    most_bytes = byte_size("max_svg_bytes", max_svg_bytes)
+    whole_number("max_elements", max_elements, 1, 2**31)
+    if not 0 < draw_timeout <= LONGEST_DRAW_TIMEOUT_S:
+        raise InputError(
+            f"draw_timeout is {draw_timeout}; needed are seconds above 0, up to "
+            f"{LONGEST_DRAW_TIMEOUT_S:g}"
+        )
+    drawn_by = renderer_version(renderer)
+    matted = None if matte is None else matte_color(matte)
+    picture = load_image(photo, max_pixels=max_pixels, matte=matted)
+    wanted = pixels_of(picture)
+    data, text = svg_source(svg, most_bytes)
+    surveyed = survey(text, max_elements)
+    frame = frame_of(surveyed.root)
+    box = " ".join(f"{v!r}" for v in frame.view_box)
+    sized = stretched(text, picture.width, picture.height, box)
+    if sized is None:
+        raise InputError("SVG has a root that cannot be read; save it as plain SVG")
+    raster = draw(sized, picture.width, picture.height, renderer, draw_timeout, wanted.shape[2])
+    measured = measure_pixels(raster, wanted)
+    measurable = min(picture.width, picture.height) >= metrics.LEAST_SIDE_FOR_MS_SSIM
+    return CheckResult(
+        psnr=measured["psnr_svg"],
+        ssim=measured["ssim_svg"],
+        ms_ssim=metrics.ms_ssim(over(raster), over(wanted)) if measurable else None,
+        largest_error=measured["largest_error_svg"],
+        bias=measured["bias_svg"],
+        svg_bytes=len(data),
+        svgz_bytes=len(gzip.compress(data, compresslevel=9, mtime=0)),
+        survey=surveyed,
+        frame=frame,
+        renderer=drawn_by,
+        raster=raster,
+        photo=wanted,
+        notes=(
+            *(f"photo {note}" for note in picture.notes),
+            *_notes(surveyed, frame, picture.width, picture.height, renderer),
+        ),
+        psnr_black=measured["psnr_svg_black"],
+        psnr_alpha=measured["psnr_svg_alpha"],
+    )
+
+
+def _finite(psnr: float | None) -> float | None:
+    """None for an infinite PSNR, of equal pictures: JSON has no infinity."""
+    return None if psnr is None or math.isinf(psnr) else psnr
+
+
+def _notes(surveyed: Survey, frame: Frame, width: int, height: int, renderer: str) -> list[str]:
+    notes = []
+    for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
+        if not _fits(own, (width, height)):
+            notes.append(
+                f"{name} is {own[0]:g}x{own[1]:g}, of other proportions than the photo: stretched "
+                f"to {width}x{height} px"
+            )
+            break  # one distortion is told once
+    if texts := surveyed.tags.get("text", 0):
+        if renderer == "resvg":
+            notes.append(f"text ({texts}) is not drawn: resvg gets no fonts; convert it to paths")
+        else:
+            notes.append(f"text ({texts}) is drawn in the fonts of this machine")
+    if pictures := surveyed.tags.get("image", 0) + surveyed.tags.get("feImage", 0):
+        notes.append(f"embedded pictures ({pictures}) are scored as well: not only shapes")
+    notes += [
+        f"{tag} ({surveyed.tags[tag]}) is left out by the renderer"
+        for tag in _LEFT_OUT
+        if tag in surveyed.tags
+    ]
+    if pages := surveyed.tags.get("foreignObject", 0):
+        how = "drawn by browsers alone" if renderer in BROWSERS else "left out by the renderer"
+        notes.append(f"foreignObject ({pages}) is {how}")
+    if not surveyed.qualified:
+        notes.append("root has no xmlns of SVG: browsers do not show the file")
+    return notes
+
+
+def _fits(own: tuple[float, ...], size: tuple[int, int]) -> bool:
+    """Whether a size scaled to the same width or the same height is at most a pixel off."""
+    scale = min(size[0] / own[0], size[1] / own[1])
+    return all(side - scale * mine <= 1 for side, mine in zip(size, own, strict=True))

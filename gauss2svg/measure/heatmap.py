@@ -1,0 +1,80 @@
+"""Where two pictures differ, as a picture on one scale for all, so that two maps compare."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+from PIL.PngImagePlugin import PngInfo
+
+from gauss2svg.measure.metrics import LEVELS
+
+MOST = 64  # levels of 255 that the brightest colour stands for, and all above
+# Every sixteenth colour of matplotlib's inferno, by Nathaniel J. Smith and Stefan van der Walt
+# (CC0): perceptually uniform from no error, black, to the largest, pale yellow.
+_COLORS = np.array(
+    [
+        0x000004, 0x0B0724, 0x210C4A, 0x3D0965, 0x57106E, 0x71196E, 0x8A226A, 0xA32C61, 0xBC3754,
+        0xD04545, 0xE35933, 0xF1711F, 0xF98C0A, 0xFCAA0F, 0xF9C932, 0xF2E865, 0xFCFFA4,
+    ]
+)[:, None] >> (16, 8, 0) & 0xFF  # fmt: skip
+_BAR, _TEXT = 10, 12  # px of height: the legend's colours, its labels
+_LEAST_LABELLED_WIDTH = 120  # px
+_TICKS = (0, 16, 32, 48, 64)
+_SCALE = f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
+
+
+def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Largest difference of any channel at each pixel (h, w), in levels of 255."""
+    return np.abs(np.subtract(image, other, dtype=np.float64)).max(axis=2) * LEVELS
+
+
+def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image.Image:
+    """The same map as heatmap's without its legend, in whole levels and a palette of 65 colours."""
+    levels = np.minimum(np.round(errors(image, other)), MOST).astype(np.uint8)
+    picture = Image.fromarray(levels, "P")
+    picture.putpalette(colors_of(np.arange(MOST + 1.0)).tobytes())
+    return picture
+
+
+def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Colours (..., 3) of errors (...) in levels of 255; those over 64 are drawn as 64."""
+    place = np.clip(levels, 0, MOST) * ((len(_COLORS) - 1) / MOST)
+    low = np.minimum(place.astype(np.intp), len(_COLORS) - 2)
+    share = (place - low)[..., None]
+    return np.round(_COLORS[low] * (1 - share) + _COLORS[low + 1] * share).astype(np.uint8)
+
+
+def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:
+    """PNG of the largest difference of any channel at each pixel, 0..64 levels of 255.
+
+    Both are (h, w, 3) in 0..1. The map is the PNG's first h rows; under them is a legend, with
+    labels where the picture is at least 120 px wide.
+    """
+    height, width = image.shape[:2]
+    labelled = width >= _LEAST_LABELLED_WIDTH
+    sheet = Image.new("RGB", (width, height + _BAR + (_TEXT if labelled else 0)), "white")
+    for top in range(0, height, _BAR):  # in bands: the table is looked up in float64
+        band = slice(top, top + _BAR)
+        sheet.paste(Image.fromarray(colors_of(errors(image[band], other[band]))), (0, top))
+    ramp = np.broadcast_to(np.linspace(0, MOST, width), (_BAR, width))
+    sheet.paste(Image.fromarray(colors_of(ramp)), (0, height))
+    if labelled:
+        _label(sheet, height + _BAR)
+    stream = io.BytesIO()
+    notes = PngInfo()
+    notes.add_text("Description", _SCALE)
+    sheet.save(stream, "PNG", pnginfo=notes)
+    return stream.getvalue()
+
+
+def _label(sheet: Image.Image, top: int) -> None:
+    pen = ImageDraw.Draw(sheet)
+    font = ImageFont.load_default(_TEXT - 2)
+    for tick in _TICKS:
+        text = f"{tick}+" if tick == MOST else str(tick)
+        wide = pen.textlength(text, font)
+        left = tick / MOST * (sheet.width - 1) - wide / 2
+        pen.text((min(max(left, 1), sheet.width - wide - 1), top), text, "black", font)

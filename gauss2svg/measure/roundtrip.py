@@ -1,0 +1,122 @@
+"""The number that counts: the SVG, drawn by a real renderer, against the photo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.measure import metrics
+from gauss2svg.photo.alpha import BLACK, alpha_of, has_alpha, over, stacked
+from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like, renderer_version
+from gauss2svg.render import render, render_rgba
+from gauss2svg.scene import Scene
+from gauss2svg.svg.packing import file_bytes
+
+_LEAST_SIDE_FOR_SSIM = 3
+
+
+@dataclass(frozen=True, eq=False)
+class RoundTrip:
+    """What came back from a renderer; PSNR in dB, differences in levels of 255.
+
+    psnr_model       fitted model against the photo
+    psnr_svg, ssim_svg, largest_error_svg, bias_svg   raster against the photo
+    psnr_roundtrip, largest_error_roundtrip, bias_roundtrip   raster against the model
+    ssim_svg is None for pictures under 3 px a side
+
+    All these are over white. psnr_model_black, psnr_svg_black are over black, psnr_model_alpha,
+    psnr_svg_alpha of alpha as a picture of one channel; None where the photo is opaque. raster is
+    (h, w, 4) where it is not.
+    """
+
+    raster: NDArray[np.float32]
+    renderer: str
+    psnr_model: float
+    psnr_svg: float
+    ssim_svg: float | None
+    largest_error_svg: float
+    bias_svg: float
+    psnr_roundtrip: float
+    largest_error_roundtrip: float
+    bias_roundtrip: float
+    svg_bytes: int
+    svgz_bytes: int
+    psnr_model_black: float | None = None
+    psnr_model_alpha: float | None = None
+    psnr_svg_black: float | None = None
+    psnr_svg_alpha: float | None = None
+
+    @property
+    def psnr_lowest(self) -> float:
+        """PSNR of the SVG over white or over black, whichever is lower."""
+        return (
+            self.psnr_svg
+            if self.psnr_svg_black is None
+            else min(self.psnr_svg, self.psnr_svg_black)
+        )
+
+
+def round_trip(
+    svg: str, scene: Scene, photo: NDArray[np.float32], renderer: str = DEFAULT_RENDERER
+) -> RoundTrip:
+    """Draw the SVG of a scene and measure it against photo (h, w, 3) or (h, w, 4) and scene.
+
+    Both are compared at the photo's size. Raises RendererError if the renderer cannot draw.
+    """
+    height, width = photo.shape[:2]
+    raster = rasterize_like(svg, photo, renderer)
+    shown = over(raster)
+    # The exact composite lies in 0..1; float32 may pass the ends by a rounding.
+    model = render(scene, width, height)
+    np.clip(model, 0, 1, out=model)
+    model_black, model_alpha = None, None
+    if has_alpha(photo):
+        model_black, model_alpha = _psnr_with_alpha(render_rgba(scene, width, height), photo)
+    return RoundTrip(
+        raster=raster,
+        renderer=renderer_version(renderer),
+        psnr_model=metrics.psnr(model, over(photo)),
+        psnr_model_black=model_black,
+        psnr_model_alpha=model_alpha,
+        **measure_pixels(raster, photo),
+        psnr_roundtrip=metrics.psnr(shown, model),
+        largest_error_roundtrip=metrics.largest_error(shown, model),
+        bias_roundtrip=metrics.bias(shown, model),
+        svg_bytes=len(file_bytes(svg, gzipped=False)),
+        svgz_bytes=len(file_bytes(svg, gzipped=True)),
+    )
+
+
+def model_psnr(scene: Scene, picture: NDArray[np.float32]) -> float:
+    """PSNR in dB of a scene on a picture of its canvas; with alpha over both pages."""
+    if has_alpha(picture):
+        return metrics.psnr(stacked(render_rgba(scene)), stacked(picture))
+    return metrics.psnr(render(scene), picture)
+
+
+def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:
+    """Those of RoundTrip's numbers that take nothing but a raster and the photo, alike in shape."""
+    shown, wanted = over(raster), over(photo)
+    measurable = min(photo.shape[:2]) >= _LEAST_SIDE_FOR_SSIM
+    black, alpha = _psnr_with_alpha(raster, photo)
+    return {
+        "psnr_svg": metrics.psnr(shown, wanted),
+        "ssim_svg": metrics.ssim(shown, wanted) if measurable else None,
+        "largest_error_svg": metrics.largest_error(shown, wanted),
+        "bias_svg": metrics.bias(shown, wanted),
+        "psnr_svg_black": black,
+        "psnr_svg_alpha": alpha,
+    }
+
+
+def _psnr_with_alpha(
+    image: NDArray[np.float32], photo: NDArray[np.float32]
+) -> tuple[float | None, float | None]:
+    """PSNR over black, and of alpha; None where the photo is opaque."""
+    if not has_alpha(photo):
+        return None, None
+    over_black = metrics.psnr(over(image, BLACK), over(photo, BLACK))
+    return over_black, metrics.psnr(alpha_of(image), alpha_of(photo))

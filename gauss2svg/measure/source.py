@@ -1,0 +1,96 @@
+"""The text of an SVG from wherever it comes, plain or gzipped, within a limit of bytes."""
+
+from __future__ import annotations
+
+import codecs
+import os
+import re
+from typing import Any
+
+from gauss2svg.errors import InputError
+from gauss2svg.svg.reader.parse import GZIP, gunzipped
+
+SvgSource = Any  # a path, text that begins with <, bytes or a binary file
+
+_MARKS = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+_DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+# Python knows codecs that are no encodings of XML, such as unicode_escape.
+_ENCODINGS = re.compile(r"utf-8|ascii|iso8859-\d+|cp125\d|koi8-[ru]|shift_jis|gb(k|18030)|big5")
+
+
+def svg_source(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
+    """Bytes of an SVG, gunzipped where it was gzipped, and the text that they encode.
+
+    source      a path, text that begins with <, bytes or a binary file
+    most_bytes  that are read, and that they may have gunzipped, >= 1
+    Raises InputError for what cannot be read, has more bytes, or is no text.
+    """
+    if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
+        data = source.encode("utf-8", "surrogatepass")
+        _within(len(data), most_bytes, "SVG")
+        return data, source.removeprefix("\ufeff")
+    data, name = _read(source, most_bytes)
+    _within(len(data), most_bytes, name)
+    if data.startswith(GZIP):
+        data = gunzipped(data, most_bytes, name)
+        _within(len(data), most_bytes, f"{name}, gunzipped,")
+    if not data.strip():
+        raise InputError(f"{name} is empty; needed is an SVG")
+    return data, _decoded(data, name)
+
+
+def _read(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
+    """At most one byte more than that, so that a longer file is told without being read."""
+    if isinstance(source, (bytes, bytearray, memoryview)):
+        return bytes(source), "SVG"
+    if isinstance(source, (str, os.PathLike)):
+        try:
+            with open(source, "rb") as file:
+                return file.read(most_bytes + 1), os.fsdecode(source)
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error)
+            raise InputError(
+                f"cannot read {os.fsdecode(source)}: {reason}; give the path of an SVG"
+            ) from error
+    if hasattr(source, "read"):
+        data = source.read(most_bytes + 1)
+        if isinstance(data, bytes):
+            return data, "SVG"
+    raise InputError(
+        f"got {type(source).__name__}; needed is a path, text that begins with <, bytes or a "
+        "binary file"
+    )
+
+
+def _within(size: int, most_bytes: int, name: str) -> None:
+    if size > most_bytes:
+        raise InputError(
+            f"{name} has more than {most_bytes} bytes; raise --max-svg-bytes if it is to be trusted"
+        )
+
+
+def _decoded(data: bytes, name: str) -> str:
+    encoding = next((known for mark, known in _MARKS if data.startswith(mark)), None)
+    declared = _DECLARED.match(data)
+    if encoding is None:
+        encoding = declared[1].decode() if declared else "utf-8"
+        try:
+            known = codecs.lookup(encoding).name
+        except LookupError:
+            known = ""
+        if not _ENCODINGS.fullmatch(known):
+            raise InputError(f"{name} says that its encoding is {encoding[:40]}; save it as UTF-8")
+    try:
+        text = data.decode(encoding)
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{name} is no text in {encoding}: {error.reason} at byte {error.start}; needed is an "
+            "SVG: save it as UTF-8"
+        ) from error
+    if "\0" in text:  # XML has none; UTF-16 without its mark has them, and expat would guess it
+        raise InputError(f"{name} has null characters, read as {encoding}; save it as UTF-8")
+    return text

@@ -1,0 +1,144 @@
+"""One pass over an untrusted SVG: what it has, and that it is safe to be drawn."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+from xml.etree.ElementTree import ParseError
+
+from defusedxml.common import DefusedXmlException, DTDForbidden
+from defusedxml.ElementTree import DefusedXMLParser
+
+from gauss2svg.errors import InputError
+from gauss2svg.measure.references import MOST_EMBEDDED_PIXELS, check_css, check_link
+
+SVG_NAMESPACE = "http://www.w3.org/2000/svg"
+_SVG = f"{{{SVG_NAMESPACE}}}"
+_GROUP_MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
+_LINKS = ("href", "absref")  # the latter of sodipodi, by which Inkscape finds local files
+# Characters that are parsed at first, and then twice as many each time: expat up to 2.5 scans a
+# token that a piece cuts through anew with the next one, so that with pieces of one size an
+# attribute of 200 MB took 252 s.
+_PIECE = 1 << 16
+
+
+@dataclass(frozen=True)
+class Survey:
+    """What is in an SVG.
+
+    tags      how many elements of each name, the commonest first; SVG's own by their local
+              name, others as {namespace}name
+    layers    groups that Inkscape shows as layers
+    root      attributes of the root element
+    qualified whether the root is in SVG's namespace, as browsers need it
+    """
+
+    tags: dict[str, int]
+    layers: int
+    root: dict[str, str]
+    qualified: bool
+
+    @property
+    def elements(self) -> int:
+        """How many elements there are."""
+        return sum(self.tags.values())
+
+
+def survey(text: str, most_elements: int) -> Survey:
+    """Count what is in an SVG without building a tree of it.
+
+    Raises InputError for XML that is malformed or defines entities, for links to anything
+    outside of the file, for more than most_elements elements, and where the root is not svg.
+    """
+    counter = _Counter(most_elements)
+    try:
+        # Its tree builder may be anything with start, data, end and close.
+        parser = _Parser(target=counter, forbid_dtd=True)  # pyright: ignore[reportArgumentType]
+        begin, end = 0, _PIECE
+        while begin < len(text):
+            parser.feed(text[begin:end])
+            begin, end = end, 2 * end
+        parser.close()
+    except DefusedXmlException as error:
+        what = "entities" if not isinstance(error, DTDForbidden) else "a document type of its own"
+        raise InputError(
+            f"SVG defines {what}, which may make it grow without end; save it as plain SVG"
+        ) from error
+    except (ParseError, UnicodeEncodeError) as error:
+        raise InputError(f"SVG is no well-formed XML: {error}; save it anew") from error
+    return Survey(dict(counter.tags.most_common()), counter.layers, counter.root, counter.qualified)
+
+
+class _Parser(DefusedXMLParser):
+    """Lets a bare <!DOCTYPE> through, which potrace and matplotlib write: it is never loaded."""
+
+    def defused_start_doctype_decl(
+        self, name: str, sysid: str | None, pubid: str | None, has_internal_subset: bool
+    ) -> None:
+        if has_internal_subset:
+            super().defused_start_doctype_decl(name, sysid, pubid, has_internal_subset)
+
+
+class _Counter:
+    """Takes the parser's events in place of a tree builder."""
+
+    def __init__(self, most_elements: int) -> None:
+        self.tags: Counter[str] = Counter()
+        self.layers = 0
+        self.root: dict[str, str] = {}
+        self.qualified = False
+        self._most = most_elements
+        self._count = 0
+        self._pixels = 0
+        self._css: list[str] | None = None
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        name = tag.removeprefix(_SVG)
+        if not self._count:
+            if name != "svg":
+                raise InputError(f"root element is <{name[:80]}>; needed is <svg>")
+            self.root = dict(attributes)
+            self.qualified = tag != name
+        self._count += 1
+        if self._count > self._most:
+            raise InputError(
+                f"SVG has more than {self._most} elements; raise --max-elements if it is to be "
+                "trusted"
+            )
+        self.tags[name] += 1
+        self.layers += attributes.get(_GROUP_MODE) == "layer"
+        if name == "style":
+            self._css = []
+        local = name.rpartition("}")[2]
+        for key, value in attributes.items():
+            if key.rpartition("}")[2] in _LINKS:
+                self._follow(local, value)
+            elif "(" in value and ("\\" in value or "url(" in value.lower()):
+                check_css(value)
+
+    def _follow(self, tag: str, target: str) -> None:
+        if tag == "a":
+            return  # for a reader to click on; nothing is loaded
+        self._pixels += check_link(tag, target)
+        if self._pixels > MOST_EMBEDDED_PIXELS:
+            raise InputError(
+                f"pictures in the SVG have more than {MOST_EMBEDDED_PIXELS} px together; shrink "
+                "them first"
+            )
+
+    def data(self, text: str) -> None:
+        if self._css is not None:
+            self._css.append(text)
+
+    def end(self, tag: str) -> None:
+        if self._css is not None and tag.removeprefix(_SVG) == "style":
+            check_css("".join(self._css))
+            self._css = None
+
+    def pi(self, target: str, _data: Any = None) -> None:
+        if target.split()[0] == "xml-stylesheet":
+            check_css("@import")
+
+    def close(self) -> None:
+        pass

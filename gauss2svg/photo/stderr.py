@@ -1,0 +1,42 @@
+"""What C libraries write to the standard error of the process by themselves."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+
+_STANDARD_ERROR = 2
+_owned = ContextVar("standard error is the command's own", default=False)
+
+
+@contextmanager
+def own_standard_error() -> Iterator[None]:
+    """For a command: inside of it `stderr_silenced` hushes. A library leaves its host's streams alone."""
+    token = _owned.set(True)
+    try:
+        yield
+    finally:
+        _owned.reset(token)
+
+
+@contextmanager
+def stderr_silenced() -> Iterator[None]:
+    """Nothing reaches standard error in here, if it is ours: what went wrong is raised as well."""
+    if not _owned.get():
+        yield
+        return
+    try:
+        kept = os.dup(_STANDARD_ERROR)
+    except OSError:  # it is closed
+        yield
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, _STANDARD_ERROR)
+    os.close(nowhere)
+    try:
+        yield
+    finally:
+        os.dup2(kept, _STANDARD_ERROR)
+        os.close(kept)

@@ -1,0 +1,170 @@
+"""A scene as it was written on the way to its targets, how it is written, and the outcome."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.fit.options import FitResult
+from gauss2svg.fit.target import target_of
+from gauss2svg.measure import metrics
+from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
+from gauss2svg.photo.alpha import views
+from gauss2svg.pipeline.plan import Plan, Quantization
+from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.raster import rasterize_like
+from gauss2svg.render.cpu import splats_of
+from gauss2svg.scene import Scene
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.layers import grouped_by_segment
+from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.write import write_svg
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A scene on the photo's canvas, in the colours of its palette, and its SVG.
+
+    model  PSNR in dB of the scene itself on the working picture
+    error  mean squared, of the rasterised SVG there, over white or over black where it has alpha,
+           whichever is larger; NaN if it was not rasterised
+    """
+
+    scene: Scene
+    svg: str
+    format: SvgFormat
+    document: Document
+    gzipped: bool
+    model: float
+    error: float
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return len(file_bytes(self.svg, self.gzipped))
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A fitted, written and measured scene, on the photo's canvas.
+
+    quantization  that of its file; corrections: how often the count was changed after the fit
+    """
+
+    scene: Scene
+    svg: str
+    quantization: Quantization
+    fitted: FitResult
+    measured: RoundTrip
+    corrections: int
+
+
+class Exporter:
+    """Writes scenes of the working canvas as files of the photo's size.
+
+    photo    (h, w, 3) float32 in 0..1, or (h, w, 4), what is measured against
+    working  the same, perhaps smaller: what the fit runs on
+    every_color  True once no steps are left that would make up for a palette
+    """
+
+    def __init__(
+        self,
+        photo: NDArray[np.float32],
+        working: NDArray[np.float32],
+        plan: Plan,
+        document: Document,
+    ) -> None:
+        self.photo = photo
+        self.working = working
+        self.document = document
+        self.every_color = False
+        self._plan = plan
+        self._gzipped = plan.options.svg.gzip
+
+    def quantization(self, count: int, error: float | None) -> Quantization:
+        """Of a scene of so many Gaussians and, if known, mean squared error."""
+        return Quantization(0, 0.0) if self.every_color else self._plan.quantization(count, error)
+
+    def quantized(self, scene: Scene, psnr: float | None) -> Scene:
+        """The scene on the photo's canvas, in the colours and exponents of its file."""
+        quantization = self.quantization(len(scene), None if psnr is None else 10 ** (-psnr / 10))
+        return quantize(
+            self._on_photo(scene),
+            self._plan.svg_format.form,
+            quantization.palette,
+            quantization.color_error,
+        )
+
+    def as_written(self, scene: Scene, psnr: float) -> Scene:
+        """The same on the working canvas, as the last steps of a fit take it."""
+        photo = self.quantized(scene, psnr)
+        return photo.scaled(scene.width / photo.width, scene.height / photo.height)
+
+    def write(self, scene: Scene, psnr: float) -> str:
+        """The file of a scene on the working canvas, before its colours are shared."""
+        return write_svg(self.quantized(scene, psnr), self._plan.svg_format, self.document)
+
+    def bytes_of(self, scene: Scene, psnr: float) -> int:
+        """Bytes of that file."""
+        return len(file_bytes(self.write(scene, psnr), self._gzipped))
+
+    def candidate(self, scene: Scene, rasterized: bool) -> Candidate:
+        """A scene of the working canvas as it would be written, and if asked for rasterised."""
+        model = model_psnr(scene, self.working)
+        # Its colours are those of the palette already, save for solid ellipses that no longer are.
+        exact = grouped_by_segment(self.quantized(scene, None), self.document.labels)
+        svg = write_svg(exact, self._plan.svg_format, self.document)
+        error = math.nan
+        if rasterized:
+            raster = rasterize_like(svg, self.working, self._plan.options.run.renderer)
+            pairs = zip(views(raster), views(self.working), strict=True)
+            error = max(metrics.mean_squared_error(one, other) for one, other in pairs)
+        return Candidate(
+            exact, svg, self._plan.svg_format, self.document, self._gzipped, model, error
+        )
+
+    def measured(self, best: Candidate, deadline: float | None) -> RoundTrip:
+        """Measured at the photo's size; where time is short, at the size that the fit ran on.
+
+        deadline  as time.perf_counter() counts, in s, or None
+        """
+        photo, working, renderer = self.photo, self.working, self._plan.options.run.renderer
+        if photo.shape != working.shape and deadline is not None:
+            begun = time.perf_counter()
+            height, width = working.shape[:2]
+            scene = best.scene.scaled(width / best.scene.width, height / best.scene.height)
+            smaller = round_trip(best.svg, scene, working, renderer)
+            now = time.perf_counter()
+            if (now - begun) * photo.size / working.size > deadline - now:
+                return smaller
+        return round_trip(best.svg, best.scene, photo, renderer)
+
+    def _on_photo(self, scene: Scene) -> Scene:
+        height, width = self.photo.shape[:2]
+        scaled = scene.scaled(width / self.working.shape[1], height / self.working.shape[0])
+        return scaled.replace(width=width, height=height)
+
+
+def pruned_to_size(candidate: Candidate, limit: int, picture: NDArray[np.float32]) -> Candidate:
+    """Without the least useful Gaussians, as many of them as `limit` bytes ask for.
+
+    By what they contribute to picture (h, w, 3) or (h, w, 4); what is left is not refined.
+    """
+    target = target_of(picture, np.float32)
+    while candidate.size > limit and len(candidate.scene):
+        scene = candidate.scene
+        height, width = picture.shape[:2]
+        splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
+        cost = target.removal_cost(splats)[1][:, 0]
+        kept = min(len(scene) - 1, int(len(scene) * limit / candidate.size))
+        scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
+        svg = write_svg(scene, candidate.format, candidate.document)
+        candidate = dataclasses.replace(candidate, scene=scene, svg=svg, error=np.nan)
+    return candidate

@@ -1,0 +1,145 @@
+"""What the candidates so far say of the next: how many Gaussians, and which is best.
+
+Targets apply to the rasterised SVG, so every candidate was rasterised. A search runs at the size
+that the fit runs on; what a larger photo has besides is measured once and carried along.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from gauss2svg.fit.densification import FIRST_ROUND
+from gauss2svg.pipeline.candidate import Candidate
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.targets import TOLERANCE
+
+AIM = 0.12  # dB over the target that a correction aims at
+FILL = 0.975  # share of the bytes allowed that a fit aims at
+FULL = 0.93  # share from which a file counts as full
+TOO_GOOD = 0.35  # dB over the target from which Gaussians are taken away again
+_TOO_LITTLE = 0.02  # dB under the target from which some are added
+_LEAST_LEFT = 0.05  # of an attempt's error, whatever the photo's own size takes off
+# dB that a fit may end under and over the quality's PSNR without a correction; over it only
+# where there are more than a few Gaussians to take away.
+_LESS_THAN_ENOUGH, _FAR_MORE = 0.8, 3.0
+_FEW = 100
+_SAME = 0.004  # a count that differs by a smaller share is the same
+_TELLING = 0.25  # doublings between two attempts that tell a slope
+_SLOPES = 1.5, 6.0  # dB a doubling, the flattest and steepest that are believed
+
+
+class Limit(NamedTuple):
+    """The largest count, and the stop reason that it stands for."""
+
+    count: int
+    name: str
+
+
+class Correction(NamedTuple):
+    """The count that the next candidate should have, and the stop reason as it stands then."""
+
+    count: int
+    stop_reason: str
+
+
+class Candidates:
+    """Scenes that were written on the way to the targets of a plan.
+
+    made    in the order of their making
+    detail  squared error of the photo that the working picture has not
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.made: list[Candidate] = []
+        self.detail = 0.0
+        self._plan = plan
+        goal = plan.options.goal
+        self._max_bytes = goal.max_bytes if isinstance(goal.max_bytes, int) else None
+        self._target = goal.target_psnr
+
+    def psnr(self, candidate: Candidate) -> float:
+        """Of its rasterised SVG against the photo, in dB; minus infinity if it was not rasterised."""
+        if math.isnan(candidate.error):  # nothing is known to be reached
+            return -math.inf
+        error = candidate.error + self.detail
+        # A detail from another candidate may be a little too much to take off.
+        error = max(error, candidate.error * _LEAST_LEFT)
+        return -10 * math.log10(error) if error > 0 else math.inf
+
+    def correction(
+        self, count: int, limit: Limit, stop_reason: str, usual_slope: float
+    ) -> tuple[int | None, str]:
+        """Count of the next candidate, None where nothing is left to correct; and what stops it.
+
+        count        the present one; limit: the largest
+        stop_reason  what ended growth
+        usual_slope  dB that a doubling bought there
+        """
+        last, cap, target = self.made[-1], limit.count, self._target
+        if not count:
+            lacking = target is not None and self.psnr(last) < target - TOLERANCE
+            room = last.size < (self._max_bytes or math.inf)
+            return (min(FIRST_ROUND, cap) if lacking and room and cap else None), stop_reason
+        if self._max_bytes is not None:
+            cap = min(cap, int(self._max_bytes * FILL * count / last.size))
+            if last.size > self._max_bytes:
+                return min(cap, count - 1), "max_bytes"
+        wanted, slope = count, self._slope(usual_slope)
+        if target is not None:
+            psnr = self.psnr(last)
+            if not target - _TOO_LITTLE <= psnr <= target + TOO_GOOD:
+                missing = (target + AIM - psnr) / slope
+                wanted = min(round(count * 2 ** max(min(missing, 2.0), -2.0)), cap)
+        elif stop_reason in ("max_bytes", "enough"):
+            wanted, stop_reason = self._enough(count, Limit(cap, limit.name), stop_reason, slope)
+        return (wanted if abs(wanted - count) > _SAME * count else None), stop_reason
+
+    def _enough(self, count: int, most: Limit, stop_reason: str, slope: float) -> Correction:
+        """Count that ends at the preset's PSNR, or as near to it as the bytes allow."""
+        last = self.made[-1]
+        missing = self._plan.preset.enough - last.model
+        if self._plan.count is not None:
+            missing = math.inf
+        far_more = missing < -_FAR_MORE and count > _FEW
+        if missing <= _LESS_THAN_ENOUGH and not far_more:
+            return Correction(count, stop_reason)
+        limit = self._max_bytes
+        if missing > 0 and limit is not None and last.size > FULL * limit:
+            return Correction(count, stop_reason)
+        needed = count * 2 ** max(min(missing / slope, 2.0), -2.0)
+        if needed < most.count:
+            stop_reason = "enough"
+        else:
+            stop_reason = most.name if limit is None else "max_bytes"
+        return Correction(min(math.ceil(needed), most.count), stop_reason)
+
+    def _slope(self, usual: float) -> float:
+        """PSNR that a doubling buys: from the last two candidates, or from the growth."""
+        slope = usual
+        if len(self.made) >= 2:
+            before, last = self.made[-2:]
+            doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
+            if abs(doublings) > _TELLING:
+                rise = last.model - before.model
+                if self._target is not None:
+                    rise = self.psnr(last) - self.psnr(before)
+                slope = rise / doublings
+        return min(max(slope, _SLOPES[0]), _SLOPES[1])
+
+    def best(self) -> Candidate:
+        """The fewest Gaussians that meet every target, or what comes nearest."""
+        limit = self._max_bytes or math.inf
+        small = [c for c in self.made if c.size <= limit]
+        if not small:
+            return min(self.made, key=lambda c: c.size)
+        target = self._target
+        if target is None:
+            enough = self._plan.preset.enough - _LESS_THAN_ENOUGH
+            good = [c for c in small if c.model >= enough and self._plan.count is None]
+            return min(good, key=lambda c: c.size) if good else max(small, key=lambda c: c.model)
+        good = [c for c in small if self.psnr(c) >= target - TOLERANCE]
+        if good:
+            close = [c for c in good if self.psnr(c) <= target + TOO_GOOD]
+            return min(close or good, key=lambda c: len(c.scene))
+        return max(small, key=self.psnr)

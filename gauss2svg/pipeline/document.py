@@ -1,0 +1,47 @@
+"""The document of a photo: what was asked for by name or by number, found in the photo itself."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError
+from gauss2svg.photo.image import Photo
+from gauss2svg.photo.segments import labels_of
+from gauss2svg.svg.document import PHOTO_SIZE, Document
+
+_MM_AN_INCH = 25.4
+_SQUARE = 0.01  # by which the resolutions across and down may differ
+
+
+def document_for(photo: Photo, working: NDArray[np.float32], document: Document) -> Document:
+    """The document with the photo's own size and segments where these were asked for.
+
+    working  (h, w, 3) or (h, w, 4) the photo, perhaps smaller, for superpixels
+    Raises InputError for what the photo has nothing for.
+    """
+    if document.size == PHOTO_SIZE:
+        document = dataclasses.replace(document, size=_printed_width(photo))
+    document.sides(photo.width, photo.height)
+    if document.segments is None:
+        return document
+    labels = labels_of(document.segments, (photo.width, photo.height), working)
+    return dataclasses.replace(document, segments=labels)
+
+
+def _printed_width(photo: Photo) -> str:
+    """Width in mm by the photo's resolution tag."""
+    if photo.dpi is None:
+        raise InputError(
+            "size must be a width for a photo that does not say its resolution; got 'photo'. "
+            "Try 120mm"
+        )
+    across, down = photo.dpi
+    if abs(across / down - 1) > _SQUARE:
+        raise InputError(
+            f"size must be a width for a photo whose pixels are not square ({across:g}x{down:g} "
+            "dpi); got 'photo'. Try 120mm"
+        )
+    return f"{round(photo.width / across * _MM_AN_INCH, 3):g}mm"

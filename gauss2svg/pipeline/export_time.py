@@ -1,0 +1,41 @@
+"""How long what follows a fit will take, from a part of the Gaussians and of the picture."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.measure.roundtrip import measure_pixels
+from gauss2svg.raster import rasterize_like
+from gauss2svg.scene import Scene
+from gauss2svg.svg.write import write_svg
+
+# Every Gaussian in so many is written and drawn to see how long all will take.
+_SAMPLE = 8
+_STRIPS = 4  # the picture is measured on one of so many strips
+_SLACK_S = 0.1  # for what is not measured: the report, saving, the end of the process
+
+
+def estimate_export_seconds(
+    scene: Scene, write: Callable[[Scene], str], picture: NDArray[np.float32], renderer: str
+) -> float:
+    """Seconds that writing, drawing and measuring all of a scene on picture will take."""
+    height = picture.shape[0]
+    part = scene.select(np.arange(0, len(scene), _SAMPLE))
+    write(part)  # stops are computed once, for all
+    begun = time.perf_counter()
+    svg = write(part)
+    written = time.perf_counter()
+    rasterize_like(svg, picture, renderer)
+    drawn = time.perf_counter()
+    rasterize_like(write_svg(scene.select(np.arange(0))), picture, renderer)
+    blank = time.perf_counter()
+    strip = picture[: max(height // _STRIPS, 1)]
+    measure_pixels(strip, strip)
+    measured = time.perf_counter()
+    draw_all = (blank - drawn) + _SAMPLE * max((drawn - written) - (blank - drawn), 0.0)
+    write_all = _SAMPLE * (written - begun)
+    return write_all + draw_all + _STRIPS * (measured - blank) + _SLACK_S

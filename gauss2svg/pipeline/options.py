@@ -1,0 +1,182 @@
+"""What a run is asked for: six groups of options, from which all other forms are derived."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from gauss2svg.errors import InputError, must_be
+from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
+from gauss2svg.options import (
+    FileName,
+    Number,
+    OneOf,
+    OptionGroup,
+    Whole,
+    byte_size,
+    field_named,
+    fields_of,
+    file_name,
+)
+from gauss2svg.photo.alpha import matte_color
+from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION
+from gauss2svg.svg.stops import STOP_COUNTS
+
+AUTO = "auto"
+_MOST_DECIBELS = 100.0  # 8-bit pictures that differ anywhere are under 100 dB up to 65 megapixels
+EVERY_S = 30.0  # a second of a fit is soon done again, and a file of 5000 Gaussians has 3 MB
+LONGEST_S = 86400.0  # between two checkpoints
+
+
+def color_name(name: str, value: Any) -> str:
+    """A colour that `matte_color` knows."""
+    matte_color(value, name)
+    return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Goal(OptionGroup):
+    """What the SVG shall reach, and what it may cost. The first limit reached ends the run."""
+
+    quality: Literal["draft", "fast", "balanced", "high", "max"] = "balanced"
+    """Speed and quality preset."""
+
+    gaussians: Annotated[int | Literal["auto"] | None, Whole(0, MOST_GAUSSIANS)] = None
+    """Number of Gaussians; auto, the default, adapts it to the image. With a target it is the
+    largest number allowed."""
+
+    target_psnr: Annotated[
+        float | None,
+        Number(0, _MOST_DECIBELS, above=True, advice="30 to 40, at which photos look good"),
+    ] = None
+    """Target PSNR (dB) of the rendered SVG, reached with as few Gaussians as possible."""
+
+    max_bytes: Annotated[int | str | None, byte_size] = None
+    """Maximum file size: 150000, 150k or 1.5M."""
+
+    time_limit: Annotated[float | None, Number(0, 1e9, above=True)] = None
+    """Time limit (s) of the whole run."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.gaussians == AUTO:
+            object.__setattr__(self, "gaussians", None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SvgOptions(OptionGroup):
+    """How the SVG is written."""
+
+    form: Literal["gradient", "blur"] = "gradient"
+    """gradient: radial gradients, for every renderer; blur: blurred ellipses, a smaller file for
+    Chromium, Firefox and Inkscape."""
+
+    palette: Annotated[int | None, Whole(0, 2**24)] = None
+    """Maximum number of gradients in the file; fewer make it smaller, 0 writes all."""
+
+    stops: Annotated[int | None, OneOf(STOP_COUNTS)] = None
+    """Stops of each gradient: 5, 6, 8, 10 or 12; the preset's if not given."""
+
+    precision: Annotated[float | None, Number(LEAST_PRECISION, MOST_PRECISION)] = None
+    """Precision of coordinates (px), such as 0.05; the preset's if not given."""
+
+    matte: Annotated[str | None, color_name] = None
+    """Background colour to composite a transparent photo over: white, black, #fa0 or #ffaa00. If
+    not given the SVG is transparent where the photo is."""
+
+    portable: bool = False
+    """Convert an additive fit to alpha-composited shapes, for every renderer."""
+
+    gzip: bool = False
+    """Compress the SVG, also where its name does not end in .svgz; --max-bytes applies to the
+    compressed file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOptions(OptionGroup):
+    """Resources, the measuring renderer, checkpoints."""
+
+    renderer: Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"] = "resvg"
+    """Renderer that rasterises the SVG to measure it; the last four must be installed."""
+
+    max_size: Annotated[int | None, Whole(1)] = None
+    """Longest side (px) of the image that the fit runs on; the preset's if not given."""
+
+    max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
+    """Maximum number of pixels of the photo, checked before it is decoded."""
+
+    threads: Annotated[int | None, Whole(1)] = None
+    """CPU threads; one for each core if not given."""
+
+    max_memory: Annotated[int | str | None, byte_size] = None
+    """Maximum memory, by an estimate: 500M or 2G; 80 % of what is free if not given. A fit that
+    would need more runs on fewer pixels."""
+
+    checkpoint: Annotated[FileName | None, file_name] = None
+    """Save the state of the fit to this file at intervals, to continue from by --resume."""
+
+    checkpoint_every: Annotated[float, Number(0, LONGEST_S)] = EVERY_S
+    """Interval between two checkpoints (s)."""
+
+    resume: Annotated[FileName | None, file_name] = None
+    """Continue from a checkpoint of this same command, to the same file."""
+
+
+GROUPS: dict[str, type[OptionGroup]] = {
+    "goal": Goal,
+    "fit": FitOptions,
+    "densify": DensifyOptions,
+    "svg": SvgOptions,
+    "document": Document,
+    "run": RunOptions,
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Options:
+    """All options of a run."""
+
+    goal: Goal = Goal()
+    fit: FitOptions = FitOptions()
+    densify: DensifyOptions = DensifyOptions()
+    svg: SvgOptions = SvgOptions()
+    document: Document = Document()
+    run: RunOptions = RunOptions()
+
+    @classmethod
+    def from_flat(cls, values: Mapping[str, Any]) -> Options:
+        """The options of these names and values; raises InputError for an unknown name."""
+        groups: dict[str, dict[str, Any]] = {key: {} for key in GROUPS}
+        for name, value in values.items():
+            found = field_named(GROUPS, name)
+            if found is None:
+                raise InputError(must_be("option", f"one of {', '.join(option_names())}", name))
+            groups[found[0]][name] = value
+        return cls(**{key: GROUPS[key](**given) for key, given in groups.items()})  # pyright: ignore[reportArgumentType]
+
+    def flat(self) -> dict[str, Any]:
+        """Every option's value by its name."""
+        return {
+            field.name: getattr(getattr(self, key), field.name)
+            for key, group in GROUPS.items()
+            for field in fields_of(group)
+        }
+
+    def changed(self, **values: Any) -> Options:
+        """The same with other values of options, by their names."""
+        groups: dict[str, dict[str, Any]] = {}
+        for name, value in values.items():
+            found = field_named(GROUPS, name)
+            assert found is not None, name
+            groups.setdefault(found[0], {})[name] = value
+        new = {k: dataclasses.replace(getattr(self, k), **given) for k, given in groups.items()}
+        return dataclasses.replace(self, **new)
+
+
+def option_names() -> list[str]:
+    """All options, in the order of their groups."""
+    return [field.name for group in GROUPS.values() for field in fields_of(group)]

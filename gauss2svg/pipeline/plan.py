@@ -1,0 +1,182 @@
+"""The plan of a run: what its options come to, checked before anything slow begins."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from functools import cached_property
+
+from gauss2svg.errors import InputError, RendererError, must_be
+from gauss2svg.fit.options import FitConfig
+from gauss2svg.photo.image import Photo
+from gauss2svg.pipeline.options import Goal, Options
+from gauss2svg.pipeline.presets import PRESETS, Preset
+from gauss2svg.raster import DRAW_BLENDS, DRAW_TURNED_BLURS, renderer_version
+from gauss2svg.scene import ADD, OVER
+from gauss2svg.svg.blur import GRADIENT
+from gauss2svg.svg.format import SvgFormat
+
+# Mean squared error that a palette may add, however bad the rest: 38 dB, some three levels.
+# With eight, which a coarse fit of foliage would allow, sky and leaves change their hue.
+LARGEST_COLOR_ERROR = 1.6e-4
+# dB that a palette of a stated count may cost at once by having fewer colours than that.
+_UNSEEN_COLOR_LOSS = 0.03
+
+
+@dataclass(frozen=True)
+class Quantization:
+    """How far the colours of a file are quantised; see gauss2svg.pipeline.quantize."""
+
+    palette: int
+    color_error: float
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What the options of a run come to. Raises InputError for options that exclude each other."""
+
+    options: Options
+
+    def __post_init__(self) -> None:
+        goal, svg, run = self.options.goal, self.options.svg, self.options.run
+        self._check_blend()
+        self._check_rounds()
+        if svg.form != GRADIENT and run.renderer not in DRAW_TURNED_BLURS:
+            raise RendererError(
+                f"form must be {GRADIENT} with the renderer {run.renderer}, which does not draw "
+                f"rotated blurs; got {svg.form}. Try --renderer {DRAW_TURNED_BLURS[0]}"
+            )
+        renderer_version(run.renderer)
+        for name in ("checkpoint", "resume"):
+            if getattr(run, name) is not None and goal.time_limit is not None:
+                raise InputError(
+                    f"time_limit must not be given with {name}, for a run against the clock never "
+                    f"repeats itself; got {goal.time_limit:g}. Try --iterations instead"
+                )
+        _ = self.fit_config
+
+    def check_alpha(self, photo: Photo) -> None:
+        """Refuse what a transparent photo cannot have, before the fit."""
+        if photo.alpha is not None and self.written_blend == ADD:
+            raise InputError(
+                "the photo must be opaque for additive blending, whose signed colours cover "
+                "nothing; got a transparent one. Try --matte white, or --portable"
+            )
+
+    def _check_blend(self) -> None:
+        """Refuse what an additive file cannot have."""
+        svg, document = self.options.svg, self.options.document
+        if svg.portable and self.options.fit.blend != ADD:
+            raise InputError(must_be("blend", f"{ADD} with portable", self.options.fit.blend))
+        if self.written_blend != ADD:
+            return
+        renderer = self.options.run.renderer
+        if renderer not in DRAW_BLENDS:
+            raise RendererError(
+                must_be(
+                    "renderer", f"one of {', '.join(DRAW_BLENDS)} for additive blending", renderer
+                )
+                + f". Try --renderer {DRAW_BLENDS[0]}, or --portable"
+            )
+        for name, given in {
+            f"form {svg.form}": svg.form != GRADIENT,
+            "segments": document.segments is not None,
+            "animate": document.animate is not None,
+            "fragments": document.fragments,
+        }.items():
+            if given:
+                raise InputError(
+                    f"{name} must not be given with additive blending, whose file has neither "
+                    "layers in painter's order nor opacities. Try --portable"
+                )
+
+    def _check_rounds(self) -> None:
+        for name in ("per_round", "round_iterations"):
+            value = getattr(self.options.densify, name)
+            if value is not None and self.count_adapts:
+                raise InputError(
+                    f"{name} must not be given unless the number of Gaussians is, without a "
+                    f"target; got {value}. Try --gaussians 1000"
+                )
+
+    @cached_property
+    def preset(self) -> Preset:
+        """The numbers of the preset."""
+        return PRESETS[self.options.goal.quality]
+
+    @property
+    def count(self) -> int | None:
+        """Gaussians asked for, None where the count adapts to the image."""
+        gaussians = self.options.goal.gaussians
+        return gaussians if isinstance(gaussians, int) else None
+
+    @property
+    def count_adapts(self) -> bool:
+        """Whether the count follows from the image or from a target."""
+        return self.count is None or has_targets(self.options.goal)
+
+    @property
+    def palette_is_counted(self) -> bool:
+        """Whether the palette has a stated size, and not one that follows from its loss."""
+        return self.options.svg.palette is not None or not self.count_adapts
+
+    @property
+    def side(self) -> int:
+        """Longest side in px of the picture that the fit runs on."""
+        return self.options.run.max_size or self.preset.max_size
+
+    @property
+    def written_blend(self) -> str:
+        """How the shapes of the file blend."""
+        return OVER if self.options.svg.portable else self.options.fit.blend
+
+    @cached_property
+    def additive_config(self) -> FitConfig:
+        """The additive fit that a portable file begins with."""
+        return self._config(ADD)
+
+    @cached_property
+    def fit_config(self) -> FitConfig:
+        """The fit that is written: a time limit alone takes the place of the iterations."""
+        return self._config(self.written_blend)
+
+    def _config(self, blend: str) -> FitConfig:
+        options, iterations = self.options, self.options.fit.iterations
+        only_time = options.goal.time_limit is not None and (
+            options.goal.target_psnr is None and options.goal.max_bytes is None
+        )
+        if iterations is None and not only_time:
+            iterations = self.preset.iterations
+        falloff = options.fit.falloff if blend == self.written_blend else None
+        fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
+        return FitConfig(
+            gaussians=self.count or 0, iterations=iterations, fit=fit, densify=options.densify
+        )
+
+    @cached_property
+    def svg_format(self) -> SvgFormat:
+        """How shapes are written."""
+        svg, preset = self.options.svg, self.preset
+        return SvgFormat(
+            form=svg.form,
+            stops=preset.stops if svg.stops is None else svg.stops,
+            precision=preset.precision if svg.precision is None else svg.precision,
+            opacity_decimals=preset.opacity_decimals,
+        )
+
+    def quantization(self, gaussians: int, error: float | None) -> Quantization:
+        """Of a scene of so many Gaussians and, if known, mean squared error."""
+        preset = self.preset
+        palette, loss = self.options.svg.palette, 0.0
+        if palette is None:
+            palette = 0 if self.count_adapts else preset.palette_for(gaussians)
+            loss = preset.color_loss if self.count_adapts else _UNSEEN_COLOR_LOSS
+        color_error = 0.0
+        if error is not None and self.options.svg.palette is None:
+            color_error = min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
+        return Quantization(palette, color_error)
+
+
+def has_targets(goal: Goal) -> bool:
+    """Whether any limit is to be met besides the preset."""
+    return any(t is not None for t in (goal.target_psnr, goal.max_bytes, goal.time_limit))

@@ -1,0 +1,119 @@
+"""The report of a run: every number of it, ready for JSON."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import platform
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+
+from gauss2svg.photo.image import Photo
+from gauss2svg.pipeline.candidate import Outcome
+from gauss2svg.pipeline.kernels import COMPILED_S
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.targets import unreached
+from gauss2svg.scene.falloff import ADAPTIVE, GAUSSIAN
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.packing import bytes_by_part
+from gauss2svg.version import __version__
+
+
+def run_report(
+    plan: Plan,
+    document: Document,
+    photo: Photo,
+    outcome: Outcome,
+    fit_size: tuple[int, int],
+    *,
+    threads: int,
+    compile_s: float,
+    total_s: float,
+) -> dict[str, Any]:
+    """All options of a run, what came of it and what it took; docs/reference/report.md has the keys.
+
+    fit_size  width and height in px of the picture that the fit ran on
+    """
+    fitted, measured, options = outcome.fitted, outcome.measured, plan.options
+    run_s = total_s - (compile_s if compile_s > COMPILED_S else 0.0)
+    size_reached = measured.svgz_bytes if options.svg.gzip else measured.svg_bytes
+    missed = unreached(options.goal, measured.psnr_lowest, size_reached, run_s, fitted.stop_reason)
+    return {
+        **options.flat(),
+        # What the options came to, where they were left open.
+        "width": photo.width,
+        "height": photo.height,
+        "fit_width": fit_size[0],
+        "fit_height": fit_size[1],
+        "gaussians": len(outcome.scene),
+        "iterations": fitted.iterations,
+        "falloff": ADAPTIVE if plan.fit_config.fit.learned_falloff else GAUSSIAN,
+        "stops": plan.svg_format.stops,
+        "precision": plan.svg_format.precision,
+        "palette": outcome.quantization.palette if plan.palette_is_counted else None,
+        "size": document.size,
+        "segments": None if document.labels is None else len(np.unique(document.labels)),
+        "threads": threads,
+        # What came of it.
+        "rounds": fitted.rounds,
+        "corrections": outcome.corrections,
+        "rollbacks": fitted.rollbacks,
+        "colors": len(np.unique(np.round(outcome.scene.color * 255), axis=0)),
+        "gradients": outcome.svg.count("<radialGradient"),
+        "stop_reason": fitted.stop_reason,
+        "unreached": missed,
+        "compile_s": compile_s,
+        "fit_s": fitted.wall_s,
+        "fit_cpu_s": fitted.cpu_s,
+        "pixel_pairs": fitted.pixel_pairs,
+        **{
+            field.name: _finite(getattr(measured, field.name))
+            for field in dataclasses.fields(measured)
+            if field.name != "raster"
+        },
+        "bytes_by_part": bytes_by_part(outcome.svg),
+        "transparent": photo.alpha is not None,
+        "notes": _notes(photo, outcome),
+        "versions": _versions(),
+        "total_s": total_s,
+    }
+
+
+def _notes(photo: Photo, outcome: Outcome) -> list[str]:
+    fitted, notes = outcome.fitted, list(photo.notes)
+    height, width = outcome.measured.raster.shape[:2]
+    if (width, height) != (photo.width, photo.height):
+        notes.append(f"measured at {width}x{height} px to meet the time limit")
+    if photo.alpha is not None and photo.alpha.any() and not len(outcome.scene):
+        notes.append("the photo's visible part is too faint for any renderer: the SVG is empty")
+    if fitted.rollbacks:
+        times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"
+        rate = f" ({fitted.rate:.3g} times the usual)" if fitted.rate != 1 else ""
+        notes.append(
+            f"the fit diverged {times} and was rolled back to its best state; it continued with a "
+            f"smaller learning rate{rate}"
+        )
+    return notes
+
+
+def decibels(value: float | None) -> str:
+    """A PSNR of the report as text."""
+    return "equal" if value is None else f"{value:.2f} dB"
+
+
+def _finite(value: Any) -> Any:
+    """None for an infinite PSNR, of equal pictures: JSON has no infinity."""
+    return None if isinstance(value, float) and math.isinf(value) else value
+
+
+def _versions() -> dict[str, str]:
+    found = {"gauss2svg": __version__, "python": platform.python_version()}
+    for name in (
+        "numpy", "numba", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG",
+    ):  # fmt: skip
+        with suppress(PackageNotFoundError):  # torch, where the extra is not installed
+            found[name] = version(name)
+    return found

@@ -1,0 +1,80 @@
+"""What comes of a run."""
+
+from __future__ import annotations
+
+import base64
+import html
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.files import write_atomically
+from gauss2svg.fit.options import FitProgress
+from gauss2svg.pipeline.report import decibels
+from gauss2svg.scene import Scene
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.packing import file_bytes, is_svgz
+from gauss2svg.svg.write import outline_svg
+
+ProgressCallback = Callable[["Progress"], None]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What `vectorize` is doing: phase, and the state of the fit while that is the phase.
+
+    phase  "read", "compile", with portable "additive", "fit", "write", "measure"; with targets
+           "correct" may follow, and the last two again
+    fit    the state of the fit at "additive", "fit" and "correct"
+    """
+
+    phase: str
+    fit: FitProgress | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A vectorised photo; shows itself in a notebook.
+
+    svg     the text of the file
+    scene   the fitted Gaussians, on the photo's canvas, in the order of the file
+    report  numbers of the run, ready for JSON; docs/reference/report.md has the keys
+    raster  (h, w, 3) float32: the SVG as the renderer rasterised it; (h, w, 4), alpha not multiplied
+            in, of a transparent photo
+    document  how the file presents the picture
+    """
+
+    svg: str
+    scene: Scene
+    report: dict[str, Any]
+    raster: NDArray[np.float32]
+    document: Document
+
+    def save(self, path: str | os.PathLike[str], gzip: bool | None = None) -> None:
+        """Write the SVG, whole or not at all; raises OutputError if it cannot be written.
+
+        gzip  None: where the path ends in .svgz, and where `vectorize` was told gzip=True
+        """
+        usual = is_svgz(path) or bool(self.report["gzip"])
+        write_atomically(path, file_bytes(self.svg, usual if gzip is None else gzip))
+
+    def outline(self) -> str:
+        """The SVG text of the shapes as bare strokes; see gauss2svg.svg.outline_svg."""
+        return outline_svg(self.scene, self.document)
+
+    def _repr_html_(self) -> str:
+        # As an image of its own: inline, the gradient ids of two results would clash.
+        data = base64.b64encode(self.svg.encode()).decode()
+        alt = html.escape(self.document.alt or self.document.title)
+        return f'<img alt="{alt}" src="data:image/svg+xml;base64,{data}"/>'
+
+    def __repr__(self) -> str:
+        r = self.report
+        return (
+            f"<gauss2svg.Result {r['width']}x{r['height']}, {r['gaussians']} Gaussians, "
+            f"{decibels(r['psnr_svg'])}, {r['svg_bytes']} bytes>"
+        )

@@ -1,0 +1,331 @@
+"""The search for a scene that meets its targets: fit, write, rasterise, measure, correct.
+
+Targets apply to the rasterised SVG, so every correction rasterises one. The search runs at the
+size that the fit runs on; for a larger photo the difference is measured once and carried along.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from gauss2svg.errors import number_within, whole_number
+from gauss2svg.fit.densification import (
+    AdaptiveCount,
+    DensificationPolicy,
+    GrowthLimits,
+    Revise,
+    Snapshot,
+    as_given,
+)
+from gauss2svg.fit.fit import fixed_count
+from gauss2svg.fit.options import FitProgress, FitResult
+from gauss2svg.fit.schedule import GROWTH_SHARE
+from gauss2svg.fit.session import FitSession
+from gauss2svg.measure.roundtrip import RoundTrip
+from gauss2svg.photo.alpha import over
+from gauss2svg.pipeline.candidate import Candidate, Exporter, Outcome, pruned_to_size
+from gauss2svg.pipeline.candidates import AIM, FILL, FULL, TOO_GOOD, Candidates, Limit
+from gauss2svg.pipeline.checkpoint import ADDITIVE, FIT, Checkpoint, damaged
+from gauss2svg.pipeline.export_time import estimate_export_seconds
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.targets import TOLERANCE
+from gauss2svg.pipeline.time_budget import TimeBudget
+from gauss2svg.render.cpu import kernel_lock
+from gauss2svg.svg.layers import segment_at
+
+# Of a file, a Gaussian, palette included: fast writes 0.116, balanced 0.106, draft 0.189, its
+# palette being a larger share (mean of three photos, examples/renderers.py). Replaced by the
+# file's own where bytes are limited.
+KILOBYTES_A_GAUSSIAN = 0.12
+# A target PSNR lifts the preset's cap to this.
+CAP_FOR_PSNR = 50000
+_GZIPPED = 0.17  # share of the bytes that is left then, until a file tells
+_LEAST_MEASURED = 200  # Gaussians from which a file tells the bytes of one
+_CORRECTIONS = 5
+_CALIBRATIONS = 2  # of a search that ran on a smaller picture
+_CORRECTION_SHARE = 0.25  # of the iterations of a fit, but not under
+_LEAST_STEPS = 40
+_WRITING_LOSS = 0.06  # of the model's error that the file is expected to add at first
+_ADDITIVE_SHARE = 0.35  # of the time, for the additive fit that a portable file begins with
+_AT_THE_CAP = 0.95
+
+
+class TargetSearch:
+    """One run towards the goal of a plan.
+
+    exporter    writes candidates, and has the photo and the picture that the fit runs on
+    budget      of the time
+    report      is called with "additive", "fit", "correct", "write" or "measure", and a fit's
+                progress
+    stop        asked after every step: True ends the run with what it has
+    checkpoint  is offered the state of the run after every step of a fit; resumed is what one
+                saved, from which to continue
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        exporter: Exporter,
+        budget: TimeBudget,
+        report: Callable[[str, FitProgress | None], None],
+        stop: Callable[[], bool] | None = None,
+        checkpoint: Checkpoint | None = None,
+        resumed: dict[str, Any] | None = None,
+    ) -> None:
+        self._plan = plan
+        self._exporter = exporter
+        self._budget = budget
+        self._report = report
+        self._stop = stop or (lambda: False)
+        self._ended = False
+        self._checkpoint = checkpoint
+        self._resumed = resumed or {}
+        self._phase = "fit"
+        goal = plan.options.goal
+        self._target = goal.target_psnr
+        self._max_bytes = goal.max_bytes if isinstance(goal.max_bytes, int) else None
+        self._bytes_each = KILOBYTES_A_GAUSSIAN * 1000 * (_GZIPPED if plan.options.svg.gzip else 1)
+        self._bytes_known = False
+        self._candidates = Candidates(plan)
+        self._additive: FitResult | None = None
+        self._limit = Limit(0, "gaussians")
+        portable = plan.options.svg.portable
+        self._policy = self._policy_for(as_given if portable else self._revise)
+        if not portable:
+            self._begin()
+
+    def run(self) -> Outcome:
+        """Fit, then correct until the targets are met or out of reach."""
+        with kernel_lock:
+            self._look_for_stop()
+            if self._plan.options.svg.portable:
+                self._begin_with_additive()
+            elif self._resumed and self._resumed["stage"] != FIT:
+                raise damaged("the checkpoint", ValueError("it is of an additive fit"))
+            self._session.fit()
+            if not self._ended:  # what was saved then is before its hasty end
+                self._save(FIT, self._session, due=True)
+            if self._limit.name == "time_limit":  # too late for the policy to be asked again
+                self._session.trim(self._limit.count)
+            self._add_candidate()
+            best, found = self._corrected()
+            for _ in range(_CALIBRATIONS):
+                if self._ended or not self._calibrate(best, found):
+                    break
+                best, found = self._corrected()
+        reason = self._stop_reason(best, found.psnr_lowest)
+        return Outcome(
+            scene=best.scene,
+            svg=best.svg,
+            quantization=self._exporter.quantization(len(best.scene), None),
+            fitted=self._session.result().after(self._additive, reason),
+            measured=found,
+            corrections=len(self._candidates.made) - 1,
+        )
+
+    def _begin(self) -> None:
+        """A session of the fit that is written, in the time that is left."""
+        labels, exporter = self._exporter.document.labels, self._exporter
+        self._session = FitSession(
+            exporter.working, self._plan.fit_config, self._policy, self._budget.fit_deadline(),
+            self._on_step, exporter.as_written,
+            segment_at=None if labels is None else partial(segment_at, labels),
+            stop=self._is_ended,
+        )  # fmt: skip
+        self._restore(FIT, self._session)
+
+    def _begin_with_additive(self) -> None:
+        """Fit additively, and continue with the same Gaussians alpha-composited."""
+        session = FitSession(
+            over(self._exporter.working), self._plan.additive_config, self._policy,
+            self._budget.fit_deadline(_ADDITIVE_SHARE),
+            lambda progress: self._after_step(ADDITIVE, session, progress),
+            stop=self._is_ended,
+        )  # fmt: skip
+        continues = self._resumed.get("stage") == FIT
+        if not continues:
+            self._restore(ADDITIVE, session)
+            session.fit()
+            self._additive = session.result()
+        if isinstance(self._policy, AdaptiveCount):  # what additive rounds bought still holds
+            self._policy.revise = self._revise
+        self._begin()
+        if self._additive is not None and not continues:
+            asked = 0 if self._plan.count_adapts else self._plan.fit_config.gaussians
+            self._session.adopt(self._additive.scene, asked)
+
+    def _policy_for(self, revise: Revise) -> DensificationPolicy:
+        plan, config = self._plan, self._plan.fit_config
+        if plan.count is not None and not plan.count_adapts:
+            return fixed_count(config)
+        preset, (height, width) = plan.preset, self._exporter.working.shape[:2]
+        # Nine numbers a Gaussian, three a pixel: more would be no model of the picture.
+        cap = min(preset.cap, max(1, width * height // 3))
+        limits = GrowthLimits(preset.gain, KILOBYTES_A_GAUSSIAN, preset.enough, cap)
+        if plan.count is not None:
+            limits = GrowthLimits(
+                0.0, KILOBYTES_A_GAUSSIAN, math.inf, plan.count, cap_named="gaussians"
+            )
+        if self._target is not None:
+            wanted = self._target + AIM + 10 * math.log10(1 + _WRITING_LOSS)
+            cap = limits.cap
+            if plan.count is None:
+                cap = max(cap, min(CAP_FOR_PSNR, width * height))
+            limits = dataclasses.replace(
+                limits, gain=0.0, psnr=wanted, psnr_named="target_psnr", cap=cap
+            )
+        self._limit = Limit(limits.cap, limits.cap_named)
+        return AdaptiveCount(limits, revise)
+
+    def _revise(self, limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
+        """The limits with as many Gaussians as the bytes and the time allow."""
+        most, named = self._limit
+        if self._max_bytes is not None:
+            refining = now.done > GROWTH_SHARE
+            if now.count >= _LEAST_MEASURED and (refining or not self._bytes_known):
+                self._bytes_known = True
+                self._bytes_each = self._exporter.bytes_of(now.scene(), now.psnr) / now.count
+            if self._max_bytes * FILL / self._bytes_each < most:
+                most, named = int(self._max_bytes * FILL / self._bytes_each), "max_bytes"
+        if self._session.clock.growth_is_late and now.done <= GROWTH_SHARE and now.count < most:
+            most, named = max(now.count, 1), "time_limit"
+        return dataclasses.replace(limits, cap=most, cap_named=named)
+
+    def _on_step(self, progress: FitProgress) -> None:
+        self._after_step(FIT, self._session, progress)
+        reserved = self._budget.reserve(
+            progress.done, progress.gaussians, lambda: self._export_seconds(progress.psnr)
+        )
+        if reserved is not None:
+            self._session.clock.deadline, most = reserved
+            if most is not None:
+                self._limit = Limit(most, "time_limit")
+
+    def _after_step(self, stage: str, session: FitSession, progress: FitProgress) -> None:
+        self._report(stage if stage == ADDITIVE else self._phase, progress)
+        self._look_for_stop()
+        self._save(stage, session, due=self._ended)
+
+    def _look_for_stop(self) -> None:
+        self._ended = self._ended or self._stop()
+        # No steps are left that would make up for a palette: all colours are written.
+        self._exporter.every_color = self._ended and self._max_bytes is None
+
+    def _export_seconds(self, psnr: float) -> float:
+        exporter = self._exporter
+        return estimate_export_seconds(
+            self._session.scene(),
+            partial(exporter.write, psnr=psnr),
+            exporter.working,
+            self._plan.options.run.renderer,
+        )
+
+    def _is_ended(self) -> bool:
+        return self._ended
+
+    def _add_candidate(self) -> None:
+        self._report("write", None)
+        if self._target is not None:
+            self._report("measure", None)
+        scene = self._session.scene()
+        rasterized = self._target is not None
+        self._candidates.made.append(self._exporter.candidate(scene, rasterized))
+
+    def _corrected(self) -> tuple[Candidate, RoundTrip]:
+        """The best candidate after corrections of the count, and what it measures."""
+        self._correct()
+        best = self._candidates.best()
+        if self._max_bytes is not None:
+            best = pruned_to_size(best, self._max_bytes, self._exporter.working)
+        self._report("measure", None)
+        return best, self._exporter.measured(best, self._budget.deadline)
+
+    def _correct(self) -> None:
+        """Change the count and refine until the last candidate needs no correction."""
+        iterations = self._plan.fit_config.iterations or self._plan.preset.iterations
+        steps = max(_LEAST_STEPS, round(_CORRECTION_SHARE * iterations))
+        policy = self._policy
+        for _ in range(_CORRECTIONS):
+            if self._ended or self._session.clock.out_of_time:
+                break
+            if not isinstance(policy, AdaptiveCount):
+                break
+            wanted, policy.stop_reason = self._candidates.correction(
+                len(self._session.state), self._limit, policy.stop_reason, policy.slope
+            )
+            if wanted is None:
+                break
+            self._phase = "correct"
+            self._session.resize(wanted, steps)
+            self._add_candidate()
+
+    def _calibrate(self, best: Candidate, measured: RoundTrip) -> bool:
+        """Whether the photo's own size tells another PSNR than the search went by."""
+        target, photo = self._target, self._exporter.photo
+        smaller = photo.shape != self._exporter.working.shape
+        if target is None or not smaller or measured.raster.shape != photo.shape:
+            return False
+        if math.isnan(best.error):  # pruned to its bytes: nothing is left to search for
+            return False
+        if target - TOLERANCE <= measured.psnr_lowest <= target + TOO_GOOD:
+            return False
+        before = self._candidates.detail
+        self._candidates.detail = 10 ** (-measured.psnr_lowest / 10) - best.error
+        return self._candidates.detail != before
+
+    def _stop_reason(self, best: Candidate, psnr: float) -> str:
+        if self._target is not None and psnr >= self._target - TOLERANCE:
+            return "target_psnr"
+        if self._ended:
+            return "interrupted"
+        if self._session.clock.out_of_time:
+            return "time_limit"
+        if self._max_bytes is not None and best.size > FULL * self._max_bytes:
+            return "max_bytes"
+        reason = self._policy.stop_reason
+        if reason != "target_psnr":
+            return reason
+        # The policy took the target for reached, and the corrections have run out.
+        return (
+            self._limit.name if len(best.scene) > _AT_THE_CAP * self._limit.count else "iterations"
+        )
+
+    def _save(self, stage: str, session: FitSession, due: bool = False) -> None:
+        if self._checkpoint is not None and self._phase != "correct":
+            self._checkpoint.offer(partial(self._state_dict, stage, session), due)
+
+    def _state_dict(self, stage: str, session: FitSession) -> dict[str, Any]:
+        costs = None
+        if self._additive is not None:
+            names = (f.name for f in dataclasses.fields(FitResult) if f.name != "scene")
+            costs = {name: getattr(self._additive, name) for name in names}
+        return {
+            "stage": stage,
+            "fit": session.state_dict(),
+            "additive": costs,
+            "bytes_each": self._bytes_each,
+            "bytes_known": self._bytes_known,
+            "limit": list(self._limit),
+        }
+
+    def _restore(self, stage: str, session: FitSession) -> None:
+        """Put a session into the state that a checkpoint of this stage has."""
+        saved = self._resumed
+        if saved.get("stage") != stage:
+            return
+        try:
+            session.load_state_dict(saved["fit"])
+            self._bytes_each = number_within("bytes_each", saved["bytes_each"], 1e-3, 1e9)
+            self._bytes_known = bool(saved["bytes_known"])
+            most, named = saved["limit"]
+            self._limit = Limit(whole_number("limit", most, 0, 2**62), str(named))
+            if saved["additive"] is not None:  # of which its costs alone are asked
+                self._additive = FitResult(scene=session.scene(), **saved["additive"])
+        except (MemoryError, AssertionError):
+            raise
+        except Exception as error:  # whatever its values are, they are no fit's
+            raise damaged("the checkpoint", error) from error

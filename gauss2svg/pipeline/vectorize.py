@@ -1,0 +1,210 @@
+"""The main job: photo in, accurate SVG out, with the numbers that say how accurate."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
+from numba import get_num_threads, set_num_threads
+from numba.core import config
+
+from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.fit.options import DensifyOptions, FitOptions
+from gauss2svg.options import OptionGroup
+from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
+from gauss2svg.photo.image import ImageSource, Photo, load_image
+from gauss2svg.pipeline.candidate import Exporter, Outcome
+from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
+from gauss2svg.pipeline.document import document_for
+from gauss2svg.pipeline.kernels import COMPILED_S, compile_kernels
+from gauss2svg.pipeline.memory_budget import Load, allowed, size_that_fits
+from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.report import run_report
+from gauss2svg.pipeline.result import Progress, ProgressCallback, Result
+from gauss2svg.pipeline.search import CAP_FOR_PSNR, TargetSearch
+from gauss2svg.pipeline.time_budget import TimeBudget
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.encode import LARGEST_NUMBER
+
+# Under a time limit the fit runs on at most so many pixels for each second of it: rasterising and
+# measuring alone take 20 s for 12 megapixels.
+PIXELS_A_SECOND = 150_000
+# Canvases to which a shape may reach: its sigma is bounded by one, its cut lies at three.
+_MOST_REACH = 5
+
+_Group = TypeVar("_Group", bound=OptionGroup)
+
+
+def vectorize(
+    image: ImageSource,
+    goal: Goal | None = None,
+    *,
+    quality: str | None = None,
+    gaussians: int | str | None = None,
+    target_psnr: float | None = None,
+    max_bytes: int | str | None = None,
+    time_limit: float | None = None,
+    fit: FitOptions | None = None,
+    densify: DensifyOptions | None = None,
+    svg: SvgOptions | None = None,
+    document: Document | None = None,
+    run: RunOptions | None = None,
+    progress: ProgressCallback | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Result:
+    """Fit Gaussians to a photo, write them as an SVG, rasterise it and measure it.
+
+    image     path, bytes, binary file, PIL image, numpy array or torch tensor
+    goal      quality, gaussians, target_psnr, max_bytes and time_limit, which may also be given
+              by these names: vectorize("photo.jpg", max_bytes="500k")
+    fit, densify, svg, document, run
+              less common options; each class documents its fields
+    progress  called with a Progress at every step; nothing is ever printed
+    stop      called after every step; True ends the run with the best so far
+
+    With a target, a given number of Gaussians is the largest allowed. The first limit reached ends
+    the run and is the report's stop_reason; targets that were missed are in its `unreached`. The
+    SVG has the photo's width and height also where the fit ran on a smaller picture.
+    Raises InputError for bad input, RendererError for a renderer that is missing. Calls from
+    several threads wait for each other; in a forked child of a process that has fitted already
+    numba's OpenMP refuses to work: start children by spawn.
+    """
+    given = {
+        name: value
+        for name, value in {
+            "quality": quality,
+            "gaussians": gaussians,
+            "target_psnr": target_psnr,
+            "max_bytes": max_bytes,
+            "time_limit": time_limit,
+        }.items()
+        if value is not None
+    }
+    options = Options(
+        goal=dataclasses.replace(_instance(goal, "goal", Goal), **given),
+        fit=_instance(fit, "fit", FitOptions),
+        densify=_instance(densify, "densify", DensifyOptions),
+        svg=_instance(svg, "svg", SvgOptions),
+        document=_instance(document, "document", Document),
+        run=_instance(run, "run", RunOptions),
+    )
+    return vectorize_by(options, image, progress=progress, stop=stop)
+
+
+def vectorize_by(
+    options: Options,
+    image: ImageSource,
+    *,
+    progress: ProgressCallback | None = None,
+    stop: Callable[[], bool] | None = None,
+    started: float | None = None,
+) -> Result:
+    """`vectorize` with all options in one; started is when time_limit and total_s begin.
+
+    started  by time.perf_counter(); None: now
+    """
+    begun = time.perf_counter() if started is None else started
+    plan, run = Plan(options), options.run
+    most_bytes = allowed(run.max_memory)
+    tell = progress or (lambda _: None)
+
+    tell(Progress("read"))
+    matte = options.svg.matte
+    photo = load_image(
+        image, max_pixels=run.max_pixels, matte=None if matte is None else matte_color(matte)
+    )
+    plan.check_alpha(photo)
+    _check_precision(max(photo.width, photo.height), plan)
+    width, height, note = _working_size(photo, plan, most_bytes)
+    if note is not None:
+        photo = dataclasses.replace(photo, notes=(*photo.notes, note))
+    pixels = pixels_of(photo)
+    working = shrunk(pixels, height, width)
+    document = document_for(photo, working, options.document)
+    checkpoint = saved = None
+    if run.checkpoint is not None or run.resume is not None:
+        identity = identity_of(options, document, pixels, working)
+        if run.checkpoint is not None:
+            checkpoint = Checkpoint(run.checkpoint, run.checkpoint_every, identity)
+        saved = None if run.resume is None else resumed(run.resume, identity)
+    limit = options.goal.time_limit
+    with _threads(run.threads) as thread_count:
+        tell(Progress("compile"))
+        compile_s = compile_kernels(blend=options.fit.blend)
+        deadline = None
+        if limit is not None:
+            # A compilation, once in a machine's life, does not count.
+            deadline = begun + limit + (compile_s if compile_s > COMPILED_S else 0.0)
+        outcome: Outcome = TargetSearch(
+            plan,
+            Exporter(pixels, working, plan, document),
+            TimeBudget(deadline),
+            lambda phase, fitting: tell(Progress(phase, fitting)),
+            stop,
+            checkpoint,
+            saved,
+        ).run()
+    report = run_report(
+        plan, document, photo, outcome, (width, height), threads=thread_count,
+        compile_s=compile_s, total_s=time.perf_counter() - begun,
+    )  # fmt: skip
+    report["checkpoint_trouble"] = None if checkpoint is None else checkpoint.trouble
+    return Result(outcome.svg, outcome.scene, report, outcome.measured.raster, document)
+
+
+def _instance(group: _Group | None, name: str, kind: type[_Group]) -> _Group:
+    if group is None:
+        return kind()
+    if not isinstance(group, kind):
+        raise InputError(must_be(name, f"a {kind.__name__}", group))
+    return group
+
+
+def _check_precision(side: int, plan: Plan) -> None:
+    """Refuse a precision at which numbers of the file would be too large, before the fit."""
+    least = side * _MOST_REACH / LARGEST_NUMBER
+    if plan.svg_format.precision < least:
+        got = shown(f"{plan.svg_format.precision:g}")
+        raise InputError(must_be("precision", f"at least {least:.4f} for {side} px", got))
+
+
+def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, str | None]:
+    """Size in px that the fit runs on: the preset's, less where time or memory is short.
+
+    And a note where it is memory. Raises InputError where there is too little of it.
+    """
+    width, height = photo.width, photo.height
+    goal, asked = plan.options.goal, plan.options.run.max_size is not None
+    shrunk = min(1.0, plan.side / max(width, height))
+    if goal.time_limit is not None and not asked:
+        shrunk = min(shrunk, math.sqrt(PIXELS_A_SECOND * goal.time_limit / (width * height)))
+    most = plan.preset.cap if goal.target_psnr is None else CAP_FOR_PSNR
+    load = Load(
+        width,
+        height,
+        max(1, round(width * shrunk)),
+        max(1, round(height * shrunk)),
+        gaussians=most if plan.count is None else plan.count,
+        loss=plan.options.fit.loss,
+        blend=plan.options.fit.blend,
+        has_alpha=photo.alpha is not None,
+    )
+    return size_that_fits(load, most_bytes, asked=asked)
+
+
+@contextmanager
+def _threads(count: int | None) -> Iterator[int]:
+    """Use so many numba threads inside; one for each core if None."""
+    most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
+    wanted = most if count is None else whole_number("threads", count, 1, most)
+    before = get_num_threads()
+    set_num_threads(wanted)
+    try:
+        yield wanted
+    finally:
+        set_num_threads(before)

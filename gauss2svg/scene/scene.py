@@ -1,0 +1,366 @@
+"""The scene: an ordered list of 2D Gaussians on a canvas, as plain arrays."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import math
+import os
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gauss2svg.errors import Gauss2SvgError, InputError, SceneError
+from gauss2svg.files import write_atomically
+from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
+
+OVER, ADD = "over", "add"
+BLENDS = (OVER, ADD)
+# Of a signed colour, either way: more is no picture, and sums of 8-bit renderers would drown in it.
+MOST_SIGNED = 100.0
+# The last number under 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
+RHO_LIMIT = math.nextafter(1, 0)
+# px. Thinner is not seen: a Gaussian is where it holds a pixel centre. At the other ends all that
+# float64 renderers and float32 gradients compute stays finite, with a thousand to spare for
+# scenes that are scaled.
+LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e9
+MOST_MEAN = 1e12
+LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9
+
+_PER_GAUSSIAN = ("mean", "sigma", "rho", "color", "opacity", "beta", "round_index")
+_FORMAT_VERSION = 3
+# What scenes of earlier versions lack: shapes were Gaussians, and the background was drawn.
+_LACKING = {1: ("beta", "transparent"), 2: ("transparent",), _FORMAT_VERSION: ()}
+# What to do about a value out of range, where clipping it would draw something else.
+_ADVICE = {
+    "mean": "drop what lies so far off, or scale the scene down",
+    "sigma": "clip it, scale the scene, or drop the Gaussian",
+    "rho": "clip it to RHO_LIMIT",
+    "round_index": "number the rounds from 0 on",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Gaussians in painter's order (bottom first) on a canvas; immutable and validated.
+
+    The covariance of a Gaussian is [[sx^2, rho sx sy], [rho sx sy, sy^2]], which is
+    positive definite for every |rho| < 1 (the parametrisation of "Investigation into
+    2D Gaussian Splatting for Image Representation").
+
+    width, height  canvas in px, LEAST_CANVAS..MOST_CANVAS
+    mean           (n, 2) x, y in px, up to MOST_MEAN either way; pixel centres lie at +0.5
+    sigma          (n, 2) standard deviations along x and y in px, LEAST_SIGMA..MOST_SIGMA each,
+                   in whatever proportion
+    rho            (n,) correlation, up to RHO_LIMIT either way: the last number before 1
+    color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, where blend is "add"
+    opacity        (n,) in 0..1; all 1 where blend is "add"
+    background     (3,) sRGB in 0..1; where the scene is transparent, the page that shows it
+    round_index    (n,) round of the fit in which each was added, never decreasing
+    blend          "over": source-over in sRGB, what every SVG renderer does; "add": the paper's,
+                   image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
+    beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian: see
+                   gauss2svg.scene.falloff; None for all 1, which they are where blend is "add"
+    transparent    whether the background is no part of the picture: a file has none, and what is
+                   rendered shows it through; not where blend is "add"
+
+    A signed colour is what its Gaussian adds at its mean. The paper has coefficients of normal
+    densities instead: see `densities` and `peaks_of`.
+
+    Arrays are converted to float64 (round_index to int32) and made read-only. Any scene of this
+    domain is drawn, with finite gradients, by both renderers; what a file cannot hold is refused
+    by write_svg.
+    Raises SceneError naming the field, what was got, what is needed and what to try.
+    """
+
+    width: float
+    height: float
+    mean: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    sigma: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    rho: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    color: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
+    opacity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    background: NDArray[np.float64] = field(default_factory=lambda: np.ones(3))
+    round_index: NDArray[np.int32] | None = None
+    blend: str = "over"
+    beta: NDArray[np.float64] | None = None
+    transparent: bool = False
+
+    def __post_init__(self) -> None:
+        count = len(np.atleast_1d(self._array("mean", np.float64)))
+        for name in ("width", "height"):
+            object.__setattr__(self, name, self._side(name))
+        self._freeze("mean", (count, 2), -MOST_MEAN, MOST_MEAN)
+        self._freeze("sigma", (count, 2), LEAST_SIGMA, MOST_SIGMA)
+        self._freeze("rho", (count,), -RHO_LIMIT, RHO_LIMIT)
+        if self.blend not in BLENDS:
+            raise SceneError(f"scene blend is {self.blend!r}; needed is one of {BLENDS}")
+        low, high = (-MOST_SIGNED, MOST_SIGNED) if self.blend == ADD else (0, 1)
+        self._freeze("color", (count, 3), low, high)
+        self._freeze("opacity", (count,), 0, 1)
+        self._freeze("background", (3,), 0, 1)
+        if self.beta is None:
+            object.__setattr__(self, "beta", np.ones(count))
+        self._freeze("beta", (count,), LEAST_BETA, MOST_BETA)
+        if self.round_index is None:
+            object.__setattr__(self, "round_index", np.zeros(count, np.int32))
+        self._freeze("round_index", (count,), 0, np.inf, np.int32)
+        if count and np.any(np.diff(self.rounds) < 0):
+            raise SceneError(
+                "scene round_index decreases; needed is painter's order with later rounds on top"
+            )
+        if self.blend == ADD and ((self.opacity != 1).any() or (self.betas != 1).any()):
+            raise SceneError(
+                "scene blend is 'add', with an opacity or a beta that is not 1; needed are "
+                "Gaussians of eight parameters: fold the opacity into the colour"
+            )
+        if not isinstance(self.transparent, bool):
+            raise SceneError(f"scene transparent is {self.transparent!r}; needed is True or False")
+        if self.blend == ADD and self.transparent:
+            raise SceneError(
+                "scene blend is 'add', and transparent; needed is a background, for signed colours "
+                "cover nothing: give it one, or blend 'over'"
+            )
+
+    def _side(self, name: str) -> float:
+        """Width or height as a number within its range."""
+        given = getattr(self, name)
+        try:
+            value = float(given) if np.ndim(given) == 0 else None
+        except (TypeError, ValueError, OverflowError):
+            value = None
+        if value is None or not LEAST_CANVAS <= value <= MOST_CANVAS:
+            got = f"{given!r:.80}" if value is None else value
+            raise SceneError(
+                f"scene {name} is {got}; needed is a number in {LEAST_CANVAS:g}..{MOST_CANVAS:g} "
+                "px: scale the scene"
+            )
+        return value
+
+    def _array(self, name: str, dtype: Any) -> NDArray[Any]:
+        """A copy of a field as an array of dtype, where that changes no number."""
+        given: ArrayLike = getattr(self, name)
+        try:
+            array = np.asarray(given)
+            if np.iscomplexobj(array):
+                raise ValueError("it is complex; needed are real numbers")
+            array = np.array(array, dtype=np.float64, order="C")
+            if dtype is not np.float64:
+                within = np.abs(array) <= np.iinfo(dtype).max  # false of nan
+                if not (within & (array == np.round(array))).all():
+                    raise ValueError(f"needed are whole numbers up to {np.iinfo(dtype).max}")
+        except (TypeError, ValueError, OverflowError) as error:
+            raise SceneError(f"scene {name} cannot be read as {np.dtype(dtype)}: {error}") from None
+        return array.astype(dtype, copy=False)
+
+    def _freeze(
+        self, name: str, shape: tuple[int, ...], low: float, high: float, dtype: Any = np.float64
+    ) -> None:
+        array = self._array(name, dtype)
+        if array.shape != shape:
+            raise SceneError(f"scene {name} has shape {array.shape}; needed is {shape}")
+        bad = ~(np.isfinite(array) & (array >= low) & (array <= high))
+        if bad.any():
+            at = tuple(int(i) for i in np.argwhere(bad)[0])
+            raise SceneError(
+                f"scene {name}{list(at)} is {array[at]}; needed is finite and in "
+                f"{_bound(low)}..{_bound(high)}: {_ADVICE.get(name, 'clip it')}"
+            )
+        array.flags.writeable = False
+        object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        """Number of Gaussians."""
+        return len(self.mean)
+
+    @property
+    def rounds(self) -> NDArray[np.int32]:
+        """(n,) round in which each Gaussian was added."""
+        assert self.round_index is not None  # set on construction
+        return self.round_index
+
+    @property
+    def betas(self) -> NDArray[np.float64]:
+        """(n,) exponent of each shape's falloff."""
+        assert self.beta is not None  # set on construction
+        return self.beta
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(n, 2, 2) covariance [[sx^2, rho sx sy], [rho sx sy, sy^2]] in px^2."""
+        factor = self.factor
+        return factor @ np.swapaxes(factor, 1, 2)
+
+    @property
+    def factor(self) -> NDArray[np.float64]:
+        """(n, 2, 2) lower Cholesky factor of the covariance in px.
+
+        [[sx, 0], [rho sy, sqrt(1 - rho^2) sy]]: it maps the unit circle to the
+        one-sigma ellipse.
+        """
+        sx, sy = self.sigma.T
+        factor = np.zeros((len(self), 2, 2))
+        factor[:, 0, 0] = sx
+        factor[:, 1, 0] = self.rho * sy
+        factor[:, 1, 1] = narrowing_of(self.rho) * sy
+        return factor
+
+    @property
+    def whitening(self) -> NDArray[np.float64]:
+        """(n, 3) entries w11, w21, w22 of the inverse of the factor, in 1/px.
+
+        r^2 = (w11 u)^2 + (w21 u + w22 v)^2 for the offset (u, v) from the mean.
+        """
+        return whitening_of(self.sigma, self.rho)
+
+    @property
+    def conic(self) -> NDArray[np.float64]:
+        """(n, 2, 2) inverse covariance in 1/px^2."""
+        w11, w21, w22 = self.whitening.T
+        conic = np.empty((len(self), 2, 2))
+        conic[:, 0, 0] = w11 * w11 + w21 * w21
+        conic[:, 0, 1] = conic[:, 1, 0] = w21 * w22
+        conic[:, 1, 1] = w22 * w22
+        return conic
+
+    @property
+    def densities(self) -> NDArray[np.float64]:
+        """(n, 3) coefficients of the paper's normal densities, in px^2: 2 pi sqrt(det Sigma) color.
+
+        phi(x) = exp(-r^2 / 2) / (2 pi sqrt(det Sigma)) times these is color exp(-r^2 / 2).
+        """
+        root = self.factor[:, 0, 0] * self.factor[:, 1, 1]
+        return self.color * (2 * np.pi * root)[:, None]
+
+    @property
+    def ellipse_axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """One-sigma semi-axes (n, 2) in px, larger first, and the larger one's angle_rad (n,).
+
+        Singular values of the factor, from the sums and differences of its entries;
+        the angle runs from +x towards +y (downwards) in -pi/2..pi/2.
+        """
+        factor = self.factor
+        l11, l21, l22 = factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]
+        far = np.hypot(l11 + l22, l21)
+        near = np.hypot(l11 - l22, l21)
+        large = 0.5 * (far + near)
+        axes = np.stack([large, l11 * l22 / large], axis=1)
+        variance_x, variance_y = np.square(self.sigma).T
+        return axes, 0.5 * np.arctan2(2 * l11 * l21, variance_x - variance_y)
+
+    def replace(self, **changes: Any) -> Self:
+        """A new scene with some fields replaced; validated again."""
+        return dataclasses.replace(self, **changes)
+
+    def select(self, index: NDArray[Any] | slice) -> Self:
+        """The Gaussians that a mask, slice or index array picks; rounds must not decrease."""
+        return self.replace(**{name: getattr(self, name)[index] for name in _PER_GAUSSIAN})
+
+    def concatenate(self, top: Scene) -> Self:
+        """The scene with the Gaussians of another painted over it, as later rounds.
+
+        Canvas, background and transparency stay this scene's. Raises SceneError if they blend
+        differently.
+        """
+        if self.blend != top.blend:
+            raise SceneError(
+                f"scenes blend as {self.blend} and {top.blend}; needed is the same in both"
+            )
+        later = 0
+        if len(self) and len(top):
+            later = max(0, int(self.rounds[-1]) + 1 - int(top.rounds[0]))
+        joined = {n: np.concatenate([getattr(self, n), getattr(top, n)]) for n in _PER_GAUSSIAN}
+        joined["round_index"] = np.concatenate([self.rounds, top.rounds + later])
+        return self.replace(**joined)
+
+    def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
+        """The same picture on a canvas scaled by factor_x and factor_y (> 0; the same if None).
+
+        Raises SceneError where that leaves the domain.
+        """
+        scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
+        if not (np.isfinite(scale).all() and (scale > 0).all()):
+            raise SceneError(f"scale factors are {scale.tolist()}; needed are finite, above 0")
+        return self.replace(
+            width=self.width * scale[0],
+            height=self.height * scale[1],
+            mean=self.mean * scale,
+            sigma=self.sigma * scale,
+        )
+
+    def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
+        """Write the scene as .npz, bit for bit; a named file whole or not at all.
+
+        Raises OutputError if that cannot be written.
+        """
+        if isinstance(file, (str, os.PathLike)):
+            whole = io.BytesIO()
+            self.save(whole)
+            write_atomically(file, whole.getvalue())
+            return
+        fields: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        np.savez_compressed(file, format_version=_FORMAT_VERSION, **fields)
+
+    @classmethod
+    def load(cls, file: str | os.PathLike[str] | BinaryIO) -> Self:
+        """Read a scene written by save; raises InputError if it is something else."""
+        try:
+            with np.load(file, allow_pickle=False) as stored:
+                version = int(stored["format_version"])
+                if version not in _LACKING:
+                    raise InputError(
+                        f"scene file has format version {version}; needed is one of "
+                        f"{', '.join(map(str, _LACKING))}"
+                    )
+                names = {f.name for f in dataclasses.fields(cls)}.difference(_LACKING[version])
+                values = {name: stored[name] for name in names}
+            for name in names & {"width", "height", "blend", "transparent"}:
+                if values[name].shape:
+                    raise InputError(
+                        f"scene file has {name} of shape {values[name].shape}; needed is one "
+                        "value: save the scene anew"
+                    )
+                values[name] = values[name].item()
+            values |= {name: float(values[name]) for name in ("width", "height")}
+            values["blend"] = str(values["blend"])
+            if not isinstance(values.setdefault("transparent", False), bool):
+                raise InputError(
+                    f"scene file has transparent {values['transparent']!r}; needed is true or "
+                    "false: save the scene anew"
+                )
+        except Gauss2SvgError:
+            raise
+        except Exception as error:  # numpy, zipfile and zlib each raise their own
+            raise InputError(f"not a scene written by Scene.save: {error}") from error
+        return cls(**values)
+
+
+def narrowing_of(rho: NDArray[np.float64]) -> NDArray[np.float64]:
+    """sqrt(1 - rho^2), (n,), without cancellation where |rho| is nearly 1."""
+    return np.sqrt((1 - rho) * (1 + rho))
+
+
+def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) entries w11, w21, w22 of Scene.whitening, in 1/px, for sigma (n, 2) and rho (n,)."""
+    sx, sy = sigma.T
+    k = narrowing_of(rho)
+    return np.stack([1 / sx, -rho / (sx * k), 1 / (sy * k)], axis=1)
+
+
+def _bound(value: float) -> str:
+    """As short as it may be and still that number."""
+    return f"{value:g}" if float(f"{value:g}") == value else repr(float(value))
+
+
+def peaks_of(
+    densities: NDArray[np.float64], sigma: NDArray[np.float64], rho: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(n, 3) colours at the mean of normal densities with these coefficients (n, 3).
+
+    densities / (2 pi sx sy sqrt(1 - rho^2)), for sigma (n, 2) in px and rho (n,): what a scene
+    that blends as "add" has for `color`; the inverse of Scene.densities.
+    """
+    root = sigma.prod(axis=1) * narrowing_of(rho)
+    return densities / (2 * np.pi * root)[:, None]

@@ -1,0 +1,31 @@
+"""How a scene is written: the form of its shapes, and how exact its numbers are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from gauss2svg.options import Number, OneOf, OptionGroup, Whole
+from gauss2svg.svg.stops import STOP_COUNTS
+
+# Over 1 px thin shapes would be rounded to nothing.
+LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SvgFormat(OptionGroup):
+    """How a scene is written; an additive one in gradients alone, and without opacities."""
+
+    form: Literal["gradient", "blur"] = "gradient"
+    """Of shapes that are no solid ellipses: gradient; blur, a disc under feGaussianBlur, save for
+    small ones."""
+
+    stops: Annotated[int, OneOf(STOP_COUNTS)] = 5
+    """Stops of a gradient, one of STOP_COUNTS."""
+
+    precision: Annotated[float, Number(LEAST_PRECISION, MOST_PRECISION)] = 0.04
+    """The file's user unit in px, of which coordinates are whole numbers: docs/decisions/numbers.md
+    has what rounding costs."""
+
+    opacity_decimals: Annotated[int, Whole(1, 6)] = 2
+    """Decimals of fill-opacity."""

@@ -1,0 +1,1 @@
+"""Reading SVGs of ours, also as Inkscape saves them."""

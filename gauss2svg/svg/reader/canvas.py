@@ -1,0 +1,88 @@
+"""The root of an SVG: its canvas in px and the map from user units onto it.
+
+Inkscape keeps width, height, viewBox and attributes that it does not know; resizing the page
+changes the first three only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from gauss2svg.errors import InputError
+from gauss2svg.scene import LEAST_CANVAS, MOST_CANVAS
+from gauss2svg.svg.reader.affine import Affine
+from gauss2svg.svg.reader.values import length, numbers, quoted
+
+# The canvas in px, whatever the physical size that width and height say.
+CANVAS = "data-canvas"
+_PROPORTIONS = 1e-3  # by which the viewBox may differ from those of the canvas: rounding
+_ALIGNED = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
+
+
+def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[float, float]]:
+    """Width and height of the canvas in px, the map onto it, and the size in user units.
+
+    By data-canvas where it is there, over all of which the viewBox is spread; else by width and
+    height, fitted as preserveAspectRatio says; else by the viewBox alone.
+    Raises InputError for sizes that are none, and where data-canvas and viewBox disagree.
+    """
+    box = numbers(root["viewBox"], "viewBox") if "viewBox" in root else []
+    if box and (len(box) != 4 or min(box[2:]) <= 0):
+        raise InputError(
+            f"viewBox is {quoted(root['viewBox'])}; needed are x, y, width and height > 0"
+        )
+    whole = box[2:] or [None, None]
+    width, height = (
+        length(root.get(name, "100%"), name, side)
+        for name, side in zip(("width", "height"), whole, strict=True)
+    )
+    if CANVAS in root:
+        sides = numbers(root[CANVAS], CANVAS)
+        if len(sides) != 2:
+            raise InputError(
+                f"{CANVAS} is {quoted(root[CANVAS])}; needed are a width and a height in px"
+            )
+        width, height = sides
+    if not LEAST_CANVAS <= min(width, height) <= max(width, height) <= MOST_CANVAS:
+        raise InputError(
+            f"canvas is {width:g}x{height:g} px; needed is {LEAST_CANVAS:g}..{MOST_CANVAS:g} px a "
+            "side"
+        )
+    if not box:
+        return width, height, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0), (width, height)
+    x, y, across, down = box
+    scale_x, scale_y = width / across, height / down
+    left = top = 0.0
+    if CANVAS in root:
+        if abs(scale_x / scale_y - 1) > _PROPORTIONS:
+            raise InputError(
+                f"{CANVAS} is {width:g}x{height:g} px but the viewBox {across:g}x{down:g}: the "
+                f"page was resized; write its size in px into {CANVAS}, or remove that attribute"
+            )
+    else:
+        scale_x, scale_y, left, top = _fitted(
+            root.get("preserveAspectRatio", "xMidYMid meet"), (width, height), (across, down)
+        )
+    onto = scale_x, 0.0, 0.0, scale_y, left - scale_x * x, top - scale_y * y
+    return width, height, onto, (across, down)
+
+
+def _fitted(
+    rule: str, size: tuple[float, float], box: tuple[float, float]
+) -> tuple[float, float, float, float]:
+    """Scales and offsets by which preserveAspectRatio puts a viewBox into a size."""
+    scales = size[0] / box[0], size[1] / box[1]
+    words = rule.split()
+    if words == ["none"]:
+        return *scales, 0.0, 0.0
+    align, how = (*words, "meet")[:2] if words else ("", "")
+    parts = align[1:4], align[5:]
+    named = align[:1] == "x" and align[4:5] == "Y" and all(part in _ALIGNED for part in parts)
+    if not named or how not in ("meet", "slice") or len(words) > 2:
+        raise InputError(f"preserveAspectRatio is {quoted(rule)}; needed is such as xMidYMid meet")
+    scale = min(scales) if how == "meet" else max(scales)
+    left, top = (
+        _ALIGNED[part] * (side - scale * extent)
+        for part, side, extent in zip(parts, size, box, strict=True)
+    )
+    return scale, scale, left, top

@@ -1,0 +1,100 @@
+"""Ellipses, however they are written: as the affine map of the unit circle onto them.
+
+Inkscape makes an ellipse of a circle that is moved by itself, and a path of arcs of one that is
+converted ("Object to Path"), whose arcs it keeps through every later transform.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+
+from gauss2svg.errors import InputError
+from gauss2svg.svg.reader.affine import Affine
+from gauss2svg.svg.reader.values import NUMBER, length, quoted
+
+SHAPES = ("circle", "ellipse", "path")
+_SEPARATOR = r"[\s,]*"
+_MOVE = re.compile(rf"\s*([Mm]){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}")
+_ARC = re.compile(
+    rf"([Aa]?){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER})"
+    rf"{_SEPARATOR}([01]){_SEPARATOR}([01]){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}"
+)
+# Of the radius: what the 8 digits that editors write leave of a thin arc's ends.
+_TOLERANCE = 0.01
+
+
+def outline(tag: str, attributes: Mapping[str, str]) -> Affine:
+    """The map of the unit circle onto a circle, an ellipse or a path that is an ellipse of arcs.
+
+    Raises InputError for a radius under 0 and for any other path.
+    """
+    if tag == "path":
+        return _of_arcs(attributes.get("d", ""))
+    if tag == "circle":
+        rx = ry = length(attributes.get("r", "0"), "r")
+    else:
+        rx, ry = (length(attributes.get(name, "0"), name) for name in ("rx", "ry"))
+    if rx < 0 or ry < 0:
+        raise InputError(f"radii are {rx:g} and {ry:g}; needed are 0 or more")
+    cx, cy = (length(attributes.get(name, "0"), name) for name in ("cx", "cy"))
+    return rx, 0.0, 0.0, ry, cx, cy
+
+
+def _of_arcs(data: str) -> Affine:
+    """Of a closed path of arcs that are all of one ellipse and go round it once."""
+    radii, corners, sweep = _arcs(data)
+    rx, ry, tilt = radii
+    # The ends lie symmetrically, two or four of them: their mean is the centre. Computing it
+    # from each arc loses half the digits where an arc is half of the ellipse.
+    cx, cy = (sum(corner[k] for corner in corners) / len(corners) for k in (0, 1))
+    cos, sin = math.cos(math.radians(tilt)), math.sin(math.radians(tilt))
+    turn, angles = 0.0, []
+    for x, y in corners:
+        u = (cos * (x - cx) + sin * (y - cy)) / rx
+        v = (cos * (y - cy) - sin * (x - cx)) / ry
+        if abs(math.hypot(u, v) - 1) > _TOLERANCE:
+            raise _no_ellipse(data)
+        angles.append(math.atan2(v, u))
+    for start, end in zip(angles, angles[1:] + angles[:1], strict=True):
+        turn += (end - start if sweep else start - end) % (2 * math.pi)
+    if abs(turn - 2 * math.pi) > _TOLERANCE:
+        raise _no_ellipse(data)
+    return rx * cos, rx * sin, -ry * sin, ry * cos, cx, cy
+
+
+def _arcs(data: str) -> tuple[tuple[float, float, float], list[tuple[float, float]], bool]:
+    """Radii with the tilt in degrees, corners and direction that all arcs of a path share."""
+    move = _MOVE.match(data)
+    if move is None:
+        raise _no_ellipse(data)
+    first = x, y = float(move[2]), float(move[3])
+    corners, kinds, at, letter = [first], set(), move.end(), ""
+    while arc := _ARC.match(data, at):
+        letter, at = arc[1] or letter, arc.end()
+        relative = letter == "a"
+        x, y = (
+            float(end) + (start if relative else 0.0)
+            for start, end in zip((x, y), arc.group(7, 8), strict=True)
+        )
+        corners.append((x, y))
+        kinds.add((float(arc[2]), float(arc[3]), float(arc[4]), arc[5] == "1", arc[6] == "1"))
+    if data[at:].strip().lower() != "z" or not letter or len(kinds) != 1:
+        raise _no_ellipse(data)
+    rx, ry, tilt, large, sweep = kinds.pop()
+    if not (0 < rx < math.inf and 0 < ry < math.inf and math.isfinite(tilt)):
+        raise _no_ellipse(data)
+    last = corners[-1]
+    if max(abs(last[0] - first[0]), abs(last[1] - first[1])) <= _TOLERANCE * min(rx, ry):
+        corners.pop()
+    if len(corners) != 2 and (len(corners) != 4 or large):  # halves are neither large nor small
+        raise _no_ellipse(data)
+    return (rx, ry, tilt), corners, sweep
+
+
+def _no_ellipse(data: str) -> InputError:
+    return InputError(
+        f"its d {quoted(data)} is no ellipse of two or four arcs; needed are ellipses: "
+        "undo the edit of its nodes, or delete it"
+    )

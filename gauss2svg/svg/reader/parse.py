@@ -1,0 +1,111 @@
+"""SVG sources as trees of elements; the module of svg/ that knows defusedxml.
+
+Files come from anywhere: document type declarations are refused, and with them entities that
+multiply or read other files. Neither write_svg nor Inkscape writes one. Bytes, elements and depth
+have limits.
+"""
+
+from __future__ import annotations
+
+import gzip
+import io
+import os
+import zlib
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import TreeBuilder
+
+from defusedxml.ElementTree import DefusedXMLParser, ParseError
+
+from gauss2svg.errors import InputError
+
+GZIP = b"\x1f\x8b"
+MOST_BYTES = 256_000_000  # unpacked: a gzip bomb has a thousand for each of its own
+MOST_ELEMENTS = 4_000_000  # a tree of them takes some 3 GB
+_DEEPEST = 1000  # no renderer draws much deeper ones
+
+
+class _Tree(TreeBuilder):
+    """A tree of limited size and depth."""
+
+    def __init__(self, most_elements: int) -> None:
+        super().__init__()
+        self._most = most_elements
+        self._count = self._depth = 0
+
+    def start(self, tag: str, attrs: dict[Any, Any], /) -> Any:
+        self._count += 1
+        self._depth += 1
+        if self._count > self._most:
+            raise InputError(
+                f"the SVG has more than {self._most} elements; give a larger max_elements if it is "
+                "to be trusted"
+            )
+        if self._depth > _DEEPEST:
+            raise InputError(f"elements are nested more than {_DEEPEST} deep; ungroup them")
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> Any:
+        self._depth -= 1
+        return super().end(tag)
+
+
+def parse_document(
+    source: str | bytes | os.PathLike[str],
+    max_bytes: int = MOST_BYTES,
+    max_elements: int = MOST_ELEMENTS,
+) -> Any:
+    """The root element of a path (.svg or .svgz), of text or of bytes, gzipped or not.
+
+    A str is text if it has a "<" in it, a path otherwise. Raises InputError for what cannot be
+    read, is no XML, declares a document type, has more than max_bytes bytes, gunzipped, or more
+    than max_elements elements, or nests them more than 1000 deep.
+    """
+    name = "the SVG"
+    if isinstance(source, os.PathLike) or (isinstance(source, str) and "<" not in source):
+        name = os.fspath(source)
+        try:
+            with Path(source).open("rb") as stream:
+                data: str | bytes = stream.read(max_bytes + 1)
+        except (OSError, ValueError) as error:  # ValueError: a null character in the path
+            reason = getattr(error, "strerror", None) or error
+            raise InputError(f"cannot read {name}: {reason}; give an SVG's path or text") from None
+    elif isinstance(source, (str, bytes)):
+        data = source
+    else:
+        raise InputError(f"source is {type(source).__name__}; needed is a path, text or bytes")
+    _within(data, max_bytes, name)
+    try:
+        if isinstance(data, bytes) and data.startswith(GZIP):
+            data = gunzipped(data, max_bytes, name)
+            _within(data, max_bytes, f"{name}, gunzipped,")
+        if isinstance(data, str):
+            data = data.lstrip("\ufeff \t\r\n")
+        parser = DefusedXMLParser(target=_Tree(max_elements), forbid_dtd=True)
+        parser.feed(data)
+        return parser.close()
+    except InputError:
+        raise
+    except (ParseError, ValueError, LookupError) as error:
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{name} is no SVG: {what[:200]}; needed is a file of write_svg") from None
+
+
+def _within(data: str | bytes, max_bytes: int, name: str) -> None:
+    if len(data) > max_bytes:
+        raise InputError(
+            f"{name} has more than {max_bytes} bytes; give a larger max_bytes if it is to be "
+            "trusted"
+        )
+
+
+def gunzipped(data: bytes, most_bytes: int, name: str) -> bytes:
+    """At most one byte more than most_bytes, however many there would be.
+
+    Raises InputError for what is no whole gzip.
+    """
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
+            return stream.read(most_bytes + 1)
+    except (OSError, EOFError, zlib.error) as error:
+        raise InputError(f"{name} is broken gzip: {error}; save it anew and try again") from error

@@ -1,0 +1,371 @@
+"""Scenes read back from SVG files: those of write_svg, also after an editor.
+
+What Inkscape 1.2 changes when it saves a file (tests/data has one, before and after):
+
+- opening and saving alone adds ids and a namedview; the numbers stay as they were;
+- a shape that is moved, turned or scaled by itself becomes an ellipse whose transform has unit
+  columns, with cx, cy, rx, ry on 8 digits; its gradient is moved along by a gradientTransform,
+  under a new id that refers to the old one for its stops where others use that too;
+- "Object to Path" makes a path of four arcs, also in later transforms;
+- a moved group or layer gets a transform, its children none; ungrouping hands it down to them;
+- colours, opacities and display go into style=, which wins over the attributes;
+- resizing the page changes width, height and viewBox and moves layers and background;
+- as plain SVG it drops labels and layers, and keeps ids.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gauss2svg.errors import InputError
+from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT, Scene
+from gauss2svg.svg.plain import plain_beta, plain_radius
+from gauss2svg.svg.reader.affine import Affine, compose, parse_transform
+from gauss2svg.svg.reader.canvas import read_canvas
+from gauss2svg.svg.reader.gradient import SVG, Gradients
+from gauss2svg.svg.reader.outline import SHAPES
+from gauss2svg.svg.reader.parse import MOST_BYTES, MOST_ELEMENTS, parse_document
+from gauss2svg.svg.reader.rules import check_animation, check_sheet, check_smil
+from gauss2svg.svg.reader.shape import Shape, read_shape
+from gauss2svg.svg.reader.values import color, declarations, length, quoted, reference, share
+
+_LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
+_ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
+# They draw nothing by themselves; animation ends as the elements are written, by check_smil.
+_SILENT = {"title", "desc", "metadata", "defs", "linearGradient", "radialGradient", "filter"}
+_ANIMATIONS = {"animate", "animateTransform", "animateMotion", "animateColor", "set", "discard"}
+_SILENT |= _ANIMATIONS | {"style"}  # which all are read before anything else
+_EVERYWHERE = {SVG + tag for tag in (*_ANIMATIONS, "style")}
+_INHERITED = {"fill": "fill", "fill-opacity": "fill_opacity", "visibility": "visibility"}
+_ADVICE = {
+    "use": ", or unlink the clone",
+    "a": ", or ungroup the link",
+    "text": ", or draw it as part of the photo",
+    "image": ", or vectorise it with the photo",
+}
+# What would draw something else than we read, and the value under which it does not.
+_EFFECTS = {"stroke": "none", "mask": "none", "clip-path": "none", "mix-blend-mode": "normal"}
+# Attributes and properties that move, hide or change a shape, and are not read.
+_UNREAD = ("transform-origin", "transform-box", "translate", "rotate", "scale", "offset-path")
+_UNREAD += ("zoom", "all", "systemLanguage")
+_SUMMED = re.compile(r"mix-blend-mode\s*:\s*difference")  # in a style sheet: by write_svg
+_DEEPEST = 100
+_COVERED = 0.01  # px of the canvas that a background may leave free: rounding
+
+
+def read_svg(
+    source: str | bytes | os.PathLike[str],
+    *,
+    background: ArrayLike | None = None,
+    skip_hidden: bool = False,
+    max_bytes: int = MOST_BYTES,
+    max_elements: int = MOST_ELEMENTS,
+) -> Scene:
+    """The scene of an SVG that write_svg wrote, also after Inkscape edited and saved it.
+
+    A shape's covariance is (M / R)(M / R)^T, M being the linear part of all transforms down to
+    the unit circle of its gradient and R = cut_radius(beta); its exponent is the one of
+    BETA_CLASSES that has such stops. A plain ellipse gets the exponent that it draws best
+    (gauss2svg.svg.plain.plain_beta). Rounds come from the labels and ids of groups ("Round 3:
+    ..", "round-3"), never decreasing: a round under an earlier one is counted as that one, a
+    group at the top level without either as a round of its own. Numbers are as exact as the file.
+
+    source       a path (.svg, .svgz), text, or bytes
+    background   sRGB colour in 0..1 for a file without a background, which is a transparent scene
+                 if it is not given, or with a translucent one
+    skip_hidden  leave hidden shapes and layers out, instead of refusing the file
+    max_bytes, max_elements  most that are read, gunzipped; more for a file that is trusted
+
+    Animation is skipped, and so is the rule for fragments. Raises InputError naming the element
+    for all that a scene cannot hold: texts, pictures, other paths, strokes, masks, clips, several
+    shapes under one group opacity; and for a file of an additive scene.
+    """
+    root = parse_document(source, max_bytes, max_elements)
+    if root.tag != SVG + "svg":
+        raise InputError(f"the document is <{_bare(root.tag)[:40]}>; needed is an <svg> of SVG")
+    if any(_SUMMED.search("".join(sheet.itertext())) for sheet in root.iter(SVG + "style")):
+        raise InputError(
+            "the SVG is a sum of signed Gaussians, drawn as differences, which cannot be read "
+            "back; needed is its scene: keep that by --save-scene or Scene.save"
+        )
+    reader = _Reader(root, background, skip_hidden)
+    reader.walk_root()
+    return reader.scene()
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """What an element gets from its ancestors."""
+
+    onto: Affine
+    fill: str = "black"
+    fill_opacity: str = "1"
+    visibility: str = "visible"
+    opacity: float = 1.0
+    round: int = 0
+    depth: int = 0
+
+
+class _Reader:
+    def __init__(self, root: Any, background: ArrayLike | None, skip_hidden: bool) -> None:
+        self._root, self._skip_hidden = root, skip_hidden
+        self._by_id: dict[str, Any] = {}
+        for element in root.iter():
+            key = element.get("id")
+            if key is not None:
+                self._by_id.setdefault(key, element)
+            if isinstance(element.tag, str) and element.tag in _EVERYWHERE:
+                with _naming(element):
+                    _check_rules(element)
+        self._gradients = Gradients(self._by_id)
+        with _naming(root):
+            self._width, self._height, onto, self._user_size = read_canvas(root.attrib)
+        self._state = _State(onto)
+        self._background = None if background is None else np.asarray(background, np.float64)
+        self._shapes: list[tuple[Shape, float, int]] = []
+        self._backgrounds = 0
+        self._elements: list[Any] = []
+
+    def walk_root(self) -> None:
+        with _naming(self._root):
+            state, attributes = self._inherit(self._root.attrib, self._state)
+            if _is_undisplayed(attributes):
+                raise InputError("all of it is hidden by its display; show it")
+        self._group(self._root, attributes, state)
+
+    def _visit(self, element: Any, parent: _State) -> None:
+        tag = element.tag
+        if not isinstance(tag, str) or not tag.startswith(SVG):
+            return  # comments, and what belongs to an editor: no renderer draws it
+        tag = tag[len(SVG) :]
+        if tag in _SILENT:
+            return
+        with _naming(element):
+            if tag not in SHAPES and tag not in ("g", "rect"):
+                raise InputError("needed are ellipses alone: delete it" + _ADVICE.get(tag, ""))
+            state, attributes = self._inherit(element.attrib, parent)
+            hidden = tag != "g" and state.visibility != "visible"
+            if hidden or _is_undisplayed(attributes):
+                if self._skip_hidden:
+                    return
+                raise InputError(
+                    "it is hidden; show it, delete it, or read by read_svg(.., skip_hidden=True), "
+                    "which leaves it out"
+                )
+            if tag == "rect":
+                self._rectangle(attributes, state)
+            elif tag != "g":
+                self._ellipse(element, tag, attributes, state)
+        if tag == "g":
+            self._group(element, attributes, state)
+
+    def _inherit(self, own: dict[str, str], parent: _State) -> tuple[_State, dict[str, str]]:
+        """The state under an element, and its attributes with those of its style, which win.
+
+        Raises InputError for effects that a scene has not.
+        """
+        attributes = own
+        if "style" in own:
+            style = declarations(own["style"])
+            if "transform" in style:
+                raise InputError("its style has a transform; needed is the attribute")
+            attributes = {**own, **style}
+            for name, value in style.items():
+                if "animation" in name:
+                    check_animation(name, value, "remove it")
+        for name in _UNREAD:
+            if name in attributes:
+                raise InputError(
+                    f"its {name} is {quoted(attributes[name])}; needed is none: remove it"
+                )
+        for name, harmless in _EFFECTS.items():
+            if attributes.get(name, harmless).lower() not in (harmless, "inherit"):
+                raise InputError(
+                    f"its {name} is {quoted(attributes[name])}; needed is {harmless}: remove it"
+                )
+        changes: dict[str, Any] = {
+            field: attributes[name]
+            for name, field in _INHERITED.items()
+            if attributes.get(name, "inherit") != "inherit"
+        }
+        if "transform" in attributes:
+            changes["onto"] = compose(parent.onto, parse_transform(attributes["transform"]))
+        if "opacity" in attributes:
+            changes["opacity"] = parent.opacity * share(attributes["opacity"], "opacity")
+        return (replace(parent, **changes) if changes else parent), attributes
+
+    def _group(self, element: Any, attributes: dict[str, str], state: _State) -> None:
+        with _naming(element):
+            if state.depth > _DEEPEST:
+                raise InputError(f"groups are nested more than {_DEEPEST} deep; ungroup them")
+            if attributes.get("filter", "none") != "none":
+                raise InputError("its filter is one of a whole group; needed is none: remove it")
+            number = _round_of(element)
+            if number is None and state.depth == 1:
+                number = self._shapes[-1][2] + 1 if self._shapes else 0
+            inside = replace(state, depth=state.depth + 1)
+            if number is not None:
+                inside = replace(inside, round=number)
+        before, beneath = len(self._shapes), self._backgrounds
+        for child in element:
+            self._visit(child, inside)
+        over, beneath = len(self._shapes) - before, self._backgrounds - beneath
+        with _naming(element):
+            if over + beneath > 1 and share(attributes.get("opacity", "1"), "opacity") < 1:
+                shapes = f"{over} shape{'s' * (over != 1)}" + " and the background" * bool(beneath)
+                raise InputError(
+                    f"its opacity is {attributes['opacity'][:60]} over {shapes} together, which is "
+                    "no painting of one over another; set it to 1, or that of each shape"
+                )
+
+    def _rectangle(self, attributes: dict[str, str], state: _State) -> None:
+        """Takes a rectangle under all shapes that covers the canvas as the background."""
+        if self._shapes:
+            raise InputError("a rectangle lies over shapes; needed is a background: delete it")
+        sides = {
+            name: length(attributes.get(name, "0"), name, self._user_size[name in ("y", "height")])
+            for name in ("x", "y", "width", "height")
+        }
+        a, b, c, d, e, f = state.onto
+        x, y = (
+            np.add(sides[start], [0.0, sides[extent]])
+            for start, extent in (("x", "width"), ("y", "height"))
+        )
+        with np.errstate(all="ignore"):
+            across, down = np.sort(a * x + c * y + e), np.sort(b * x + d * y + f)
+        upright = max(abs(b), abs(c)) <= 1e-9 * max(abs(a), abs(d))
+        upright &= bool(np.isfinite([*across, *down]).all())
+        if (
+            not upright
+            or max(across[0], down[0]) > _COVERED
+            or min(across[1] - self._width, down[1] - self._height) < -_COVERED
+            or length(attributes.get("rx", "0"), "rx")
+            or length(attributes.get("ry", "0"), "ry")
+            or attributes.get("filter", "none") != "none"
+        ):
+            raise InputError(
+                f"it covers x {across[0]:g}..{across[1]:g}, y {down[0]:g}..{down[1]:g} px of the "
+                f"canvas of {self._width:g}x{self._height:g}; needed is all, upright: resize it"
+            )
+        if state.fill == "none":
+            return
+        self._backgrounds += 1
+        paint = np.array(color(state.fill, "fill"))
+        alpha = state.opacity * share(state.fill_opacity, "fill-opacity")
+        if alpha < 1 and self._background is None:
+            raise InputError(
+                f"the background's opacity is {alpha:g}; needed is 1, or no background at all: "
+                "delete it, or give what is under it by read_svg(.., background=(1, 1, 1))"
+            )
+        under = 0.0 if self._background is None else self._background
+        self._background = alpha * paint + (1 - alpha) * under
+
+    def _ellipse(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
+        blur = None
+        if attributes.get("filter", "none") != "none":
+            blur = self._by_id.get(reference(attributes["filter"]) or "")
+            if blur is None or blur.tag != SVG + "filter":
+                raise InputError(f"its filter {quoted(attributes['filter'])} is missing; remove it")
+        shape = read_shape(tag, attributes, state.fill, state.onto, self._gradients, blur)
+        # A blurred disc may be a little less opaque than its profile, but not more.
+        opacity = min(1.0, state.opacity * shape.peak * share(state.fill_opacity, "fill-opacity"))
+        last = self._shapes[-1][2] if self._shapes else 0
+        self._shapes.append((shape, opacity, max(last, state.round)))
+        self._elements.append(element)
+
+    def scene(self) -> Scene:
+        shapes = [shape for shape, _, _ in self._shapes]
+        disc = np.array([shape.disc for shape in shapes]).reshape(-1, 3, 2)
+        rows = np.swapaxes(disc[:, :2], 1, 2)  # (n, 2, 2): M
+        with np.errstate(all="ignore"):
+            extent = np.hypot(rows[:, :, 0], rows[:, :, 1])
+            unit = rows / extent[:, :, None]
+            rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
+            drawn = np.isfinite(extent).all(axis=1) & (np.linalg.det(rows) != 0)
+        drawn &= np.isfinite(rho) & np.isfinite(disc).all(axis=(1, 2))
+        self._refuse(~drawn, "its extent is 0 or beyond numbers, so that nothing is drawn")
+        beta = np.array([shape.beta or 0.0 for shape in shapes])
+        radius = np.array([shape.radius or 0.0 for shape in shapes])
+        plain = np.array([shape.beta is None for shape in shapes], bool)
+        beta[plain] = plain_beta(np.linalg.svd(rows[plain], compute_uv=False))
+        radius[plain] = [plain_radius(one) for one in beta[plain]]
+        sigma = extent / radius[:, None]
+        thin, wide = sigma.min(axis=1) < LEAST_SIGMA, sigma.max(axis=1) > MOST_SIGMA
+        far = np.abs(disc[:, 2]).max(axis=1) > MOST_MEAN
+        self._refuse(thin, f"its sigma is under {LEAST_SIGMA:g} px, where a scene's begin")
+        self._refuse(wide, f"its sigma is over {MOST_SIGMA:g} px, where a scene's end")
+        self._refuse(far, f"it lies over {MOST_MEAN:g} px off, where a scene ends")
+        return Scene(
+            self._width,
+            self._height,
+            mean=disc[:, 2],
+            sigma=sigma,
+            rho=rho,
+            color=np.array([shape.color for shape in shapes]).reshape(-1, 3),
+            opacity=np.array([opacity for _, opacity, _ in self._shapes]),
+            background=np.ones(3) if self._background is None else self._background,
+            round_index=np.array([number for _, _, number in self._shapes], np.int32),
+            beta=beta,
+            transparent=self._background is None,
+        )
+
+    def _refuse(self, bad: NDArray[np.bool_], why: str) -> None:
+        """Raise InputError about the first of the shapes that are bad."""
+        if bad.any():
+            with _naming(self._elements[int(bad.argmax())]):
+                raise InputError(f"{why}; delete it")
+
+
+def _round_of(group: Any) -> int | None:
+    """The round, from 0, that a group's label or id says; the label can be edited, so it is first.
+
+    Raises InputError for round 0.
+    """
+    label = _ROUND_LABEL.match(group.get(_LABEL, ""))
+    match = label or _ROUND_ID.fullmatch(group.get("id", ""))
+    if match is None:
+        return None
+    if int(match[1]) < 1:
+        raise InputError("its round is 0; needed are rounds from 1 on: rename it")
+    return int(match[1]) - 1
+
+
+def _check_rules(element: Any) -> None:
+    """Raise InputError for a style sheet or an animation that changes what is read."""
+    tag = element.tag[len(SVG) :]
+    if tag == "style":
+        check_sheet("".join(element.itertext()))
+    else:
+        check_smil(tag, element.attrib)
+
+
+def _is_undisplayed(attributes: dict[str, str]) -> bool:
+    return attributes.get("display", "").strip().lower() == "none"
+
+
+@contextmanager
+def _naming(element: Any) -> Iterator[None]:
+    """Put the element before the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{_name(element)}: {error}") from None
+
+
+def _name(element: Any) -> str:
+    """An element as one finds it in the file: its id, or else its first attributes."""
+    named = [(key, element.get(key)) for key in ("id", _LABEL) if element.get(key)]
+    shown = " ".join(f'{_bare(k)}="{v}"' for k, v in named or list(element.attrib.items())[:3])
+    return f"<{_bare(element.tag)[:40]} {' '.join(shown.split())[:120]}>".replace(" >", ">")
+
+
+def _bare(tag: str) -> str:
+    return tag.rpartition("}")[2]

@@ -1,0 +1,166 @@
+"""One ellipse of a file: its colour, exponent and opacity, and where a known radius of it lies.
+
+Three forms are read, told apart by what fills them: a gradient, a plain colour, and a plain
+colour blurred by a filter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from gauss2svg.errors import InputError
+from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.svg.blur import blur_of, blurs
+from gauss2svg.svg.reader.affine import Affine, compose
+from gauss2svg.svg.reader.gradient import SVG, Gradient, Gradients
+from gauss2svg.svg.reader.outline import outline
+from gauss2svg.svg.reader.values import Color, color, length, numbers, quoted, reference
+
+_LEAST_RATIO = 1e-6  # beyond it either way a blur is no profile of ours, nor are its logarithms
+_SAME_RATIO = 0.005  # to a known one: the rounding of a deviation that an editor wrote
+# Deviations around a circle that the region of its filter has at least: write_svg writes 3.5, of
+# which Inkscape leaves 2.4, and so two levels at the end.
+_REACH = 2.3
+# What a blur may say of itself: the picture is the circle, whole, and nothing is around it.
+_STEP = {"in": "SourceGraphic", "edgeMode": "none", "x": "", "y": "", "width": "", "height": ""}
+_CLIPPED = 0.05  # canvas px by which an ellipse may cut its gradient off: rounding
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One shape: the circle of `radius` sigmas is `disc` of the unit circle, in canvas px.
+
+    beta and radius are None for a plain ellipse, which any crisp enough exponent draws; peak is
+    what its opacity is to be multiplied by.
+    """
+
+    color: Color
+    disc: Affine
+    beta: float | None
+    radius: float | None
+    peak: float = 1.0
+
+
+def read_shape(
+    tag: str,
+    attributes: Mapping[str, str],
+    fill: str,
+    onto: Affine,
+    gradients: Gradients,
+    blur: Any | None,
+) -> Shape:
+    """The shape of a circle, ellipse or path that `onto` maps to canvas px.
+
+    attributes include those of its style; blur is the filter element that it refers to.
+    Raises InputError for what is no shape of ours.
+    """
+    edge = outline(tag, attributes)
+    key = reference(fill)
+    if blur is not None:
+        if key is not None or edge[0] != edge[3] or edge[1] or edge[2]:
+            raise InputError("it is blurred; needed are a plain colour and a circle for that")
+        deviation = _deviation(blur)
+        beta, radius, peak = blurred_profile(edge[0], deviation)
+        _check_region(blur, edge, deviation)
+        return Shape(color(fill, "fill"), compose(onto, edge), beta, radius, peak)
+    if key is None:
+        return Shape(color(fill, "fill"), compose(onto, edge), None, None)
+    gradient = gradients.get(key)
+    disc = gradient.disc
+    if gradient.in_box:
+        if edge[1] or edge[2]:
+            raise InputError("its gradient is in a tilted box; needed is userSpaceOnUse")
+        rx, _, _, ry, cx, cy = edge
+        disc = compose((2 * rx, 0.0, 0.0, 2 * ry, cx - rx, cy - ry), disc)
+    disc, edge = compose(onto, disc), compose(onto, edge)
+    _check_cover(edge, disc)
+    return _shaded(gradient, disc)
+
+
+def _shaded(gradient: Gradient, disc: Affine) -> Shape:
+    radius = float(cut_radius(gradient.beta))
+    return Shape(gradient.color, disc, gradient.beta, radius, gradient.peak)
+
+
+def blurred_profile(radius: float, deviation: float) -> tuple[float, float, float]:
+    """Exponent, radius in sigmas and centre opacity of a circle of `radius`, blurred.
+
+    Both lengths are in user units of the circle. Raises InputError for ratios unlike ours.
+    """
+    ratio = radius / deviation
+    if not _LEAST_RATIO < ratio < 1 / _LEAST_RATIO:
+        raise InputError(
+            f"its radius is {radius:g} and its blur's deviation {deviation:g}; needed are such as "
+            "write_svg writes: remove its filter"
+        )
+    blur = min(blurs(), key=lambda known: abs(math.log(ratio * known.deviation)))
+    if abs(ratio * blur.deviation - 1) > _SAME_RATIO:
+        blur = blur_of(ratio)
+    return blur.beta, blur.radius, 1 / blur.peak
+
+
+def _deviation(blur: Any) -> float:
+    """Standard deviation of a filter that is one Gaussian blur; raises InputError for others."""
+    steps = list(blur)
+    if len(steps) != 1 or steps[0].tag != SVG + "feGaussianBlur":
+        raise InputError("its filter is no single feGaussianBlur; needed is no filter: remove it")
+    if blur.get("primitiveUnits", "userSpaceOnUse") != "userSpaceOnUse":
+        raise InputError(
+            f"its filter has primitiveUnits {quoted(blur.get('primitiveUnits'))}; remove it"
+        )
+    for name, needed in _STEP.items():
+        if steps[0].get(name, needed) != needed:
+            raise InputError(
+                f"its blur has {name} {quoted(steps[0].get(name))}; needed is {needed or 'none'}: "
+                "remove its filter"
+            )
+    deviation = set(numbers(steps[0].get("stdDeviation", ""), "stdDeviation"))
+    if len(deviation) != 1 or min(deviation) <= 0:
+        raise InputError("its stdDeviation is not one number above 0; remove its filter")
+    return deviation.pop()
+
+
+def _check_region(blur: Any, edge: Affine, deviation: float) -> None:
+    """Raise InputError for a filter region that cuts the blur of a circle off."""
+    radius, center = abs(edge[0]), edge[4:]
+    units = blur.get("filterUnits", "objectBoundingBox")
+    in_box = units == "objectBoundingBox"
+    whole = 1.0 if in_box else None  # a percentage of the viewport is nothing we write
+    for axis, (start, extent) in enumerate((("x", "width"), ("y", "height"))):
+        low, size = (
+            length(blur.get(name, usual), name, whole)
+            for name, usual in ((start, "-10%"), (extent, "120%"))
+        )
+        if in_box:
+            low, size = center[axis] + (2 * low - 1) * radius, 2 * radius * size
+        beyond = min(center[axis] - low, low + size - center[axis]) - radius
+        if beyond < _REACH * deviation:
+            raise InputError(
+                f"its filter's {start} and {extent} end {beyond / deviation:.2g} of the blur's "
+                f"deviations from the circle; needed are {_REACH:g}: enlarge them"
+            )
+
+
+def _check_cover(edge: Affine, disc: Affine) -> None:
+    """Raise InputError unless an ellipse shows all of its gradient, which ends inside of it."""
+    a, b, c, d, e, f = edge
+    determinant = a * d - b * c
+    if determinant == 0 or not math.isfinite(determinant):
+        return  # draws nothing; its extent is refused where all are checked
+    # The gradient's disc where the ellipse is the unit circle: its larger axis and its centre.
+    p, q, r, s, t, u = disc
+    back = d / determinant, -b / determinant, -c / determinant, a / determinant
+    x, y = back[0] * (t - e) + back[2] * (u - f), back[1] * (t - e) + back[3] * (u - f)
+    k, m = back[0] * p + back[2] * q, back[1] * p + back[3] * q
+    n, o = back[0] * r + back[2] * s, back[1] * r + back[3] * s
+    larger = 0.5 * (math.hypot(k + o, m - n) + math.hypot(k - o, m + n))
+    beyond = larger + math.hypot(x, y) - 1
+    minor = abs(0.5 * (math.hypot(a + d, b - c) - math.hypot(a - d, b + c)))
+    if beyond * minor > _CLIPPED:
+        raise InputError(
+            f"it cuts off {beyond * minor:.3g} px of its gradient; needed is all of it: move both "
+            "together (in Inkscape: switch on that gradients move along with objects), or undo"
+        )

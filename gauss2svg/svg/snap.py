@@ -1,0 +1,35 @@
+"""The exponents and colours that a file can hold, before any palette."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, Scene
+from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class, widening
+from gauss2svg.svg.blur import blurs, chosen_blurs
+from gauss2svg.svg.plain import is_plain
+
+
+def snapped(scene: Scene, form: str) -> Scene:
+    """The scene with exponents and colours as a file of this form has them; `snapped` of it is it.
+
+    Exponents become those of BETA_CLASSES, or in the form blur those of blurred discs, and sigma
+    changes with them so that the radius of half height stays. Solid ellipses keep their exponent.
+    Colours are rounded to 8 bits. Additive scenes are returned as they are: their stops are
+    computed from exact colours.
+    """
+    if scene.blend == ADD:
+        return scene
+    blur = chosen_blurs(scene, form)
+    blurred = blur >= 0
+    shaded = ~is_plain(scene) & ~blurred
+    beta = scene.betas.copy()
+    beta[blurred] = [blurs()[k].beta for k in blur[blurred]]
+    beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]
+    return with_exponents(scene, beta).replace(color=np.round(scene.color * 255) / 255)
+
+
+def with_exponents(scene: Scene, beta: np.ndarray) -> Scene:
+    """The scene with other exponents (n,), each shape's radius of half height kept."""
+    sigma = scene.sigma * widening(scene.betas, beta)[:, None]
+    return scene.replace(beta=beta, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))

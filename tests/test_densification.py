@@ -1,0 +1,227 @@
+"""Laws of the rules that decide how many Gaussians a scene is worth."""
+
+import itertools
+import math
+import time
+
+import numpy as np
+import pytest
+
+from gauss2svg.measure import metrics
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.clock import Clock
+from gauss2svg.fit.densification import STOP_REASONS, GrowthLimits, FixedCount, AdaptiveCount, Snapshot
+from gauss2svg.fit.session import FitSession
+from gauss2svg.render import render
+from gauss2svg.render.cpu import removal_cost
+
+# A doubling buys `slope` dB: an ideal scene, settled at once.
+KILOBYTES = 0.1
+
+
+def grown(psnr_at, limits, revise=None):
+    """Counts and reason when growth is asked against PSNR as a function of the count."""
+    policy = AdaptiveCount(limits, revise) if revise else AdaptiveCount(limits)
+    counts = [0]
+    while True:
+        count = counts[-1]
+        total = policy.grow(Snapshot(count, 0.1, lambda c=count: psnr_at(c), lambda: None))
+        if total <= count:
+            return counts[1:] + ([total] if total < count else []), policy.stop_reason
+        counts.append(total)
+
+
+def power_law(slope, start=10.0):
+    return lambda count: start + slope * math.log2(count) if count else start - slope
+
+
+def test_growth_stops_where_a_kilobyte_buys_the_gain():
+    for gain in (0.2, 0.05, 0.0125):
+        counts, reason = grown(power_law(0.5), GrowthLimits(gain, KILOBYTES, math.inf, 10**6))
+        # s / (n ln 2 kilobytes) = gain, with the s that the policy takes for settled
+        worth = 0.5 / 0.72 / (math.log(2) * KILOBYTES * gain)
+        assert reason == "gain"
+        assert worth / 1.15 < counts[-1] <= worth + 1
+
+
+def test_half_the_gain_buys_twice_the_gaussians():
+    ends = [
+        grown(power_law(1.0), GrowthLimits(g, KILOBYTES, math.inf, 10**6))[0][-1] for g in (0.02, 0.01)
+    ]
+    assert 1.8 < ends[1] / ends[0] < 2.2
+
+
+def test_growth_stops_where_enough_is_reached():
+    counts, reason = grown(power_law(3.0, 0.0), GrowthLimits(0.0, KILOBYTES, 15.0, 10**6))
+    assert reason == "enough"
+    assert counts[-1] == pytest.approx(2 ** (15 / 3), rel=0.15)
+
+
+def test_growth_stops_at_the_cap_and_names_it():
+    counts, reason = grown(
+        power_law(3.0), GrowthLimits(0.0, KILOBYTES, math.inf, 100, cap_named="max_bytes")
+    )
+    assert (counts[-1], reason) == (100, "max_bytes")
+
+
+def test_rounds_never_more_than_double():
+    counts, _ = grown(power_law(3.0), GrowthLimits(0.0, KILOBYTES, math.inf, 5000))
+    assert counts[0] == 8
+    assert all(a < b <= 2 * a for a, b in itertools.pairwise(counts))
+
+
+def test_scene_that_is_exact_gets_none():
+    assert grown(lambda _: math.inf, GrowthLimits(0.0, KILOBYTES, 40.0, 100)) == ([], "enough")
+
+
+def test_what_buys_nothing_is_tried_with_a_leap_and_taken_back():
+    counts, reason = grown(lambda _: 12.0, GrowthLimits(0.01, KILOBYTES, 40.0, 8000))
+    assert counts == [8, 2000, 8]
+    assert reason == "gain"
+
+
+def test_growth_goes_on_where_the_error_would_be_gone_before_the_cap():
+    # 2000 equal squares, of which each Gaussian mends one: next to nothing at first, all at last
+    def squares(count):
+        return 6 - 10 * math.log10(max(1 - count / 2000, 1e-4))
+
+    def hopeless(count):
+        return 6 - 10 * math.log10(1 - count / 200_000)
+
+    limits = GrowthLimits(0.05, KILOBYTES, 40.0, 8000)
+    assert 1800 < grown(squares, limits)[0][-1] < 3000
+    assert grown(hopeless, limits)[0][-1] == 8
+    # and from a pace that is under the gain, without a leap
+    policy = AdaptiveCount(GrowthLimits(0.2, KILOBYTES, 60.0, 4000))
+    for count, psnr in ((0, 6.0), (8, 7.0), (256, 7.2), (512, 8.5)):
+        total = policy.grow(Snapshot(count, 0.1, lambda p=psnr: p, lambda: None))
+    assert total > 512
+
+
+def test_demand_is_revised_at_every_question():
+    seen = []
+
+    def tighter(limits, now):
+        seen.append(now.count)
+        return GrowthLimits(limits.gain, limits.kilobytes, limits.psnr, 50, cap_named="max_bytes")
+
+    counts, reason = grown(power_law(3.0), GrowthLimits(0.0, KILOBYTES, math.inf, 10**6), tighter)
+    assert seen == [0, *counts]
+    assert (counts[-1], reason) == (50, "max_bytes")
+
+
+def test_refinement_corrects_the_count_by_the_slope():
+    policy = AdaptiveCount(GrowthLimits(0.0, KILOBYTES, 30.0, 10**6))
+    policy.slope = 3.0
+
+    def adjusted(psnr):
+        return policy.adjust(Snapshot(1000, 0.55, lambda: psnr, lambda: None))
+
+    assert adjusted(20.0) == 1300
+    assert adjusted(40.0) == 700
+    assert 1000 < adjusted(29.4) < 1300
+    steady = 30.0 - 0.034 * (30.0 - 16.5) / 1.034
+    assert adjusted(steady) == 1000
+
+
+def test_fixed_count_follows_its_schedule_and_keeps_all():
+    policy = FixedCount("linear", 60, 300)
+    counts = [0]
+    while (total := policy.grow(Snapshot(counts[-1], 0.1, lambda: 0.0, lambda: None))) > counts[-1]:
+        counts.append(total)
+    assert counts == [0, 10, 20, 30, 40, 50, 60]
+    assert policy.least_gain() == -math.inf
+
+
+def run_of(pixels, limits, iterations=60) -> FitSession:
+    run = FitSession(pixels, FitOptions(0, iterations), AdaptiveCount(limits))
+    run.fit()
+    assert run.result().stop_reason in STOP_REASONS
+    return run
+
+
+def ramp() -> np.ndarray:
+    pixels = np.zeros((64, 96, 3), np.float32)
+    pixels[...] = np.linspace(0.2, 0.8, 96)[:, None] * [1.0, 0.8, 0.4]
+    return pixels
+
+
+def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
+    balanced = GrowthLimits(0.006, 0.12, 36.0, 8000)
+    flat = np.full((64, 96, 3), 0.4, np.float32)
+    noise = np.random.default_rng(0).random((64, 96, 3)).astype(np.float32)
+    counts = [len(run_of(p, balanced).state) for p in (flat, ramp(), photo)]
+    assert counts[0] == 0
+    assert 1 <= counts[1] <= 30
+    assert counts[2] > 300
+    assert len(run_of(noise, GrowthLimits(0.5, 0.12, 36.0, 2000)).state) < 10
+
+
+def test_enough_is_about_what_the_fit_ends_at(photo):
+    run = run_of(photo, GrowthLimits(0.0, 0.12, 28.0, 5000), 150)
+    assert metrics.psnr(render(run.scene()), photo) == pytest.approx(28.0, abs=1.0)
+
+
+def test_gaussians_that_nothing_would_miss_are_removed_before_the_last_steps(photo):
+    dear, cheap = (GrowthLimits(g, 0.12, 60.0, 600) for g in (0.5, 0.0))
+    kept = run_of(photo, dear)
+    target = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
+    image, cost = removal_cost(kept.state.splats(kept.population.background), target)
+    error = np.sum((image - target) ** 2, dtype=np.float64)
+    worth = 10 * np.log10(1 + np.maximum(cost[:, 0], 0) / error)
+    assert np.median(worth) > dear.gain * dear.kilobytes
+    assert len(kept.state) < len(run_of(photo, cheap).state)
+
+
+def test_resized_fit_has_the_count_and_stays_a_good_fit(photo):
+    run = run_of(photo, GrowthLimits(0.0, 0.12, 60.0, 400), 100)
+    before = metrics.psnr(render(run.scene()), photo)
+    run.resize(200, 40)
+    fewer = metrics.psnr(render(run.scene()), photo)
+    run.resize(400, 40)
+    again = metrics.psnr(render(run.scene()), photo)
+    assert fewer < before - 0.5
+    assert again > max(before - 1, fewer + 1)
+
+
+def test_clock_goes_by_whichever_is_further():
+    clock = Clock(100, 5, deadline=None)
+    assert not clock.round_is_over(0)
+    clock.iteration = 6
+    assert clock.round_is_over(0)
+    assert not clock.round_is_over(1)
+    clock.iteration = 30
+    clock.refine(70, 0.3)
+    assert clock.refining() == pytest.approx(0.3)
+    clock.iteration = 65
+    assert clock.refining() == pytest.approx(0.65)
+    assert not clock.out_of_time
+    clock.deadline = time.perf_counter() - 1
+    assert clock.refining() == 1
+    assert clock.out_of_time
+
+
+def test_fit_without_time_ends_at_once_with_what_it_has(photo):
+    policy = AdaptiveCount(GrowthLimits(0.0, 0.12, 60.0, 400))
+    run = FitSession(photo, FitOptions(0, None), policy, deadline=time.perf_counter() - 1)
+    run.fit()
+    assert run.result().stop_reason == "time_limit"
+    assert run.result().iterations == 0
+
+
+def test_fit_takes_the_time_that_there_is_and_no_more(photo, monkeypatch):
+    ticks = itertools.count()
+    # A clock that counts how often it is read, so that no machine is too slow or too fast.
+    monkeypatch.setattr(time, "perf_counter", lambda: float(next(ticks)))
+
+    def steps(limit: int) -> int:
+        begun = next(ticks)
+        policy = FixedCount("exponential", 60, None)
+        run = FitSession(photo, FitOptions(60, None), policy, deadline=float(begun + limit))
+        run.fit()
+        assert run.result().stop_reason == "time_limit"
+        assert len(run.state) == 60
+        assert next(ticks) - begun < limit + 20
+        return run.result().iterations
+
+    assert steps(300) * 1.5 < steps(900)

@@ -1,0 +1,157 @@
+"""A fit that runs away goes back, takes smaller steps, and ends no worse than its best."""
+
+import numpy as np
+import pytest
+
+from gauss2svg.measure import metrics, vectorize
+from gauss2svg.errors import InputError
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit import adam
+from gauss2svg.fit.fit import fit
+from gauss2svg.fit import run as run_module
+from gauss2svg.fit.divergence import DivergenceGuard
+from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.session import LEAST_SIGMA, FitSession
+from gauss2svg.fit.state import PARAMETERS, State
+from gauss2svg.render import render
+from gauss2svg.scene import BLENDS
+
+
+def one_shape(factor=(3.0, 0.0, 3.0), color=0.5, raw_opacity=0.0, raw_beta=0.1, count=1) -> State:
+    return State.empty().append(
+        np.full((count, 2), 8.0), np.tile(np.array(factor, float), (count, 1)),
+        np.full(count, raw_opacity), np.full((count, 3), color), np.full(count, raw_beta), 0,
+    )  # fmt: skip
+
+
+def psnr_of(scene, pixels) -> float:
+    return metrics.psnr(np.clip(render(scene), 0, 1), pixels)
+
+
+@pytest.mark.parametrize("blend", BLENDS)
+@pytest.mark.parametrize(("rate", "lost"), [(30.0, 2.5), (1e6, 6.0)])
+def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate, lost):
+    run = FitSession(
+        photo,
+        FitOptions(150, 80, blend=blend, learning_rate=rate),
+        FixedCount("exponential", 150, 80),
+        progress=lambda now: seen.append(
+            (now.psnr, all(np.isfinite(a).all() for a in run.state.state_dict().values()))
+        ),
+    )
+    seen: list = []
+    run.fit()
+    assert all(finite for _, finite in seen)
+    result = run.result()
+    assert result.rollbacks > 0
+    assert result.rate < rate
+    assert psnr_of(result.scene, photo) > max(psnr for psnr, _ in seen) - 0.05
+    usual = fit(photo, FitOptions(150, 80, blend=blend)).scene
+    assert psnr_of(result.scene, photo) > psnr_of(usual, photo) - lost
+
+
+def test_usual_rates_never_go_back_on_a_photo(photo):
+    assert fit(photo, FitOptions(300, 80)).rollbacks == 0
+
+
+def test_report_says_that_steps_were_lowered(photo):
+    told = vectorize(photo[:48, :48], gaussians=30, iterations=30, learning_rate=1e5).report
+    assert told["rollbacks"] > 0
+    assert any("ran away" in note and "smaller steps" in note for note in told["notes"])
+    calm = vectorize(photo[:48, :48], gaussians=30, iterations=30).report
+    assert calm["rollbacks"] == 0
+    assert not any("ran away" in note for note in calm["notes"])
+
+
+def test_worse_last_steps_are_taken_back(photo, monkeypatch):
+    # Far too large at the very end, where nothing would make up for it.
+    monkeypatch.setattr(run_module, "rate", lambda done: 1.0 if done < 0.98 else 40.0)
+    seen: list[float] = []
+    scene = fit(photo, FitOptions(100, 60), progress=lambda now: seen.append(now.psnr)).scene
+    assert psnr_of(scene, photo) > max(seen) - 0.02
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 1e7, np.nan, np.inf, "fast"])
+def test_rates_outside_of_their_domain_are_refused(rate):
+    with pytest.raises(InputError, match="learning_rate"):
+        FitOptions(1, learning_rate=rate)
+
+
+def test_guard_goes_back_to_the_best_it_was_shown():
+    guard, good, bad = DivergenceGuard(), one_shape(color=0.2), one_shape(color=0.9)
+    assert guard.accepts(1.0, 0.1, good, None)
+    good.color[:] = 0.4  # steps are taken in place
+    assert guard.accepts(1.5, 0.15, bad, None)
+    assert not guard.accepts(2.1, 0.21, bad, None)
+    best = guard.back()
+    assert best is not None
+    assert (best[0].color == 0.2).all()
+    assert guard.rate < 1
+    assert guard.rollbacks == 1
+
+
+@pytest.mark.parametrize("loss", [np.nan, np.inf])
+def test_guard_never_accepts_what_is_no_number(loss):
+    assert not DivergenceGuard().accepts(loss, loss, one_shape(), None)
+
+
+def test_guard_lets_a_loss_rise_after_relocation_and_under_what_can_be_seen():
+    guard = DivergenceGuard()
+    assert guard.accepts(1.0, 0.1, one_shape(), None)
+    guard.moved()
+    assert guard.accepts(5.0, 0.5, one_shape(), None)
+    invisible = DivergenceGuard()
+    assert invisible.accepts(1e-9, 1e-10, one_shape(), None)
+    assert invisible.accepts(1e-6, 1e-7, one_shape(), None)
+
+
+def test_guard_goes_back_where_nothing_gets_better():
+    guard, steps = DivergenceGuard(), 0
+    assert guard.accepts(1.0, 0.1, one_shape(), None)
+    while guard.accepts(1.6, 0.16, one_shape(), None):
+        steps += 1
+        assert steps < 100
+    assert steps > 5
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+def test_gradient_that_is_no_number_leaves_its_gaussian_alone(bad):
+    state, before = one_shape(count=3), one_shape(count=3)
+    gradient = np.full((3, PARAMETERS), 0.1)
+    gradient[1, 3] = bad
+    good = adam.step(state, gradient, adam.Rates(), adam.Limits(LEAST_SIGMA, 40.0), 1.0)
+    assert not good
+    for name, array in state.state_dict().items():
+        assert np.isfinite(array).all(), name
+    assert (state.mean[0] != before.mean[0]).all()
+    assert (state.mean[1] == before.mean[1]).all()
+    assert (state.factor[1] == before.factor[1]).all()
+    assert not state.second[1].any()
+
+
+# Each bound, a state that lies on it, the gradient's column, and what to look at.
+AT_BOUNDS = {
+    "darkest": (one_shape(color=0.0), 6, -1, lambda s: s.color[0, 0]),
+    "brightest": (one_shape(color=1.0), 6, 1, lambda s: -s.color[0, 0]),
+    "thinnest": (one_shape((LEAST_SIGMA, 0, LEAST_SIGMA)), 2, -1, lambda s: s.factor[0, 0]),
+    "largest": (one_shape((40.0, 0.0, 40.0)), 2, 1, lambda s: -s.factor[0, 0]),
+    "longest": (one_shape((30.0, 0.0, 1.0)), 2, 1, lambda s: -s.factor[0, 0]),
+    "most opaque": (one_shape(raw_opacity=12.0), 5, 1, lambda s: -s.raw_opacity[0]),
+    "most transparent": (one_shape(raw_opacity=-8.0), 5, -1, lambda s: s.raw_opacity[0]),
+    "softest": (one_shape(raw_beta=1e-6), 9, -1, lambda s: s.raw_beta[0]),
+    "crispest": (one_shape(raw_beta=np.log(128.0)), 9, 1, lambda s: -s.raw_beta[0]),
+}
+
+
+@pytest.mark.parametrize("name", AT_BOUNDS)
+def test_every_bound_is_kept_and_left_at_once(name):
+    start, column, sign, value = AT_BOUNDS[name]
+    limits = adam.Limits(LEAST_SIGMA, 40.0, least_rim=0.01)
+    outward, inward = start.copy(), start.copy()
+    gradient = np.zeros((1, PARAMETERS))
+    gradient[0, column] = -sign
+    for _ in range(20):  # so that the optimiser's memory points outward as well
+        adam.step(outward, gradient, adam.Rates(), limits, 1.0)
+    assert value(outward) == pytest.approx(value(start), abs=1e-9)
+    adam.step(inward, -gradient, adam.Rates(), limits, 1.0)
+    assert value(inward) > value(start) + 0.01 * abs(value(start) or 1)
