@@ -38,7 +38,7 @@ from gauss2svg.bench.machine import machine
 from gauss2svg.errors import RendererError
 from gauss2svg.photo.image import load_image
 from gauss2svg.pipeline.vectorize import Result
-from gauss2svg.pipeline.presets import QUALITIES
+from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize, renderer_version
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.render import render
@@ -207,7 +207,7 @@ def seconds(fits: dict[str, Result], renderers: list[str]) -> list[Row]:
 def presets(photos: dict[str, Pixels], count: int | None = None) -> list[Row]:
     """Presets: the gradient form, dB by resvg, mean over photos; bytes are a Gaussian's."""
     rows = []
-    for quality in QUALITIES:
+    for quality in PRESETS:
         say(f"preset {quality}")
         fits = [vectorize(p, quality=quality, gaussians=count) for p in photos.values()]
         counted = [{"Gaussians": len(fit.scene)} | numbers(fit) for fit in fits]

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
         SceneError,
     )
     from gauss2svg.fit.options import DensifyOptions, FitOptions
-    from gauss2svg.gallery import Gallery, GalleryProgress, build_gallery
+    from gauss2svg.gallery.build import Gallery, GalleryProgress, build_gallery
     from gauss2svg.measure.check import CheckResult, check
     from gauss2svg.pipeline.options import Goal, RunOptions, SvgOptions
     from gauss2svg.pipeline.quantize import quantize
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "errors": ("Gauss2SvgError", "InputError", "OutputError", "RendererError", "SceneError"),
     "fit.options": ("DensifyOptions", "FitOptions"),
-    "gallery": ("Gallery", "GalleryProgress", "build_gallery"),
+    "gallery.build": ("Gallery", "GalleryProgress", "build_gallery"),
     "measure.check": ("CheckResult", "check"),
     "pipeline.options": ("Goal", "RunOptions", "SvgOptions"),
     "pipeline.quantize": ("quantize",),

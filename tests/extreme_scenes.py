@@ -12,7 +12,6 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.scene import (
     ADD,
     LEAST_SIGMA,
@@ -23,6 +22,7 @@ from gauss2svg.scene import (
     Scene,
     narrowing_of,
 )
+from gauss2svg.scene.falloff import cut_radius, profile
 
 EDGE_BETAS = (0.5, 1.0, 1.0, 1.7, 16.0, 256.0)
 _OPACITIES = (0.0, 1e-7, 0.3, 0.9, 1 - 1e-7, 1.0)

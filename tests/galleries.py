@@ -5,6 +5,7 @@ from html.parser import HTMLParser
 import numpy as np
 from PIL import Image
 
+from gauss2svg.files import as_json
 from gauss2svg.gallery.work import (
     ERRORS,
     OUTLINES,
@@ -14,7 +15,6 @@ from gauss2svg.gallery.work import (
     THUMBNAIL,
     _finish,
 )
-from gauss2svg.files import as_json
 
 
 def save(pixels, path, **options):

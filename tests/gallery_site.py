@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from flat import build_gallery
 from numpy.typing import NDArray
 from PIL import Image
 from screens import captured
 from skimage import data
 
-from gauss2svg.gallery import Gallery, build_gallery
+from gauss2svg.gallery.build import Gallery
 from gauss2svg.raster import chromium
 
 HOSTILE = "<img src=x onerror=alert(1)>&\"'.png"

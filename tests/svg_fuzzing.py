@@ -11,10 +11,9 @@ from random import Random
 
 import numpy as np
 from conftest import random_scene, random_sum
-from documents import AS_PATH, CIRCLE, document
+from svg_texts import AS_PATH, CIRCLE, document
 
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.write import outline_svg, write_svg
 
 _DATA = Path(__file__).parent / "data"

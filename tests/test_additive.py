@@ -11,12 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gauss2svg.errors import SceneError
-from gauss2svg.scene.falloff import profile
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_accumulate
 from gauss2svg.render.cpu import removal_cost, render_planar, splats_of, squared_error
 from gauss2svg.render.reference import accumulate, render_reference
 from gauss2svg.scene import MOST_SIGNED, Scene, peaks_of
+from gauss2svg.scene.falloff import profile
 
 seeds = st.integers(0, 2**32 - 1)
 in_both = pytest.mark.parametrize("dtype", [np.float32, np.float64], ids=["float32", "float64"])

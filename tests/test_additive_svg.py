@@ -6,25 +6,23 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 from conftest import random_sum
+from flat import fit_config
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.scene.falloff import cut_radius, profile
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.fit import fit
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize, resvg
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.write import outline_svg, write_svg
-from gauss2svg.svg.reader.read import read_svg
-from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.svg.levels import whole_stops
 from gauss2svg.svg.phases import partial_sums, phases_of
+from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.stops import gradient_stops
+from gauss2svg.svg.write import outline_svg, write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 EXACT = SvgOptions(palette=0, stops=8, precision=0.01)
@@ -163,7 +161,7 @@ def test_peaks_between_the_pixels_do_not_fold(factor):
 
 @pytest.fixture(scope="module")
 def fitted(photo) -> Scene:
-    return fit(photo, FitOptions(300, 80, blend="add")).scene
+    return fit(photo, fit_config(300, 80, blend="add")).scene
 
 
 @pytest.mark.parametrize("factor", [1, 1.5, 2])

@@ -18,7 +18,7 @@ from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 
 SCENE = random_scene(30, 60, 45, 7, (2, 9))
-OPTIONS = SvgOptions(palette=0)
+OPTIONS = SvgFormat()
 STILL = write_svg(SCENE, OPTIONS)
 MOVING = write_svg(SCENE, OPTIONS, Document(animate=6))
 # Played, paused at a time in ms, or finished; and what the root then looks like.

@@ -15,10 +15,9 @@ from PIL import Image
 
 from gauss2svg.bench import runner
 from gauss2svg.bench.plots import draw_plots
-from gauss2svg.bench.rows import flat
+from gauss2svg.bench.rows import finite, flat
 from gauss2svg.bench.runner import in_own_process, run_bench
 from gauss2svg.bench.summary import summarise
-from gauss2svg.bench.worker import finite
 from gauss2svg.cli.main import main
 
 PROMISED = {

@@ -12,7 +12,7 @@ from gauss2svg.bench.front import distance_below, front
 from gauss2svg.bench.grid import AXES, DEFAULT_GRID, BenchRun, parse_axes, settings_of
 from gauss2svg.bench.rows import RowStore, csv_text
 from gauss2svg.errors import InputError
-from gauss2svg.pipeline.presets import QUALITIES
+from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS
 from gauss2svg.svg.blur import FORMS
 
@@ -36,10 +36,10 @@ def test_later_row_of_a_key_counts_and_rubbish_does_not(tmp_path):
 
 def test_default_grid_is_the_presets_and_counts_by_iterations():
     settings = [dict(s) for s in settings_of(None)]
-    assert [s["quality"] for s in settings if s.keys() == {"quality"}] == list(QUALITIES)
+    assert [s["quality"] for s in settings if s.keys() == {"quality"}] == list(PRESETS)
     crossed = [s for s in settings if s.keys() == {"gaussians", "iterations"}]
     assert len(crossed) == math.prod(map(len, DEFAULT_GRID[1].values()))
-    assert len(settings) == len(crossed) + len(QUALITIES)
+    assert len(settings) == len(crossed) + len(PRESETS)
 
 
 @pytest.mark.parametrize("name", AXES)

@@ -9,19 +9,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
-from gauss2svg.measure import metrics, vectorize
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.scene.falloff import cut_radius, half_radius, profile
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg.blur import FORMS
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.reader.read import read_svg
-from gauss2svg.pipeline.quantize import quantize
-from gauss2svg.svg.write import write_svg
+from gauss2svg.scene.falloff import cut_radius, half_radius, profile
 from gauss2svg.svg.blur import (
     BLUR,
+    FORMS,
     GRADIENT,
     HYBRID,
     blur_of,
@@ -31,6 +27,8 @@ from gauss2svg.svg.blur import (
     drawn_blurs,
 )
 from gauss2svg.svg.plain import is_plain
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import write_svg
 
 FORM = st.sampled_from(FORMS)
 

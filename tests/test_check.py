@@ -11,14 +11,15 @@ import sys
 import numpy as np
 import pytest
 from conftest import has_ended
+from flat import vectorize
 from PIL import Image
 
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
+from gauss2svg.measure.heatmap import colors_of, heatmap
 from gauss2svg.raster import program
 from gauss2svg.raster.support import BROWSERS
-from gauss2svg.measure.heatmap import colors_of, heatmap
 
 XMLNS = 'xmlns="http://www.w3.org/2000/svg"'
 HALVES = '<rect width="8" height="8" fill="#00f"/><rect width="4" height="8" fill="#f00"/>'
@@ -29,7 +30,7 @@ def fitted(photo, tmp_path_factory):
     """A photo as a file, our SVG of it, and the report of that run."""
     folder = tmp_path_factory.mktemp("fitted")
     Image.fromarray(np.round(photo[:96, :64] * 255).astype(np.uint8)).save(folder / "photo.png")
-    result = gauss2svg.vectorize(folder / "photo.png", gaussians=60, iterations=20)
+    result = vectorize(folder / "photo.png", gaussians=60, iterations=20)
     result.save(folder / "out.svg")
     return folder / "photo.png", folder / "out.svg", result
 

@@ -5,14 +5,14 @@ import os
 
 import numpy as np
 import pytest
+from flat import vectorize
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gauss2svg import checkpoint as checkpoint_module
-from gauss2svg import vectorize
-from gauss2svg.pipeline.checkpoint import packed, unpacked
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError
+from gauss2svg.pipeline import checkpoint as checkpoint_module
+from gauss2svg.pipeline.checkpoint import packed, unpacked
 
 RUNS = {
     "count": {"gaussians": 60, "iterations": 30},

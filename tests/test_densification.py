@@ -6,12 +6,18 @@ import time
 
 import numpy as np
 import pytest
+from flat import fit_config
 
-from gauss2svg.measure import metrics
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.clock import Clock
-from gauss2svg.fit.densification import STOP_REASONS, GrowthLimits, FixedCount, AdaptiveCount, Snapshot
+from gauss2svg.fit.densification import (
+    STOP_REASONS,
+    AdaptiveCount,
+    FixedCount,
+    GrowthLimits,
+    Snapshot,
+)
 from gauss2svg.fit.session import FitSession
+from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost
 
@@ -46,7 +52,8 @@ def test_growth_stops_where_a_kilobyte_buys_the_gain():
 
 def test_half_the_gain_buys_twice_the_gaussians():
     ends = [
-        grown(power_law(1.0), GrowthLimits(g, KILOBYTES, math.inf, 10**6))[0][-1] for g in (0.02, 0.01)
+        grown(power_law(1.0), GrowthLimits(g, KILOBYTES, math.inf, 10**6))[0][-1]
+        for g in (0.02, 0.01)
     ]
     assert 1.8 < ends[1] / ends[0] < 2.2
 
@@ -134,7 +141,7 @@ def test_fixed_count_follows_its_schedule_and_keeps_all():
 
 
 def run_of(pixels, limits, iterations=60) -> FitSession:
-    run = FitSession(pixels, FitOptions(0, iterations), AdaptiveCount(limits))
+    run = FitSession(pixels, fit_config(0, iterations), AdaptiveCount(limits))
     run.fit()
     assert run.result().stop_reason in STOP_REASONS
     return run
@@ -203,7 +210,7 @@ def test_clock_goes_by_whichever_is_further():
 
 def test_fit_without_time_ends_at_once_with_what_it_has(photo):
     policy = AdaptiveCount(GrowthLimits(0.0, 0.12, 60.0, 400))
-    run = FitSession(photo, FitOptions(0, None), policy, deadline=time.perf_counter() - 1)
+    run = FitSession(photo, fit_config(0, None), policy, deadline=time.perf_counter() - 1)
     run.fit()
     assert run.result().stop_reason == "time_limit"
     assert run.result().iterations == 0
@@ -217,7 +224,7 @@ def test_fit_takes_the_time_that_there_is_and_no_more(photo, monkeypatch):
     def steps(limit: int) -> int:
         begun = next(ticks)
         policy = FixedCount("exponential", 60, None)
-        run = FitSession(photo, FitOptions(60, None), policy, deadline=float(begun + limit))
+        run = FitSession(photo, fit_config(60, None), policy, deadline=float(begun + limit))
         run.fit()
         assert run.result().stop_reason == "time_limit"
         assert len(run.state) == 60

@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from flat import fit_config
 
-from gauss2svg.measure import metrics, vectorize
 from gauss2svg.errors import InputError
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit import adam
-from gauss2svg.fit.fit import fit
 from gauss2svg.fit import run as run_module
-from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.divergence import DivergenceGuard
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit.session import LEAST_SIGMA, FitSession
 from gauss2svg.fit.state import PARAMETERS, State
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.render import render
 from gauss2svg.scene import BLENDS
 
@@ -33,7 +33,7 @@ def psnr_of(scene, pixels) -> float:
 def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate, lost):
     run = FitSession(
         photo,
-        FitOptions(150, 80, blend=blend, learning_rate=rate),
+        fit_config(150, 80, blend=blend, learning_rate=rate),
         FixedCount("exponential", 150, 80),
         progress=lambda now: seen.append(
             (now.psnr, all(np.isfinite(a).all() for a in run.state.state_dict().values()))
@@ -46,12 +46,12 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate, lost):
     assert result.rollbacks > 0
     assert result.rate < rate
     assert psnr_of(result.scene, photo) > max(psnr for psnr, _ in seen) - 0.05
-    usual = fit(photo, FitOptions(150, 80, blend=blend)).scene
+    usual = fit(photo, fit_config(150, 80, blend=blend)).scene
     assert psnr_of(result.scene, photo) > psnr_of(usual, photo) - lost
 
 
 def test_usual_rates_never_go_back_on_a_photo(photo):
-    assert fit(photo, FitOptions(300, 80)).rollbacks == 0
+    assert fit(photo, fit_config(300, 80)).rollbacks == 0
 
 
 def test_report_says_that_steps_were_lowered(photo):
@@ -67,14 +67,14 @@ def test_worse_last_steps_are_taken_back(photo, monkeypatch):
     # Far too large at the very end, where nothing would make up for it.
     monkeypatch.setattr(run_module, "rate", lambda done: 1.0 if done < 0.98 else 40.0)
     seen: list[float] = []
-    scene = fit(photo, FitOptions(100, 60), progress=lambda now: seen.append(now.psnr)).scene
+    scene = fit(photo, fit_config(100, 60), progress=lambda now: seen.append(now.psnr)).scene
     assert psnr_of(scene, photo) > max(seen) - 0.02
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 1e7, np.nan, np.inf, "fast"])
 def test_rates_outside_of_their_domain_are_refused(rate):
     with pytest.raises(InputError, match="learning_rate"):
-        FitOptions(1, learning_rate=rate)
+        fit_config(1, learning_rate=rate)
 
 
 def test_guard_goes_back_to_the_best_it_was_shown():

@@ -9,21 +9,20 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import random_scene
-from documents import assert_same
+from svg_texts import assert_same
+from flat import vectorize
 from PIL import Image
 
-from gauss2svg import vectorize
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.photo.image import load_image
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.svg.document import Document
+from gauss2svg.svg.document import DEFAULT_TITLE, Document
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.packing import bytes_by_part, file_bytes
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
-from gauss2svg.svg.document import DEFAULT_TITLE
 
 SVG = "{http://www.w3.org/2000/svg}"
 QUICK = {"gaussians": 60, "iterations": 30}
@@ -211,8 +210,8 @@ def test_bytes_by_part_are_those_of_the_elements_and_sum_to_all():
     text = write_svg(SCENE, page=Document(title="<circle r='1'/> größe <defs></defs>", animate=3))
     parts = bytes_by_part(text)
     assert sum(parts.values()) == len(text.encode())
-    less = write_svg(SCENE.select(slice(0, 29)), SvgOptions(palette=0))
-    more = write_svg(SCENE, SvgOptions(palette=0))
+    less = write_svg(SCENE.select(slice(0, 29)), SvgFormat())
+    more = write_svg(SCENE, SvgFormat())
     circle = re.findall("<circle[^>]*>", more)
     assert bytes_by_part(more)["geometry"] == sum(map(len, circle))
     defs = more[more.index("<defs>") : more.index("</defs>") + len("</defs>")]

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from flat import vectorize
 from PIL import Image
 
-from gauss2svg import vectorize
 from gauss2svg.errors import RendererError
 
 
@@ -65,7 +65,7 @@ def test_renderers_writes_its_tables_without_a_browser(renderers, photo, tmp_pat
     command = ["renderers.py", str(tmp_path / "small.png"), "--counts", "60", "-o", str(out)]
     monkeypatch.setattr(sys, "argv", [*command, "--renderers", "resvg", "librsvg"])
     monkeypatch.setattr(renderers, "version_of", {"resvg": "resvg"}.get)
-    monkeypatch.setattr(renderers, "QUALITIES", ["draft"])
+    monkeypatch.setattr(renderers, "PRESETS", ["draft"])
     renderers.main()
     text = out.read_text()
     assert "the gradient form alone" in text

@@ -4,26 +4,25 @@ import numpy as np
 import pytest
 import torch
 from conftest import random_scene
+from flat import fit_config
 
-from gauss2svg.measure import metrics, vectorize
 from gauss2svg.errors import InputError
-from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit import adam
-from gauss2svg.fit.fit import fit
 from gauss2svg.fit.adam import LEAST_RAW_BETA, Limits, Rates
 from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.pipeline.quantize import quantize
-from gauss2svg.svg.write import write_svg
 from gauss2svg.svg.plain import is_plain, plain_radius
+from gauss2svg.svg.write import write_svg
 
 QUICK = {"iterations": 60}
 
@@ -73,7 +72,7 @@ def test_shape_a_hair_from_a_gaussian_is_drawn_as_one():
 def test_sharp_shapes_fit_a_drawing_that_gaussians_smear():
     picture = drawing()
     soft, sharp = (
-        fit(picture, FitOptions(24, 150, falloff=f)).scene for f in ("gaussian", "adaptive")
+        fit(picture, fit_config(24, 150, falloff=f)).scene for f in ("gaussian", "adaptive")
     )
     assert (soft.betas == 1).all()
     psnr = [metrics.psnr(render(scene), picture) for scene in (soft, sharp)]
@@ -130,7 +129,7 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
     shaded = ~is_plain(scene)
     nearest = np.abs(scene.betas[shaded, None] / np.array(BETA_CLASSES) - 1).min(axis=1)
     assert (nearest < 1e-12).all()
-    again = quantized(scene, SvgOptions(palette=0))
+    again = quantized(scene, SvgFormat())
     np.testing.assert_allclose(again.color, scene.color, atol=0.5 / 255)
     np.testing.assert_allclose(again.betas, scene.betas, rtol=1e-12)
     keys = np.column_stack([scene.betas, np.round(scene.color * 255)])[shaded]
@@ -182,7 +181,7 @@ def test_palette_holds_however_short_the_fit(photo, limits, falloff):
         assert (result.scene.betas == 1).all()
     classes = np.array(BETA_CLASSES)
     assert np.isin(result.scene.betas[~is_plain(result.scene)], classes).all()
-    assert (quantized(result.scene, SvgOptions(palette=0)).color == result.scene.color).all()
+    assert (quantized(result.scene, SvgFormat()).color == result.scene.color).all()
 
 
 def test_palette_of_the_scenes_own_choice_holds_however_short_the_time(photo):
@@ -198,7 +197,7 @@ def test_exponents_stay_and_colours_stay_shared_once_they_have_settled(photo):
         return seen[-1]
 
     policy = FixedCount("exponential", 60, 80)
-    run = FitSession(photo, FitOptions(60, 80), policy, as_written=as_written)
+    run = FitSession(photo, fit_config(60, 80), policy, as_written=as_written)
     run.fit()
     assert len(seen) == 1
     last = run.scene()
@@ -239,7 +238,7 @@ def test_rims_are_drawn_as_the_model_has_them_at_every_size(renderer, beta):
         scene = Scene(150, 150, [[75.3, 74.8]], sigma, [0.3], [[0.1, 0.3, 0.2]], [1.0], beta=[beta])
         if is_plain(scene)[0]:
             continue
-        svg = write_svg(scene, SvgOptions(palette=0, stops=12, precision=0.001))
+        svg = write_svg(scene, SvgFormat(stops=12, precision=0.001))
         for scale in (1, 2, 4):
             size = 150 * scale
             difference = np.abs(rasterize(svg, size, size, renderer) - render(scene, size, size))
@@ -253,7 +252,7 @@ def test_plain_ellipses_are_drawn_as_the_model_is_on_average_over_a_pixel(render
             150, 150, [[75.3, 74.8]], [[sigma, sigma]], [0.0], [[0.1, 0.3, 0.2]], [1.0], beta=[beta]
         )
         assert is_plain(scene).all()
-        svg = write_svg(scene, SvgOptions(palette=0, precision=0.001))
+        svg = write_svg(scene, SvgFormat(precision=0.001))
         assert "radialGradient" not in svg
         exact = render(scene, 1200, 1200).reshape(150, 8, 150, 8, 3).mean(axis=(1, 3))
         drawn = rasterize(svg, 150, 150, renderer)

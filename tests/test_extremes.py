@@ -10,12 +10,12 @@ from conftest import random_scene, random_sum
 from extreme_scenes import extremes, picture, rounding_of, whitened
 
 from gauss2svg.errors import Gauss2SvgError, InputError, SceneError
+from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_accumulate, fast_composite
 from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.render.reference import accumulate, composite, render_reference
-from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.scene import (
     LEAST_CANVAS,
     LEAST_SIGMA,
@@ -27,9 +27,8 @@ from gauss2svg.scene import (
     Scene,
 )
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.write import outline_svg, write_svg
 from gauss2svg.svg.reader.read import read_svg
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.svg.write import outline_svg, write_svg
 
 CASES = list(extremes().cases())
 MANY = 1000  # from which on the reference is too slow for more than pictures
@@ -224,7 +223,7 @@ def test_what_lies_off_the_canvas_and_beyond_numbers_is_left_out(blend):
         near = near.replace(blend=blend, opacity=np.ones(4))
     sigma = [[1e6, 1e6], [1e-6, 5e7], [1e9, 1]]
     far = near.select(slice(0, 3)).replace(mean=FAR, sigma=sigma, rho=[0.5, -0.9, RHO_LIMIT])
-    exact = SvgOptions(palette=0)
+    exact = SvgFormat()
     assert render(far).tobytes() == render(Scene(30, 20, background=far.background)).tobytes()
     both = far.concatenate(near).replace(round_index=None)
     written = [re.findall(r'transform="(.*?)"', write_svg(one, exact)) for one in (both, near)]
@@ -256,7 +255,7 @@ def test_shapes_whose_sigma_settling_takes_over_an_end_are_written():
     ends = random_scene(2, 9, 9, beta=(1, 1)).replace(beta=[0.5, 0.5], mean=[[1e9, 0], [4, 4]])
     for sigma in (LEAST_SIGMA, MOST_SIGMA):
         one = ends.select(slice(0, 1)).replace(sigma=[[sigma, LEAST_SIGMA]])
-        kept = quantized(one, SvgOptions(palette=0))
+        kept = quantized(one, SvgFormat())
         assert (kept.sigma >= LEAST_SIGMA).all()
         assert (kept.sigma <= MOST_SIGMA).all()
         assert "<circle" not in write_svg(one.replace(mean=[[-1e12, 0]]))

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from gauss2svg import atomic
-from gauss2svg.pipeline.checkpoint import unpacked
+from gauss2svg import files
 from gauss2svg.cli.main import main
+from gauss2svg.pipeline.checkpoint import unpacked
 
 OUTPUTS = ("o.svg", "r.json", "p.png", "s.npz", "l.svg")
 FAULTS = {
@@ -236,7 +236,7 @@ def test_fault_at_every_rename_is_tried(tmp_path, monkeypatch):
     folder = made(tmp_path / "folder", 0)
     with monkeypatch.context() as patch:
         faults = Faults(patch, folder)
-        atomic.write_all_atomically({folder / name: b"new" for name in OUTPUTS})
+        files.write_all_atomically({folder / name: b"new" for name in OUTPUTS})
     assert faults.calls.count("os.replace") == len(OUTPUTS)
     assert faults.calls.count("os.fsync") == len(OUTPUTS)
     assert faults.calls.count("os.chmod") == len(OUTPUTS[::2])

@@ -11,10 +11,10 @@ import pytest
 from conftest import random_scene
 from PIL import Image
 
-from gauss2svg import atomic, outputs
-from gauss2svg.files import write_all_atomically, write_atomically
+from gauss2svg import files
 from gauss2svg.cli.main import main
 from gauss2svg.errors import OutputError
+from gauss2svg.files import write_all_atomically, write_atomically
 from gauss2svg.scene import Scene
 
 # Of files, not of drawings; the commands in a shell of their own draw in a process of their own.
@@ -90,7 +90,7 @@ def full(monkeypatch):
         return real(descriptor, data[:left])
 
     real = os.write
-    monkeypatch.setattr(atomic.os, "write", write_some)
+    monkeypatch.setattr(files.os, "write", write_some)
 
 
 @pytest.mark.parametrize("how", WRITERS[1:])
@@ -270,8 +270,8 @@ def test_names_that_differ_by_case_are_one_where_the_file_system_says_so(
     picture, tmp_path, monkeypatch, capsys
 ):
     command = [picture, "-o", tmp_path / "o.svg", "--outline", tmp_path / "O.SVG", *TINY]
-    folds = atomic.folds_case(tmp_path)
-    monkeypatch.setattr(outputs, "folds_case", lambda folder: True)
+    folds = files.folds_case(tmp_path)
+    monkeypatch.setattr(files, "folds_case", lambda folder: True)
     assert "O.SVG is also another output" in refused(command, capsys)
     monkeypatch.undo()
     if not folds:

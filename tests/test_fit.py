@@ -7,24 +7,24 @@ import numpy as np
 import pytest
 import torch
 from conftest import random_scene
+from flat import fit_config
 
-from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit import adam
-from gauss2svg.fit.fit import fit
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit import run as run_module
 from gauss2svg.fit.adam import Limits, Rates, gradients
 from gauss2svg.fit.blending import blending
+from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit.losses import LOSSES, image_gradient, structural_similarity
 from gauss2svg.fit.options import DTYPES
 from gauss2svg.fit.placement import PLACEMENTS, Target, place
 from gauss2svg.fit.population import LEAST_OPACITY
-from gauss2svg.fit.densification import FixedCount
-from gauss2svg.fit.session import LEAST_SIGMA, FitSession
 from gauss2svg.fit.schedule import SCHEDULES, rate, reduction, totals
+from gauss2svg.fit.session import LEAST_SIGMA, FitSession
 from gauss2svg.fit.state import State
+from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost, squared_error
 from gauss2svg.render.reference import composite
@@ -34,7 +34,7 @@ OVER = blending("over")
 
 
 def quality_of(pixels, **options) -> float:
-    return metrics.psnr(render(fit(pixels, FitOptions(**options)).scene), pixels)
+    return metrics.psnr(render(fit(pixels, fit_config(**options)).scene), pixels)
 
 
 def test_more_gaussians_are_truer(photo):
@@ -51,7 +51,7 @@ def test_more_iterations_are_truer(photo):
 
 @pytest.mark.parametrize(("schedule", "iterations"), [("all-at-once", 41), ("exponential", 250)])
 def test_as_many_steps_are_taken_as_asked_for(photo, schedule, iterations):
-    result = fit(photo, FitOptions(20, iterations, schedule=schedule))
+    result = fit(photo, fit_config(20, iterations, schedule=schedule))
     assert result.iterations == iterations
 
 
@@ -69,7 +69,7 @@ def test_every_placement_and_schedule_fits_the_photo(photo, placement, schedule)
 
 def test_ssim_in_the_loss_raises_ssim(photo):
     plain, with_ssim = (
-        render(fit(photo, FitOptions(300, 100, loss=loss)).scene) for loss in ("mse", "mse+ssim")
+        render(fit(photo, fit_config(300, 100, loss=loss)).scene) for loss in ("mse", "mse+ssim")
     )
     assert metrics.ssim(with_ssim, photo) > metrics.ssim(plain, photo) + 0.008
 
@@ -77,7 +77,7 @@ def test_ssim_in_the_loss_raises_ssim(photo):
 @pytest.mark.usefixtures("threads_given_back")
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype):
-    options = FitOptions(150, 40, seed=3, dtype=dtype)
+    options = fit_config(150, 40, seed=3, dtype=dtype)
     scenes = []
     for threads in sorted({1, numba.config.NUMBA_NUM_THREADS}):
         numba.set_num_threads(threads)
@@ -92,7 +92,7 @@ def test_dtype_changes_the_bits_and_not_the_quality(photo, loss, monkeypatch):
     # Without relocation: one Gaussian moved instead of another is worth 0.2 dB either way.
     monkeypatch.setattr(population_module, "_RELOCATION_SHARE", 0.0)
     single, double = (
-        fit(photo, FitOptions(200, 60, loss=loss, dtype=p, falloff="gaussian")).scene
+        fit(photo, fit_config(200, 60, loss=loss, dtype=p, falloff="gaussian")).scene
         for p in DTYPES
     )
     assert not np.array_equal(single.mean, double.mean)
@@ -101,12 +101,12 @@ def test_dtype_changes_the_bits_and_not_the_quality(photo, loss, monkeypatch):
 
 
 def test_another_seed_gives_another_scene(photo):
-    one, other = (fit(photo, FitOptions(50, 10, "error", seed=s)).scene for s in (0, 1))
+    one, other = (fit(photo, fit_config(50, 10, "error", seed=s)).scene for s in (0, 1))
     assert not np.array_equal(one.mean[: len(other)], other.mean[: len(one)])
 
 
 def test_renderers_can_draw_every_fitted_gaussian(photo):
-    scene = fit(photo, FitOptions(800, 60)).scene
+    scene = fit(photo, fit_config(800, 60)).scene
     assert (scene.ellipse_axes[0] >= LEAST_SIGMA * 0.999).all()
     assert (scene.opacity >= LEAST_OPACITY).all()
     assert (np.diff(scene.rounds) >= 0).all()
@@ -115,7 +115,7 @@ def test_renderers_can_draw_every_fitted_gaussian(photo):
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (2, 2), (3, 3), (17, 16)])
 def test_pictures_of_any_shape_are_fitted(shape):
     pixels = np.random.default_rng(0).random((*shape, 3)).astype(np.float32)
-    result = fit(pixels, FitOptions(10, 30))
+    result = fit(pixels, fit_config(10, 30))
     assert np.isfinite(render(result.scene)).all()
     assert (result.scene.width, result.scene.height) == (shape[1], shape[0])
 
@@ -123,12 +123,12 @@ def test_pictures_of_any_shape_are_fitted(shape):
 @pytest.mark.parametrize("level", [0.0, 0.5, 1.0])
 def test_flat_picture_stays_flat(level):
     pixels = np.full((20, 30, 3), level, np.float32)
-    assert metrics.psnr(render(fit(pixels, FitOptions(20, 30)).scene), pixels) > 45
+    assert metrics.psnr(render(fit(pixels, fit_config(20, 30)).scene), pixels) > 45
 
 
 def test_no_gaussians_give_the_mean_colour():
     pixels = np.random.default_rng(0).random((20, 30, 3)).astype(np.float32)
-    result = fit(pixels, FitOptions(0, 30))
+    result = fit(pixels, fit_config(0, 30))
     assert len(result.scene) == 0
     assert result.iterations == 0
     np.testing.assert_allclose(result.scene.background, pixels.mean(axis=(0, 1)), atol=0.5 / 255)
@@ -163,12 +163,12 @@ def test_steps_that_shrink_end_truer(photo, monkeypatch):
 
 
 def test_background_is_a_colour_that_can_be_written(photo):
-    levels = fit(photo, FitOptions(5, 5)).scene.background * 255
+    levels = fit(photo, fit_config(5, 5)).scene.background * 255
     np.testing.assert_allclose(levels, np.round(levels), atol=1e-9)
 
 
 def test_what_renderers_would_not_draw_is_dropped(photo):
-    run = FitSession(photo, FitOptions(4), FixedCount("exponential", 4, 300))
+    run = FitSession(photo, fit_config(4), FixedCount("exponential", 4, 300))
     run.population.state = state_of(
         Scene(
             128, 128, np.array([[60, 60], [60, 60], [-500, 60]]), np.full((3, 2), 5.0),
@@ -198,7 +198,7 @@ def test_new_gaussians_lie_along_the_edge():
 
 def test_progress_tells_every_iteration_and_ends_with_none_left(photo):
     seen = []
-    result = fit(photo, FitOptions(64, 30), seen.append)
+    result = fit(photo, fit_config(64, 30), seen.append)
     assert [p.iteration for p in seen] == list(range(1, 31))
     assert all(a.done <= b.done for a, b in itertools.pairwise(seen))
     assert seen[-1].done > 0.9
@@ -224,7 +224,7 @@ def test_progress_tells_every_iteration_and_ends_with_none_left(photo):
 )
 def test_bad_option_is_refused_with_its_name(change, message):
     with pytest.raises(InputError, match=message):
-        FitOptions(**change)
+        fit_config(**change)
 
 
 @pytest.mark.parametrize("schedule", SCHEDULES)
@@ -394,7 +394,7 @@ def test_flat_areas_come_out_truer_with_their_weight(monkeypatch):
     flat = (slice(None), slice(0, 24))
 
     def flat_error() -> float:
-        image = render(fit(pixels, FitOptions(150, 100)).scene)
+        image = render(fit(pixels, fit_config(150, 100)).scene)
         return metrics.mean_squared_error(image[flat], pixels[flat])
 
     weighted = flat_error()

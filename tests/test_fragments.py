@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 from conftest import needs, random_scene
-from documents import assert_same
+from svg_texts import assert_same
 from screens import captured
 
 from gauss2svg import check
@@ -14,11 +14,11 @@ from gauss2svg.raster import chromium, rasterize
 from gauss2svg.raster.support import BROWSERS
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.write import outline_svg, write_svg
 from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import outline_svg, write_svg
 
 SCENE = random_scene(30, 60, 45, 7, (2, 9))
-OPTIONS = SvgOptions(palette=0)
+OPTIONS = SvgFormat()
 LABELS = np.arange(12).reshape(3, 4)
 BACKDROPS = {
     "plain": {},
@@ -109,7 +109,10 @@ def test_every_renderer_draws_all_without_a_fragment(renderer):
 
 def test_outlines_have_fragments_too(browser, tmp_path):
     first = SCENE.select(SCENE.rounds < 1)
-    files = {"part.svg": outline_svg(first), "out.svg": outline_svg(SCENE, Document(fragments=True))}
+    files = {
+        "part.svg": outline_svg(first),
+        "out.svg": outline_svg(SCENE, Document(fragments=True)),
+    }
     part, shown, whole = screenshots(
         tmp_path, "reduce", files, ["part.svg", "out.svg#round-1", "out.svg"]
     )

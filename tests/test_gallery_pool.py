@@ -11,7 +11,7 @@ from contextlib import suppress
 import pytest
 
 from gauss2svg.errors import InputError
-from gauss2svg.gallery import crew as crew_module
+from gauss2svg.gallery import pool as crew_module
 from gauss2svg.gallery import worker
 from gauss2svg.gallery.pool import WorkerPool
 

@@ -9,11 +9,11 @@ from gallery_site import COUNTS, PHONE, WIDE, box, shot
 from PIL import Image
 from scipy.ndimage import binary_dilation
 
-from gauss2svg.photo.alpha import over, pixels_of
 from gauss2svg.gallery import numbers
+from gauss2svg.measure.heatmap import error_map
+from gauss2svg.photo.alpha import over, pixels_of
 from gauss2svg.photo.image import load_image
 from gauss2svg.raster import rasterize
-from gauss2svg.measure.heatmap import error_map
 
 MAIN = f"gaussians-{COUNTS[1]}"
 OTHER = f"gaussians-{COUNTS[0]}"

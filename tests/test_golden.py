@@ -15,11 +15,11 @@ from conftest import random_scene
 from PIL import Image
 
 from gauss2svg.measure import metrics
-from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.write import write_svg
 
@@ -86,5 +86,5 @@ def test_fast_renderer_draws_the_golden_picture(golden):
 
 def test_written_file_draws_the_golden_picture(golden, renderer):
     scene, picture = golden
-    svg = write_svg(scene, SvgOptions(palette=0, stops=12, precision=0.01))
+    svg = write_svg(scene, SvgFormat(stops=12, precision=0.01))
     assert metrics.psnr(rasterize(svg, 96, 64, renderer), picture) > 41

@@ -6,10 +6,10 @@ import struct
 import numpy as np
 import pytest
 import tifffile
+from flat import vectorize
 from pictures import chunk, encoded, png
 from PIL import Image, features
 
-from gauss2svg import vectorize
 from gauss2svg.photo.image import load_image
 
 RNG = np.random.default_rng(0)

@@ -9,14 +9,14 @@ import zlib
 import numpy as np
 import pytest
 import tifffile
+from flat import vectorize
 from pictures import chunk, encoded, png
 from PIL import Image, features
 
-from gauss2svg import vectorize
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS, Photo, load_image
 from gauss2svg.photo.files import FORMATS
+from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS, Photo, load_image
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (12, 19, 3), dtype=np.uint8)

@@ -8,14 +8,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import random_scene
-from documents import assert_same
+from svg_texts import assert_same
 
-from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.scene import Scene
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.svg.blur import BLUR, GRADIENT
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
-from gauss2svg.svg.blur import BLUR, GRADIENT
 
 DATA = Path(__file__).parent / "data"
 # What 8 digits leave of a covariance in px^2 and of a mean in px.

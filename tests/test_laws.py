@@ -249,7 +249,7 @@ def levels(text: str) -> NDArray:
 @given(st.data(), st.sampled_from([0.2, 0.04, 0.001]))
 def test_the_file_gives_the_scene_back_within_the_rounding(data, precision):
     scene = data.draw(extreme_scenes(betas=(1.0, 1.0, 1.7, 6.0, 64.0), most=8))
-    options = SvgOptions(palette=0, precision=precision, opacity_decimals=3)
+    options = SvgFormat(precision=precision, opacity_decimals=3)
     factor = scene.factor
     try:
         text = write_svg(scene, options)
@@ -294,7 +294,7 @@ def is_shape(circle: dict, scene: Scene, factor: NDArray, i: int, step: float) -
 def test_the_file_of_a_sum_holds_finite_numbers_or_is_refused(data):
     scene = data.draw(extreme_scenes(ADD))
     try:
-        text = write_svg(scene, SvgOptions(palette=0))
+        text = write_svg(scene, SvgFormat())
     except SceneError:
         assert (np.abs(scene.mean) + 4 * scene.sigma).max() > 2e6
         return

@@ -9,15 +9,16 @@ from dataclasses import replace
 import numpy as np
 import psutil
 import pytest
+from flat import vectorize
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from gauss2svg import memory, vectorize
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.pipeline.memory_budget import Load, allowed, free_bytes, size_that_fits
+from gauss2svg.pipeline import memory_budget as memory
 from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.memory_budget import Load, allowed, free_bytes, size_that_fits
 
 SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
 LOADS = st.builds(
@@ -63,7 +64,7 @@ def measured(width, height, folder, **options):
     path = folder / "photo.png"
     Image.new("RGB", (width, height), (200, 100, 50)).save(path)
     code = (
-        "import json, sys; from gauss2svg import vectorize; "
+        "import json, sys; from flat import vectorize; "
         "vectorize(sys.argv[1], **json.loads(sys.argv[2])); "
         "print(next(l for l in open('/proc/self/status') if l.startswith('VmHWM')).split()[1])"
     )

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from skimage.metrics import peak_signal_noise_ratio
 
-from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError
+from gauss2svg.measure import metrics
 
 RNG = np.random.default_rng(1)
 A = RNG.random((30, 40, 3)).astype(np.float32)

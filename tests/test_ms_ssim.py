@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from skimage import data
 
-from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError
+from gauss2svg.measure import metrics
 
 WEIGHTS = [0.0448, 0.2856, 0.3001, 0.2363, 0.1333]
 

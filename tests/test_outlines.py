@@ -7,19 +7,19 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import random_scene
+from flat import vectorize
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from gauss2svg import vectorize
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.scene.falloff import half_radius, profile
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import half_radius, profile
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.write import outline_svg
 from gauss2svg.svg.reader.values import color
+from gauss2svg.svg.write import outline_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -5,24 +5,24 @@ import itertools
 import numpy as np
 import pytest
 from conftest import random_sum
+from flat import fit_config
 
-from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError
-from gauss2svg.fit.options import FitOptions
-from gauss2svg.fit.fit import fit, paint
 from gauss2svg.fit.blending import blending
+from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit.losses import image_gradient
 from gauss2svg.fit.placement import PLACEMENTS, Target, place
-from gauss2svg.fit.densification import FixedCount
-from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.schedule import SCHEDULES, totals
+from gauss2svg.fit.session import FitSession
+from gauss2svg.measure import metrics
 from gauss2svg.render import render
 
 BOTH = pytest.mark.parametrize("blend", ["over", "add"])
 
 
 def quality_of(pixels, **options) -> float:
-    return metrics.psnr(render(fit(pixels, FitOptions(**options)).scene), pixels)
+    return metrics.psnr(render(fit(pixels, fit_config(**options)).scene), pixels)
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
@@ -33,7 +33,7 @@ def test_sums_fit_the_photo_by_every_placement_and_schedule(photo, placement, sc
 
 
 def test_a_fitted_sum_is_a_sum_of_eight_parameters(photo):
-    scene = fit(photo, FitOptions(100, 60, blend="add")).scene
+    scene = fit(photo, fit_config(100, 60, blend="add")).scene
     assert scene.blend == "add"
     assert (scene.opacity == 1).all()
     assert (scene.betas == 1).all()
@@ -58,7 +58,7 @@ def test_a_sum_of_a_sum_is_found_again():
 def test_the_same_seed_gives_the_same_sum_and_another_seed_another(photo):
     def scene(seed: int):
         return fit(
-            photo, FitOptions(50, 40, blend="add", placement="random", seed=seed)
+            photo, fit_config(50, 40, blend="add", placement="random", seed=seed)
         ).scene  # fmt: skip
 
     one, again, other = scene(3), scene(3), scene(4)
@@ -73,7 +73,7 @@ def test_new_gaussians_of_a_sum_share_what_is_missing(photo):
     pixels[28:36, 28:36] = 1.0
     run = FitSession(
         pixels,
-        FitOptions(60, 10, blend="add", placement="error"),
+        fit_config(60, 10, blend="add", placement="error"),
         FixedCount("exponential", 60, 10),
     )
     run.population.background = np.zeros(3)
@@ -159,11 +159,11 @@ def test_random_begins_anywhere_with_every_shape():
 )
 def test_rounds_add_what_the_paper_s_schedules_say(schedule, gaussians, per_round, expected):
     assert totals(schedule, gaussians, 300, per_round) == expected
-    assert FitOptions(gaussians, 300, schedule=schedule, per_round=per_round).totals == expected
+    assert fit_config(gaussians, 300, schedule=schedule, per_round=per_round).totals == expected
 
 
 def test_every_round_has_its_iterations(photo):
-    options = FitOptions(
+    options = fit_config(
         15, 60, blend="add", schedule="exponential", per_round=8, round_iterations=10
     )
     counts = []
@@ -175,31 +175,31 @@ def test_every_round_has_its_iterations(photo):
 def test_no_step_is_added_where_rounds_take_all(photo, schedule):
     per_round = 8 if schedule == "exponential" else None
     each = 10 if schedule == "exponential" else 40
-    options = FitOptions(
+    options = fit_config(
         15, 40, schedule=schedule, per_round=per_round, round_iterations=each, blend="add"
     )
     assert fit(photo, options).iterations == 40
 
 
 def test_paint_converts_a_sum_to_what_it_shows(photo):
-    summed = fit(photo, FitOptions(80, 60, blend="add")).scene
+    summed = fit(photo, fit_config(80, 60, blend="add")).scene
     shown = render(summed)
-    painted = paint(summed, options=FitOptions(iterations=80)).scene
+    painted = convert_additive(summed, options=fit_config(iterations=80)).scene
     assert painted.blend == "over"
     assert len(painted) <= 80
     assert metrics.psnr(render(painted), shown) > 28
-    by_photo = paint(summed, photo, FitOptions(iterations=80)).scene
+    by_photo = convert_additive(summed, photo, fit_config(iterations=80)).scene
     of_the_photo = metrics.psnr(render(by_photo), photo)
     assert of_the_photo > quality_of(photo, gaussians=80, iterations=80) - 0.3
     assert of_the_photo > metrics.psnr(shown, photo)
 
 
 def test_paint_refuses_what_is_no_sum(photo):
-    painted = fit(photo, FitOptions(5, 5)).scene
+    painted = fit(photo, fit_config(5, 5)).scene
     with pytest.raises(InputError, match="scene blends as over; needed is a sum"):
-        paint(painted)
+        convert_additive(painted)
     with pytest.raises(InputError, match="options have blend add"):
-        paint(random_sum(3, 20, 20, 1), options=FitOptions(blend="add"))
+        convert_additive(random_sum(3, 20, 20, 1), options=fit_config(blend="add"))
 
 
 @pytest.mark.parametrize(
@@ -221,20 +221,22 @@ def test_paint_refuses_what_is_no_sum(photo):
 )
 def test_what_cannot_be_is_refused_with_its_name(change, message):
     with pytest.raises(InputError, match=message):
-        FitOptions(**change)
+        fit_config(**change)
 
 
 def test_falloff_follows_the_blending():
-    assert FitOptions().falloff == "adaptive"
-    assert FitOptions(blend="add").falloff == "gaussian"
+    assert fit_config().falloff == "adaptive"
+    assert fit_config(blend="add").falloff == "gaussian"
 
 
 def test_without_relocation_none_is_placed_anew(photo):
     def moved(relocate: bool) -> int:
         ages = []
-        options = FitOptions(60, 80, blend="add", relocate=relocate)
+        options = fit_config(60, 80, blend="add", relocate=relocate)
         policy = FixedCount(options.schedule, options.gaussians, options.iterations)
-        run = FitSession(photo, options, policy, progress=lambda _: ages.append(run.state.age.copy()))
+        run = FitSession(
+            photo, options, policy, progress=lambda _: ages.append(run.state.age.copy())
+        )
         run.fit()
         full = [age for age in ages if len(age) == 60]
         return sum(int((b < a).sum()) for a, b in itertools.pairwise(full))
@@ -259,9 +261,11 @@ def test_losses_weigh_ssim_as_they_are_told(weight):
 def test_rounds_run_on_the_full_picture_where_that_is_asked_for(photo):
     def sizes(reduce: bool) -> set[int]:
         seen = set()
-        options = FitOptions(64, 40, blend="add", reduce=reduce)
+        options = fit_config(64, 40, blend="add", reduce=reduce)
         policy = FixedCount(options.schedule, options.gaussians, options.iterations)
-        run = FitSession(photo, options, policy, progress=lambda _: seen.add(run.population.target.width))
+        run = FitSession(
+            photo, options, policy, progress=lambda _: seen.add(run.population.target.width)
+        )
         run.fit()
         return seen
 
@@ -273,7 +277,7 @@ def test_a_heavier_ssim_keeps_more_structure(photo):
     options = {"gaussians": 200, "iterations": 80, "loss": "mse+ssim"}
     scores = []
     for weight in (0.0, 0.5):
-        drawn = render(fit(photo, FitOptions(ssim_weight=weight, **options)).scene)
+        drawn = render(fit(photo, fit_config(ssim_weight=weight, **options)).scene)
         scores.append((metrics.psnr(drawn, photo), metrics.ssim(drawn, photo)))
     (psnr, ssim), (psnr_structure, ssim_structure) = scores
     assert ssim_structure > ssim + 0.01

@@ -10,8 +10,8 @@ import pytest
 from numba import get_num_threads
 from PIL import Image
 
-from gauss2svg.measure import metrics, vectorize
 from gauss2svg.errors import InputError, OutputError, RendererError
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.raster import rasterize
 from gauss2svg.svg.write import write_svg
 
@@ -81,7 +81,7 @@ def test_exact_fit_has_a_report_that_json_knows():
 
 def test_warming_up_compiles_all_that_a_run_needs():
     code = (
-        "import numpy as np; from gauss2svg import vectorize; "
+        "import numpy as np; from flat import vectorize; "
         "from gauss2svg.pipeline.kernels import compile_kernels; compile_kernels(); "
         "from gauss2svg.render.walk import walk_tiles; "
         "from gauss2svg.render.tiles import find_pairs; "
@@ -209,7 +209,7 @@ def test_import_is_light():
 
 def test_default_fit_needs_no_torch():
     code = (
-        "import sys, numpy as np; from gauss2svg import vectorize; "
+        "import sys, numpy as np; from flat import vectorize; "
         "vectorize(np.zeros((8, 8, 3)), gaussians=2, iterations=2); print('torch' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

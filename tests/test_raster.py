@@ -2,13 +2,11 @@ import numpy as np
 import pytest
 from conftest import random_scene
 
-from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError, RendererError
+from gauss2svg.measure import metrics
 from gauss2svg.raster import cairo, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.svg.write import write_svg
 
 

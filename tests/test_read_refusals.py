@@ -1,7 +1,7 @@
 """Laws of reading: what a scene cannot hold is refused in one line that names the element."""
 
 import pytest
-from documents import AS_PATH, CIRCLE, RECT, document
+from svg_texts import AS_PATH, CIRCLE, RECT, document
 
 from gauss2svg.errors import InputError
 from gauss2svg.svg.reader.read import read_svg

@@ -6,25 +6,22 @@ import math
 import numpy as np
 import pytest
 from conftest import random_scene
-from documents import AS_PATH, CIRCLE, assert_same, document, gradient
+from svg_texts import AS_PATH, CIRCLE, assert_same, document, gradient
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from gauss2svg.measure import metrics
 from gauss2svg.errors import InputError
-from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
-from gauss2svg.svg.blur import FORMS, GRADIENT
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.reader.read import read_svg
-from gauss2svg.pipeline.quantize import quantize
-from gauss2svg.svg.write import write_svg
-from gauss2svg.svg.reader.affine import compose, parse_transform
-from gauss2svg.svg.blur import blurs, drawn_blurs
+from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.svg.blur import FORMS, GRADIENT, blurs, drawn_blurs
 from gauss2svg.svg.plain import is_plain
+from gauss2svg.svg.reader.affine import compose, parse_transform
+from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
+from gauss2svg.svg.write import write_svg
 
 
 def drawn(scene: Scene, options: SvgOptions) -> Scene:

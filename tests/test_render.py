@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
-from gauss2svg.scene.falloff import RADIUS, cut_radius, profile
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.cpu import moments_of_gradient, removal_cost, splats_of, squared_error
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.render.tiles import LEAST_STEPPED, TILE_HEIGHT, TILE_WIDTH, find_pairs
 from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import RADIUS, cut_radius, profile
 
 seeds = st.integers(0, 2**32 - 1)
 

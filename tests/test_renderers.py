@@ -13,15 +13,13 @@ import numpy as np
 import pytest
 from conftest import needs, random_scene
 
-from gauss2svg.measure import metrics
+from gauss2svg.cli.check import check_command
 from gauss2svg.cli.main import vectorize_command
 from gauss2svg.errors import RendererError
+from gauss2svg.measure import metrics
 from gauss2svg.raster import RENDERERS, chromium, program, rasterize, renderer_version
 from gauss2svg.raster.support import BROWSERS, refuse_unsupported
 from gauss2svg.render import render
-from gauss2svg.cli.check import check_command
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.svg.write import write_svg
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="40" height="30"{}</svg>'

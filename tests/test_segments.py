@@ -8,26 +8,25 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import random_scene
+from flat import fit_config
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from gauss2svg.measure import metrics, vectorize
 from gauss2svg.errors import InputError
-from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits
 from gauss2svg.fit.order import SegmentOrder
-from gauss2svg.fit.densification import GrowthLimits, AdaptiveCount
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
+from gauss2svg.measure import metrics, vectorize
+from gauss2svg.photo.segments import MOST_SEGMENTS, labels_of, superpixels
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.photo.segments import MOST_SEGMENTS, labels_of, superpixels
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.layers import grouped_by_segment
+from gauss2svg.svg.layers import grouped_by_segment, segment_at
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
-from gauss2svg.svg.layers import segment_at
 
 SVG = "{http://www.w3.org/2000/svg}"
 LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
@@ -96,7 +95,7 @@ def test_fit_makes_up_for_the_order(result, photo):
 
 def test_finished_fit_has_the_order_already(photo):
     labels = np.random.default_rng(0).integers(0, 9, (32, 32))
-    options = FitOptions(gaussians=300, iterations=60)
+    options = fit_config(gaussians=300, iterations=60)
     policy = AdaptiveCount(GrowthLimits(0.0, 1.0, math.inf, 300), lambda demand, now: demand)
     run = FitSession(photo, options, policy, segment_at=partial(segment_at, labels))
     for change in (run.fit, lambda: run.resize(200, 20)):
@@ -149,7 +148,7 @@ def test_order_is_by_round_and_segment_and_otherwise_kept(seed, rows, columns):
 
 
 def test_segments_change_no_shape_and_nothing_of_a_scene_that_has_their_order():
-    options = SvgOptions(palette=0)
+    options = SvgFormat()
     labels = np.arange(6).reshape(2, 3)
     scene = grouped_by_segment(random_scene(50, seed=4), labels)
     grouped, plain = write_svg(scene, options, Document(segments=labels)), write_svg(scene, options)

@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 from conftest import random_scene
+from flat import fit_config
 
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.blending import blending
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.render.cpu import removal_cost, squared_error
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.pipeline.quantize import quantize
 
 COUNT = 60
 
@@ -87,7 +85,7 @@ def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, t
 
 def test_exchange_never_makes_the_picture_worse_and_helps_this_one(shared_state, target):
     pixels = np.ascontiguousarray(np.moveaxis(target, 0, -1))
-    run = FitSession(pixels, FitOptions(COUNT, 10), FixedCount("exponential", COUNT, 10))
+    run = FitSession(pixels, fit_config(COUNT, 10), FixedCount("exponential", COUNT, 10))
     run.population.state = shared_state
     shared = SharedColors(run.state, blending("over"))
     errors = [squared_error(run.state.splats(run.population.background), target)[1]]
@@ -106,7 +104,9 @@ def test_nearly_opaque_shapes_become_opaque_when_they_settle(photo):
         seen.append(scene.opacity)
         return quantized(scene, SvgOptions(palette=50))
 
-    run = FitSession(photo, FitOptions(150, 60), FixedCount("exponential", 150, 60), as_written=as_written)
+    run = FitSession(
+        photo, fit_config(150, 60), FixedCount("exponential", 150, 60), as_written=as_written
+    )
     run.fit()
     opacity = seen[0]
     assert not ((opacity > 0.954) & (opacity < 0.9999)).any()

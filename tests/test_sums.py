@@ -4,13 +4,12 @@ import re
 
 import numpy as np
 import pytest
+from flat import fit_config, vectorize
 from PIL import Image
 
-from gauss2svg import vectorize
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.convert import painted
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.target import target_of
 from gauss2svg.raster import DRAW_BLENDS
 from gauss2svg.scene import ADD, OVER
@@ -64,7 +63,7 @@ def test_the_portable_form_costs_both_fits(summed, portable):
 
 
 def test_painting_begins_with_the_sum_s_shapes_largest_first(photo, summed):
-    state = painted(summed.scene, target_of(photo, np.float32), FitOptions(150))
+    state = painted(summed.scene, target_of(photo, np.float32), fit_config(150))
     back = state.scene(summed.scene.background, summed.scene.width, summed.scene.height)
     area = np.sqrt(np.linalg.det(back.covariance))
     assert (np.diff(area) <= 1e-9).all()

@@ -10,16 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError, SceneError
+from gauss2svg.pipeline.palette import Palette, quantize
+from gauss2svg.pipeline.quantize import visible_mass
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.write import write_svg
 from gauss2svg.svg import settle as settle_module
+from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import number, short_id
-from gauss2svg.pipeline.palette import Palette, quantize
 from gauss2svg.svg.plain import is_plain
-from gauss2svg.pipeline.quantize import visible_mass
+from gauss2svg.svg.write import write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"

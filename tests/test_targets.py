@@ -2,17 +2,17 @@
 
 import numpy as np
 import pytest
+from gauss2svg.pipeline.request import LARGEST_COLOR_ERROR
 
+from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics, vectorize
 from gauss2svg.pipeline.candidate import Candidate, pruned_to_size
-from gauss2svg.errors import InputError
+from gauss2svg.pipeline.targets import Targets, size_in_bytes
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.pipeline.request import LARGEST_COLOR_ERROR
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.write import write_svg
-from gauss2svg.pipeline.targets import Targets, size_in_bytes
 
 QUICK = {"iterations": 80}
 
@@ -188,7 +188,7 @@ def test_what_is_too_large_is_trimmed_of_what_is_missed_least(photo):
 
 def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
     result = vectorize(photo, gaussians="auto", max_bytes=4000, **QUICK)
-    exact = rasterize(write_svg(result.scene, SvgOptions(palette=0)), 128, 128)
+    exact = rasterize(write_svg(result.scene, SvgFormat()), 128, 128)
     assert np.mean((exact - result.raster) ** 2) < 2 * LARGEST_COLOR_ERROR
 
 

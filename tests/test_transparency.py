@@ -5,16 +5,16 @@ import io
 import numpy as np
 import pytest
 from conftest import random_scene, random_sum
+from flat import fit_config
 
-from gauss2svg.photo.alpha import BACKDROPS, from_views, matte_color, over, shrunk, straight
 from gauss2svg.errors import InputError, SceneError
-from gauss2svg.fit.options import FitOptions
-from gauss2svg.fit.fit import fit
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.blending import blending
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit.losses import LOSSES
 from gauss2svg.fit.placement import PLACEMENTS, place
 from gauss2svg.fit.target import target_of
+from gauss2svg.photo.alpha import BACKDROPS, from_views, matte_color, over, shrunk, straight
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.render.reference import render_reference
@@ -180,7 +180,7 @@ def test_gaussian_in_the_hole_of_a_ring_begins_in_the_colour_of_the_ring():
 def test_colours_that_do_not_show_change_nothing(small):
     other = small.copy()
     other[small[:, :, 3] == 0, :3] = [1.0, 0.0, 1.0]
-    options = FitOptions(40, 40)
+    options = fit_config(40, 40)
     one, same = (fit(pixels, options).scene for pixels in (small, other))
     for name in FIELDS:
         np.testing.assert_array_equal(getattr(one, name), getattr(same, name))
@@ -197,7 +197,7 @@ def test_hidden_colours_do_not_bleed_into_a_smaller_picture(small):
 @pytest.mark.parametrize("shape", ["disc", "ramp"])
 def test_fit_comes_near_over_both_pages(photo, shape):
     rgba = with_alpha(shrunk(photo, 64, 64), shape)
-    scene = fit(rgba, FitOptions(200, 120)).scene
+    scene = fit(rgba, fit_config(200, 120)).scene
     assert scene.transparent
     fitted = render_rgba(scene)
     for page in BACKDROPS:
@@ -207,7 +207,7 @@ def test_fit_comes_near_over_both_pages(photo, shape):
 
 def test_nothing_is_drawn_far_from_what_shows(photo):
     rgba = with_alpha(shrunk(photo, 64, 64))
-    drawn = render_rgba(fit(rgba, FitOptions(150, 120)).scene)
+    drawn = render_rgba(fit(rgba, fit_config(150, 120)).scene)
     y, x = np.mgrid[:64, :64]
     far = np.hypot(x - 32, y - 32) > 0.42 * 64 + 5
     assert drawn[far, 3].mean() < 0.003
@@ -215,7 +215,7 @@ def test_nothing_is_drawn_far_from_what_shows(photo):
 
 def test_picture_of_which_nothing_shows_gets_no_gaussian():
     rgba = np.dstack([np.full((20, 30, 3), 0.7), np.zeros((20, 30))]).astype(np.float32)
-    result = fit(rgba, FitOptions(50, 30))
+    result = fit(rgba, fit_config(50, 30))
     assert len(result.scene) == result.iterations == 0
     assert result.scene.transparent
     assert (render_rgba(result.scene) == 0).all()

@@ -9,12 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from gauss2svg.photo.alpha import BACKDROPS
 from gauss2svg.errors import SceneError
+from gauss2svg.photo.alpha import BACKDROPS
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
-from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 

@@ -5,17 +5,17 @@ import json
 
 import numpy as np
 import pytest
+from gauss2svg.finish import finished
 from PIL import Image
 
 import gauss2svg
-from gauss2svg.measure import metrics, vectorize
-from gauss2svg.photo.alpha import BLACK, over, shrunk
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.finish import finished
+from gauss2svg.measure import metrics, vectorize
+from gauss2svg.photo.alpha import BLACK, over, shrunk
+from gauss2svg.photo.segments import superpixels
 from gauss2svg.raster import rasterize, rasterize_rgba
 from gauss2svg.scene import ADD
-from gauss2svg.photo.segments import superpixels
 
 QUICK = {"gaussians": 150, "iterations": 80}
 GLASS = (
@@ -147,7 +147,7 @@ def test_sums_are_refused_and_their_portable_form_is_not(cut_out):
 
 def test_finish_brings_it_nearer_over_both_pages(result, cut_out):
     photo = pixels_of(cut_out)
-    options = gauss2svg.SvgOptions(palette=0)
+    options = gauss2svg.SvgFormat()
     finish = finished(result.scene, options, result.page, photo, "resvg")
     before, after = finish.gains["resvg"]
     assert after > before

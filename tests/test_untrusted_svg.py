@@ -10,15 +10,15 @@ import zlib
 
 import numpy as np
 import pytest
-from documents import gradient
+from svg_texts import gradient
 from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.measure.frame import frame_of
 from gauss2svg.measure.source import svg_source
 from gauss2svg.measure.survey import survey
+from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.svg.reader.read import read_svg
 
 ROOT = (

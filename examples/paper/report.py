@@ -18,7 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from gauss2svg import __version__
 from gauss2svg.bench.machine import machine
-from gauss2svg.bench.worker import finite
+from gauss2svg.bench.rows import finite
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.kernels import compile_kernels
 

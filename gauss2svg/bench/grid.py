@@ -1,157 +1,95 @@
-"""What is varied: the axes as one table, and the settings that a choice of them spans."""
+"""What a benchmark varies: any options of `vectorize`, and the settings that they span."""
 
 from __future__ import annotations
 
 import hashlib
 import itertools
 import json
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.bench.worker import TOOL
-from gauss2svg.errors import InputError
-from gauss2svg.fit.losses import LOSSES
-from gauss2svg.fit.options import DTYPES, MOST_GAUSSIANS
-from gauss2svg.fit.placement import PLACEMENTS
-from gauss2svg.fit.schedule import SCHEDULES
-from gauss2svg.pipeline.presets import QUALITIES
-from gauss2svg.raster import DEFAULT_RENDERER, DRAW_BLENDS, DRAW_TURNED_BLURS, RENDERERS
-from gauss2svg.scene import ADD, BLENDS
-from gauss2svg.scene.falloff import FALLOFFS, GAUSSIAN
-from gauss2svg.svg.blur import FORMS, GRADIENT
-from gauss2svg.svg.options import LEAST_PRECISION, MOST_PRECISION
-from gauss2svg.svg.stops import STOP_COUNTS
+from gauss2svg.bench.rows import TOOL
+from gauss2svg.errors import Gauss2SvgError, InputError, must_be
+from gauss2svg.options import Field, fields_of
+from gauss2svg.pipeline.options import GROUPS, Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.version import __version__
 
-Settings = tuple[tuple[str, Any], ...]  # keywords of `vectorize` and values, sorted by keyword
+Settings = tuple[tuple[str, Any], ...]  # options of `vectorize` and values, sorted by name
 
-
-@dataclass(frozen=True)
-class Axis:
-    """One thing to vary.
-
-    keyword  of `vectorize`
-    values   what is tried where the command line names none
-    parse    a value from its text; raises ValueError for what it is not
-    """
-
-    keyword: str
-    values: tuple[Any, ...]
-    parse: Callable[[str], Any]
-
-
-def _whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        # No int(): it also takes " 1_0".
-        if not text.isdecimal() or not least <= int(text) <= most:
-            raise ValueError(f"needed is a whole number in {least}..{most}")
-        return int(text)
-
-    return parse
-
-
-def _px(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not LEAST_PRECISION <= value <= MOST_PRECISION:
-        raise ValueError(f"needed is a number in {LEAST_PRECISION:g}..{MOST_PRECISION:g}")
-    return value
-
-
-def _share(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 <= value <= 1:
-        raise ValueError("needed is a number in 0..1")
-    return value
-
-
-def _count(text: str) -> int | str:
-    return text if text == "auto" else _whole(0, MOST_GAUSSIANS)(text)
-
-
-def _one_of(*known: Any) -> Callable[[str], Any]:
-    by_text = {str(value): value for value in known}
-
-    def parse(text: str) -> Any:
-        if text not in by_text:
-            raise ValueError(f"needed is one of {', '.join(by_text)}")
-        return by_text[text]
-
-    return parse
-
-
-def _words(keyword: str, known: Iterable[Any]) -> Axis:
-    return Axis(keyword, tuple(known), _one_of(*known))
-
-
-AXES: dict[str, Axis] = {
-    axis.keyword: axis
-    for axis in (
-        Axis("gaussians", (500, 1000, 2000, 4000, 8000), _count),
-        Axis("iterations", (50, 100, 200, 400), _whole(1)),
-        _words("quality", tuple(QUALITIES)),
-        _words("init", PLACEMENTS),
-        _words("schedule", tuple(SCHEDULES)),
-        _words("loss", LOSSES),
-        _words("falloff", FALLOFFS),
-        _words("dtype", DTYPES),
-        Axis("form", ("gradient",), _one_of(*FORMS)),  # the default renderer draws no other
-        _words("stops", STOP_COUNTS),
-        Axis("precision", (0.01, 0.02, 0.05, 0.1), _px),
-        Axis("palette", (64, 256, 1024, 0), _whole(0, 2**24)),
-        _words("blend", BLENDS),
-        Axis("portable", (False, True), _one_of(False, True)),  # of blend add
-        Axis("per_round", (16, 64, 256), _whole(1)),
-        Axis("round_iterations", (10, 20), _whole(1)),
-        Axis("ssim_weight", (0.1, 0.2, 0.4), _share),  # of the losses with ssim
-        Axis("relocate", (False, True), _one_of(False, True)),
-        Axis("renderer", ("resvg", "cairo"), _one_of(*RENDERERS)),  # the others may be missing
-        Axis("max_size", (256, 512, 1024), _whole(1)),
-    )
+_VARIED = ("goal", "fit", "densify", "svg")  # groups all of whose options may be varied
+_ALSO = ("renderer", "max_size")
+_OWN_OPTIONS = ("seed",)  # of the command itself
+AXES: dict[str, Field] = {
+    field.name: field
+    for key, group in GROUPS.items()
+    for field in fields_of(group)
+    if (key in _VARIED or field.name in _ALSO) and field.name not in _OWN_OPTIONS
+}
+# What is tried where no values are given, of options that are not one of a few.
+VALUES: dict[str, tuple[Any, ...]] = {
+    "gaussians": (500, 1000, 2000, 4000, 8000),
+    "iterations": (50, 100, 200, 400),
+    "learning_rate": (0.5, 1.0, 2.0),
+    "per_round": (16, 64, 256),
+    "round_iterations": (10, 20),
+    "ssim_weight": (0.1, 0.2, 0.4),
+    "precision": (0.01, 0.02, 0.05, 0.1),
+    "palette": (64, 256, 1024, 0),
+    "max_size": (256, 512, 1024),
+    "max_bytes": (20_000, 100_000, 500_000),
+    "target_psnr": (28.0, 32.0, 36.0),
+    "form": ("gradient",),  # the default renderer draws no other
+    "renderer": ("resvg", "cairo"),  # the others may be missing
 }
 
-# Without any axis: the presets, then counts by iterations at the default quality. About a
+# Without any axis: the presets, then counts by iterations at the default preset. About a
 # minute a photo of half a megapixel on two cores.
 DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
-    {"quality": tuple(QUALITIES)},
+    {"quality": tuple(PRESETS)},
     {"gaussians": (500, 2000, 8000), "iterations": (100, 300)},
 )
 
 
+def values_of(axis: Field) -> tuple[Any, ...]:
+    """What an axis tries where no values are given; raises InputError where these are needed."""
+    values = VALUES.get(axis.name, axis.choices)
+    if not values:
+        raise InputError(
+            f"axis {axis.name} must have values; got none. Try --axis {axis.name}=VALUE,VALUE"
+        )
+    return values
+
+
 def parse_axis(text: str) -> tuple[str, tuple[Any, ...]]:
-    """Keyword and values of NAME or NAME=v1,v2; raises InputError for an unknown one."""
+    """Option and values of NAME or NAME=v1,v2; raises InputError for an unknown one."""
     name, given, values = text.partition("=")
     axis = _axis(name.strip())
     if not given:
-        return axis.keyword, axis.values
-    return axis.keyword, tuple(_checked(axis, value.strip()) for value in values.split(","))
+        return axis.name, values_of(axis)
+    return axis.name, tuple(_parsed(axis, value.strip()) for value in values.split(","))
 
 
 def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
-    """The axes of a command line, by keyword; raises InputError for one given twice."""
+    """The axes of a command line, by option; raises InputError for one given twice."""
     axes: dict[str, tuple[Any, ...]] = {}
     for text in texts:
-        keyword, values = parse_axis(text)
-        if keyword in axes:
-            raise InputError(f"axis {keyword} is given twice; give all its values in one")
-        axes[keyword] = values
+        name, values = parse_axis(text)
+        if name in axes:
+            raise InputError(f"axis {name} must be given once; got it twice. Try all values in one")
+        axes[name] = values
     return axes
 
 
 def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
     """Every combination of the values of the axes, each once; DEFAULT_GRID if there are none.
 
-    Raises InputError for an unknown axis, an impossible value or no value, and for a form with
-    a renderer that does not draw it.
+    Raises InputError for an unknown axis, an impossible value or no value, and for options that
+    exclude each other.
     """
     found: dict[Settings, None] = {}  # a set that keeps the order
     for grid in [axes] if axes else DEFAULT_GRID:
@@ -159,53 +97,29 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         for name, values in grid.items():
             axis = _axis(name)
             if isinstance(values, str) or not values:
-                raise InputError(f"axis {name} got {values!r}; needed is a sequence of values")
-            columns.append([(axis.keyword, _checked(axis, str(value))) for value in values])
+                raise InputError(must_be(f"axis {name}", "a sequence of values", values))
+            columns.append([(axis.name, _parsed(axis, str(value))) for value in values])
         found |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
     for settings in found:
-        _check_drawn(dict(settings))
+        try:
+            Plan(Options.from_flat(dict(settings)))
+        except Gauss2SvgError as error:  # every run would fail
+            raise InputError(f"axes: {error}") from error
     return list(found)
 
 
-def _check_drawn(settings: Mapping[str, Any]) -> None:
-    """Raise InputError for what the renderer does not draw, or a sum cannot have.
-
-    Every run would fail.
-    """
-    form = settings.get("form", GRADIENT)
-    renderer = settings.get("renderer", DEFAULT_RENDERER)
-    if form != GRADIENT and renderer not in DRAW_TURNED_BLURS:
-        raise InputError(
-            f"axes have form {form} drawn by {renderer}, which does not draw it; needed is one of "
-            f"{', '.join(DRAW_TURNED_BLURS)}: add --axis renderer={DRAW_TURNED_BLURS[0]}, or leave "
-            "the form out"
-        )
-    if settings.get("blend") != ADD or settings.get("portable"):
-        return
-    if renderer not in DRAW_BLENDS:
-        raise InputError(
-            f"axes have blend {ADD} drawn by {renderer}, which does not draw it; needed is one of "
-            f"{', '.join(DRAW_BLENDS)}"
-        )
-    if form != GRADIENT or settings.get("falloff", GAUSSIAN) != GAUSSIAN:
-        raise InputError(
-            f"axes have blend {ADD} with another form than {GRADIENT} or another falloff than "
-            f"{GAUSSIAN}, which sums do not have; leave one axis out"
-        )
-
-
-def _checked(axis: Axis, text: str) -> Any:
+def _parsed(axis: Field, text: str) -> Any:
     try:
-        return axis.parse(text)
-    except ValueError as error:
-        raise InputError(f"axis {axis.keyword} got {text!r}; {error}") from error
+        return axis.parsed(text)
+    except InputError as error:
+        raise InputError(f"axis {error}") from error
 
 
-def _axis(name: str) -> Axis:
-    keyword = name.replace("-", "_")
-    if keyword not in AXES:
-        raise InputError(f"axis is {name!r}; needed is one of {', '.join(AXES)}")
-    return AXES[keyword]
+def _axis(name: str) -> Field:
+    option = name.replace("-", "_")
+    if option not in AXES:
+        raise InputError(must_be("axis", f"one of {', '.join(AXES)}", name))
+    return AXES[option]
 
 
 @cache

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from gauss2svg.bench.front import front
 from gauss2svg.bench.peers import PEERS
+from gauss2svg.bench.rows import TOOL
 from gauss2svg.bench.summary import BYTES, SECONDS
-from gauss2svg.bench.worker import TOOL
 from gauss2svg.files import write_atomically
 
 INSTALL = "pip install 'gauss2svg[bench]'"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -14,6 +15,7 @@ from gauss2svg.errors import OutputError
 from gauss2svg.files import write_atomically
 
 Row = dict[str, Any]
+TOOL = "gauss2svg"  # of a row that is not another tool's
 
 
 class RowStore:
@@ -92,3 +94,17 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
 def json_text(value: Any) -> str:
     """JSON as a person can read it."""
     return json.dumps(value, indent=2, allow_nan=False) + "\n"
+
+
+def one_line(text: str) -> str:
+    """Text without line ends and of bearable length."""
+    return " ".join(text.split())[:400]
+
+
+def finite(value: Any) -> Any:
+    """The value with None in place of every infinity and NaN, which JSON does not have."""
+    if isinstance(value, dict):
+        return {name: finite(item) for name, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -25,9 +25,8 @@ from gauss2svg.bench import plots
 from gauss2svg.bench.grid import BenchRun, settings_of
 from gauss2svg.bench.machine import machine
 from gauss2svg.bench.peers import PEERS, check_peers
-from gauss2svg.bench.rows import Row, RowStore, csv_text, json_text
+from gauss2svg.bench.rows import TOOL, Row, RowStore, csv_text, json_text, one_line
 from gauss2svg.bench.summary import markdown, summarise
-from gauss2svg.bench.worker import TOOL, one_line
 from gauss2svg.errors import InputError, OutputError, whole_number
 from gauss2svg.files import check_writable, write_all_atomically
 from gauss2svg.photo.image import WHITE, load_image

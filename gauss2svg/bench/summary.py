@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from gauss2svg.bench.front import TOLERANCE, distance_below
-from gauss2svg.bench.worker import TOOL, finite
+from gauss2svg.bench.rows import TOOL, finite
 
 Row = dict[str, Any]
 

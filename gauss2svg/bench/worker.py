@@ -8,7 +8,6 @@ top: a peer's memory is to be the peer's.
 from __future__ import annotations
 
 import json
-import math
 import os
 import sys
 import time
@@ -16,8 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.bench.machine import Stopwatch, peak_bytes
+from gauss2svg.bench.rows import TOOL, finite, one_line
 
-TOOL = "gauss2svg"  # what a row says that is no peer's
 _WARM_UP_SIDE = 32  # px
 _WARM_UP: dict[str, Any] = {"iterations": 2}
 _FROM_REPORT = (
@@ -42,17 +41,19 @@ def _run_own(job: dict[str, Any]) -> dict[str, Any]:
 
     from gauss2svg.bench.grid import AXES
     from gauss2svg.pipeline.kernels import compile_kernels
-    from gauss2svg.pipeline.vectorize import vectorize
+    from gauss2svg.pipeline.options import Options
+    from gauss2svg.pipeline.vectorize import vectorize_by
 
-    options: dict[str, Any] = {**job["settings"], "seed": job["seed"], "threads": job["threads"]}
+    given = {**job["settings"], "seed": job["seed"], "threads": job["threads"]}
+    options = Options.from_flat(given)
     warming = time.perf_counter()
     compile_kernels()
     # With the same options, so that no import and no code path is new to the clock.
     noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-    vectorize(noise, **(options | _WARM_UP))
+    vectorize_by(Options.from_flat(given | _WARM_UP), noise)
     warmup_s = time.perf_counter() - warming
     watch = Stopwatch()
-    report = vectorize(job["image"], **options).report
+    report = vectorize_by(options, job["image"]).report
     clocks = watch.read()
     return {
         "used": job["settings"] | {name: report[name] for name in AXES if name in report},
@@ -83,20 +84,6 @@ def _run_peer(job: dict[str, Any]) -> dict[str, Any]:
     from gauss2svg.bench.score import score
 
     return row | score(drawn, job["image"])
-
-
-def one_line(text: str) -> str:
-    """Text without line ends and of bearable length."""
-    return " ".join(text.split())[:400]
-
-
-def finite(value: Any) -> Any:
-    """The value with None in place of every infinity and NaN, which JSON does not have."""
-    if isinstance(value, dict):
-        return {name: finite(item) for name, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def main() -> None:

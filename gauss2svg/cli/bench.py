@@ -35,10 +35,9 @@ def bench_command(
         The folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. Run again
         after an interruption: finished rows are kept.
     axis
-        What to vary: NAME or NAME=VALUE,VALUE of gaussians, iterations, quality, init, schedule,
-        loss, falloff, dtype, form, stops, precision, palette, blend, portable,
-        per_round, round_iterations, ssim_weight, relocate, renderer, max_size. Several
-        span a grid; without any the presets and a small grid are run.
+        What to vary: NAME or NAME=VALUE,VALUE, where NAME is an option of the main command that
+        changes the file, such as gaussians, iterations, quality, loss or palette. Several span a
+        grid; without any the presets and a small grid are run.
     peers
         Other tools to measure, by commas, where installed: vtracer, splatthis, primitive, jpeg,
         webp. Their SVGs are drawn by resvg, whatever the axis renderer says.

@@ -1,7 +1,5 @@
 """The command `gauss2svg gallery`; the command line loads it only when it is asked for."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import sys
@@ -9,6 +7,8 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+
+from gauss2svg.gallery.options import GalleryOptions
 
 STATUS_SOME_FAILED = 1
 
@@ -20,13 +20,7 @@ def gallery_command(
     variants: str | None = None,
     counts: str | None = None,
     peers: str = "",
-    jobs: int = 1,
-    threads: int | None = None,
-    seed: int = 0,
-    photo_size: int | None = None,
-    max_pixels: int = 89_478_485,
-    peer_timeout: float = 3600.0,
-    title: str = "Photos as Gaussians",
+    options: Annotated[GalleryOptions, Parameter(name="*", group="Gallery")] = GalleryOptions(),
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
     """Write a gallery: pages that show what becomes of photos, to be opened from the disk.
@@ -46,22 +40,8 @@ def gallery_command(
     peers
         Other tools to show, by commas, where installed: vtracer, splatthis, primitive; or in
         another style of theirs, such as vtracer:detailed.
-    jobs
-        Processes that work at once; with several the seconds of each are longer.
-    threads
-        CPU threads of each process; the cores are shared out if not given.
-    seed
-        As of the main command.
-    photo_size
-        Longest side in pixels to which photos are shrunk before all else.
-    max_pixels
-        Most pixels of a photo, told by its header before it is decoded.
-    peer_timeout
-        Seconds that another tool may take for a photo.
-    title
-        Of the pages.
     quiet
-        No progress and no summary.
+        Show neither progress nor summary.
 
     """
     from gauss2svg.cli.progress_bar import counting_bar
@@ -74,13 +54,7 @@ def gallery_command(
             variants=None if variants is None else _words(variants),
             counts=None if counts is None else [_whole(word) for word in _words(counts)],
             peers=_words(peers),
-            jobs=jobs,
-            threads=threads,
-            seed=seed,
-            photo_size=photo_size,
-            max_pixels=max_pixels,
-            peer_timeout=peer_timeout,
-            title=title,
+            options=options,
             command=shlex.join(["gauss2svg", *sys.argv[1:]]),
             progress=lambda at: update("; ".join(at.now), at.done, at.total),
         )

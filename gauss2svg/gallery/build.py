@@ -12,8 +12,9 @@ from typing import Any
 
 from numba.core import config
 
-from gauss2svg.errors import InputError, OutputError, number_within, on_one_line, whole_number
+from gauss2svg.errors import InputError, OutputError, on_one_line, whole_number
 from gauss2svg.files import check_writable
+from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.gallery.pages import (
     ASSETS,
     DATA,
@@ -22,23 +23,23 @@ from gauss2svg.gallery.pages import (
     Provenance,
     is_gallery,
     make_folder,
-    shown_title,
     write_pages,
 )
-from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos, quantized
-from gauss2svg.gallery.plan import PHOTOS, Settings, Task, photo_folder, photo_task, variant_task
+from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos, with_kept_slugs
+from gauss2svg.gallery.plan import (
+    PHOTOS,
+    GallerySetup,
+    Task,
+    photo_folder,
+    photo_task,
+    variant_task,
+)
 from gauss2svg.gallery.pool import WorkerPool
 from gauss2svg.gallery.records import Failure, Row, Shown, made_of, rows_of, summary_of
 from gauss2svg.gallery.variants import Variant, variants_of
 from gauss2svg.gallery.work import RECORD, finished
-from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.memory_budget import allowed
-
-DEFAULT_TITLE = "Photos as Gaussians"
-DEFAULT_PEER_TIMEOUT = 3600.0  # s: SplatThis takes minutes
-_LONGEST_TIMEOUT = 1e6  # s
-_MOST_JOBS = 256
 
 Records = dict[str, dict[str, Any]]  # of finished folders
 
@@ -83,13 +84,7 @@ def build_gallery(
     variants: Iterable[str] | None = None,
     counts: Iterable[int] | None = None,
     peers: Iterable[str] = (),
-    jobs: int = 1,
-    threads: int | None = None,
-    seed: int = 0,
-    photo_size: int | None = None,
-    max_pixels: int = DEFAULT_MAX_PIXELS,
-    peer_timeout: float = DEFAULT_PEER_TIMEOUT,
-    title: str = DEFAULT_TITLE,
+    options: GalleryOptions | None = None,
     command: str | None = None,
     progress: Callable[[GalleryProgress], None] | None = None,
 ) -> Gallery:
@@ -100,10 +95,7 @@ def build_gallery(
                 draft, balanced and high
     peers       vtracer, splatthis, primitive, as they are without options or in a style of the
                 benchmark, such as "vtracer:detailed"; those not installed are left out
-    jobs        processes at once; threads: of each, None: the cores shared out among them
-    seed        of the fits; max_pixels: most pixels of a photo, as of `vectorize`
-    photo_size  longest side in px to which photos are shrunk before all else, None: as they are
-    peer_timeout  seconds for a peer and a photo; title: of the pages, plain text
+    options     the rest, such as GalleryOptions(jobs=2, title="Flowers")
     command     what the pages say that they were made by; progress: called with a
                 GalleryProgress whenever something begins or ends
 
@@ -115,34 +107,29 @@ def build_gallery(
     """
     listed = gallery_photos(photos)
     wanted, absent = variants_of(variants, counts, peers)
-    jobs = whole_number("jobs", jobs, 1, _MOST_JOBS)
-    seed = whole_number("seed", seed, 0, 2**63 - 1)
-    max_pixels = whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
-    peer_timeout = number_within("peer_timeout", peer_timeout, 1e-3, _LONGEST_TIMEOUT)
-    if photo_size is not None:
-        photo_size = whole_number("photo_size", photo_size, 1, 2**31 - 1)
+    options = options or GalleryOptions()
     # As many as numba has started; the attribute is made when its settings are read.
     cores = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
-    own = max(1, cores // jobs) if threads is None else whole_number("threads", threads, 1, cores)
-    title = shown_title(title)
+    threads = max(1, cores // options.jobs)
+    if options.threads is not None:
+        threads = whole_number("threads", options.threads, 1, cores)
     root = _folder(directory, listed)
-    listed = quantized(listed, root / PHOTOS)
+    listed = with_kept_slugs(listed, root / PHOTOS)
     # What is free is shared out: every process would take most of it for its own.
-    most_bytes = allowed(None) // jobs
-    settings = Settings(photo_size, max_pixels, seed, jobs, own, most_bytes, peer_timeout)
+    setup = GallerySetup(options, threads, allowed(None) // options.jobs)
     story = Provenance(
-        title=title,
+        title=options.title,
         command=on_one_line(
             command or f"build_gallery([.. {len(listed)} photos ..], {os.fspath(directory)!r}, ..)"
         ),
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        seed=seed,
-        photo_size=photo_size,
+        seed=options.seed,
+        photo_size=options.photo_size,
         absent=tuple(absent),
     )
-    making = _Making(root, listed, wanted, settings, progress)
+    making = _Making(root, listed, wanted, setup, progress)
     try:
-        making.run(jobs)
+        making.run(options.jobs)
     except KeyboardInterrupt:
         making.write(dataclasses.replace(story, missing=making.missing))
         raise
@@ -157,11 +144,11 @@ class _Making:
         root: Path,
         photos: list[GalleryPhoto],
         variants: list[Variant],
-        settings: Settings,
+        setup: GallerySetup,
         progress: Callable[[GalleryProgress], None] | None,
     ) -> None:
         self._root, self._photos, self._variants = root, photos, variants
-        self._settings = settings
+        self._setup = setup
         self._progress = progress or (lambda _: None)
         self._records: Records = {}
         self._failures: list[Failure] = []
@@ -180,7 +167,7 @@ class _Making:
             if jobs > 1 and any(variant.is_own for variant in self._variants):
                 # Once, by one: numba's cache mixes up what several processes save in it at a time.
                 compile_kernels()
-            photos = self._missing([photo_task(self._root, p, self._settings) for p in readable])
+            photos = self._missing([photo_task(self._root, p, self._setup) for p in readable])
             # Known before anything is made, so that an interruption finds them.
             self._missing(self._variant_tasks())
             self._make(crew, photos)
@@ -212,7 +199,7 @@ class _Making:
     def _variant_tasks(self) -> list[Task]:
         """SVGs of the photos that are there."""
         return [
-            variant_task(self._root, photo, variant, self._settings, record)
+            variant_task(self._root, photo, variant, self._setup, record)
             for photo in self._photos
             if (record := self._records.get(photo_folder(photo))) is not None
             for variant in self._variants

@@ -14,7 +14,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from gauss2svg.bench.rows import csv_text, json_text
-from gauss2svg.errors import InputError, OutputError
+from gauss2svg.errors import OutputError
 from gauss2svg.files import write_all_atomically
 from gauss2svg.gallery import numbers
 from gauss2svg.gallery.chart import Point, scatter
@@ -51,13 +51,6 @@ class Provenance:
     photo_size: int | None
     absent: tuple[str, ...]
     missing: int = 0  # SVGs that an interruption left to be made
-
-
-def shown_title(title: Any) -> str:
-    """A title as UTF-8 can tell it; raises InputError for what is no text, or empty."""
-    if not isinstance(title, str) or not title.strip():
-        raise InputError(f"title is {title!r}; needed is text")
-    return title.encode(errors="backslashreplace").decode()
 
 
 def write_pages(

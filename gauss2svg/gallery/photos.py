@@ -95,7 +95,7 @@ def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:
     return slugs
 
 
-def quantized(photos: Iterable[GalleryPhoto], folder: Path) -> list[GalleryPhoto]:
+def with_kept_slugs(photos: Iterable[GalleryPhoto], folder: Path) -> list[GalleryPhoto]:
     """The photos in the folders, of all in `folder`, in which what is made of them lies already.
 
     One of the same name that has come or gone would give them others, and all be made again.

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.bench.grid import code_digest
+from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.gallery.photos import GalleryPhoto
 from gauss2svg.gallery.variants import Variant
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
@@ -18,16 +19,12 @@ PHOTOS = "photos"  # the folder of the photos' folders
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What all the work of a gallery shares; see `build_gallery`."""
+class GallerySetup:
+    """What all the work of a gallery shares: its options, and threads and bytes of a process."""
 
-    photo_size: int | None
-    max_pixels: int
-    seed: int
-    jobs: int
+    options: GalleryOptions
     threads: int
     max_memory: int
-    peer_timeout: float
 
 
 @dataclass(frozen=True)
@@ -55,10 +52,10 @@ def photo_folder(photo: GalleryPhoto) -> str:
     return f"{PHOTOS}/{photo.slug}"
 
 
-def photo_task(root: Path, photo: GalleryPhoto, settings: Settings) -> Task:
+def photo_task(root: Path, photo: GalleryPhoto, setup: GallerySetup) -> Task:
     """To make of a photo what pages show of it."""
     folder = photo_folder(photo)
-    work = _work("photo", root / folder, photo, settings, [])
+    work = _work("photo", root / folder, photo, setup, [])
     return Task(photo, None, folder, work | {"digest": photo.digest})
 
 
@@ -66,38 +63,38 @@ def variant_task(
     root: Path,
     photo: GalleryPhoto,
     variant: Variant,
-    settings: Settings,
+    setup: GallerySetup,
     record: Mapping[str, Any],
 ) -> Task:
     """To make an SVG of a photo, of which pages show what the record says."""
     parent = photo_folder(photo)
     folder = f"{parent}/{variant.slug}"
-    ingredients = [variant.tool, variant.version, variant.settings, settings.seed]
-    work = _work("variant", root / folder, photo, settings, ingredients)
+    ingredients = [variant.tool, variant.version, variant.settings, setup.options.seed]
+    work = _work("variant", root / folder, photo, setup, ingredients)
     work |= {
         "shown": str(root / parent / record["photo"]),
         "tool": variant.tool,
         "settings": dict(variant.settings),
-        "seed": settings.seed,
-        "jobs": settings.jobs,
-        "threads": settings.threads,
-        "max_memory": settings.max_memory,
-        "peer_timeout": settings.peer_timeout,
+        "seed": setup.options.seed,
+        "jobs": setup.options.jobs,
+        "threads": setup.threads,
+        "max_memory": setup.max_memory,
+        "peer_timeout": setup.options.peer_timeout,
     }
     return Task(photo, variant, folder, work)
 
 
 def _work(
-    kind: str, folder: Path, photo: GalleryPhoto, settings: Settings, ingredients: list[Any]
+    kind: str, folder: Path, photo: GalleryPhoto, setup: GallerySetup, ingredients: list[Any]
 ) -> dict[str, Any]:
     # Jobs, threads, memory and timeouts are left out: they change no picture, or it is told.
     measured_by = [code_digest(), renderer_version(DEFAULT_RENDERER)]
-    whole = [kind, photo.digest, settings.photo_size, *measured_by, *ingredients]
+    whole = [kind, photo.digest, setup.options.photo_size, *measured_by, *ingredients]
     return {
         "kind": kind,
         "key": hashlib.sha256(json.dumps(whole).encode()).hexdigest(),
         "path": photo.path,
         "folder": str(folder),
-        "photo_size": settings.photo_size,
-        "max_pixels": settings.max_pixels,
+        "photo_size": setup.options.photo_size,
+        "max_pixels": setup.options.max_pixels,
     }

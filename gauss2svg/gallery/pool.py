@@ -12,8 +12,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from typing import IO, Any
 
+from gauss2svg.bench.rows import one_line
 from gauss2svg.bench.runner import end_of, last_line
-from gauss2svg.bench.worker import one_line
 
 # -P: no module of the folder that it is started in.
 _COMMAND = (sys.executable, "-P", "-m", "gauss2svg.gallery.worker")

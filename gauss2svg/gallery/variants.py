@@ -8,10 +8,10 @@ from typing import Any
 
 from gauss2svg.bench.grid import Settings
 from gauss2svg.bench.peers import PEERS, check_peers
-from gauss2svg.bench.worker import TOOL
+from gauss2svg.bench.rows import TOOL
 from gauss2svg.errors import InputError, whole_number
 from gauss2svg.fit.options import MOST_GAUSSIANS
-from gauss2svg.pipeline.presets import DEFAULT_QUALITY, QUALITIES
+from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
 from gauss2svg.version import __version__
 
 DEFAULT_VARIANTS = ("draft", "balanced", "high")
@@ -72,7 +72,7 @@ def main_variant(variants: Iterable[Variant]) -> Variant:
     known = list(variants)
     own = [variant for variant in known if variant.is_own] or known
     by_name = {variant.name: variant for variant in own}
-    return by_name.get(DEFAULT_QUALITY, own[len(own) // 2])
+    return by_name.get(DEFAULT_PRESET, own[len(own) // 2])
 
 
 def _items(name: str, values: Any) -> list[Any]:
@@ -85,8 +85,8 @@ def _items(name: str, values: Any) -> list[Any]:
 
 
 def _preset(name: Any) -> Variant:
-    if not isinstance(name, str) or name not in QUALITIES:
-        raise InputError(f"variant is {name!r}; needed is one of {', '.join(QUALITIES)}")
+    if not isinstance(name, str) or name not in PRESETS:
+        raise InputError(f"variant is {name!r}; needed is one of {', '.join(PRESETS)}")
     return Variant(name, name, TOOL, __version__, (("quality", name),))
 
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg.bench.machine import Stopwatch, machine
+from gauss2svg.bench.rows import TOOL, finite
 from gauss2svg.bench.runner import in_own_process
-from gauss2svg.bench.worker import TOOL, finite
 from gauss2svg.errors import OutputError, PeerError
 from gauss2svg.files import as_json, as_png, write_all_atomically
 from gauss2svg.gallery.crops import worst_and_typical
@@ -29,7 +29,8 @@ from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
 from gauss2svg.photo.image import WHITE, load_image
 from gauss2svg.pipeline.kernels import compile_kernels
-from gauss2svg.pipeline.vectorize import vectorize
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.reader.parse import parse_document
 
 RECORD = "record.json"
@@ -105,17 +106,16 @@ _Drawn = tuple[dict[str, bytes], dict[str, Any], NDArray[np.float32], dict[str, 
 
 
 def _own(source: str, work: Work) -> _Drawn:
-    options = {
-        **work["settings"],
-        **{name: work[name] for name in ("seed", "threads", "max_memory", "max_pixels")},
-    }
+    given = {name: work[name] for name in ("seed", "threads", "max_memory", "max_pixels")}
+    options = Options.from_flat({**work["settings"], **given, "fragments": True})
     if TOOL not in _warm:  # so that seconds are those of a second run on this machine
         compile_kernels()
         noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-        vectorize(noise, quality="draft", iterations=2, threads=work["threads"])
+        warm_up = {"quality": "draft", "iterations": 2, "threads": work["threads"]}
+        vectorize_by(Options.from_flat(warm_up), noise)
         _warm.add(TOOL)
     watch = Stopwatch()
-    result = vectorize(source, fragments=True, **options)
+    result = vectorize_by(options, source)
     clocks = watch.read()
     scene = io.BytesIO()
     result.scene.save(scene)

@@ -15,7 +15,7 @@ import threading
 import time
 from typing import Any
 
-from gauss2svg.bench.worker import one_line
+from gauss2svg.bench.rows import one_line
 from gauss2svg.errors import Gauss2SvgError, OutputError
 from gauss2svg.gallery.work import make_photo, make_variant
 

@@ -46,7 +46,6 @@ class Plan:
                 f"form must be {GRADIENT} with the renderer {run.renderer}, which does not draw "
                 f"rotated blurs; got {svg.form}. Try --renderer {DRAW_TURNED_BLURS[0]}"
             )
-        renderer_version(run.renderer)
         for name in ("checkpoint", "resume"):
             if getattr(run, name) is not None and goal.time_limit is not None:
                 raise InputError(
@@ -54,6 +53,10 @@ class Plan:
                     f"repeats itself; got {goal.time_limit:g}. Try --iterations instead"
                 )
         _ = self.fit_config
+
+    def check_renderer(self) -> None:
+        """Raise RendererError where the renderer that measures is not installed."""
+        renderer_version(self.options.run.renderer)
 
     def check_alpha(self, photo: Photo) -> None:
         """Refuse what a transparent photo cannot have, before the fit."""

@@ -110,6 +110,7 @@ def vectorize_by(
     """
     begun = time.perf_counter() if started is None else started
     plan, run = Plan(options), options.run
+    plan.check_renderer()
     most_bytes = allowed(run.max_memory)
     tell = progress or (lambda _: None)
 

@@ -1,0 +1,38 @@
+"""Calls with options by their names alone, whatever their groups: shorter to vary in tests."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions
+from gauss2svg.gallery.options import GalleryOptions
+from gauss2svg.options import fields_of
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.result import Result
+from gauss2svg.pipeline.vectorize import vectorize_by
+
+_CALLBACKS = ("progress", "stop", "started")
+
+
+def vectorize(image: Any, **given: Any) -> Result:
+    """`gauss2svg.vectorize` of options by their names."""
+    callbacks = {name: given.pop(name) for name in _CALLBACKS if name in given}
+    return vectorize_by(Options.from_flat(given), image, **callbacks)
+
+
+def fit_config(gaussians: int = 5000, iterations: int | None = 200, **given: Any) -> FitConfig:
+    """All that a fit goes by, of options by their names."""
+    groups = {
+        name: kind(**{f.name: given.pop(f.name) for f in fields_of(kind) if f.name in given})
+        for name, kind in {"fit": FitOptions, "densify": DensifyOptions}.items()
+    }
+    return FitConfig(gaussians=gaussians, iterations=iterations, **groups, **given)
+
+
+def build_gallery(photos: Any, directory: Any, **given: Any) -> Any:
+    """`gauss2svg.build_gallery` of options by their names."""
+    from gauss2svg.gallery.build import build_gallery as build
+
+    names = [field.name for field in fields_of(GalleryOptions)]
+    options = GalleryOptions(**{name: given.pop(name) for name in names if name in given})
+    return build(photos, directory, options=options, **given)
