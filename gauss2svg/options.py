@@ -18,6 +18,7 @@ import os
 import re
 import types
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -100,11 +101,14 @@ class OneOf:
 
 @dataclass(frozen=True)
 class Field:
-    """One option: its group, default, and how a value is checked and normalised."""
+    """One option: its group, and how a value is checked and normalised.
+
+    checks   in order, each from the value of the one before
+    words    that stand beside numbers, such as "auto"
+    """
 
     name: str
     group: type[OptionGroup]
-    default: Any
     checks: tuple[Check, ...]
     words: tuple[Any, ...]
     may_be_none: bool
@@ -131,10 +135,11 @@ class Field:
         """The value that a text stands for; raises InputError for one that is not valid."""
         if text in self.words:
             return text
-        try:
-            value = next(check.parse(text) for check in self.checks if hasattr(check, "parse"))
-        except (ValueError, KeyError, StopIteration):
-            value = text  # which is refused, or is text
+        value: Any = text
+        for check in self.checks:
+            if isinstance(check, (Whole, Number, Flag, OneOf)):
+                with suppress(ValueError, KeyError):  # such text is refused just below
+                    value = check.parse(text)
         return self.normalized(value)
 
 
@@ -150,11 +155,8 @@ class OptionGroup:
 def fields_of(group: type[OptionGroup]) -> tuple[Field, ...]:
     """The options of a group, in order."""
     hints = get_type_hints(group, include_extras=True)
-    defaults = {
-        f.name: f.default if f.default is not dataclasses.MISSING else None
-        for f in dataclasses.fields(group)  # pyright: ignore[reportArgumentType]
-    }
-    return tuple(_field(group, name, hints[name], default) for name, default in defaults.items())
+    names = [f.name for f in dataclasses.fields(group)]  # pyright: ignore[reportArgumentType]
+    return tuple(_field(group, name, hints[name]) for name in names)
 
 
 def field_named(groups: Mapping[str, type[OptionGroup]], name: str) -> tuple[str, Field] | None:
@@ -166,7 +168,7 @@ def field_named(groups: Mapping[str, type[OptionGroup]], name: str) -> tuple[str
     return None
 
 
-def _field(group: type[OptionGroup], name: str, hint: Any, default: Any) -> Field:
+def _field(group: type[OptionGroup], name: str, hint: Any) -> Field:
     checks: list[Check] = []
     if get_origin(hint) is Annotated:
         hint, *metadata = get_args(hint)
@@ -178,7 +180,7 @@ def _field(group: type[OptionGroup], name: str, hint: Any, default: Any) -> Fiel
         words = []
     if bool in members and not checks:
         checks = [Flag()]
-    return Field(name, group, default, tuple(checks), tuple(words), type(None) in members)
+    return Field(name, group, tuple(checks), tuple(words), type(None) in members)
 
 
 def byte_size(name: str, value: Any) -> int:

@@ -31,13 +31,15 @@ from gauss2svg.scene import Scene
 
 
 def _drop_stale_kernels() -> None:
-    """Delete compiled kernels that are older than any source file.
+    """Delete compiled kernels that are older than any file with kernels or their constants.
 
     numba compares a kernel with its own file only, so a change in a file that it calls
     into would leave the old machine code in use.
     """
     package = Path(gauss2svg.__file__).parent
-    newest = max(source.stat().st_mtime for source in package.rglob("*.py"))
+    sources = [s for s in package.rglob("*.py") if "numba" in s.read_text()]
+    sources.append(package / "scene" / "falloff.py")
+    newest = max(source.stat().st_mtime for source in sources)
     for compiled in package.rglob("*.nb[ic]"):
         if compiled.stat().st_mtime < newest:
             compiled.unlink(missing_ok=True)  # by another process at the same time
@@ -84,9 +86,14 @@ def pytest_xdist_auto_num_workers(config) -> int:
     return 2 if any(Path(name).is_dir() for name in config.args) else 0
 
 
-# The same examples in every run: a failure is found again by running again.
-settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=30)
-settings.load_profile("repeatable")
+def pytest_configure(config) -> None:
+    """The same examples in every run, so that a failure is found again; more of them in all tests.
+
+    All tests are those without a choice of markers, as by `-m ""`.
+    """
+    examples = 10 if config.getoption("markexpr") else 30
+    settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=examples)
+    settings.load_profile("repeatable")
 
 
 def _draw_no_constants_of_modules() -> None:

@@ -11,7 +11,7 @@ from cyclopts import App, CycloptsError, Group, Parameter
 
 from gauss2svg.cli.signals import STATUS_OF_SIGNAL, Terminated, terminable
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors
-from gauss2svg.cli.vectorize import vectorize_command
+from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, on_one_line
 from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.version import __version__
@@ -20,7 +20,7 @@ STATUS_BAD_INPUT = 2
 STATUS_INTERRUPTED = STATUS_OF_SIGNAL + signal.SIGINT
 STATUS_TERMINATED = STATUS_OF_SIGNAL + signal.SIGTERM
 
-_HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches."
+_USAGE = "Usage: gauss2svg PHOTO -o OUT.svg [OPTIONS]     (--help-all lists all of them)"
 _HELP_ALL = "--help-all"
 
 
@@ -31,9 +31,11 @@ def build_app(everything: bool = False) -> App:
         version=__version__,
         version_flags=["--version"],
         help_flags=[_HELP_ALL] if everything else ["--help", "-h"],
-        help=_HELP,
+        help=HELP,
+        help_format="markdown",
+        usage=_USAGE,
         default_parameter=Parameter(negative=()),
-        group_commands=Group("Commands", sort_key=9),
+        group_commands=Group("Commands, each with its own --help", sort_key=9),
         suppress_keyboard_interrupt=False,  # main says what became of the files
         result_action="return_value",
     )
@@ -41,8 +43,8 @@ def build_app(everything: bool = False) -> App:
     # By name, so that it is loaded only where it is asked for.
     for name, help_line in {
         "check": "Measure how closely any SVG matches a photo.",
-        "bench": "Vectorise photos with many settings; write tables and plots of cost and quality.",
-        "gallery": "Write web pages that compare the results for photos.",
+        "bench": "Compare settings: tables and plots of cost and quality.",
+        "gallery": "Write web pages that show the results for photos.",
     }.items():
         app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)
     return app

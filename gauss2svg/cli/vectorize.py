@@ -14,6 +14,25 @@ from cyclopts import Group, Parameter
 _BEGUN = time.perf_counter()
 
 
+_EXAMPLES = (
+    "gauss2svg photo.jpg -o out.svg                     # adapts to the image",
+    "gauss2svg photo.jpg -o out.svg --quality draft     # small and fast",
+    "gauss2svg photo.jpg -o out.svg --max-bytes 150k    # the best that fits",
+)
+HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
+    "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
+)
+_PARAMETERS = """
+
+Parameters
+----------
+photo
+    JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF; - is standard input.
+output
+    SVG to write; - is standard output.
+"""
+
+
 @dataclass(frozen=True, kw_only=True)
 class OutputFiles:
     """Further files, and what is shown."""
@@ -25,7 +44,7 @@ class OutputFiles:
     """Save all numbers of the run to this file, as JSON."""
 
     outline: Path | None = None
-    """Save the outlines of the shapes to this file, as another SVG."""
+    """Save the outlines of the shapes to this file, as SVG."""
 
     save_scene: Path | None = None
     """Save the fitted Gaussians to this file, as NPZ."""
@@ -45,6 +64,7 @@ def vectorize_command(everything: bool) -> Callable[..., int]:
 
     def command(
         photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        /,
         *,
         output: Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)],
         goal: Annotated[Goal, Parameter(name="*", group=group("Goal", 1, shown=True))] = Goal(),
@@ -67,20 +87,7 @@ def vectorize_command(everything: bool) -> Callable[..., int]:
         options = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
         return _run(photo, output, options, files)
 
-    command.__doc__ = """Turn a photo into an SVG of Gaussians, and measure how closely it matches.
-
-    Examples:
-      gauss2svg photo.jpg -o out.svg                     adapts the number of Gaussians
-      gauss2svg photo.jpg -o out.svg --quality draft     small and fast
-      gauss2svg photo.jpg -o out.svg --max-bytes 150k    the best that fits
-
-    Parameters
-    ----------
-    photo
-        JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF; - reads standard input.
-    output
-        SVG to write; - writes standard output.
-    """
+    command.__doc__ = HELP + _PARAMETERS
     return command
 
 

@@ -48,12 +48,6 @@ class FitOptions(OptionGroup):
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
     """Seed; the same seed gives the same file."""
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.ssim_weight is not None and not has_ssim(self.loss):
-            needed = "one with ssim where ssim_weight is given"
-            raise InputError(must_be("loss", needed, self.loss, f"--loss {self.loss}+ssim"))
-
     @property
     def learned_falloff(self) -> bool:
         """Whether each shape learns its exponent."""
@@ -108,6 +102,9 @@ class FitConfig:
         if self.fit.blend == ADD and self.fit.falloff not in (None, GAUSSIAN):
             needed = f"{GAUSSIAN} with additive blending"
             raise InputError(must_be("falloff", needed, self.fit.falloff, f"--blend {OVER}"))
+        if self.fit.ssim_weight is not None and not has_ssim(self.fit.loss):
+            needed, loss = "one with ssim where ssim_weight is given", self.fit.loss
+            raise InputError(must_be("loss", needed, loss, f"--loss {loss}+ssim"))
         self._check_rounds()
 
     @property

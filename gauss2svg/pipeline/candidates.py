@@ -32,14 +32,14 @@ _SLOPES = 1.5, 6.0  # dB a doubling, the flattest and steepest that are believed
 class Limit(NamedTuple):
     """The largest count, and the stop reason that it stands for."""
 
-    count: int
+    gaussians: int
     name: str
 
 
 class Correction(NamedTuple):
     """The count that the next candidate should have, and the stop reason as it stands then."""
 
-    count: int
+    gaussians: int
     stop_reason: str
 
 
@@ -76,7 +76,7 @@ class Candidates:
         stop_reason  what ended growth
         usual_slope  dB that a doubling bought there
         """
-        last, cap, target = self.made[-1], limit.count, self._target
+        last, cap, target = self.made[-1], limit.gaussians, self._target
         if not count:
             lacking = target is not None and self.psnr(last) < target - TOLERANCE
             room = last.size < (self._max_bytes or math.inf)
@@ -108,11 +108,11 @@ class Candidates:
         if missing > 0 and limit is not None and last.size > FULL * limit:
             return Correction(count, stop_reason)
         needed = count * 2 ** max(min(missing / slope, 2.0), -2.0)
-        if needed < most.count:
+        if needed < most.gaussians:
             stop_reason = "enough"
         else:
             stop_reason = most.name if limit is None else "max_bytes"
-        return Correction(min(math.ceil(needed), most.count), stop_reason)
+        return Correction(min(math.ceil(needed), most.gaussians), stop_reason)
 
     def _slope(self, usual: float) -> float:
         """PSNR that a doubling buys: from the last two candidates, or from the growth."""

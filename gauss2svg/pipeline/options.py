@@ -46,14 +46,13 @@ class Goal(OptionGroup):
     """Speed and quality preset."""
 
     gaussians: Annotated[int | Literal["auto"] | None, Whole(0, MOST_GAUSSIANS)] = None
-    """Number of Gaussians; auto, the default, adapts it to the image. With a target it is the
-    largest number allowed."""
+    """Number of Gaussians, with a target the largest; auto adapts it to the image."""
 
     target_psnr: Annotated[
         float | None,
         Number(0, _MOST_DECIBELS, above=True, advice="30 to 40, at which photos look good"),
     ] = None
-    """Target PSNR (dB) of the rendered SVG, reached with as few Gaussians as possible."""
+    """Target PSNR (dB) of the rasterised SVG."""
 
     max_bytes: Annotated[int | str | None, byte_size] = None
     """Maximum file size: 150000, 150k or 1.5M."""

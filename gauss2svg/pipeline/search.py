@@ -110,7 +110,7 @@ class TargetSearch:
             if not self._ended:  # what was saved then is before its hasty end
                 self._save(FIT, self._session, due=True)
             if self._limit.name == "time_limit":  # too late for the policy to be asked again
-                self._session.trim(self._limit.count)
+                self._session.trim(self._limit.gaussians)
             self._add_candidate()
             best, found = self._corrected()
             for _ in range(_CALIBRATIONS):
@@ -291,7 +291,9 @@ class TargetSearch:
             return reason
         # The policy took the target for reached, and the corrections have run out.
         return (
-            self._limit.name if len(best.scene) > _AT_THE_CAP * self._limit.count else "iterations"
+            self._limit.name
+            if len(best.scene) > _AT_THE_CAP * self._limit.gaussians
+            else "iterations"
         )
 
     def _save(self, stage: str, session: FitSession, due: bool = False) -> None:

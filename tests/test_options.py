@@ -1,0 +1,174 @@
+"""Options: one class each group, from which the call, the command, axes and report are derived."""
+
+import inspect
+import json
+
+import numpy as np
+import pytest
+from cyclopts import App
+
+import gauss2svg
+from gauss2svg.bench.grid import AXES
+from gauss2svg.cli.main import build_app
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.gallery.options import GalleryOptions
+from gauss2svg.options import Number, OneOf, Whole, byte_size, fields_of
+from gauss2svg.pipeline.options import GROUPS, Goal, Options, RunOptions, SvgOptions
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.svg.format import SvgFormat
+
+FIELDS = [field for group in GROUPS.values() for field in fields_of(group)]
+ALL_FIELDS = [*FIELDS, *fields_of(GalleryOptions), *fields_of(SvgFormat)]
+WRONG = (object(), [], b"7", (), {"a": 1}, complex(1, 2), float("nan"))
+
+
+def help_of(everything: bool, capsys) -> str:
+    build_app(everything)(["--help-all" if everything else "--help"], exit_on_error=False)
+    return capsys.readouterr().out
+
+
+def valid(field) -> list:
+    """Some values that an option takes, with what is stored."""
+    found = [(one, one) for one in (*field.choices, *field.words)]
+    for check in field.checks:
+        if isinstance(check, Whole):
+            found += [(v, v) for v in (max(check.least, 1), check.most)]
+            found.append((np.int64(max(check.least, 1)), max(check.least, 1)))
+        if isinstance(check, Number):
+            found += [(np.float32(check.most), float(np.float32(check.most)))]
+            found += [(check.most, check.most)]
+        if isinstance(check, OneOf) and isinstance(check.known[0], int):
+            found.append((np.int16(check.known[0]), check.known[0]))
+    return [(v, None if v == "auto" else stored) for v, stored in found]
+
+
+@pytest.mark.parametrize("field", ALL_FIELDS, ids=lambda f: f"{f.group.__name__}.{f.name}")
+def test_an_option_stores_plain_values_and_refuses_others_by_its_name(field):
+    for value, stored in valid(field):
+        got = getattr(field.group(**{field.name: value}), field.name)
+        assert got == stored or np.float32(got) == np.float32(stored)
+        assert type(got) in (bool, int, float, str, type(None))
+    for wrong in WRONG:
+        with pytest.raises(InputError) as refusal:
+            field.group(**{field.name: wrong})
+        text = str(refusal.value)
+        assert text.startswith(f"{field.name} must be ")
+        assert "; got " in text
+        assert "\n" not in text
+
+
+def test_names_of_options_are_unique():
+    names = [field.name for field in FIELDS]
+    assert len(set(names)) == len(names)
+
+
+def test_flat_options_come_back_and_fit_into_json():
+    options = Options.from_flat({"gaussians": 30, "loss": "l1", "segments": 12, "gzip": True})
+    assert Options.from_flat(options.flat()).flat() == options.flat()
+    assert json.loads(json.dumps(options.flat())) == options.flat()
+    assert options.changed(title="b", gaussians=5).flat() == {
+        **options.flat(), "title": "b", "gaussians": 5,
+    }  # fmt: skip
+    with pytest.raises(InputError, match="option must be one of quality, .*; got 'speed'"):
+        Options.from_flat({"speed": 1})
+
+
+def test_every_option_is_on_the_command_line_in_the_long_help(capsys):
+    text = help_of(True, capsys)
+    for field in FIELDS:
+        assert f"--{field.name.replace('_', '-')}" in text, field.name
+
+
+def test_the_short_help_fits_one_screen_and_has_what_people_use(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    text = help_of(False, capsys)
+    assert len(text.rstrip().splitlines()) <= 40
+    for field in fields_of(Goal):
+        assert f"--{field.name.replace('_', '-')}" in text
+    assert "--help-all" in text
+    assert text.count("gauss2svg photo.jpg -o") == 3
+
+
+def test_every_group_but_the_run_and_the_document_may_be_varied_in_a_benchmark():
+    varied = {f.name for key in ("goal", "fit", "densify", "svg") for f in fields_of(GROUPS[key])}
+    assert set(AXES) == (varied - {"seed"}) | {"renderer", "max_size"}
+
+
+def test_functions_have_few_parameters():
+    parameters = inspect.signature(gauss2svg.vectorize).parameters
+    assert len(parameters) <= 14
+    assert list(parameters)[2:7] == [field.name for field in fields_of(Goal)]
+    for function in (gauss2svg.build_gallery, gauss2svg.check, gauss2svg.write_svg):
+        assert len(inspect.signature(function).parameters) <= 8
+
+
+def test_goals_may_be_given_by_name_or_together(photo):
+    small = photo[:24, :24]
+    named = gauss2svg.vectorize(small, gaussians=6, quality="draft")
+    together = gauss2svg.vectorize(small, Goal(gaussians=6, quality="draft"))
+    mixed = gauss2svg.vectorize(small, Goal(gaussians=6), quality="draft")
+    assert named.svg == together.svg == mixed.svg
+    with pytest.raises(InputError, match="fit must be a FitOptions; got SvgOptions"):
+        gauss2svg.vectorize(small, fit=SvgOptions())
+
+
+def test_the_report_has_every_option(photo):
+    report = gauss2svg.vectorize(
+        photo[:24, :24], gaussians=4, fit=FitOptions(iterations=3), run=RunOptions(threads=1)
+    ).report
+    assert {field.name for field in FIELDS} <= set(report)
+    json.dumps(report, allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "match"),
+    [
+        ({"portable": True}, InputError, "blend must be add with portable; got 'over'"),
+        ({"blend": "add", "renderer": "cairo"}, RendererError, "renderer must be one of .*resvg"),
+        (
+            {"form": "blur"},
+            RendererError,
+            "form must be gradient with the renderer resvg.*chromium",
+        ),
+        ({"per_round": 5}, InputError, "per_round must not be given unless .*--gaussians 1000"),
+        ({"time_limit": 5, "resume": "x"}, InputError, "time_limit must not be given with resume"),
+        ({"loss": "mse", "ssim_weight": 0.1}, InputError, "loss must be one with ssim.*l?mse.ssim"),
+        ({"blend": "add", "falloff": "adaptive"}, InputError, "falloff must be gaussian"),
+        ({"blend": "add", "animate": 2}, InputError, "animate must not be given with additive"),
+    ],
+)
+def test_options_that_exclude_each_other_are_refused_with_a_way_out(given, error, match):
+    with pytest.raises(error, match=match):
+        Plan(Options.from_flat(given))
+
+
+def test_sizes_are_decimal_and_their_suffix_may_be_of_either_case():
+    for text in ("1500000", "1500k", "1.5M", "1.5 mb", "1500 KB", 1_500_000, np.int32(1_500_000)):
+        assert byte_size("max_bytes", text) == 1_500_000
+    for wrong in ("", "k", "-1", "0", "1e6", "1.5T", 0, True, 1.5, None):
+        with pytest.raises(InputError, match="max_bytes must be a size of at least 1 byte; got"):
+            byte_size("max_bytes", wrong)
+
+
+def test_the_command_takes_what_the_classes_take(monkeypatch):
+    seen = {}
+    monkeypatch.setattr(
+        "gauss2svg.cli.vectorize._run", lambda photo, output, options, files: seen.update(
+            options.flat(), quiet=files.quiet
+        ) or 0,
+    )  # fmt: skip
+    app: App = build_app()
+    app(
+        "p.jpg -o o.svg --gaussians auto --max-bytes 5k --no-relocate --segments 30 --stops 8 "
+        "--portable --blend add --learning-rate 0.5 --quiet",
+        exit_on_error=False,
+    )
+    assert seen["gaussians"] is None
+    assert seen["max_bytes"] == 5000
+    assert not seen["relocate"]
+    assert (seen["segments"], seen["stops"], seen["learning_rate"]) == (30, 8, 0.5)
+    assert seen["portable"]
+    assert seen["quiet"]
+    with pytest.raises(InputError, match="learning_rate must be a number in 1e-06..1e\\+06; got 0"):
+        app("p.jpg -o o.svg --learning-rate 0", exit_on_error=False)
