@@ -110,7 +110,7 @@ class TargetSearch:
             if not self._ended:  # what was saved then is before its hasty end
                 self._save(FIT, self._session, due=True)
             if self._limit.name == "time_limit":  # too late for the policy to be asked again
-                self._session.trim(self._limit.gaussians)
+                self._session.prune_to(self._limit.gaussians)
             self._add_candidate()
             best, found = self._corrected()
             for _ in range(_CALIBRATIONS):
