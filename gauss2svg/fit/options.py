@@ -163,7 +163,7 @@ class FitResult:
     rate: float = 1.0
 
     def after(self, before: FitResult | None, stop_reason: str) -> FitResult:
-        """This result with the costs of an earlier fit added, and another stop_reason."""
+        """The result with the costs of an earlier fit added, and another stop_reason."""
         costs = ("iterations", "wall_s", "cpu_s", "pixel_pairs", "rollbacks")
         changes: dict[str, Any] = {
             name: getattr(self, name) + (getattr(before, name) if before else 0) for name in costs

@@ -101,7 +101,7 @@ class _Placer:
         self._initial_sigma = blending.initial_sigma
 
     def by_error(self, count: int) -> NewGaussians:
-        """Stratified sampling in proportion to the squared error: one from each of `count` strata."""
+        """In proportion to the squared error, by stratified sampling."""
         error = np.square(self._residual).sum(axis=0)
         smooth = gaussian_filter(error, min(max(0.5 * self._spacing, 0.5), 4.0))
         if self._target.visible is not None:
@@ -203,7 +203,7 @@ class _Placer:
 
 @dataclass(frozen=True)
 class _Components:
-    """k connected components: area (k,) in px; their pixels x, y, and the component of each, rank."""
+    """k connected components: area (k,) in px; their pixels x, y (p,), each of component rank."""
 
     area: NDArray[np.intp]
     rank: NDArray[np.intp]

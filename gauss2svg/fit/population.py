@@ -106,7 +106,7 @@ class Population:
         self.round_index = int(self.state.round_index.max(initial=0))
 
     def densify_or_prune(self, count: int) -> None:
-        """Change the number of Gaussians to `count`: add where the error is, or prune the least useful."""
+        """Change the count: add Gaussians where the error is, or remove the least useful."""
         surplus = len(self) - count
         if surplus > 0:
             _, cost = self.target.removal_cost(self.splats())
@@ -130,7 +130,7 @@ class Population:
         return True
 
     def prune(self, least: float) -> None:
-        """Remove the Gaussians that gain less than `least` dB, each measured with all others present."""
+        """Remove the Gaussians that gain less than `least` dB, each beside all others."""
         if least == -math.inf or not len(self):
             return
         rendered, cost = self.target.removal_cost(self.splats())

@@ -185,7 +185,7 @@ class Target:
         return sum(part[1] for part in parts), reduce(add, (part[2] for part in parts))
 
     def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
-        """The render like planar, and the removal cost of each Gaussian; see gauss2svg.render.cpu."""
+        """The render, like planar, and what removing each costs; see gauss2svg.render.cpu."""
         parts = [removal_cost(view.over_backdrop(splats), view.planar) for view in self._views]
         return _joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
