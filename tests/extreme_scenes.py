@@ -1,4 +1,4 @@
-"""Scenes from all of the domain of a scene, and what they look like by another arithmetic."""
+"""Scenes from all of the domain of a scene, and their render by another arithmetic."""
 
 from __future__ import annotations
 

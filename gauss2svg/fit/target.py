@@ -156,7 +156,7 @@ class Target:
         return float(np.mean(np.square(self.rendered(splats) - self.planar), dtype=np.float64))
 
     def loss(self, splats: Splats) -> float:
-        """The loss of `evaluate` for "mse", without flat weights and without a gradient."""
+        """The loss of `evaluate` for "mse", without the gradient."""
         return 0.5 * self.error(splats) * self.planar.size
 
     def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
