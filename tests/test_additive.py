@@ -182,15 +182,15 @@ def test_densities_are_the_papers_coefficients():
 
 def test_bad_additive_scenes_are_refused():
     scene = random_sum(3, 20, 20, 2)
-    with pytest.raises(SceneError, match="eight parameters"):
+    with pytest.raises(SceneError, match=r"opacity (or a|and) beta"):
         scene.replace(opacity=np.array([1.0, 0.5, 1.0]))
-    with pytest.raises(SceneError, match="eight parameters"):
+    with pytest.raises(SceneError, match=r"opacity (or a|and) beta"):
         scene.replace(beta=np.full(3, 2.0))
     with pytest.raises(SceneError, match="color"):
         scene.replace(color=np.full((3, 3), 1.01 * MOST_SIGNED))
     with pytest.raises(SceneError, match=r"color.*0\.\.1"):
         scene.replace(color=np.full((3, 3), -0.1), blend="over")
-    with pytest.raises(SceneError, match="blend as"):
+    with pytest.raises(SceneError, match=r"blend (as|of)"):
         scene.concatenate(Scene(20, 20))
 
 

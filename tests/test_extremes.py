@@ -1,4 +1,4 @@
-"""Scenes at the limits of the domain and beyond, in both precisions: renderers, files, round trip."""
+"""Scenes at the limits of the domain and beyond: renderers, files, round trip."""
 
 import math
 import re
@@ -150,7 +150,7 @@ def test_ends_of_the_domain_are_drawn_finite_in_both_precisions(name, value):
 @pytest.mark.parametrize(("name", "value"), outside + nowhere)
 def test_beyond_the_domain_a_scene_is_refused_with_its_value_its_range_and_advice(name, value):
     scene = random_scene(4, 20, 18, 3)
-    got = rf"{name}\[.*\] (is {value}; needed is|must be) finite and in .*({value}|: )"
+    got = rf"{name}\[.*\] (is {value}; needed is finite .*: |must be finite .* got {value})"
     with pytest.raises(SceneError, match=got):
         scene.replace(**changed(scene, name, value))
 
@@ -246,7 +246,7 @@ def test_visible_shapes_too_large_for_a_file_are_refused_by_their_index(blend):
     if blend == "add":
         scene = scene.replace(blend=blend, opacity=np.ones(3))
     large = scene.replace(sigma=[[1, 1], [1e9, 3], [2, 2]])
-    with pytest.raises(SceneError, match=r"Gaussian 1, with mean .* at most 8e\+06 px"):
+    with pytest.raises(SceneError, match=r"Gaussian 1\b.* at most 8e\+06 px"):
         write_svg(large)
     if blend == "over":
         with pytest.raises(SceneError, match="Gaussian 1"):
@@ -271,9 +271,9 @@ def test_shapes_whose_sigma_quantization_would_take_over_a_limit_are_written():
 @pytest.mark.parametrize(
     ("matrix", "message"),
     [
-        ("1e-12 0 0 5 9 9", "sigma is under 1e-09 px"),
-        ("5 0 0 5e11 9 9", r"sigma is over 1e\+09 px"),
-        ("5 0 0 5 9e13 9", "off, where a scene ends"),
+        ("1e-12 0 0 5 9 9", "sigma .*1e-09 px"),
+        ("5 0 0 5e11 9 9", r"sigma .*1e\+09 px"),
+        ("5 0 0 5 9e13 9", "(off, where a scene ends|its centre must be within)"),
     ],
 )
 def test_files_beyond_the_domain_are_refused_by_their_element(matrix, message):

@@ -29,7 +29,7 @@ class FitOptions(OptionGroup):
     """Number of optimiser steps; the default is the preset's."""
 
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
-    """Loss; those with ssim keep more texture and take longer."""
+    """Loss; ssim keeps more texture and takes longer, and all but mse need the extra torch."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
     """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""
