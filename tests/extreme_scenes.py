@@ -117,7 +117,7 @@ def whitened(scene: Scene) -> NDArray[np.float64]:
 
 
 def picture(scene: Scene, z: NDArray[np.float64], **changed: NDArray[np.float64]) -> NDArray:
-    """(h, w, 3) the formula once more, from whitened offsets; not clipped where it is a sum.
+    """(h, w, 3) the formula once more, from whitened offsets; not clipped where it is additive.
 
     changed  colours and the like in place of the scene's, whatever their range
     """

@@ -20,7 +20,7 @@ from gauss2svg.scene.falloff import profile
 
 seeds = st.integers(0, 2**32 - 1)
 in_both = pytest.mark.parametrize("dtype", [np.float32, np.float64], ids=["float32", "float64"])
-# Of pictures whose parts sum up to a few times 1.
+# Of renders whose parts add up to a few times 1.
 OFF = {np.float32: 1e-4, np.float64: 1e-12}
 GRADIENT_OFF = {np.float32: 1e-3, np.float64: 1e-12}
 TORCH = {np.float32: torch.float32, np.float64: torch.float64}

@@ -233,15 +233,19 @@ def test_options_of_the_document_reach_the_file_and_its_report(picture, tmp_path
     options = ["--title", "T & U", "--alt", "what is seen", "--size", "photo", "--animate", "4"]
     options += ["--aspect", "none", "--fragments", "--report", str(report)]
     assert main([str(picture), "-o", str(out), *options, *QUICK_OPTIONS]) == 0
-    root, told = parse(out.read_text()), json.loads(report.read_text())
-    assert [root[0].text, root[1].text] == ["T & U", "what is seen"] == [told["title"], told["alt"]]
-    assert root.get("preserveAspectRatio") == told["aspect"] == "none"
+    root, written = parse(out.read_text()), json.loads(report.read_text())
+    assert (
+        [root[0].text, root[1].text]
+        == ["T & U", "what is seen"]
+        == [written["title"], written["alt"]]
+    )
+    assert root.get("preserveAspectRatio") == written["aspect"] == "none"
     assert float(root.get("width", "")[:-2]) == pytest.approx(64 / 96 * 25.4, abs=0.01)
     assert "@keyframes" in root.findtext(SVG + "style", "")
     assert ":target" in root.findtext(SVG + "style", "")
-    assert (told["animate"], told["fragments"]) == (4, True)
-    assert told["bytes_by_part"] == bytes_by_part(out.read_text())
-    assert (told["segments"], told["gzip"]) == (None, False)
+    assert (written["animate"], written["fragments"]) == (4, True)
+    assert written["bytes_by_part"] == bytes_by_part(out.read_text())
+    assert (written["segments"], written["gzip"]) == (None, False)
 
 
 def test_document_changes_no_shape(photo):
@@ -257,8 +261,8 @@ def test_document_changes_no_shape(photo):
 @pytest.mark.parametrize("name", ["o.svgz", "o.SVGZ"])
 def test_extension_gzips_without_a_date(name, picture, tmp_path, drawn_here):
     out, plain, report = tmp_path / name, tmp_path / "p.svg", tmp_path / "r.json"
-    told = ["--report", str(report)]
-    assert main([str(picture), "-o", str(out), *QUICK_OPTIONS, *told]) == 0
+    reported = ["--report", str(report)]
+    assert main([str(picture), "-o", str(out), *QUICK_OPTIONS, *reported]) == 0
     assert main([str(picture), "-o", str(plain), *QUICK_OPTIONS]) == 0
     data = out.read_bytes()
     assert gzip.decompress(data) == plain.read_bytes()

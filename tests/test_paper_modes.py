@@ -221,6 +221,13 @@ def test_bad_options_are_refused_with_their_name(change, message):
         fit_config(**change)
 
 
+def test_losses_without_torch_are_refused_with_the_extra_to_install(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"loss must be mse .*; got 'l1'. Try pip install"):
+        fit_config(loss="l1")
+    assert fit_config(loss="mse").fit.loss == "mse"
+
+
 def test_falloff_follows_the_blending():
     assert fit_config().fit.learned_falloff
     assert not fit_config(blend="add").fit.learned_falloff

@@ -261,7 +261,7 @@ class FitSession:
         self._rates, self._shared = self.population.blending.rates, None
 
     def _refine(self) -> None:
-        """Optimise all Gaussians; relocate, adjust, prune and quantize at their times."""
+        """Optimise all Gaussians; relocate, adjust, prune and quantise at their times."""
         stage, population = self._stage, self.population
         while (done := self.clock.refinement_progress()) < 1:
             if stage.adjust_at and done >= stage.adjust_at[0]:
