@@ -193,7 +193,7 @@ def test_the_command_writes_additive_files_and_their_portable_form(photo, tmp_pa
     outline = ["--outline", str(tmp_path / "outline.svg")]
     assert main([str(photo_file), "-o", str(out), *quick, *outline]) == 2
     assert out.read_text() == before
-    assert "--outline is asked for with --blend add" in capsys.readouterr().err
+    assert "--outline must not be given with --blend add" in capsys.readouterr().err
     assert main([str(photo_file), "-o", str(out), *quick, *outline, "--portable"]) == 0
     assert main([str(photo_file), "-o", str(out), *quick, "--renderer", "cairo"]) == 2
     assert "--portable" in capsys.readouterr().err
