@@ -35,7 +35,7 @@ class DivergenceGuard:
 
     `reset` belongs to changes of the problem (another size or number of Gaussians, shared colours),
     `relocated` to changes of the state alone. learning_rate is that of FitOptions; rate is the
-    share of it that is in use.
+    share of it that is in use, least the loss of the best state.
     """
 
     def __init__(self, learning_rate: float = 1.0) -> None:
@@ -43,14 +43,14 @@ class DivergenceGuard:
         self.rate = self._ceiling = 1.0
         self.rollbacks = 0
         self._best: tuple[State, SharedColors | None] | None = None
-        self._least = self._recent = math.inf
+        self.least = self._recent = math.inf
         self._since = 0  # steps since the best state
         self._accepted = 0  # steps since the last rollback
 
     def reset(self) -> None:
         """Forget the best state, for later losses are not comparable; steps may grow again."""
         self._ceiling = max(self._ceiling, min(self._ceiling / _CEILING, self._usual))
-        self._best, self._least, self._recent, self._since = None, math.inf, math.inf, 0
+        self._best, self.least, self._recent, self._since = None, math.inf, math.inf, 0
 
     def relocated(self) -> None:
         """Allow a larger loss after a relocation."""
@@ -62,13 +62,13 @@ class DivergenceGuard:
             return False
         self._since += 1
         self._accepted += 1
-        stalled = loss > _STALLED * self._least and self._since > _STALLED_STEPS
+        stalled = loss > _STALLED * self.least and self._since > _STALLED_STEPS
         if error > _NEGLIGIBLE and (loss > _DIVERGED * self._recent or stalled):
             return False
         self._recent = min(self._recent, loss)
         self.rate = min(self.rate * _GROWTH, self._ceiling)
-        if loss < self._least:
-            self._least, self._since = loss, 0
+        if loss < self.least:
+            self.least, self._since = loss, 0
             self._best = state.copy(), None if shared is None else shared.copy()
         return True
 
@@ -78,10 +78,10 @@ class DivergenceGuard:
         tolerant: only where the loss is a fifth larger. Where steps were too large before, that
         counts as another rollback.
         """
-        diverged = not loss <= _WORSE_AT_END * self._least
+        diverged = not loss <= _WORSE_AT_END * self.least
         if diverged and (self._usual < 1 or self.rollbacks > 0):
             self.roll_back()
-        return diverged if tolerant else not loss <= self._least * _ROUNDING
+        return diverged if tolerant else not loss <= self.least * _ROUNDING
 
     def roll_back(self) -> tuple[State, SharedColors | None] | None:
         """The best state, from which to continue in smaller steps; None if there is none."""
@@ -107,7 +107,7 @@ class DivergenceGuard:
             "rate": self.rate,
             "ceiling": self._ceiling,
             "rollbacks": self.rollbacks,
-            "least": self._least,
+            "least": self.least,
             "recent": self._recent,
             "since": self._since,
             "accepted": self._accepted,
@@ -120,7 +120,7 @@ class DivergenceGuard:
         self.rate = number_within("rate", saved["rate"], 0, 1)
         self.rollbacks = whole_number("rollbacks", saved["rollbacks"], 0, 10**9)
         self._ceiling = number_within("ceiling", saved["ceiling"], 0, 1)
-        self._least = number_within("least", saved["least"], -math.inf, math.inf)
+        self.least = number_within("least", saved["least"], -math.inf, math.inf)
         self._recent = number_within("recent", saved["recent"], -math.inf, math.inf)
         self._since = whole_number("since", saved["since"], 0, 10**9)
         self._accepted = whole_number("accepted", saved["accepted"], 0, 10**9)
@@ -131,8 +131,3 @@ class DivergenceGuard:
                 State.from_state_dict(saved["state"]),
                 None if shared is None else SharedColors.from_state_dict(shared, blending),
             )
-
-    @property
-    def least(self) -> float:
-        """Loss of the best state; infinite if there is none."""
-        return self._least
