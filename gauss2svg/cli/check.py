@@ -62,24 +62,23 @@ class CheckOutput(OptionGroup):
 
 
 def check_command(
-    photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
-    svg: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    photo: Annotated[
+        str, Parameter(allow_leading_hyphen=True, help="Photo; - reads standard input.")
+    ],
+    svg: Annotated[
+        str,
+        Parameter(
+            allow_leading_hyphen=True,
+            help="SVG, also gzipped; - reads standard input. It is stretched to the photo's size.",
+        ),
+    ],
     *,
     options: Annotated[CheckOptions, Parameter(name="*", group="Measuring")] = CheckOptions(),
     output: Annotated[
         CheckOutput, Parameter(name="*", group="Output", negative=())
     ] = CheckOutput(),
 ) -> int:
-    """Measure how closely any SVG matches a photo.
-
-    Parameters
-    ----------
-    photo
-        Photo; - reads standard input.
-    svg
-        SVG, also gzipped; - reads standard input. It is stretched to the photo's size.
-
-    """
+    """Measure how closely any SVG matches a photo."""
     from gauss2svg.cli.streams import standard_stream
     from gauss2svg.cli.terminal import print_check
     from gauss2svg.errors import InputError

@@ -11,39 +11,44 @@ from cyclopts import Parameter
 from gauss2svg.gallery.options import GalleryOptions
 
 STATUS_SOME_FAILED = 1
+_DEFAULTS = GalleryOptions()
 
 
 def gallery_command(
-    photos: Annotated[list[str], Parameter(negative="")],
+    photos: Annotated[list[str], Parameter(negative="", help="Photos.")],
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
-    variants: str | None = None,
-    counts: str | None = None,
-    peers: str = "",
-    options: Annotated[GalleryOptions, Parameter(name="*", group="Gallery")] = GalleryOptions(),
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    output: Annotated[
+        Path,
+        Parameter(
+            name=["--output", "-o"],
+            help="Folder for the pages; open its index.html. Run the command again to continue "
+            "after an interruption or to add photos or variants: finished SVGs are kept.",
+        ),
+    ],
+    variants: Annotated[
+        str | None,
+        Parameter(
+            help="Presets to compare, separated by commas: draft, fast, balanced, high, max. If "
+            "neither this nor --counts is given: draft,balanced,high."
+        ),
+    ] = None,
+    counts: Annotated[
+        str | None,
+        Parameter(help="Numbers of Gaussians to compare, separated by commas: 500,2000,8000."),
+    ] = None,
+    peers: Annotated[
+        str,
+        Parameter(
+            help="Other tools to compare, separated by commas, where installed: vtracer, "
+            "splatthis, primitive, also with other settings of theirs, such as vtracer:detailed."
+        ),
+    ] = "",
+    options: Annotated[GalleryOptions, Parameter(name="*", group="Gallery")] = _DEFAULTS,
+    quiet: Annotated[
+        bool, Parameter(negative="", help="Show neither progress nor summary.")
+    ] = False,
 ) -> int:
-    """Write web pages that compare the results for photos; they open from the disk.
-
-    Parameters
-    ----------
-    photos
-        Photos.
-    output
-        Folder for the pages; open its index.html. Run the command again to continue after an
-        interruption or to add photos or variants: finished SVGs are kept.
-    variants
-        Presets to compare, separated by commas: draft, fast, balanced, high, max. If neither
-        this nor --counts is given: draft,balanced,high.
-    counts
-        Numbers of Gaussians to compare, separated by commas: 500,2000,8000.
-    peers
-        Other tools to compare, separated by commas, where installed: vtracer, splatthis,
-        primitive, also with other settings of theirs, such as vtracer:detailed.
-    quiet
-        Show neither progress nor summary.
-
-    """
+    """Write web pages that compare the results for photos; they open from the disk."""
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.gallery.build import build_gallery
 

@@ -12,7 +12,7 @@ from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
 _MOST_JOBS = 256
 
 
-def shown_title(name: str, title: Any) -> str:
+def encodable_title(name: str, title: Any) -> str:
     """A title that UTF-8 can encode; raises InputError for an empty one and for other types."""
     if not isinstance(title, str) or not title.strip():
         raise InputError(must_be(name, "a text that is not empty", title))
@@ -41,5 +41,5 @@ class GalleryOptions(OptionGroup):
     peer_timeout: Annotated[float, Number(1e-3, 1e6)] = 3600.0
     """Time limit (s) of another tool for a photo."""
 
-    title: Annotated[str, shown_title] = "Photos as Gaussians"
+    title: Annotated[str, encodable_title] = "Photos as Gaussians"
     """Title of the pages."""
