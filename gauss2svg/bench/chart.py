@@ -19,7 +19,7 @@ class Point:
     """A point of a chart.
 
     cost    > 0
-    psnr    dB; None where the pictures are equal
+    psnr    dB; None where the SVG equals its photo
     series  index of its series, which decides its colour and shape
     group   the points of a group are joined by a line, in order of cost; None: not joined
     text    tooltip
@@ -49,7 +49,7 @@ class Chart:
 
     x_ticks, y_ticks  (place, text)
     lines             the points attribute of each polyline
-    equal_y           where points of equal pictures lie; None without such points
+    equal_y           where points of exact SVGs lie; None without such points
     """
 
     x_ticks: list[tuple[float, str]]

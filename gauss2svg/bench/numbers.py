@@ -40,7 +40,7 @@ def seconds(value: float | None) -> str:
 
 
 def decibels(value: float | None) -> str:
-    """A PSNR; "equal" for None, which stands for the infinite PSNR of equal pictures."""
+    """A PSNR; "equal" for None, which stands for the infinite PSNR of an exact SVG."""
     return "equal" if value is None else f"{value:.2f}{_SPACE}dB"
 
 

@@ -69,9 +69,9 @@ def _splatthis(png: Path, output: Path, style: str) -> Conversion:
 
     options = dict(_SPLATTHIS_STYLES[style])
     if side := options.pop("side", None):
-        with Image.open(png) as picture:
-            shrunk = min(1.0, side / max(picture.size))
-            options["target_size"] = tuple(max(1, round(s * shrunk)) for s in picture.size)
+        with Image.open(png) as image:
+            shrunk = min(1.0, side / max(image.size))
+            options["target_size"] = tuple(max(1, round(s * shrunk)) for s in image.size)
     converter = SplatConverter(device="cpu", seed=0, **options)
     return lambda: converter.convert(str(png), str(output), output_format="svg")
 
@@ -95,8 +95,8 @@ def _primitive_version() -> str | None:
 def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
     from PIL import Image
 
-    with Image.open(png) as picture:
-        side = max(picture.size)
+    with Image.open(png) as image:
+        side = max(image.size)
     # Mode 7 is rotated ellipses; without -s the output is scaled to 1024 px.
     command = ["primitive", "-i", str(png), "-o", str(output), "-n", str(shapes), "-m", "7"]
     command += ["-s", str(side)]
@@ -113,8 +113,8 @@ def _pillow(format_name: str) -> Callable[..., Conversion]:
     def prepare(png: Path, output: Path, quality: int) -> Conversion:
         from PIL import Image
 
-        with Image.open(png) as picture:
-            pixels = picture.convert("RGB")
+        with Image.open(png) as image:
+            pixels = image.convert("RGB")
         pixels.save(io.BytesIO(), format_name, quality=quality)  # loads the codec
 
         return lambda: pixels.save(output, format_name, quality=quality)
