@@ -39,10 +39,10 @@ _STATIC = (
     "gallery.css", "gallery.js", "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
 )  # fmt: skip
 _LEGEND_COLORS = 9  # of the error map's legend
-# (key of a report, its name, its text on a page, its text at a tick)
+# (key of a report, unit, title of the axis, its text on a page, its text at a tick)
 _COSTS = (
-    ("svg_bytes", "bytes", numbers.size, numbers.short_size),
-    ("total_s", "seconds", numbers.seconds, numbers.short_seconds),
+    ("svg_bytes", "bytes", "size of the SVG", numbers.size, numbers.short_size),
+    ("total_s", "seconds", "time, photo to measured SVG", numbers.seconds, numbers.short_seconds),
 )
 
 
@@ -234,7 +234,7 @@ def _charts(results: Sequence[PhotoResult], variants: Sequence[Variant]) -> list
     """PSNR over bytes and over seconds; each point links to its page."""
     series = {variant.slug: at for at, variant in enumerate(variants)}
     found = []
-    for name, word, format_cost, format_tick in _COSTS:
+    for name, word, axis, format_cost, format_tick in _COSTS:
         points = [
             Point(
                 cost=svg.report[name],
@@ -250,7 +250,7 @@ def _charts(results: Sequence[PhotoResult], variants: Sequence[Variant]) -> list
             for at, one in enumerate(results)
             for svg in one.svgs
         ]
-        found.append({"word": word, "chart": scatter(points, format_tick)})
+        found.append({"word": word, "axis": axis, "chart": scatter(points, format_tick)})
     return found
 
 
