@@ -28,8 +28,8 @@ class CheckOptions(OptionGroup):
     max_elements: Annotated[int, Whole(1)] = 1_000_000
     """Maximum number of elements of the SVG."""
 
-    draw_timeout: Annotated[float, Number(0, 86400, above=True)] = 300.0
-    """Time limit (s) of rasterising; the last four renderers stop after 300."""
+    draw_timeout: float = 300.0
+    """Time limit (s) of rasterising, at most 86400; the last four renderers stop after 300."""
 
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of the photo, checked before it is decoded."""
