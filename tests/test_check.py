@@ -247,7 +247,7 @@ def test_too_low_a_psnr_is_status_one_and_the_files_are_there(fitted, tmp_path, 
     assert capsys.readouterr().err == ""
     report.unlink()
     assert main([*arguments, "60"]) == 1
-    assert capsys.readouterr().err.count("under the 60 dB asked for\n") == 1
+    assert capsys.readouterr().err.count("below --min-psnr 60\n") == 1
     assert json.loads(report.read_text())["psnr_svg"] < 60
 
 
@@ -264,7 +264,7 @@ def test_standard_input_is_a_stream(which, fitted):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["-", "-"], "both the photo and the svg are -"),
+        (["-", "-"], "photo and svg must not both be -"),
         (["no.png", "SVG"], "cannot read no.png"),
         (["PHOTO", "no.svg"], "cannot read no.svg"),
         (["PHOTO", "PHOTO"], "no text in utf-8"),
