@@ -25,7 +25,7 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.frame import frame_of
 from gauss2svg.measure.source import svg_source
 from gauss2svg.measure.survey import survey
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.svg.reader.read import read_svg

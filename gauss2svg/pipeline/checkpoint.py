@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError
-from gauss2svg.files import check_writable, write_atomically
-from gauss2svg.photo.files import reading
+from gauss2svg.files import check_writable, reading, write_atomically
 from gauss2svg.pipeline.options import Options
 from gauss2svg.svg.document import Document
 from gauss2svg.version import __version__

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo.image import Photo
+from gauss2svg.photo.photo import Photo
 from gauss2svg.photo.segments import labels_of
 from gauss2svg.svg.document import PHOTO_SIZE, Document
 

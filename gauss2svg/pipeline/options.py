@@ -21,7 +21,7 @@ from gauss2svg.options import (
     file_name,
 )
 from gauss2svg.photo.alpha import matte_color
-from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION
 from gauss2svg.svg.stops import STOP_COUNTS

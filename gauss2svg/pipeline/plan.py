@@ -8,7 +8,7 @@ from functools import cached_property
 
 from gauss2svg.errors import InputError, RendererError, must_be
 from gauss2svg.fit.options import FitConfig
-from gauss2svg.photo.image import Photo
+from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.presets import PRESETS, Preset
 from gauss2svg.raster import DRAW_BLENDS, DRAW_TURNED_BLURS, renderer_version

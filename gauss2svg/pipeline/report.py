@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss2svg.photo.image import Photo
+from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.candidate import Outcome
 from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.plan import Plan

@@ -16,7 +16,8 @@ from gauss2svg.errors import InputError, must_be, shown, whole_number
 from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.options import OptionGroup
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
-from gauss2svg.photo.image import ImageSource, Photo, load_image
+from gauss2svg.photo.load import ImageSource, load_image
+from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.candidate import Exporter, Outcome
 from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
 from gauss2svg.pipeline.document import document_for

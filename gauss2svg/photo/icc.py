@@ -1,4 +1,4 @@
-"""Embedded ICC profiles, by Little CMS: to sRGB, of 8 bits a channel."""
+"""Embedded ICC profiles, converted to sRGB by Little CMS with 8 bits per channel."""
 
 from __future__ import annotations
 
@@ -11,24 +11,23 @@ from PIL import Image, ImageCms
 
 _SPACES = {"L": ("GRAY", "RGB"), "RGB": ("RGB",), "CMYK": ("CMYK",)}  # by Pillow's mode
 _MODES = {"GRAY": "L", "RGB": "RGB"}
-# By default Little CMS puts a table of 33 steps in the place of a grey curve, which is up to 10
-# levels off; without one it takes 0.4 s for a million pixels.
+# By default Little CMS samples a grey curve in 33 steps, which is up to 10 levels off; the exact
+# transform takes 0.4 s per megapixel.
 _EXACT, _FINE = ImageCms.Flags.NOOPTIMIZE, ImageCms.Flags.HIGHRESPRECALC
-_SAME = 1  # level of 255 by which a transform may miss and still be none
-_STEPS = 9  # of each channel, at which a transform is looked at
-_CONVERTED_NOTE = "converted from its embedded colour profile to sRGB"
-_UNREADABLE_NOTE = "embedded colour profile unreadable, taken as sRGB"
-_OTHER_NOTE = "embedded colour profile is of another kind of colours, taken as sRGB"
-_CMYK_NOTE = "CMYK without a usable colour profile, converted by the plain formula"
+_SAME = 1  # level of 255, up to which a transform counts as the identity
+_STEPS = 9  # per channel, at which a transform is compared with the identity
+_CONVERTED_NOTE = "converted from its embedded ICC profile to sRGB"
+_UNREADABLE_NOTE = "embedded ICC profile unreadable; sRGB assumed"
+_OTHER_NOTE = "embedded ICC profile is for another colour space; sRGB assumed"
+_CMYK_NOTE = "CMYK without a usable ICC profile; converted by the naive formula"
 _LAB_NOTE = "converted from CIELAB to sRGB"
 
 
 def converted(picture: Image.Image, profile: bytes | None) -> tuple[Image.Image, bool, list[str]]:
-    """A picture of mode L, RGB, CMYK or LAB in sRGB, L or RGB; whether a profile told; notes.
+    """An image of mode L, RGB, CMYK or LAB in sRGB, L or RGB; whether a profile applied; notes.
 
-    Perceptual intent. A profile that is sRGB in effect changes no pixel; one that is broken
-    or of another kind of colours is left out, with a note. An unchanged picture is returned
-    itself.
+    Perceptual intent. A profile that is sRGB in effect changes no pixel; one that is broken or
+    for another colour space is ignored, with a note. An unchanged image is returned itself.
     """
     if picture.mode == "LAB":
         lab = ImageCms.createProfile("LAB")  # D50, as TIFF has it
@@ -57,12 +56,12 @@ def converted(picture: Image.Image, profile: bytes | None) -> tuple[Image.Image,
 
 
 def _applied(picture: Image.Image, profile: Any, flags: ImageCms.Flags) -> Image.Image:
-    """The picture in sRGB, mode RGB."""
+    """The image in sRGB, mode RGB."""
     srgb = ImageCms.createProfile("sRGB")
     transform = ImageCms.buildTransform(profile, srgb, picture.mode, "RGB", flags=flags)
     result = ImageCms.applyTransform(picture, transform)
     if result is None:  # by its signature, where it works in place
-        raise ValueError("Little CMS gave no picture")
+        raise ValueError("Little CMS returned no image")
     return result
 
 
