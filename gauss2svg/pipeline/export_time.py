@@ -1,4 +1,4 @@
-"""How long what follows a fit will take, from a part of the Gaussians and of the picture."""
+"""Estimate of the time that writing, rasterising and measuring take, from a sample of each."""
 
 from __future__ import annotations
 
@@ -13,16 +13,15 @@ from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import Scene
 from gauss2svg.svg.write import write_svg
 
-# Every Gaussian in so many is written and drawn to see how long all will take.
-_SAMPLE = 8
-_STRIPS = 4  # the picture is measured on one of so many strips
-_SLACK_S = 0.1  # for what is not measured: the report, saving, the end of the process
+_SAMPLE = 8  # one of so many Gaussians is written and rasterised
+_STRIPS = 4  # one of so many strips of the image is measured
+_SLACK_S = 0.1  # for the report, saving, and the end of the process
 
 
 def estimate_export_seconds(
     scene: Scene, write: Callable[[Scene], str], picture: NDArray[np.float32], renderer: str
 ) -> float:
-    """Seconds that writing, drawing and measuring all of a scene on picture will take."""
+    """Seconds that writing, rasterising and measuring a scene will take."""
     height = picture.shape[0]
     part = scene.select(np.arange(0, len(scene), _SAMPLE))
     write(part)  # stops are computed once, for all
