@@ -57,7 +57,7 @@ def test_first_signal_ends_the_fit_with_the_best_so_far(
     after(number, step)
     assert main(command) == STATUS[number]
     said = capfd.readouterr().err.splitlines()
-    assert "once more ends at once" in said[0]
+    assert "interrupt again to quit at once" in said[0]
     assert f"interrupted after {step} iterations; the best so far is in" in said[-1]
     told = json.loads((tmp_path / "report.json").read_text())
     assert (told["iterations"], told["stop_reason"]) == (step, "interrupted")
@@ -123,7 +123,7 @@ def test_checkpoint_of_an_interrupted_run_leads_to_the_same_file(
 
         patch.setattr(FitSession, "_tell", and_a_signal)
         assert main([*command, "--checkpoint", fit]) == 143
-    assert f"go on with --resume {fit}" in capsys.readouterr().err
+    assert f"continue with --resume {fit}" in capsys.readouterr().err
     assert (tmp_path / "out.svg").read_bytes() != whole
     assert main([*command, "--resume", fit]) == 0
     assert (tmp_path / "out.svg").read_bytes() == whole

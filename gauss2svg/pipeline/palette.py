@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 
-_ITERATIONS = 6  # of Lloyd; 12 reduce the squared error by less than 2 % (docs/decisions/palette.md)
+_ITERATIONS = 6  # of Lloyd; twice as many gain under 2 % (docs/decisions/palette.md)
 # Clusters are split until so many times the allowed error is left, because Lloyd's iterations
 # remove about a tenth of it; where they remove less, until less is left.
 _SPARE = 1.12
