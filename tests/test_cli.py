@@ -41,8 +41,8 @@ def test_photo_becomes_svg_with_all_that_was_asked_for(picture, tmp_path):
         assert word in done.stderr.decode()
     numbers = json.loads(report.read_text())
     assert numbers["svg_bytes"] == out.stat().st_size
-    with Image.open(preview) as drawn:
-        assert drawn.size == (64, 48)
+    with Image.open(preview) as raster:
+        assert raster.size == (64, 48)
     assert len(Scene.load(scene)) == numbers["gaussians"]
 
 

@@ -1,4 +1,4 @@
-"""Laws of a run in which one call fails: every file is the old one or the whole new one.
+"""Laws of a run in which one call fails: every file is the old one or the complete new one.
 
 Every read and write of the run's own files is a place where a fault is put, one after the other:
 an error of the device, a full disk, or a Ctrl-C just before or just after it.
@@ -158,7 +158,7 @@ def same(name, data, other):
 def test_each_file_is_the_old_one_or_the_whole_new_one(
     command, name, tmp_path, monkeypatch, capsys
 ):
-    if command is checking:  # drawn in a process of its own, which is none of these calls
+    if command is checking:  # it rasterises in another process
         pixels = np.ones((16, 16, 3), np.float32)
         monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: pixels)
     wholes, counts = [], []

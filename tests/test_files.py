@@ -17,7 +17,7 @@ from gauss2svg.errors import OutputError
 from gauss2svg.files import write_all_atomically, write_atomically
 from gauss2svg.scene import Scene
 
-# Of files, not of drawings; the commands in a shell of their own draw in a process of their own.
+# These tests are of files; only commands in a shell rasterise in a process of their own.
 pytestmark = pytest.mark.usefixtures("drawn_here")
 
 TINY = ["--gaussians", "3", "--iterations", "2", "--quiet"]

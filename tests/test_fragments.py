@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 from conftest import needs, random_scene
-from svg_texts import assert_same
 from screens import captured
+from svg_texts import assert_same
 
 from gauss2svg import check
 from gauss2svg.errors import InputError

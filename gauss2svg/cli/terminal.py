@@ -83,9 +83,8 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         "Gaussians": f"{report['gaussians']:,}, fitted in {report['iterations']} iterations",
         "match": f"{_match(report)}, rasterised by {report['renderer']}",
         **_of_alpha(report),
-        "exactness": f"the fit itself has PSNR {decibels(report['psnr_model'])}; its SVG differs "
-        f"from it by PSNR {decibels(report['psnr_roundtrip'])}, brightness "
-        f"{report['bias_roundtrip']:+.2f} of 255",
+        "fit": f"PSNR {decibels(report['psnr_model'])} before writing, which the SVG reproduces at "
+        f"{decibels(report['psnr_roundtrip'])}, {report['bias_roundtrip']:+.2f} of 255 on average",
         "time": f"{report['total_s']:.1f} s, of which {report['fit_s']:.1f} s for the fit"
         + (f" and {report['compile_s']:.0f} s for a compilation, only once" if compiled else ""),
         "finished": _STOPPED[report["stop_reason"]],
@@ -107,14 +106,16 @@ def print_check(report: dict[str, Any], svg: str | None) -> None:
         "match": f"{_match(report)}, MS-SSIM {_ssim(report['ms_ssim_svg'], 176)}, rasterised by "
         f"{report['renderer']} at {report['width']}x{report['height']} px",
         **_of_alpha(report),
-        "errors": f"up to {report['largest_error_svg']:.0f} of 255, brightness "
-        f"{report['bias_svg']:+.2f} of 255",
+        "errors": f"{report['largest_error_svg']:.0f} of 255 at most, "
+        f"{report['bias_svg']:+.2f} of 255 on average",
     }
     _print_table([*rows.items(), *_notes(report)])
 
 
 def _match(report: dict[str, Any]) -> str:
-    return f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])} to the photo"
+    return (
+        f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])} against the photo"
+    )
 
 
 def _notes(report: dict[str, Any]) -> list[tuple[str, str]]:

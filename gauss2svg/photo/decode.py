@@ -47,39 +47,39 @@ def decode_file(file: BinaryIO, name: str, max_pixels: int) -> Photo:
     Raises InputError for an unsupported or broken file, and for one of more than max_pixels.
     """
     try:
-        with opened(file, name, max_pixels) as picture:
-            _refuse_preview(picture, name)
-            return _decoded(picture, name, file, max_pixels)
+        with opened(file, name, max_pixels) as image:
+            _refuse_preview(image, name)
+            return _decoded(image, name, file, max_pixels)
     except UnreadTiffError:
         return _decoded_tiff(file, name, max_pixels)
 
 
-def decode_picture(picture: Image.Image, name: str) -> Photo:
+def decode_image(image: Image.Image, name: str) -> Photo:
     """A Pillow image, which may not be loaded yet; raises InputError for a broken one."""
-    return _decoded(picture, name, None, 0)
+    return _decoded(image, name, None, 0)
 
 
-def _decoded(picture: Image.Image, name: str, file: BinaryIO | None, max_pixels: int) -> Photo:
-    before = tags_of(picture) if picture.format == "TIFF" else None  # loading rotates it
-    rawmode = _rawmode(picture)
+def _decoded(image: Image.Image, name: str, file: BinaryIO | None, max_pixels: int) -> Photo:
+    before = tags_of(image) if image.format == "TIFF" else None  # loading rotates it
+    rawmode = _rawmode(image)
     if file is not None and rawmode == _GREY_ALPHA_16:
-        samples = _sixteen_bit_grey_alpha(picture, name)
+        samples = _sixteen_bit_grey_alpha(image, name)
     elif file is not None and (match := _SIXTEEN_BITS.fullmatch(rawmode)):
-        samples = _sixteen_bit_color(picture, name, file, max_pixels, match)
-    elif loaded(picture, name).mode.startswith("I") or picture.mode == "F":
-        samples = _wide_grey(picture, name)
+        samples = _sixteen_bit_color(image, name, file, max_pixels, match)
+    elif loaded(image, name).mode.startswith("I") or image.mode == "F":
+        samples = _wide_grey(image, name)
     else:
         try:
-            samples = _eight_bits(picture, rawmode)
+            samples = _eight_bits(image, rawmode)
         except (ValueError, OSError) as error:  # such as an index beyond its palette
             raise broken(name, error) from error
-    tags = before or tags_of(picture)
-    color, notes = _in_srgb(samples, picture, name, file)
-    turn = orientation_left(picture)
+    tags = before or tags_of(image)
+    color, notes = _in_srgb(samples, image, name, file)
+    turn = orientation_left(image)
     return Photo.from_samples(
         upright(color, turn),
         None if samples.alpha is None else upright(_alpha(samples.alpha, name), turn),
-        notes=(*tags.notes, *samples.notes, *notes, *frames_note(picture)),
+        notes=(*tags.notes, *samples.notes, *notes, *frames_note(image)),
         dpi=tags.dpi,
     )
 
@@ -99,43 +99,43 @@ def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int) -> Photo:
     )
 
 
-def _refuse_preview(picture: Image.Image, name: str) -> None:
+def _refuse_preview(image: Image.Image, name: str) -> None:
     """Refuse a camera's raw file: a TIFF whose first image is a small preview."""
-    kind = _tiff_number(picture, ExifTags.Base.NewSubfileType, 0)
-    if kind & _REDUCED_RESOLUTION or _tiff_number(picture, _DNG_VERSION, 0):
+    kind = _tiff_number(image, ExifTags.Base.NewSubfileType, 0)
+    if kind & _REDUCED_RESOLUTION or _tiff_number(image, _DNG_VERSION, 0):
         got = shown("a camera's raw file, or one that begins with a preview")
         advice = "developing it, and saving it as TIFF, PNG or JPEG"
         raise InputError(must_be(name, "a developed photo", got, advice))
 
 
-def _tiff_number(picture: Image.Image, tag: int, default: int) -> int:
+def _tiff_number(image: Image.Image, tag: int, default: int) -> int:
     """A numeric tag of a TIFF, its largest value; the default where the tag is missing."""
-    value = getattr(picture, "tag_v2", {}).get(tag, default)
+    value = getattr(image, "tag_v2", {}).get(tag, default)
     values = value if isinstance(value, tuple) else (value,)
     return max((v for v in values if isinstance(v, int)), default=default)
 
 
-def _rawmode(picture: Image.Image) -> str:
+def _rawmode(image: Image.Image) -> str:
     """The raw mode that Pillow will unpack, "" where it does not say."""
-    tiles = getattr(picture, "tile", None)
+    tiles = getattr(image, "tile", None)
     if not tiles:
         return ""
     first = args[0] if isinstance(args := tiles[0][3], tuple) and args else args
     return first if isinstance(first, str) else ""
 
 
-def _sixteen_bit_grey_alpha(picture: Any, name: str) -> _Samples:
-    picture.tile = [tile._replace(args="RGBA") for tile in picture.tile]
-    pairs = np.asarray(loaded(picture, name)).view(">u2")
+def _sixteen_bit_grey_alpha(image: Any, name: str) -> _Samples:
+    image.tile = [tile._replace(args="RGBA") for tile in image.tile]
+    pairs = np.asarray(loaded(image, name)).view(">u2")
     return _Samples(pairs[:, :, :1], pairs[:, :, 1])
 
 
 def _sixteen_bit_color(
-    picture: Any, name: str, file: BinaryIO, max_pixels: int, match: re.Match[str]
+    image: Any, name: str, file: BinaryIO, max_pixels: int, match: re.Match[str]
 ) -> _Samples:
     """Decoded twice, for upper and lower bytes: Pillow has no mode of 16 bits per channel."""
     lower = f"{match[1]};16{_OTHER_BYTE[match[2]]}"
-    upper = np.asarray(loaded(picture, name)).astype(np.uint16) << 8
+    upper = np.asarray(loaded(image, name)).astype(np.uint16) << 8
     with opened(file, name, max_pixels) as again:
         again.tile = [
             tile._replace(args=(lower, *tile.args[1:]) if isinstance(tile.args, tuple) else lower)
@@ -143,12 +143,12 @@ def _sixteen_bit_color(
         ]
         values = upper | np.asarray(loaded(again, name))
     color, alpha = values[:, :, :3], values[:, :, 3] if values.shape[2] == 4 else None
-    return _Samples(color, _keyed(color, picture, 1) if alpha is None else alpha)
+    return _Samples(color, _keyed(color, image, 1) if alpha is None else alpha)
 
 
-def _wide_grey(picture: Image.Image, name: str) -> _Samples:
-    array = np.asarray(picture)[:, :, None]
-    if picture.mode == "F":
+def _wide_grey(image: Image.Image, name: str) -> _Samples:
+    array = np.asarray(image)[:, :, None]
+    if image.mode == "F":
         top = 1
     else:
         if array.min() < 0 or array.max() > _MOST_16:
@@ -156,39 +156,39 @@ def _wide_grey(picture: Image.Image, name: str) -> _Samples:
             advice = "rescaling them"
             raise InputError(must_be(f"grey levels of {name}", f"in 0..{_MOST_16}", got, advice))
         array = array.astype(np.uint16)
-        top = _MOST_12 if _tiff_number(picture, ExifTags.Base.BitsPerSample, 16) == 12 else _MOST_16
-    alpha = _keyed(array, picture, 1)
-    white_is_zero = _tiff_number(picture, ExifTags.Base.PhotometricInterpretation, 1) == 0
-    if white_is_zero and picture.mode != "I":  # Pillow inverts up to 8 bits
+        top = _MOST_12 if _tiff_number(image, ExifTags.Base.BitsPerSample, 16) == 12 else _MOST_16
+    alpha = _keyed(array, image, 1)
+    white_is_zero = _tiff_number(image, ExifTags.Base.PhotometricInterpretation, 1) == 0
+    if white_is_zero and image.mode != "I":  # Pillow inverts up to 8 bits
         array = top - array
     return _Samples(array if top in (1, _MOST_16) else array / np.float32(top), alpha)
 
 
-def _eight_bits(picture: Image.Image, rawmode: str) -> _Samples:
+def _eight_bits(image: Image.Image, rawmode: str) -> _Samples:
     notes = ()
-    if _tiff_number(picture, ExifTags.Base.BitsPerSample, 8) > 8:
+    if _tiff_number(image, ExifTags.Base.BitsPerSample, 8) > 8:
         notes = ("16 bits per channel reduced to 8",)
-    if picture.mode in ("P", "PA", "La", "RGBa"):
-        key = picture.info.get("transparency")
-        straight = "LA" if picture.mode == "La" else "RGBA"
-        clear = picture.mode != "P" or key is not None or picture.has_transparency_data
-        picture = picture.convert(straight if clear else "RGB")
-    if picture.mode in ("LA", "RGBA"):
-        alpha = np.asarray(picture.getchannel("A"))
-        return _Samples(picture.convert(picture.mode.removesuffix("A")), alpha, notes)
-    if picture.mode == "1":
-        color = picture.convert("L")
+    if image.mode in ("P", "PA", "La", "RGBa"):
+        key = image.info.get("transparency")
+        straight = "LA" if image.mode == "La" else "RGBA"
+        clear = image.mode != "P" or key is not None or image.has_transparency_data
+        image = image.convert(straight if clear else "RGB")
+    if image.mode in ("LA", "RGBA"):
+        alpha = np.asarray(image.getchannel("A"))
+        return _Samples(image.convert(image.mode.removesuffix("A")), alpha, notes)
+    if image.mode == "1":
+        color = image.convert("L")
     else:
-        color = picture if picture.mode in ("L", "CMYK", "LAB") else picture.convert("RGB")
-    if picture.mode not in ("1", "L", "RGB"):
+        color = image if image.mode in ("L", "CMYK", "LAB") else image.convert("RGB")
+    if image.mode not in ("1", "L", "RGB"):
         return _Samples(color, None, notes)
-    alpha = _keyed(np.atleast_3d(np.asarray(color)), picture, _LEVEL_STEP.get(rawmode, 1))
+    alpha = _keyed(np.atleast_3d(np.asarray(color)), image, _LEVEL_STEP.get(rawmode, 1))
     return _Samples(color, alpha, notes)
 
 
-def _keyed(color: NDArray[Any], picture: Image.Image, step: int) -> NDArray[np.bool_] | None:
+def _keyed(color: NDArray[Any], image: Image.Image, step: int) -> NDArray[np.bool_] | None:
     """Alpha (h, w) of a file with one transparent colour, None without one."""
-    key = picture.info.get("transparency")
+    key = image.info.get("transparency")
     levels = [
         level for level in (key if isinstance(key, tuple) else (key,)) if isinstance(level, int)
     ]
@@ -203,12 +203,12 @@ def _alpha(alpha: NDArray[Any], name: str) -> NDArray[np.float32]:
 
 
 def _in_srgb(
-    samples: _Samples, picture: Image.Image, name: str, file: BinaryIO | None
+    samples: _Samples, image: Image.Image, name: str, file: BinaryIO | None
 ) -> tuple[NDArray[np.float32], list[str]]:
     """Color (h, w, 1 or 3) in sRGB, with notes; of a PNG by the chunk that takes precedence."""
-    info = picture.info
+    info = image.info
     profile = info.get("icc_profile")
-    cicp = gamma.cicp_of(file) if file is not None and picture.format == "PNG" else None
+    cicp = gamma.cicp_of(file) if file is not None and image.format == "PNG" else None
     notes = []
     if cicp is not None and not gamma.says_srgb(cicp):
         notes.append(f"cICP with primaries {cicp[0]} and transfer {cicp[1]} not supported; ignored")
@@ -216,7 +216,7 @@ def _in_srgb(
     color, used, more = _by_profile(samples.color, None if overruled else profile)
     notes += more
     values = unit(color, name)
-    stated = info.get("gamma") if picture.format == "PNG" else None
+    stated = info.get("gamma") if image.format == "PNG" else None
     if stated is not None and not (overruled or used or "srgb" in info):
         values, more = gamma.converted(values, stated, info.get("chromaticity"))
         notes += more
@@ -228,17 +228,17 @@ def _by_profile(
 ) -> tuple[NDArray[Any], bool, list[str]]:
     """Color (h, w, 1 or 3) converted by its ICC profile, whether it could be used, and notes."""
     if isinstance(color, Image.Image):
-        picture, used, notes = icc.converted(color, profile)
-        return np.atleast_3d(np.asarray(picture)), used, notes
+        image, used, notes = icc.converted(color, profile)
+        return np.atleast_3d(np.asarray(image)), used, notes
     if not profile:
         return color, False, []
     reduced = np.round(unit(color, "photo") * _MOST_8).astype(np.uint8)
     given = Image.fromarray(reduced[:, :, 0] if reduced.shape[2] == 1 else reduced)
-    picture, used, notes = icc.converted(given, profile)
-    if picture is given:
+    image, used, notes = icc.converted(given, profile)
+    if image is given:
         return color, used, notes
     return (
-        np.atleast_3d(np.asarray(picture)),
+        np.atleast_3d(np.asarray(image)),
         used,
         ["reduced to 8 bits per channel to apply its ICC profile", *notes],
     )

@@ -76,10 +76,10 @@ def opened(
     Raises InputError that names the file: for another format, a broken header, and more than
     max_pixels.
     """
-    picture = _identified(file, name, max_pixels)
-    with picture:
-        check_size(picture.size, name, max_pixels)
-        yield picture
+    image = _identified(file, name, max_pixels)
+    with image:
+        check_size(image.size, name, max_pixels)
+        yield image
 
 
 def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFile:
@@ -140,19 +140,19 @@ def _too_large(sides: str, name: str, max_pixels: int, count: int) -> InputError
     return InputError(must_be(name, needed, shown(f"{sides}{count} px"), advice))
 
 
-def loaded(picture: Image.Image, name: str) -> Image.Image:
+def loaded(image: Image.Image, name: str) -> Image.Image:
     """The image with its pixels decoded; raises InputError if they are broken or truncated."""
     try:
         # libtiff writes to standard error by itself.
-        with stderr_silenced() if picture.format == "TIFF" else nullcontext():
-            picture.load()
+        with stderr_silenced() if image.format == "TIFF" else nullcontext():
+            image.load()
     except MemoryError:
         raise
     except Exception as error:  # hostile bytes make decoders raise anything
         raise broken(name, error) from error
-    if picture.mode in ("P", "PA") and picture.palette is None:
+    if image.mode in ("P", "PA") and image.palette is None:
         raise broken(name, ValueError("its palette is missing"))
-    return picture
+    return image
 
 
 def broken(name: str, error: Exception) -> InputError:

@@ -23,43 +23,43 @@ _CMYK_NOTE = "CMYK without a usable ICC profile; converted by the naive formula"
 _LAB_NOTE = "converted from CIELAB to sRGB"
 
 
-def converted(picture: Image.Image, profile: bytes | None) -> tuple[Image.Image, bool, list[str]]:
+def converted(image: Image.Image, profile: bytes | None) -> tuple[Image.Image, bool, list[str]]:
     """An image of mode L, RGB, CMYK or LAB in sRGB, L or RGB; whether a profile applied; notes.
 
     Perceptual intent. A profile that is sRGB in effect changes no pixel; one that is broken or
     for another colour space is ignored, with a note. An unchanged image is returned itself.
     """
-    if picture.mode == "LAB":
+    if image.mode == "LAB":
         lab = ImageCms.createProfile("LAB")  # D50, as TIFF has it
-        return _applied(picture, lab, _EXACT), True, [_LAB_NOTE]
-    plain, notes = picture, []
-    if picture.mode == "CMYK":
-        plain, notes = picture.convert("RGB"), [_CMYK_NOTE]
+        return _applied(image, lab, _EXACT), True, [_LAB_NOTE]
+    plain, notes = image, []
+    if image.mode == "CMYK":
+        plain, notes = image.convert("RGB"), [_CMYK_NOTE]
     if not profile:
         return plain, False, notes
     try:
         parsed = ImageCms.ImageCmsProfile(io.BytesIO(profile))
         space = parsed.profile.xcolor_space.strip()  # pyright: ignore[reportAttributeAccessIssue]
-        if space not in _SPACES[picture.mode]:
+        if space not in _SPACES[image.mode]:
             return plain, False, [_OTHER_NOTE, *notes]
-        if picture.mode == "CMYK":
-            return _applied(picture, parsed, _FINE), True, [_CONVERTED_NOTE]
-        before = _grey_ramp() if picture.mode == "L" else _color_cube()
+        if image.mode == "CMYK":
+            return _applied(image, parsed, _FINE), True, [_CONVERTED_NOTE]
+        before = _grey_ramp() if image.mode == "L" else _color_cube()
         after = np.asarray(_applied(before.convert(_MODES[space]), parsed, _EXACT))
         if np.abs(np.asarray(before.convert("RGB"), np.int16) - after).max() <= _SAME:
             return plain, True, []
-        if picture.mode == "L":
-            return Image.fromarray(after[0][np.asarray(picture)]), True, [_CONVERTED_NOTE]
-        return _applied(picture, parsed, _FINE), True, [_CONVERTED_NOTE]
+        if image.mode == "L":
+            return Image.fromarray(after[0][np.asarray(image)]), True, [_CONVERTED_NOTE]
+        return _applied(image, parsed, _FINE), True, [_CONVERTED_NOTE]
     except (ImageCms.PyCMSError, OSError, ValueError, TypeError):
         return plain, False, [_UNREADABLE_NOTE, *notes]
 
 
-def _applied(picture: Image.Image, profile: Any, flags: ImageCms.Flags) -> Image.Image:
+def _applied(image: Image.Image, profile: Any, flags: ImageCms.Flags) -> Image.Image:
     """The image in sRGB, mode RGB."""
     srgb = ImageCms.createProfile("sRGB")
-    transform = ImageCms.buildTransform(profile, srgb, picture.mode, "RGB", flags=flags)
-    result = ImageCms.applyTransform(picture, transform)
+    transform = ImageCms.buildTransform(profile, srgb, image.mode, "RGB", flags=flags)
+    result = ImageCms.applyTransform(image, transform)
     if result is None:  # by its signature, where it works in place
         raise ValueError("Little CMS returned no image")
     return result

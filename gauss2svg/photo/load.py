@@ -16,7 +16,7 @@ from PIL import Image
 from gauss2svg.errors import InputError, must_be, shown, whole_number
 from gauss2svg.files import reading
 from gauss2svg.photo.alpha import over, pixels_of
-from gauss2svg.photo.decode import decode_file, decode_picture
+from gauss2svg.photo.decode import decode_file, decode_image
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS, check_size
 from gauss2svg.photo.photo import Photo
 from gauss2svg.photo.samples import unit
@@ -57,7 +57,7 @@ def _load(source: ImageSource, max_pixels: int) -> Photo:
         return _from_array(source, "array", max_pixels)
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
-        return decode_picture(source, "image")
+        return decode_image(source, "image")
     if isinstance(source, (bytes, bytearray, memoryview)):
         return decode_file(io.BytesIO(source), f"photo of {len(source)} bytes", max_pixels)
     if isinstance(source, (str, os.PathLike)):

@@ -70,14 +70,14 @@ def superpixels(pixels: NDArray[np.float32], count: int) -> NDArray[np.integer]:
 
 def _read(path: str, max_pixels: int) -> NDArray[Any]:
     advice = "the path of a label image, or a number of superpixels"
-    with reading(path, advice) as file, opened(file, path, max_pixels) as picture:
-        labels = _labels(loaded(picture, path))
-        return upright(labels, orientation_left(picture))
+    with reading(path, advice) as file, opened(file, path, max_pixels) as image:
+        labels = _labels(loaded(image, path))
+        return upright(labels, orientation_left(image))
 
 
-def _labels(picture: Image.Image) -> NDArray[Any]:
+def _labels(image: Image.Image) -> NDArray[Any]:
     """Values of an image of one channel; of more channels the rank of each colour, from 1."""
-    array = np.asarray(picture)
+    array = np.asarray(image)
     if array.ndim == _SEVERAL_CHANNELS:
         colors = np.zeros(array.shape[:2], np.uint32)
         for channel in np.moveaxis(array, 2, 0):

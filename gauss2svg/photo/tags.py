@@ -34,16 +34,16 @@ class Tags:
     notes: tuple[str, ...]
 
 
-def tags_of(picture: Image.Image) -> Tags:
+def tags_of(image: Image.Image) -> Tags:
     """Tags of an image, of a TIFF before it is loaded; broken ones give a note, no error."""
     try:
-        exif = dict(picture.getexif())
+        exif = dict(image.getexif())
         notes = ()
     except Exception:  # hostile bytes make the EXIF reader raise anything
         exif = {}
         notes = ("EXIF data broken; ignored",)
-    dpi = _dpi(picture, exif)
-    found = tags_from(exif.get(ExifTags.Base.Orientation), dpi, dpi or _proportions(picture))
+    dpi = _dpi(image, exif)
+    found = tags_from(exif.get(ExifTags.Base.Orientation), dpi, dpi or _proportions(image))
     return Tags(found.orientation, found.dpi, (*notes, *found.notes))
 
 
@@ -69,9 +69,9 @@ def tags_from(orientation: Any, dpi: Density | None, proportions: Density | None
     return Tags(orientation, dpi, tuple(notes))
 
 
-def orientation_left(picture: Image.Image) -> int:
+def orientation_left(image: Image.Image) -> int:
     """EXIF orientation 1..8 of a loaded image: Pillow applies that of a TIFF while loading it."""
-    return tags_of(picture).orientation
+    return tags_of(image).orientation
 
 
 def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
@@ -85,21 +85,21 @@ def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
     return np.ascontiguousarray(array)
 
 
-def frames_note(picture: Image.Image) -> list[str]:
+def frames_note(image: Image.Image) -> list[str]:
     """A note if there is more than one frame or page; reads through the file."""
-    what = "pages" if picture.format == "TIFF" else "frames"
+    what = "pages" if image.format == "TIFF" else "frames"
     try:
-        count = getattr(picture, "n_frames", 1)
+        count = getattr(image, "n_frames", 1)
     except Exception:  # frames after the first are not used, and may be broken
         return [f"first of several {what}"]
     return [f"first of {count} {what}"] if count > 1 else []
 
 
-def _dpi(picture: Image.Image, exif: dict[int, Any]) -> Density | None:
+def _dpi(image: Image.Image, exif: dict[int, Any]) -> Density | None:
     """Pixels per inch across and down as stored; None without such a tag."""
     # Pillow invents 72 for a JPEG and 1 for a TIFF without one, so their own tags are read.
-    stated = picture.info.get("jfif_unit") in (1, 2) or picture.format in ("PNG", "BMP", None)
-    dpi = _pair(picture.info.get("dpi")) if stated else None
+    stated = image.info.get("jfif_unit") in (1, 2) or image.format in ("PNG", "BMP", None)
+    dpi = _pair(image.info.get("dpi")) if stated else None
     if dpi is None:
         tags = exif.get(ExifTags.Base.XResolution), exif.get(ExifTags.Base.YResolution)
         return dpi_in(_pair(tags), exif.get(ExifTags.Base.ResolutionUnit, 2))
@@ -114,12 +114,12 @@ def dpi_in(density: Density | None, unit: Any) -> Density | None:
     return inch * density[0], inch * density[1]
 
 
-def _proportions(picture: Image.Image) -> Density | None:
+def _proportions(image: Image.Image) -> Density | None:
     """Densities across and down without a unit, where the file has no others."""
-    info = picture.info
+    info = image.info
     if info.get("jfif_unit") == 0:
         return _pair(info.get("jfif_density"))
-    if picture.format == "TIFF":
+    if image.format == "TIFF":
         return _pair(info.get("resolution"))
     return _pair(info.get("aspect"))  # of a PNG
 

@@ -153,15 +153,15 @@ class Exporter:
         return scaled.replace(width=width, height=height)
 
 
-def pruned_to_size(candidate: Candidate, limit: int, picture: NDArray[np.float32]) -> Candidate:
+def pruned_to_size(candidate: Candidate, limit: int, image: NDArray[np.float32]) -> Candidate:
     """The candidate without its least useful Gaussians, so that it has at most `limit` bytes.
 
-    Useful ones reduce the error against picture (h, w, 3) or (h, w, 4). The rest is not refined.
+    Useful ones reduce the error against image (h, w, 3) or (h, w, 4). The rest is not refined.
     """
-    target = target_of(picture, np.float32)
+    target = target_of(image, np.float32)
     while candidate.size > limit and len(candidate.scene):
         scene = candidate.scene
-        height, width = picture.shape[:2]
+        height, width = image.shape[:2]
         splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
         cost = target.removal_cost(splats)[1][:, 0]
         kept = min(len(scene) - 1, int(len(scene) * limit / candidate.size))

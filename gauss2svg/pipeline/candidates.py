@@ -32,14 +32,14 @@ _SLOPES = 1.5, 6.0  # dB per doubling; slopes are clipped to these
 class Limit(NamedTuple):
     """The largest count, and the stop reason when it is reached."""
 
-    count: int
+    gaussians: int
     name: str
 
 
 class Correction(NamedTuple):
     """The count of the next candidate, and the stop reason once it is reached."""
 
-    count: int
+    gaussians: int
     stop_reason: str
 
 
@@ -77,7 +77,7 @@ class Candidates:
         stop_reason  of the growth
         usual_slope  dB gained per doubling during growth
         """
-        last, cap, target = self.made[-1], limit.count, self._target
+        last, cap, target = self.made[-1], limit.gaussians, self._target
         if not count:
             lacking = target is not None and self.psnr(last) < target - TOLERANCE
             room = last.size < (self._max_bytes or math.inf)
@@ -109,11 +109,11 @@ class Candidates:
         if missing > 0 and limit is not None and last.size > FULL * limit:
             return Correction(count, stop_reason)
         needed = count * 2 ** max(min(missing / slope, 2.0), -2.0)
-        if needed < most.count:
+        if needed < most.gaussians:
             stop_reason = "enough"
         else:
             stop_reason = most.name if limit is None else "max_bytes"
-        return Correction(min(math.ceil(needed), most.count), stop_reason)
+        return Correction(min(math.ceil(needed), most.gaussians), stop_reason)
 
     def _slope(self, usual: float) -> float:
         """PSNR (dB) gained per doubling, by the last two candidates or by the growth."""

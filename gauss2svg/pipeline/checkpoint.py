@@ -70,15 +70,15 @@ class Checkpoint:
         self._last = time.monotonic()
 
 
-def identity_of(options: Options, document: Document, *pictures: NDArray[np.float32]) -> StateDict:
+def identity_of(options: Options, document: Document, *images: NDArray[np.float32]) -> StateDict:
     """What a run must share with that of a checkpoint: version, options and images."""
     digest = hashlib.sha256()
-    for picture in (*pictures, document.labels):
-        if picture is not None:
-            digest.update(repr((picture.shape, str(picture.dtype))).encode())
-            digest.update(np.ascontiguousarray(picture).data)
+    for image in (*images, document.labels):
+        if image is not None:
+            digest.update(repr((image.shape, str(image.dtype))).encode())
+            digest.update(np.ascontiguousarray(image).data)
     given = {k: v for k, v in options.flat().items() if k not in _NOT_OF_IDENTITY}
-    sizes = [list(picture.shape) for picture in pictures]
+    sizes = [list(image.shape) for image in images]
     return {"version": __version__, **given, "sizes": sizes, "photo": digest.hexdigest()}
 
 

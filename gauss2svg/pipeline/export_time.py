@@ -19,22 +19,24 @@ _SLACK_S = 0.1  # for the report, saving, and the end of the process
 
 
 def estimate_export_seconds(
-    scene: Scene, write: Callable[[Scene], str], picture: NDArray[np.float32], renderer: str
+    scene: Scene, write: Callable[[Scene], str], image: NDArray[np.float32], renderer: str
 ) -> float:
     """Seconds that writing, rasterising and measuring a scene will take."""
-    height = picture.shape[0]
+    height = image.shape[0]
     part = scene.select(np.arange(0, len(scene), _SAMPLE))
     write(part)  # stops are computed once, for all
     begun = time.perf_counter()
     svg = write(part)
     written = time.perf_counter()
-    rasterize_like(svg, picture, renderer)
-    drawn = time.perf_counter()
-    rasterize_like(write_svg(scene.select(np.arange(0))), picture, renderer)
+    rasterize_like(svg, image, renderer)
+    rasterized = time.perf_counter()
+    rasterize_like(write_svg(scene.select(np.arange(0))), image, renderer)
     blank = time.perf_counter()
-    strip = picture[: max(height // _STRIPS, 1)]
+    strip = image[: max(height // _STRIPS, 1)]
     measure_pixels(strip, strip)
     measured = time.perf_counter()
-    draw_all = (blank - drawn) + _SAMPLE * max((drawn - written) - (blank - drawn), 0.0)
+    rasterize_all = (blank - rasterized) + _SAMPLE * max(
+        (rasterized - written) - (blank - rasterized), 0.0
+    )
     write_all = _SAMPLE * (written - begun)
-    return write_all + draw_all + _STRIPS * (measured - blank) + _SLACK_S
+    return write_all + rasterize_all + _STRIPS * (measured - blank) + _SLACK_S

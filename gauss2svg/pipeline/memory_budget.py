@@ -65,10 +65,10 @@ class Load:
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
         by_torch = self.loss != DEFAULT_LOSS
         a_pixel = _FIT[has_ssim(self.loss)]
-        held, decoded, drawn = _ALPHA if self.has_alpha else _OPAQUE
+        held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
         fitting = held * photo + a_pixel * fit + _TORCH * by_torch
         measuring = (
-            drawn * photo + _HELD * fit + _TORCH * by_torch + _ADDITIVE * (self.blend == ADD)
+            measured * photo + _HELD * fit + _TORCH * by_torch + _ADDITIVE * (self.blend == ADD)
         )
         most = max(decoded * photo, fitting, measuring)
         return math.ceil(_MARGIN * (_BASE + most + _SHAPE * self.gaussians))

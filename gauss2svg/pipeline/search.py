@@ -109,7 +109,7 @@ class TargetSearch:
             if not self._ended:  # else the checkpoint is of the interrupted fit
                 self._save(FIT, self._session, due=True)
             if self._limit.name == "time_limit":  # found after growth ended
-                self._session.trim(self._limit.count)
+                self._session.trim(self._limit.gaussians)
             self._add_candidate()
             best, found = self._corrected()
             for _ in range(_CALIBRATIONS):
@@ -290,7 +290,9 @@ class TargetSearch:
             return reason
         # Growth ended at the target, which the corrections did not reach.
         return (
-            self._limit.name if len(best.scene) > _AT_THE_CAP * self._limit.count else "iterations"
+            self._limit.name
+            if len(best.scene) > _AT_THE_CAP * self._limit.gaussians
+            else "iterations"
         )
 
     def _save(self, stage: str, session: FitSession, due: bool = False) -> None:
