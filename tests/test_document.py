@@ -15,7 +15,7 @@ from svg_texts import assert_same
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import DEFAULT_TITLE, Document

@@ -20,7 +20,7 @@ from gauss2svg.gallery import build
 from gauss2svg.gallery.photos import slug_of
 from gauss2svg.gallery.records import NUMBERS
 from gauss2svg.gallery.worker import answer_to
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 
 NASTY = "<script>alert(1)<img src=x onerror=alert(2)>&amp;\"'{{7*7}}{%if%}\u202e.png"
 UNDECODABLE = "\udcff.png"

@@ -17,7 +17,7 @@ from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.gallery import build
 from gauss2svg.gallery.pages import write_pages
 from gauss2svg.gallery.worker import answer_to
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="48" height="40"/>'
 

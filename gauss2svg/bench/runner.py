@@ -23,7 +23,7 @@ from gauss2svg.bench.rows import TOOL, Row, RowStore, csv_text, json_text
 from gauss2svg.bench.summary import markdown, summarise
 from gauss2svg.errors import InputError, OutputError, must_be, number_within, whole_number
 from gauss2svg.files import as_png, check_writable, write_all_atomically
-from gauss2svg.photo.image import WHITE, load_image
+from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.version import __version__
 
 DEFAULT_PEER_TIMEOUT = 300.0  # s

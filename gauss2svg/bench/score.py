@@ -8,7 +8,7 @@ from typing import Any
 
 from gauss2svg.errors import RendererError
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.photo.image import WHITE, load_image
+from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize, renderer_version
 
 
