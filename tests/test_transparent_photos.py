@@ -104,7 +104,7 @@ def test_matte_flattens_before_anything_else(cut_out):
     assert one.svg == same.svg
     assert not one.scene.transparent
     assert one.report["matte"] == "#204060"
-    assert "transparency shown over #204060" in one.report["notes"]
+    assert "composited over #204060" in one.report["notes"]
 
 
 def test_invisible_photo_is_an_empty_file():
