@@ -20,6 +20,9 @@ from gauss2svg.measure import metrics
 from gauss2svg.raster import RENDERERS, chromium, program, rasterize, renderer_version
 from gauss2svg.raster.support import BROWSERS, refuse_unsupported
 from gauss2svg.render import render
+from gauss2svg.svg.blur import GRADIENT
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.write import write_svg
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 40 30" width="40" height="30"{}</svg>'
@@ -46,9 +49,9 @@ def refusal(svg: str, width: int, height: int, name: str) -> str | None:
 
 
 def test_every_renderer_draws_the_model_at_its_decibels(renderer):
-    options = SvgOptions(palette=0, stops=12, precision=0.01)
-    scene = quantized(random_scene(60, 240, 160, 2, (2.0, 40.0), (1.0, 4.0)), options)
-    drawn = rasterize(write_svg(scene, options), 240, 160, renderer)
+    scene = snapped(random_scene(60, 240, 160, 2, (2.0, 40.0), (1.0, 4.0)), GRADIENT)
+    svg = write_svg(scene, SvgFormat(stops=12, precision=0.01))
+    drawn = rasterize(svg, 240, 160, renderer)
     assert drawn.shape == (160, 240, 3)
     model = render(scene)
     assert metrics.psnr(drawn, model) > LEAST_DB[renderer]

@@ -88,7 +88,7 @@ class EncodedSum:
     phases: tuple[DrawnPhase, ...]
 
 
-def encode_sum(scene: Scene, format: SvgFormat) -> EncodedSum:
+def encode_sum(scene: Scene, svg_format: SvgFormat) -> EncodedSum:
     """Numbers of the SVG of an additive scene; depends on nothing but the two arguments.
 
     Gaussians whose extent is written as 0 or whose colour as black are left out, as are those off
@@ -96,12 +96,12 @@ def encode_sum(scene: Scene, format: SvgFormat) -> EncodedSum:
     for others). Raises InputError for a form other than gradients.
     """
     check_canvas(scene)
-    if format.form != GRADIENT:
+    if svg_format.form != GRADIENT:
         raise InputError(
             must_be(
                 "form",
                 f"{GRADIENT!r} for an additive scene, whose blurs cannot be added exactly",
-                format.form,
+                svg_format.form,
             )
         )
     canvas = canvas_of(scene)
@@ -112,7 +112,7 @@ def encode_sum(scene: Scene, format: SvgFormat) -> EncodedSum:
     middle = 0.5 * (low + high)
     scale = _WHITE / span  # levels of the canvas for 1 of the picture
     begin = np.round(scale * (scene.background - middle + 0.5 * span))
-    shapes = _Shapes(scene, scale, format)
+    shapes = _Shapes(scene, scale, svg_format)
 
     drawn: list[DrawnPhase] = []
     first = turned_over = np.zeros(3, bool)
@@ -132,8 +132,8 @@ def encode_sum(scene: Scene, format: SvgFormat) -> EncodedSum:
     level = np.where(turned_over, _WHITE - begin, begin) / _WHITE
     intercept = scene.background - slope * level + _HALF_WAY / _WHITE
     return EncodedSum(
-        view_width=number(scene.width / format.precision, 6),
-        view_height=number(scene.height / format.precision, 6),
+        view_width=number(scene.width / svg_format.precision, 6),
+        view_height=number(scene.height / svg_format.precision, 6),
         background=hex_color(np.where(first, _WHITE - begin, begin).astype(int)),
         transfer=tuple(
             (number(a, _TRANSFER_DECIMALS), number(b, _TRANSFER_DECIMALS))
@@ -151,12 +151,12 @@ class _Shapes:
     sixth of the area of 8000 Gaussians, would be drawn for nothing.
     """
 
-    def __init__(self, scene: Scene, scale: NDArray[np.float64], format: SvgFormat) -> None:
+    def __init__(self, scene: Scene, scale: NDArray[np.float64], svg_format: SvgFormat) -> None:
         color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
-        offsets, levels = whole_stops(scale * color, format.stops)
+        offsets, levels = whole_stops(scale * color, svg_format.stops)
         colored = levels.any(axis=2)
         # How many stops there are before those that are black to the end.
-        before = np.where(colored, np.arange(1, format.stops + 1), 0).max(axis=1)
+        before = np.where(colored, np.arange(1, svg_format.stops + 1), 0).max(axis=1)
         reach = offsets[np.arange(len(color)), before]
         self._entry = entry.reshape(-1)
         self._stops = [
@@ -164,10 +164,10 @@ class _Shapes:
             for k, count in enumerate(before.tolist())
         ]
         radius = float(cut_radius(1.0)) * reach[self._entry]
-        fits = writable(scene, radius, format.precision)
+        fits = writable(scene, radius, svg_format.precision)
         discs = zip(fits, radius[:, None, None] * scene.factor, scene.mean, strict=True)
         self._matrices = [
-            matrix_text(factor, mean, format.precision) if fit else ""
+            matrix_text(factor, mean, svg_format.precision) if fit else ""
             for fit, factor, mean in discs
         ]
         self._ids: dict[tuple[tuple[str, str], ...], str] = {}

@@ -33,13 +33,13 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
 from gauss2svg.svg.plain import is_plain
 
-GRADIENT, BLUR, HYBRID = "gradient", "blur", "hybrid"
-FORMS = (GRADIENT, BLUR, HYBRID)
-# px from the mean to half the height, across, from which a form blurs a shape.
-_LEAST_HALF_WIDTH = {BLUR: 1.8, HYBRID: 4.0}
+GRADIENT, BLUR = "gradient", "blur"
+FORMS = (GRADIENT, BLUR)
+# px from the mean to half the height, across the minor axis: smaller shapes are not blurred.
+_LEAST_HALF_WIDTH = 1.8
 # Of the full height: what settling may change. Five gradient stops err 0.012 at exponent 1 and
 # 0.024 at 3, and settling 1.3 to the nearest of a gradient's exponents changes 0.08.
-_MOST_DIFFERING = {BLUR: 0.08, HYBRID: 0.05}
+_MOST_DIFFERING = 0.08
 _LOG_STEP = 0.04  # of exponents, on which differences are tabled
 _SAME_BETA = 1e-6
 
@@ -126,7 +126,7 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     if form == GRADIENT or not len(scene):
         return index
     half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.betas)
-    large = (half_width >= _LEAST_HALF_WIDTH[form]) & ~is_plain(scene)
+    large = (half_width >= _LEAST_HALF_WIDTH) & ~is_plain(scene)
     before = drawn_blurs(scene) >= 0
     candidates = large | before
     beta, opacity = scene.betas[candidates], scene.opacity[candidates]
@@ -136,9 +136,7 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     differing = opacity * [
         _differing(round(math.log(b) / _LOG_STEP), k) for b, k in zip(beta, nearest, strict=True)
     ]
-    index[candidates] = np.where(
-        before[candidates] | (differing <= _MOST_DIFFERING[form]), nearest, -1
-    )
+    index[candidates] = np.where(before[candidates] | (differing <= _MOST_DIFFERING), nearest, -1)
     return index
 
 

@@ -172,7 +172,7 @@ def writable(
     return fits
 
 
-def encode(scene: Scene, format: SvgFormat) -> EncodedScene:
+def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     """Numbers of the SVG of a scene; depends on nothing but the two arguments.
 
     Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out, as are
@@ -180,9 +180,9 @@ def encode(scene: Scene, format: SvgFormat) -> EncodedScene:
     others that are, and for such a canvas.
     """
     check_canvas(scene)
-    scene = snapped(scene, format.form)
+    scene = snapped(scene, svg_format.form)
     plain, blur = is_plain(scene), drawn_blurs(scene)
-    blurred = ~plain & (blur >= 0) & (format.form != GRADIENT)
+    blurred = ~plain & (blur >= 0) & (svg_format.form != GRADIENT)
     shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.betas), color])
@@ -205,18 +205,18 @@ def encode(scene: Scene, format: SvgFormat) -> EncodedScene:
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
         scene.factor * radius[:, None, None], scene.mean,
     )  # fmt: skip
-    fits = writable(scene, radius, format.precision, unit)
-    layers = _layers(discs, fits, scene.rounds, format)
+    fits = writable(scene, radius, svg_format.precision, unit)
+    layers = _layers(discs, fits, scene.rounds, svg_format)
     drawn = [ellipse for _, ellipses in layers for ellipse in ellipses]
     fills_used, filters_used = {e.fill for e in drawn}, {e.filter for e in drawn}
     return EncodedScene(
         width=number(scene.width, 3),
         height=number(scene.height, 3),
-        view_width=number(scene.width / format.precision, 6),
-        view_height=number(scene.height / format.precision, 6),
+        view_width=number(scene.width / svg_format.precision, 6),
+        view_height=number(scene.height / svg_format.precision, 6),
         background=_background(scene),
         gradients=tuple(
-            _gradient(name, BETA_CLASSES[key[0]], key[1:], format.stops)
+            _gradient(name, BETA_CLASSES[key[0]], key[1:], svg_format.stops)
             for name, key in zip(ids, shared, strict=True)
             if f"url(#{name})" in fills_used
         ),
@@ -255,22 +255,22 @@ class _Discs:
 
 
 def _layers(
-    discs: _Discs, fits: NDArray[np.bool_], rounds: NDArray[np.int32], format: SvgFormat
+    discs: _Discs, fits: NDArray[np.bool_], rounds: NDArray[np.int32], svg_format: SvgFormat
 ) -> tuple[tuple[int, tuple[Ellipse, ...]], ...]:
     """Rounds that draw something, and what they draw."""
     layers = []
     for layer in np.unique(rounds).tolist():
         members = np.flatnonzero((rounds == layer) & fits).tolist()
-        ellipses = (_ellipse(discs, i, format) for i in members)
+        ellipses = (_ellipse(discs, i, svg_format) for i in members)
         drawn = tuple(ellipse for ellipse in ellipses if ellipse is not None)
         if drawn:
             layers.append((layer, drawn))
     return tuple(layers)
 
 
-def _ellipse(discs: _Discs, i: int, format: SvgFormat) -> Ellipse | None:
-    matrix = matrix_text(discs.factor[i], discs.mean[i], format.precision, int(discs.unit[i]))
-    shown = number(discs.opacity[i], format.opacity_decimals)
+def _ellipse(discs: _Discs, i: int, svg_format: SvgFormat) -> Ellipse | None:
+    matrix = matrix_text(discs.factor[i], discs.mean[i], svg_format.precision, int(discs.unit[i]))
+    shown = number(discs.opacity[i], svg_format.opacity_decimals)
     if shown == "0" or not matrix:
         return None
     return Ellipse(

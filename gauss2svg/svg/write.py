@@ -44,7 +44,7 @@ _SUM, _TRANSFER = "summed", "transfer"  # ids: longer than those of gradients
 
 
 def write_svg(
-    scene: Scene, format: SvgFormat | None = None, document: Document | None = None
+    scene: Scene, svg_format: SvgFormat | None = None, document: Document | None = None
 ) -> str:
     """The SVG text of a scene; depends on nothing but the scene, the format and the document.
 
@@ -57,11 +57,11 @@ def write_svg(
     Raises InputError for an additive scene with segments, animation or fragments, and for a
     document whose segments or size are yet to be found in a photo.
     """
-    format, document = format or SvgFormat(), document or Document()
+    svg_format, document = svg_format or SvgFormat(), document or Document()
     if scene.blend == ADD:
-        return _write_sum(scene, format, document)
+        return _write_sum(scene, svg_format, document)
     scene = grouped_by_segment(scene, document.labels)
-    encoded = encode(scene, format)
+    encoded = encode(scene, svg_format)
     ellipses = [ellipse for _, of_round in encoded.layers for ellipse in of_round]
     drawing = _root(document, scene, (encoded.view_width, encoded.view_height), len(ellipses))
     for gradient in encoded.gradients:
@@ -106,14 +106,14 @@ def outline_svg(
     return _text(drawing)
 
 
-def _write_sum(scene: Scene, format: SvgFormat, document: Document) -> str:
+def _write_sum(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
     if document.segments is not None:
         raise _not_for_sums("segments", "its layers are the phases of the sum")
     if document.animate is not None:
         raise _not_for_sums("animation", "its parts are no pictures until all are drawn")
     if document.fragments:
         raise _not_for_sums("fragments", "its layers are phases, and no rounds")
-    encoded = encode_sum(scene, format)
+    encoded = encode_sum(scene, svg_format)
     count = sum(len(phase.discs) for phase in encoded.phases)
     drawing = _root(document, scene, (encoded.view_width, encoded.view_height), count)
     # Two sums inline in one page keep their own transfer.
