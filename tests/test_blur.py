@@ -91,7 +91,7 @@ def test_no_other_exponent_scale_or_peak_errs_less():
 
 @pytest.mark.parametrize("ratio", [0.4, 17.0])
 def test_ratios_that_no_profile_is_like_are_refused(ratio):
-    with pytest.raises(InputError, match=r"needed is 0\.5\.\.16"):
+    with pytest.raises(InputError, match=r"must be 0\.5\.\.16"):
         blur_of(ratio)
 
 
@@ -196,7 +196,7 @@ def test_renderer_that_cannot_draw_blurs_is_refused_before_the_fit(renderer, pho
     with pytest.raises(RendererError, match="--renderer chromium"):
         vectorize(photo, form=BLUR, renderer=renderer, progress=steps.append)
     assert not steps
-    with pytest.raises(RendererError, match="needed is one of chromium"):
+    with pytest.raises(RendererError, match="must be one of chromium"):
         rasterize(write_svg(large_scene(40, 3), SvgFormat(form=BLUR)), 90, 70, renderer)
 
 

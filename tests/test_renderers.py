@@ -99,7 +99,7 @@ def test_nothing_of_the_file_runs_and_nothing_is_loaded(renderer):
 
 
 def test_pictures_that_are_too_large_are_refused_unread():
-    with pytest.raises(RendererError, match="196 million; needed are at most 179") as caught:
+    with pytest.raises(RendererError, match=r"at most 179 .* 196 million") as caught:
         rasterize("", 14_000, 14_000)
     assert "\n" not in str(caught.value)
 
@@ -134,7 +134,9 @@ def test_a_chromium_that_does_not_start_is_one_line_with_its_complaint(monkeypat
     monkeypatch.setenv(chromium.PROGRAM_VARIABLE, str(tmp_path / "chromium"))
     monkeypatch.setattr(chromium, "_started", None)
     try:
-        with pytest.raises(RendererError, match=r"did not start: no libfoo.so; reinstall") as got:
+        with pytest.raises(
+            RendererError, match=r"did not start: no libfoo.so. Try to reinstall"
+        ) as got:
             rasterize(GREEN, 4, 3, "chromium")
     finally:
         chromium._worker().close()
@@ -145,7 +147,7 @@ def test_a_chromium_that_does_not_start_is_one_line_with_its_complaint(monkeypat
 def test_playwright_that_hangs_is_refused(have, refused, monkeypatch):
     pytest.importorskip("playwright")
     monkeypatch.setattr(chromium.importlib.metadata, "version", lambda _: have)
-    with pytest.raises(RendererError, match=r"needed is 1\.58") if refused else nullcontext():
+    with pytest.raises(RendererError, match=r"at least 1\.58") if refused else nullcontext():
         chromium._playwright()
 
 
@@ -159,7 +161,7 @@ def test_missing_playwright_is_one_line_that_says_what_to_install(monkeypatch):
 def test_a_named_chromium_that_is_none_is_an_error(monkeypatch, tmp_path):
     pytest.importorskip("playwright")
     monkeypatch.setenv(chromium.PROGRAM_VARIABLE, str(tmp_path))
-    with pytest.raises(RendererError, match="needed is the path of a Chromium"):
+    with pytest.raises(RendererError, match="must be the path of a Chromium"):
         renderer_version("chromium")
 
 
@@ -199,7 +201,9 @@ def test_a_large_file_is_drawn_by_chromium(browser):
 @pytest.mark.skipif(os.name != "posix", reason="a shell script stands in for a program")
 def test_a_program_that_hangs_or_fails_is_an_error_and_its_children_end(tmp_path):
     mark = tmp_path / "mark"
-    with pytest.raises(RendererError, match=r"sh cannot draw the SVG in 0.3 s; draw it smaller"):
+    with pytest.raises(
+        RendererError, match=r"sh cannot draw the SVG in 0.3 s. Try to draw it smaller"
+    ):
         program.run(["sh", "-c", f"(sleep 1; touch {mark}) & wait"], timeout_s=0.3)
     with pytest.raises(RendererError, match=r"sh cannot draw the SVG: why \(exit status 3\)"):
         program.run(["sh", "-c", "echo no >&2; echo why >&2; exit 3"])
@@ -233,7 +237,7 @@ def test_a_blur_that_is_not_refused_is_drawn_as_chromium_draws_it(name, browser)
     straight, sheared = (SVG.format(BLUR.format(m)) for m in ("6 0 0 3 20 15", "6 3 0 4 20 15"))
     svg = straight if refusal(sheared, 160, 120, name) else sheared
     if refusal(svg, 160, 120, name):
-        with pytest.raises(RendererError, match="cannot draw what the SVG uses: a blur"):
+        with pytest.raises(RendererError, match="for what the SVG uses, a blur"):
             rasterize(svg, 160, 120, name)
         return
     needs(name)
@@ -282,7 +286,7 @@ def test_what_a_file_uses_is_refused_by_those_who_do_not_draw_it(inside, refused
 @pytest.mark.parametrize("turn", ["rotate(1e999)", "skewX(-1e999)", "matrix(1 0 0 1e999 0 0)"])
 def test_endless_numbers_in_a_file_of_blurs_are_one_line(turn):
     svg = SVG.format(f'><g transform="{turn}" style="filter:blur(2px)"/>')
-    with pytest.raises(RendererError, match="needed are finite ones") as caught:
+    with pytest.raises(RendererError, match="must have finite numbers") as caught:
         rasterize(svg, 40, 30, "resvg")
     assert "\n" not in str(caught.value)
     huge = SVG.format('><g transform="matrix(1e200 0 1e200 1e200 0 0)" style="filter:blur(2px)"/>')
@@ -290,7 +294,7 @@ def test_endless_numbers_in_a_file_of_blurs_are_one_line(turn):
 
 
 def test_half_a_character_is_refused_at_once(renderer):
-    with pytest.raises(RendererError, match=f"{renderer} cannot draw the SVG: its character"):
+    with pytest.raises(RendererError, match="text that a file can hold; got a lone surrogate"):
         rasterize(SVG.format("><title>\ud800</title>"), 4, 3, renderer)
 
 
@@ -333,7 +337,7 @@ def test_difference_is_drawn_exactly_or_refused(renderer):
         '<rect width="40" height="30" fill="#609030" style="mix-blend-mode:difference"/>'
     )
     if renderer == "cairo":
-        with pytest.raises(RendererError, match="needed is one of resvg, chromium"):
+        with pytest.raises(RendererError, match="must be one of resvg, chromium"):
             rasterize(svg, 40, 30, renderer)
     else:
         drawn = rasterize(svg, 40, 30, renderer)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, whole_number
+from gauss2svg.errors import InputError, must_be, whole_number
 from gauss2svg.measure import metrics
 from gauss2svg.measure.drawing import draw
 from gauss2svg.measure.frame import Frame, frame_of
@@ -141,10 +141,8 @@ def check(
     most_bytes = byte_size("max_svg_bytes", max_svg_bytes)
     whole_number("max_elements", max_elements, 1, 2**31)
     if not 0 < draw_timeout <= LONGEST_DRAW_TIMEOUT_S:
-        raise InputError(
-            f"draw_timeout is {draw_timeout}; needed are seconds above 0, up to "
-            f"{LONGEST_DRAW_TIMEOUT_S:g}"
-        )
+        needed = f"above 0 s and at most {LONGEST_DRAW_TIMEOUT_S:g} s"
+        raise InputError(must_be("draw_timeout", needed, draw_timeout))
     drawn_by = renderer_version(renderer)
     matted = None if matte is None else matte_color(matte)
     picture = load_image(photo, max_pixels=max_pixels, matte=matted)
@@ -155,7 +153,7 @@ def check(
     box = " ".join(f"{v!r}" for v in frame.view_box)
     sized = stretched(text, picture.width, picture.height, box)
     if sized is None:
-        raise InputError("SVG has a root that cannot be read; save it as plain SVG")
+        raise InputError("root of the SVG must be readable. Try to save it as plain SVG")
     raster = draw(sized, picture.width, picture.height, renderer, draw_timeout, wanted.shape[2])
     measured = measure_pixels(raster, wanted)
     measurable = min(picture.width, picture.height) >= metrics.LEAST_SIDE_FOR_MS_SSIM
@@ -191,17 +189,17 @@ def _notes(surveyed: Survey, frame: Frame, width: int, height: int, renderer: st
     for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
         if not _fits(own, (width, height)):
             notes.append(
-                f"{name} is {own[0]:g}x{own[1]:g}, of other proportions than the photo: stretched "
-                f"to {width}x{height} px"
+                f"{name} is {own[0]:g}x{own[1]:g}, not in the photo's proportions: stretched to "
+                f"{width}x{height} px"
             )
-            break  # one distortion is told once
+            break  # one distortion is reported once
     if texts := surveyed.tags.get("text", 0):
         if renderer == "resvg":
             notes.append(f"text ({texts}) is not drawn: resvg gets no fonts; convert it to paths")
         else:
             notes.append(f"text ({texts}) is drawn in the fonts of this machine")
     if pictures := surveyed.tags.get("image", 0) + surveyed.tags.get("feImage", 0):
-        notes.append(f"embedded pictures ({pictures}) are scored as well: not only shapes")
+        notes.append(f"embedded images ({pictures}) are measured as well: not only shapes")
     notes += [
         f"{tag} ({surveyed.tags[tag]}) is left out by the renderer"
         for tag in _LEFT_OUT

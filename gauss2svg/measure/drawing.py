@@ -20,7 +20,7 @@ from gauss2svg.raster import rasterize, rasterize_rgba
 
 _REFUSED = 2
 _COMMAND = (sys.executable, "-P", "-m", "gauss2svg.measure.drawing")
-_ENDING_S = 5.0  # in which a process that is told to end can end what it has started
+_ENDING_S = 5.0  # in which a process that is asked to end can end what it has started
 
 
 def draw(
@@ -42,15 +42,15 @@ def draw(
             drawn, complaint = process.communicate(svg.encode(), timeout_s)
         except subprocess.TimeoutExpired as error:
             raise RendererError(
-                f"{renderer} has not drawn the SVG in {timeout_s:g} s; give a longer "
-                "--draw-timeout, or try another --renderer"
+                f"{renderer} has not drawn the SVG in {timeout_s:g} s. Try a longer "
+                "--draw-timeout, or another --renderer"
             ) from error
         finally:
             _end(process)
     if process.returncode < 0:
         raise RendererError(
-            f"{renderer} crashed on the SVG ({signal.Signals(-process.returncode).name}); nest its "
-            "groups less deeply, or try another --renderer"
+            f"{renderer} crashed on the SVG ({signal.Signals(-process.returncode).name}). Try "
+            "groups that are nested less deeply, or another --renderer"
         )
     if process.returncode:
         said = complaint[-4000:].decode(errors="replace").strip().splitlines()
@@ -79,13 +79,13 @@ def _end(process: subprocess.Popen[bytes]) -> None:
         process.kill()
 
 
-def _told_to_end(*_: object) -> None:
+def _end_on_request(*_: object) -> None:
     sys.exit(_REFUSED)
 
 
 def main() -> int:
     """Read the SVG from standard input, write its pixels to standard output as float32."""
-    signal.signal(signal.SIGTERM, _told_to_end)
+    signal.signal(signal.SIGTERM, _end_on_request)
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # a library may chat; the pixels are all that goes to standard output
@@ -95,7 +95,7 @@ def main() -> int:
     except Gauss2SvgError as error:
         return _refuse(str(error))
     except MemoryError:
-        return _refuse(f"{renderer} is out of memory; draw the SVG smaller, or simplify it")
+        return _refuse(f"{renderer} is out of memory. Try a smaller or simpler SVG")
     except Exception as error:  # a mistake of ours or of a library's; the cause is its class
         return _refuse(f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}")
     with answer:

@@ -10,8 +10,9 @@ from xml.etree.ElementTree import ParseError
 from defusedxml.common import DefusedXmlException, DTDForbidden
 from defusedxml.ElementTree import DefusedXMLParser
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.measure.references import MOST_EMBEDDED_PIXELS, check_css, check_link
+from gauss2svg.raster.css import MOST_CSS
 
 SVG_NAMESPACE = "http://www.w3.org/2000/svg"
 _SVG = f"{{{SVG_NAMESPACE}}}"
@@ -61,12 +62,16 @@ def survey(text: str, most_elements: int) -> Survey:
             begin, end = end, 2 * end
         parser.close()
     except DefusedXmlException as error:
-        what = "entities" if not isinstance(error, DTDForbidden) else "a document type of its own"
+        what = "a document type of its own" if isinstance(error, DTDForbidden) else "entities"
         raise InputError(
-            f"SVG defines {what}, which may make it grow without end; save it as plain SVG"
+            must_be(
+                "SVG", "a document that cannot expand", shown(what), "to re-save it as plain SVG"
+            )
         ) from error
     except (ParseError, UnicodeEncodeError) as error:
-        raise InputError(f"SVG is no well-formed XML: {error}; save it anew") from error
+        raise InputError(
+            must_be("SVG", "well-formed XML", shown(error), "to re-save it")
+        ) from error
     return Survey(dict(counter.tags.most_common()), counter.layers, counter.root, counter.qualified)
 
 
@@ -90,21 +95,25 @@ class _Counter:
         self.qualified = False
         self._most = most_elements
         self._count = 0
-        self._pixels = 0
+        self._pixels = self._tokenized = 0
         self._css: list[str] | None = None
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         name = tag.removeprefix(_SVG)
         if not self._count:
             if name != "svg":
-                raise InputError(f"root element is <{name[:80]}>; needed is <svg>")
+                raise InputError(must_be("root element", "<svg>", shown(f"<{name[:80]}>")))
             self.root = dict(attributes)
             self.qualified = tag != name
         self._count += 1
         if self._count > self._most:
             raise InputError(
-                f"SVG has more than {self._most} elements; raise --max-elements if it is to be "
-                "trusted"
+                must_be(
+                    "SVG",
+                    f"of at most {self._most} elements",
+                    shown("more"),
+                    "to raise --max-elements if you trust the file",
+                )
             )
         self.tags[name] += 1
         self.layers += attributes.get(_GROUP_MODE) == "layer"
@@ -114,8 +123,20 @@ class _Counter:
         for key, value in attributes.items():
             if key.rpartition("}")[2] in _LINKS:
                 self._follow(local, value)
-            elif "(" in value and ("\\" in value or "url(" in value.lower()):
-                check_css(value)
+            elif "(" in value:
+                self._check_css(value)
+
+    def _check_css(self, text: str) -> None:
+        self._tokenized += check_css(text)
+        if self._tokenized > MOST_CSS:
+            raise InputError(
+                must_be(
+                    "CSS in the SVG",
+                    f"at most {MOST_CSS} characters where it has escapes, imports or addresses",
+                    self._tokenized,
+                    "to save it as plain SVG",
+                )
+            )
 
     def _follow(self, tag: str, target: str) -> None:
         if tag == "a":
@@ -123,8 +144,12 @@ class _Counter:
         self._pixels += check_link(tag, target)
         if self._pixels > MOST_EMBEDDED_PIXELS:
             raise InputError(
-                f"pictures in the SVG have more than {MOST_EMBEDDED_PIXELS} px together; shrink "
-                "them first"
+                must_be(
+                    "images in the SVG",
+                    f"of at most {MOST_EMBEDDED_PIXELS} px together",
+                    self._pixels,
+                    "to shrink them before embedding them",
+                )
             )
 
     def data(self, text: str) -> None:
@@ -133,12 +158,12 @@ class _Counter:
 
     def end(self, tag: str) -> None:
         if self._css is not None and tag.removeprefix(_SVG) == "style":
-            check_css("".join(self._css))
+            self._check_css("".join(self._css))
             self._css = None
 
     def pi(self, target: str, _data: Any = None) -> None:
         if target.split()[0] == "xml-stylesheet":
-            check_css("@import")
+            self._check_css("@import")
 
     def close(self) -> None:
         pass

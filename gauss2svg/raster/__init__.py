@@ -8,10 +8,11 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, RendererError
+from gauss2svg.errors import InputError, RendererError, must_be, shown
 from gauss2svg.photo.alpha import has_alpha, over
 from gauss2svg.photo.image import MOST_PIXELS
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
+from gauss2svg.raster.program import wrong_size
 from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import DRAW_BLENDS, DRAW_TURNED_BLURS, refuse_unsupported
 
@@ -52,7 +53,7 @@ DEFAULT_RENDERER = "resvg"  # embedded in a wheel, nothing to install, quick and
 
 def _renderer(name: str) -> _Renderer:
     if name not in _RENDERERS:
-        raise InputError(f"renderer is {name!r}; needed is one of {', '.join(RENDERERS)}")
+        raise InputError(must_be("renderer", f"one of {', '.join(RENDERERS)}", name))
     return _RENDERERS[name]
 
 
@@ -95,22 +96,16 @@ def rasterize_like(
 
 def _drawn(svg: str, width: int, height: int, renderer: str, draw: _Draw) -> NDArray[np.float32]:
     if width * height > MOST_PIXELS:  # than any photo has
-        raise RendererError(
-            f"{width}x{height} px are {width * height / 1e6:.0f} million; needed are at most "
-            f"{MOST_PIXELS / 1e6:.0f}: draw the SVG smaller"
-        )
+        needed = f"at most {MOST_PIXELS / 1e6:.0f} million px"
+        got = shown(f"{width}x{height}, {width * height / 1e6:.0f} million")
+        raise RendererError(must_be("the raster", needed, got, "to draw the SVG smaller"))
     try:
         svg.encode()
     except UnicodeEncodeError as error:
-        raise RendererError(
-            f"{renderer} cannot draw the SVG: its character {error.start} is half of a pair "
-            "(a lone surrogate), which no file can hold; remove it"
-        ) from error
+        got = shown(f"a lone surrogate as character {error.start}")
+        raise RendererError(must_be("the SVG", "text that a file can hold", got)) from error
     refuse_unsupported(svg, width, height, renderer)
     drawn = draw(stretched(svg, width, height) or svg, width, height)
     if drawn.shape[:2] != (height, width):
-        raise RendererError(
-            f"{renderer} drew {drawn.shape[1]}x{drawn.shape[0]} px; needed is {width}x{height}: "
-            "give the SVG a viewBox"
-        )
+        raise wrong_size(f"raster of {renderer}", drawn.shape[1::-1], (width, height))
     return drawn

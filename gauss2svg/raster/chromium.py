@@ -38,16 +38,16 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import RendererError
+from gauss2svg.errors import RendererError, must_be
 from gauss2svg.photo.alpha import straight
 from gauss2svg.raster.html import CLEAR, IMAGE, WHITE, html
-from gauss2svg.raster.program import TIMEOUT_S, find, version_line
+from gauss2svg.raster.program import TIMEOUT_S, find, version_line, wrong_size
 
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 _PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _INSTALL = (
-    "renderer chromium needs Playwright (pip install 'gauss2svg[browser]') and a browser "
-    "(apt-get install chromium); install them, or use --renderer resvg"
+    "renderer chromium needs Playwright and a browser. Try to install them (pip install "
+    "'gauss2svg[browser]', apt-get install chromium), or --renderer resvg"
 )
 # Without the profile the colours depend on the machine's screen. Reduced motion shows animated
 # files as they end; asked for a page alone, it does not reach the picture in it.
@@ -91,8 +91,8 @@ def _playwright() -> Any:
         return sync_api
     if tuple(int(part) for part in re.findall(r"\d+", have)[:2]) < _LEAST_PLAYWRIGHT:
         raise RendererError(
-            f"renderer chromium got Playwright {have}, which hangs on small pictures; needed is "
-            f"{'.'.join(map(str, _LEAST_PLAYWRIGHT))}: pip install -U 'gauss2svg[browser]', or use "
+            f"Playwright must be at least {'.'.join(map(str, _LEAST_PLAYWRIGHT))}, as earlier ones "
+            f"hang on small images; got {have}. Try pip install -U 'gauss2svg[browser]', or "
             "--renderer resvg"
         )
     return sync_api
@@ -103,10 +103,8 @@ def _program() -> str:
     if named:
         if os.access(named, os.X_OK) and os.path.isfile(named):
             return named
-        raise RendererError(
-            f"{PROGRAM_VARIABLE} is {named!r}; needed is the path of a Chromium: correct it, or "
-            "unset it to have the one on PATH"
-        )
+        advice = "to correct it, or to unset it for the one on PATH"
+        raise RendererError(must_be(PROGRAM_VARIABLE, "the path of a Chromium", named, advice))
     return find("chromium", _PROGRAMS, "apt-get install chromium")
 
 
@@ -122,8 +120,8 @@ def launch(api: Any, playwright: Any, program: str, flags: Sequence[str] = _FLAG
         said = str(error)
         complaint = re.findall(r"\[err\] (.*\S)", said) or re.findall(r"<(process did .*)>", said)
         raise RendererError(
-            f"Chromium did not start: {complaint[-1] if complaint else _reason(error)}; reinstall "
-            f"{program}, or use --renderer resvg"
+            f"Chromium did not start: {complaint[-1] if complaint else _reason(error)}. Try to "
+            f"reinstall {program}, or --renderer resvg"
         ) from error
 
 
@@ -211,12 +209,9 @@ def _mean(context: Any, svg: str, width: int, height: int, color: str) -> NDArra
     # Not evaluate(), which would wait for a page that hangs without end.
     found = page.wait_for_function(_SIZE).json_value()
     if found == [0, 0]:
-        raise RendererError("Chromium cannot draw the SVG: no picture that it can read")
+        raise RendererError("Chromium cannot draw the SVG: not a supported image")
     if found != [width, height]:
-        raise RendererError(
-            f"chromium drew {found[0]}x{found[1]} px; needed is {width}x{height}: give the SVG a "
-            "viewBox"
-        )
+        raise wrong_size("raster of chromium", found, (width, height))
     clear = color == CLEAR
     total = np.zeros((height, width, 4), np.float32)
     for x, y in _OFFSETS:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import RendererError
+from gauss2svg.errors import RendererError, must_be, shown
 from gauss2svg.photo.alpha import from_views
 from gauss2svg.raster.html import BLACK, IMAGE, WHITE, html
 from gauss2svg.raster.png import from_png
@@ -86,20 +86,18 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
         ]
         run(command, folder=folder, environment={"HOME": name})
         if not screenshot.exists():
-            raise RendererError("Firefox cannot draw the SVG: it wrote no picture")
+            raise RendererError("Firefox cannot draw the SVG: it wrote no file")
         drawn = from_png(screenshot.read_bytes())
     verdict = drawn[height:, :width, :3]
     if drawn.shape[:2] != (height + 1, width):
-        raise RendererError(
-            f"Firefox took a screenshot of {drawn.shape[1]}x{drawn.shape[0]} px; needed is "
-            f"{width}x{height + 1}: draw it smaller, or use another --renderer"
-        )
+        got = shown(f"{drawn.shape[1]}x{drawn.shape[0]} px")
+        needed, advice = f"{width}x{height + 1} px", "to draw it smaller, or another --renderer"
+        raise RendererError(must_be("screenshot of Firefox", needed, got, advice))
     if not verdict.any():
-        raise RendererError("Firefox cannot draw the SVG: no picture that it can read")
+        raise RendererError("Firefox cannot draw the SVG: not a supported image")
     if (verdict[:, :, 1:] == 0).any():
-        raise RendererError(
-            f"Firefox drew another size; needed is {width}x{height}: give the SVG a viewBox"
-        )
+        needed, got = f"{width}x{height} px", shown("another size")
+        raise RendererError(must_be("raster of firefox", needed, got, "an SVG with a viewBox"))
     return drawn[:height]
 
 

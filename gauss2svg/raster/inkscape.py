@@ -7,7 +7,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import RendererError
+from gauss2svg.errors import RendererError, must_be, shown
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
@@ -23,10 +23,9 @@ def version() -> str:
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Pixels (height, width, 4) of the SVG."""
     if max(width, height) > _MOST_PX:
-        raise RendererError(
-            f"Inkscape cannot draw {width}x{height} px; needed is at most {_MOST_PX} px a side: "
-            "draw it smaller, or use another --renderer"
-        )
+        got, advice = shown(f"{width}x{height}"), "to draw it smaller, or another --renderer"
+        needed = f"at most {_MOST_PX} px a side"
+        raise RendererError(must_be("raster of inkscape", needed, got, advice))
     _refuse_broken(svg)
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as name:
         folder = Path(name)
@@ -45,7 +44,7 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
         drawn = folder / "drawn.png"
         # It exits with 0 also where it could not read the file.
         if not drawn.exists():
-            raise RendererError("Inkscape cannot draw the SVG: it wrote no picture")
+            raise RendererError("Inkscape cannot draw the SVG: it wrote no file")
         return from_png(drawn.read_bytes())
 
 

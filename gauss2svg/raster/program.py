@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
-from gauss2svg.errors import RendererError
+from gauss2svg.errors import RendererError, must_be, shown
 
 # Inkscape takes up to a minute for a large file of blurs; what takes longer than this hangs.
 TIMEOUT_S = 300
@@ -25,9 +25,16 @@ def find(renderer: str, names: Sequence[str], install: str) -> str:
         if path:
             return path
     raise RendererError(
-        f"renderer {renderer} needs the program {names[0]} ({install}); install it, or use "
-        "--renderer resvg"
+        f"renderer {renderer} needs the program {names[0]}; got none on PATH. Try to install it "
+        f"({install}), or --renderer resvg"
     )
+
+
+def wrong_size(what: str, got: Sequence[int], needed: Sequence[int]) -> RendererError:
+    """The error of a raster of got instead of needed (width, height) px."""
+    width, height = needed
+    shape = shown(f"{got[0]}x{got[1]} px")
+    return RendererError(must_be(what, f"{width}x{height} px", shape, "an SVG with a viewBox"))
 
 
 @cache
@@ -36,10 +43,10 @@ def version_line(path: str) -> str:
     try:
         printed = run([path, "--version"], timeout_s=_VERSION_TIMEOUT_S, task="say its version")
     except RendererError as error:
-        raise RendererError(f"{error}; install it anew, or use --renderer resvg") from error
+        raise RendererError(f"{error}. Try to reinstall it, or --renderer resvg") from error
     lines = printed.decode(errors="replace").strip().splitlines()
     if not lines:
-        raise RendererError(f"{path} --version printed nothing; install it anew")
+        raise RendererError(f"{path} --version printed nothing. Try to reinstall it")
     return lines[0].strip()
 
 
@@ -74,7 +81,7 @@ def run(
         try:
             written, complaint = process.communicate(stdin, timeout_s)
         except subprocess.TimeoutExpired as error:
-            advice = "; draw it smaller, or use another --renderer" if task == _DRAWING else ""
+            advice = ". Try to draw it smaller, or another --renderer" if task == _DRAWING else ""
             raise RendererError(f"{name} cannot {task} in {timeout_s:g} s{advice}") from error
         finally:  # also at an interrupt, which a group of its own does not get
             _end(process)

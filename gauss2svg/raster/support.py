@@ -23,8 +23,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from xml.parsers import expat
 
-from gauss2svg.errors import RendererError
-from gauss2svg.raster.css import plain_css, without_blocks
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.raster.css import declarations, first_word, statements
 
 BROWSERS = ("chromium", "firefox")
 DRAW_TURNED_BLURS = (*BROWSERS, "inkscape")
@@ -39,15 +39,9 @@ _BLURS = ("feGaussianBlur", "feDropShadow")
 _MOVING = ("animate", "animateTransform", "animateMotion", "animateColor", "set", "discard")
 _LINKING = ("use", "image", "pattern", "filter", "linearGradient", "radialGradient")
 _XLINK_HREF = "http://www.w3.org/1999/xlink href"
-_PROPERTY = r"(?:^|(?<=[\s;{]))(?:-webkit-)?"
-_VALUE = r"\s*:\s*(?!(?:none|normal|inherit|initial|unset)\b)[^\s;}]"
-_FILTERED = re.compile(rf"{_PROPERTY}filter{_VALUE}")
-_BLURRED = re.compile(r"\b(?:blur|drop-shadow)\s*\(")
-_BLENDED = re.compile(rf"{_PROPERTY}mix-blend-mode{_VALUE}")
-_LIGHTER = re.compile(rf"{_PROPERTY}mix-blend-mode\s*:\s*plus-")
-_ANIMATED = re.compile(rf"{_PROPERTY}animation(?:-name)?{_VALUE}|@starting-style")
-# The browsers are told that less motion is preferred.
-_WELCOME = re.compile(r"@media\s*\(\s*prefers-reduced-motion\s*:\s*no-preference\s*\)\s*\{")
+_UNUSED = ("none", "normal", "inherit", "initial", "unset")  # values that switch a property off
+# CSS without any of these is not parsed; an escape could hide a word.
+_CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
 _CALL = re.compile(r"\b(\w++)\s*+\(([^()]*+)\)")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 # Of the matrix's length: an element turned by so little is as true as one that is not.
@@ -64,8 +58,8 @@ def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> None
     for uses, drawn_by in _limits(svg, width, height):
         if renderer not in drawn_by:
             raise RendererError(
-                f"{renderer} cannot draw what the SVG uses: {uses}; needed is one of "
-                f"{', '.join(drawn_by)}: try --renderer {drawn_by[0]}"
+                f"renderer must be one of {', '.join(drawn_by)} for what the SVG uses, {uses}; got "
+                f"{renderer}. Try --renderer {drawn_by[0]}"
             )
 
 
@@ -111,15 +105,30 @@ class _Uses:
     plain_href: bool = False
     moving: bool = False
 
-    def add_css(self, text: str) -> bool:
-        """Add what a style sheet or attribute uses; whether it filters."""
-        text = plain_css(text).lower()
-        filtered = bool(_FILTERED.search(text))
-        self.filter |= filtered
-        self.blur |= filtered and bool(_BLURRED.search(text))
-        self.lighter |= bool(_LIGHTER.search(text))
-        self.blended |= bool(_BLENDED.search(text))
-        self.moving |= bool(_ANIMATED.search(without_blocks(text, _WELCOME)))
+    def add_css(self, text: str, is_sheet: bool = False) -> bool:
+        """Add what a style sheet or attribute uses; True if it filters."""
+        lowered = text.lower()
+        if not any(word in lowered for word in _CSS_WORDS):
+            return False
+        filtered = False
+        for node in statements(text, is_sheet):
+            if node.type == "at-rule":
+                self.moving |= node.lower_at_keyword == "starting-style"
+                continue
+            name, first = node.lower_name.removeprefix("-webkit-"), first_word(node.value)
+            if first in _UNUSED:
+                continue
+            if name == "filter":
+                filtered = self.filter = True
+                self.blur |= any(
+                    token.type == "function" and token.lower_name in ("blur", "drop-shadow")
+                    for token in node.value
+                )
+            elif name == "mix-blend-mode":
+                self.blended = True
+                self.lighter |= first.startswith("plus-")
+            elif name in ("animation", "animation-name"):
+                self.moving = True
         return filtered
 
 
@@ -164,8 +173,10 @@ class _Survey:
 
     def _transform(self, transform: str, style: str, filtered: bool) -> None:
         matrix = self._matrices[-1]
-        for text in (transform, style if "transform" in style else ""):
-            matrix = _times(matrix, _parsed(text)) if text else matrix
+        if transform:
+            matrix = _times(matrix, _product(_attribute_calls(transform)))
+        if "transform" in style.lower():
+            matrix = _times(matrix, _product(_style_calls(style)))
         self._matrices.append(matrix)
         if not _is_straight(matrix):
             sheared = not _keeps_circles(matrix)
@@ -180,7 +191,7 @@ class _Survey:
     def end(self, name: str) -> None:
         self._matrices.pop()
         if self._sheet is not None and name.rpartition(" ")[2] == "style":
-            self._by_sheet |= self.uses.add_css("".join(self._sheet))
+            self._by_sheet |= self.uses.add_css("".join(self._sheet), is_sheet=True)
             self._sheet = None
 
     def close(self) -> _Uses:
@@ -199,8 +210,12 @@ def _uses(svg: str, width: int, height: int) -> _Uses:
     parser.EndElementHandler = survey.end
     try:
         parser.Parse(svg.encode(), True)
+    except InputError as error:
+        raise RendererError(f"cannot draw the SVG: {error}") from error
     except expat.ExpatError as error:
-        raise RendererError(f"cannot draw the SVG: it is no XML, {error}; save it anew") from error
+        raise RendererError(
+            f"cannot draw the SVG: it must be well-formed XML; got {error}. Try to re-save it"
+        ) from error
     return survey.close()
 
 
@@ -229,20 +244,39 @@ _CALLS: dict[str, Callable[[list[float]], _Matrix]] = {
     "matrix": lambda v: (v[0], v[1], v[2], v[3]),
     "scale": lambda v: (v[0], 0.0, 0.0, v[-1]),
     "rotate": _turn,
-    "skewX": lambda v: (1.0, 0.0, math.tan(math.radians(v[0])), 1.0),
-    "skewY": lambda v: (1.0, math.tan(math.radians(v[0])), 0.0, 1.0),
+    "skewx": lambda v: (1.0, 0.0, math.tan(math.radians(v[0])), 1.0),
+    "skewy": lambda v: (1.0, math.tan(math.radians(v[0])), 0.0, 1.0),
 }
+_DEGREES = {"grad": 0.9, "rad": math.degrees(1), "turn": 360.0}
 
 
-def _parsed(transform: str) -> _Matrix:
-    """The product of a transform list; what moves only, or cannot be read, is left out."""
-    product: _Matrix = (1.0, 0.0, 0.0, 1.0)
+def _attribute_calls(transform: str) -> Iterator[tuple[str, list[float]]]:
+    """Functions of a transform attribute by name, with their numbers."""
     for name, text in _CALL.findall(transform):
-        numbers = [float(n) for n in _NUMBER.findall(text)]
+        yield name.lower(), [float(n) for n in _NUMBER.findall(text)]
+
+
+def _style_calls(style: str) -> Iterator[tuple[str, list[float]]]:
+    """Functions of the transform property of a style, with their numbers; angles in degrees."""
+    for declaration in declarations(style):
+        for call in declaration.value if declaration.lower_name == "transform" else ():
+            if call.type == "function":
+                numbers = (n for n in call.arguments if n.type in ("number", "dimension"))
+                factor = _DEGREES.get
+                yield (
+                    call.lower_name,
+                    [n.value * factor(getattr(n, "lower_unit", ""), 1.0) for n in numbers],
+                )
+
+
+def _product(calls: Iterator[tuple[str, list[float]]]) -> _Matrix:
+    """The product of a transform list; translations and unknown functions are left out."""
+    product: _Matrix = (1.0, 0.0, 0.0, 1.0)
+    for name, numbers in calls:
         if not all(map(math.isfinite, numbers)):
             raise RendererError(
-                f"cannot draw the SVG: its transform {name}({text[:40]}) holds numbers beyond all "
-                "that renderers compute with; needed are finite ones"
+                f"transform of the SVG must have finite numbers; got {name} of {numbers[:6]}. Try "
+                "smaller ones"
             )
         if name in _CALLS and len(numbers) >= (4 if name == "matrix" else 1):
             product = _times(product, _CALLS[name](numbers))

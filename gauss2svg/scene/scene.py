@@ -12,7 +12,7 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import Gauss2SvgError, InputError, SceneError
+from gauss2svg.errors import Gauss2SvgError, InputError, SceneError, must_be, shown
 from gauss2svg.files import write_atomically
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
@@ -35,10 +35,10 @@ _FORMAT_VERSION = 3
 _LACKING = {1: ("beta", "transparent"), 2: ("transparent",), _FORMAT_VERSION: ()}
 # What to do about a value out of range, where clipping it would draw something else.
 _ADVICE = {
-    "mean": "drop what lies so far off, or scale the scene down",
-    "sigma": "clip it, scale the scene, or drop the Gaussian",
-    "rho": "clip it to RHO_LIMIT",
-    "round_index": "number the rounds from 0 on",
+    "mean": "to drop what lies so far off, or to scale the scene down",
+    "sigma": "to clip it, to scale the scene, or to drop the Gaussian",
+    "rho": "to clip it to RHO_LIMIT",
+    "round_index": "to number the rounds from 0",
 }
 
 
@@ -96,7 +96,7 @@ class Scene:
         self._freeze("sigma", (count, 2), LEAST_SIGMA, MOST_SIGMA)
         self._freeze("rho", (count,), -RHO_LIMIT, RHO_LIMIT)
         if self.blend not in BLENDS:
-            raise SceneError(f"scene blend is {self.blend!r}; needed is one of {BLENDS}")
+            raise SceneError(must_be("scene blend", f"one of {', '.join(BLENDS)}", self.blend))
         low, high = (-MOST_SIGNED, MOST_SIGNED) if self.blend == ADD else (0, 1)
         self._freeze("color", (count, 3), low, high)
         self._freeze("opacity", (count,), 0, 1)
@@ -109,19 +109,28 @@ class Scene:
         self._freeze("round_index", (count,), 0, np.inf, np.int32)
         if count and np.any(np.diff(self.rounds) < 0):
             raise SceneError(
-                "scene round_index decreases; needed is painter's order with later rounds on top"
+                must_be(
+                    "scene round_index",
+                    "in painter's order, with later rounds on top",
+                    shown("numbers that decrease"),
+                )
             )
         if self.blend == ADD and ((self.opacity != 1).any() or (self.betas != 1).any()):
             raise SceneError(
-                "scene blend is 'add', with an opacity or a beta that is not 1; needed are "
-                "Gaussians of eight parameters: fold the opacity into the colour"
+                must_be(
+                    "opacity and beta of an additive scene",
+                    "1",
+                    shown("another number"),
+                    "to multiply the colour by the opacity",
+                )
             )
         if not isinstance(self.transparent, bool):
-            raise SceneError(f"scene transparent is {self.transparent!r}; needed is True or False")
+            raise SceneError(must_be("scene transparent", "True or False", self.transparent))
         if self.blend == ADD and self.transparent:
             raise SceneError(
-                "scene blend is 'add', and transparent; needed is a background, for signed colours "
-                "cover nothing: give it one, or blend 'over'"
+                must_be(
+                    "blend of a transparent scene", f"{OVER!r}", self.blend, "to give a background"
+                )
             )
 
     def _side(self, name: str) -> float:
@@ -132,11 +141,8 @@ class Scene:
         except (TypeError, ValueError, OverflowError):
             value = None
         if value is None or not LEAST_CANVAS <= value <= MOST_CANVAS:
-            got = f"{given!r:.80}" if value is None else value
-            raise SceneError(
-                f"scene {name} is {got}; needed is a number in {LEAST_CANVAS:g}..{MOST_CANVAS:g} "
-                "px: scale the scene"
-            )
+            needed = f"a number in {LEAST_CANVAS:g}..{MOST_CANVAS:g} px"
+            raise SceneError(must_be(f"scene {name}", needed, given, "to scale the scene"))
         return value
 
     def _array(self, name: str, dtype: Any) -> NDArray[Any]:
@@ -145,14 +151,16 @@ class Scene:
         try:
             array = np.asarray(given)
             if np.iscomplexobj(array):
-                raise ValueError("it is complex; needed are real numbers")
+                raise ValueError("complex numbers")
             array = np.array(array, dtype=np.float64, order="C")
             if dtype is not np.float64:
                 within = np.abs(array) <= np.iinfo(dtype).max  # false of nan
                 if not (within & (array == np.round(array))).all():
-                    raise ValueError(f"needed are whole numbers up to {np.iinfo(dtype).max}")
+                    raise ValueError("others")
         except (TypeError, ValueError, OverflowError) as error:
-            raise SceneError(f"scene {name} cannot be read as {np.dtype(dtype)}: {error}") from None
+            most = "" if dtype is np.float64 else f"whole numbers up to {np.iinfo(dtype).max}"
+            needed = f"an array of {most or 'real numbers'}"
+            raise SceneError(must_be(f"scene {name}", needed, shown(error))) from None
         return array.astype(dtype, copy=False)
 
     def _freeze(
@@ -160,14 +168,13 @@ class Scene:
     ) -> None:
         array = self._array(name, dtype)
         if array.shape != shape:
-            raise SceneError(f"scene {name} has shape {array.shape}; needed is {shape}")
+            raise SceneError(must_be(f"scene {name}", f"of shape {shape}", shown(array.shape)))
         bad = ~(np.isfinite(array) & (array >= low) & (array <= high))
         if bad.any():
             at = tuple(int(i) for i in np.argwhere(bad)[0])
-            raise SceneError(
-                f"scene {name}{list(at)} is {array[at]}; needed is finite and in "
-                f"{_bound(low)}..{_bound(high)}: {_ADVICE.get(name, 'clip it')}"
-            )
+            needed = f"finite and in {_bound(low)}..{_bound(high)}"
+            advice = _ADVICE.get(name, "to clip it")
+            raise SceneError(must_be(f"scene {name}{list(at)}", needed, shown(array[at]), advice))
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
@@ -265,9 +272,7 @@ class Scene:
         differently.
         """
         if self.blend != top.blend:
-            raise SceneError(
-                f"scenes blend as {self.blend} and {top.blend}; needed is the same in both"
-            )
+            raise SceneError(must_be("blend of the upper scene", f"{self.blend!r}", top.blend))
         later = 0
         if len(self) and len(top):
             later = max(0, int(self.rounds[-1]) + 1 - int(top.rounds[0]))
@@ -282,7 +287,7 @@ class Scene:
         """
         scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
         if not (np.isfinite(scale).all() and (scale > 0).all()):
-            raise SceneError(f"scale factors are {scale.tolist()}; needed are finite, above 0")
+            raise SceneError(must_be("scale factors", "finite and above 0", scale.tolist()))
         return self.replace(
             width=self.width * scale[0],
             height=self.height * scale[1],
@@ -310,30 +315,27 @@ class Scene:
             with np.load(file, allow_pickle=False) as stored:
                 version = int(stored["format_version"])
                 if version not in _LACKING:
-                    raise InputError(
-                        f"scene file has format version {version}; needed is one of "
-                        f"{', '.join(map(str, _LACKING))}"
-                    )
+                    needed = f"one of {', '.join(map(str, _LACKING))}"
+                    raise InputError(must_be("format version of a scene file", needed, version))
                 names = {f.name for f in dataclasses.fields(cls)}.difference(_LACKING[version])
                 values = {name: stored[name] for name in names}
             for name in names & {"width", "height", "blend", "transparent"}:
                 if values[name].shape:
-                    raise InputError(
-                        f"scene file has {name} of shape {values[name].shape}; needed is one "
-                        "value: save the scene anew"
-                    )
+                    got = shown(f"shape {values[name].shape}")
+                    advice = "to save the scene again"
+                    raise InputError(must_be(f"{name} of a scene file", "one value", got, advice))
                 values[name] = values[name].item()
             values |= {name: float(values[name]) for name in ("width", "height")}
             values["blend"] = str(values["blend"])
             if not isinstance(values.setdefault("transparent", False), bool):
-                raise InputError(
-                    f"scene file has transparent {values['transparent']!r}; needed is true or "
-                    "false: save the scene anew"
-                )
+                needed, got = "true or false", values["transparent"]
+                advice = "to save the scene again"
+                raise InputError(must_be("transparent of a scene file", needed, got, advice))
         except Gauss2SvgError:
             raise
         except Exception as error:  # numpy, zipfile and zlib each raise their own
-            raise InputError(f"not a scene written by Scene.save: {error}") from error
+            got = shown(error)
+            raise InputError(must_be("scene file", "one written by Scene.save", got)) from error
         return cls(**values)
 
 

@@ -72,7 +72,7 @@ class DrawnPhase:
 
 
 @dataclass(frozen=True)
-class EncodedSum:
+class EncodedAdditive:
     """Everything that the writer puts into elements, as text.
 
     view_width, view_height  in user units
@@ -88,7 +88,7 @@ class EncodedSum:
     phases: tuple[DrawnPhase, ...]
 
 
-def encode_sum(scene: Scene, svg_format: SvgFormat) -> EncodedSum:
+def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
     """Numbers of the SVG of an additive scene; depends on nothing but the two arguments.
 
     Gaussians whose extent is written as 0 or whose colour as black are left out, as are those off
@@ -131,7 +131,7 @@ def encode_sum(scene: Scene, svg_format: SvgFormat) -> EncodedSum:
     slope = np.where(turned_over, -1, 1) * span
     level = np.where(turned_over, _WHITE - begin, begin) / _WHITE
     intercept = scene.background - slope * level + _HALF_WAY / _WHITE
-    return EncodedSum(
+    return EncodedAdditive(
         view_width=number(scene.width / svg_format.precision, 6),
         view_height=number(scene.height / svg_format.precision, 6),
         background=hex_color(np.where(first, _WHITE - begin, begin).astype(int)),

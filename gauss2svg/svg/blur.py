@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ive
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
 from gauss2svg.svg.plain import is_plain
@@ -83,10 +83,8 @@ def blur_of(ratio: float) -> Blur:
     Raises InputError for ratios outside of LEAST_RATIO..MOST_RATIO.
     """
     if not LEAST_RATIO <= ratio <= MOST_RATIO:
-        raise InputError(
-            f"it is a circle of {ratio:g} times the radius of its blur's deviation; needed is "
-            f"{LEAST_RATIO:g}..{MOST_RATIO:g}: set its blur again"
-        )
+        needed = f"{LEAST_RATIO:g}..{MOST_RATIO:g} times the deviation of its blur"
+        raise InputError(must_be("radius of the circle", needed, ratio, "to set its blur again"))
     r = np.arange(0.5, 500) / 500 * (1 + 6 / ratio)
     drawn = blurred_disc(r, ratio)
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import SceneError
+from gauss2svg.errors import SceneError, must_be, shown
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.blur import GRADIENT, blurs, drawn_blurs
@@ -116,9 +116,12 @@ def number(value: float, decimals: int) -> str:
     """
     if not abs(value) <= LARGEST_NUMBER:
         raise SceneError(
-            f"cannot write {value} into an SVG; needed are finite numbers up to "
-            f"{LARGEST_NUMBER:g}: scale the scene, drop what lies so far off, or take a coarser "
-            "precision"
+            must_be(
+                "a number in an SVG",
+                f"finite and at most {LARGEST_NUMBER:g}",
+                shown(value),
+                "to scale the scene, to drop shapes that lie so far off, or a coarser precision",
+            )
         )
     text = f"{value:.{decimals}f}"
     if "." in text:
@@ -135,10 +138,9 @@ def number(value: float, decimals: int) -> str:
 def check_canvas(scene: Scene) -> None:
     """Raise SceneError for a canvas that is too small to be written."""
     if min(scene.width, scene.height) < _SMALLEST_CANVAS:
-        raise SceneError(
-            f"canvas is {scene.width:g}x{scene.height:g} px; an SVG needs at least "
-            f"{_SMALLEST_CANVAS} px a side: scale the scene up"
-        )
+        needed = f"at least {_SMALLEST_CANVAS} px a side in an SVG"
+        got = shown(f"{scene.width:g}x{scene.height:g} px")
+        raise SceneError(must_be("canvas", needed, got, "to scale the scene up"))
 
 
 def writable(
@@ -163,11 +165,11 @@ def writable(
     if lost.any():
         i = int(lost.argmax())
         raise SceneError(
-            f"Gaussian {i}, with mean {scene.mean[i].tolist()} and sigma {scene.sigma[i].tolist()} "
-            f"px, reaches {farthest[i]:.3g} px and takes numbers up to {number[i]:.3g} at a "
-            f"precision of {precision:g} px; needed are at most {_FARTHEST:g} px and "
-            f"{LARGEST_NUMBER:g}: clip its sigma, take a coarser precision, scale the scene down, "
-            "or drop it"
+            f"Gaussian {i} must reach at most {_FARTHEST:g} px, with numbers up to "
+            f"{LARGEST_NUMBER:g}; got {farthest[i]:.3g} px and {number[i]:.3g} at a precision of "
+            f"{precision:g} px, for mean {scene.mean[i].tolist()} and sigma "
+            f"{scene.sigma[i].tolist()} px. Try to clip its sigma, to scale the scene down, to "
+            "drop the Gaussian, or a coarser precision"
         )
     return fits
 

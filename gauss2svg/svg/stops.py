@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be
 from gauss2svg.scene.falloff import cut_radius, profile
 
 STOP_COUNTS = (5, 6, 8, 10, 12)
@@ -49,8 +49,7 @@ def gradient_stops(count: int, beta: float = 1.0) -> Stops:
     Raises InputError for a count other than those in STOP_COUNTS.
     """
     if count not in STOP_COUNTS:
-        known = ", ".join(map(str, STOP_COUNTS))
-        raise InputError(f"stops is {count}; needed is one of {known}")
+        raise InputError(must_be("stops", f"one of {', '.join(map(str, STOP_COUNTS))}", count))
     return _fewest(count, float(beta))
 
 

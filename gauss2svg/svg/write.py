@@ -31,7 +31,7 @@ from svgwrite.extensions import Inkscape
 
 from gauss2svg.errors import InputError, number_within
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg.additive import Ramp, encode_sum
+from gauss2svg.svg.additive import Ramp, encode_additive
 from gauss2svg.svg.document import Document, round_id
 from gauss2svg.svg.encode import Ellipse, Filter, Gradient, encode, number
 from gauss2svg.svg.format import SvgFormat
@@ -40,7 +40,7 @@ from gauss2svg.svg.reader.canvas import CANVAS
 from gauss2svg.svg.strokes import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, Stroke, stroked
 from gauss2svg.version import __version__
 
-_SUM, _TRANSFER = "summed", "transfer"  # ids: longer than those of gradients
+_ADDITIVE, _TRANSFER = "additive", "transfer"  # ids: longer than those of gradients
 
 
 def write_svg(
@@ -59,7 +59,7 @@ def write_svg(
     """
     svg_format, document = svg_format or SvgFormat(), document or Document()
     if scene.blend == ADD:
-        return _write_sum(scene, svg_format, document)
+        return _write_additive(scene, svg_format, document)
     scene = grouped_by_segment(scene, document.labels)
     encoded = encode(scene, svg_format)
     ellipses = [ellipse for _, of_round in encoded.layers for ellipse in of_round]
@@ -91,8 +91,8 @@ def outline_svg(
     """
     document = document or Document()
     if scene.blend == ADD:
-        raise _not_for_sums(
-            "outlines", "their colours are differences, and no picture by themselves"
+        raise _not_for_additive(
+            "outlines", "their colours are differences, which show nothing by themselves"
         )
     width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
     scene = grouped_by_segment(scene, document.labels)
@@ -106,27 +106,31 @@ def outline_svg(
     return _text(drawing)
 
 
-def _write_sum(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
+def _write_additive(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
     if document.segments is not None:
-        raise _not_for_sums("segments", "its layers are the phases of the sum")
+        raise _not_for_additive("segments", "its layers are phases of drawing")
     if document.animate is not None:
-        raise _not_for_sums("animation", "its parts are no pictures until all are drawn")
+        raise _not_for_additive("animation", "it shows no picture until all is drawn")
     if document.fragments:
-        raise _not_for_sums("fragments", "its layers are phases, and no rounds")
-    encoded = encode_sum(scene, svg_format)
+        raise _not_for_additive("fragments", "its layers are phases of drawing, not rounds")
+    encoded = encode_additive(scene, svg_format)
     count = sum(len(phase.discs) for phase in encoded.phases)
     drawing = _root(document, scene, (encoded.view_width, encoded.view_height), count)
-    # Two sums inline in one page keep their own transfer.
+    # Two additive drawings inline in one page keep their own transfer.
     key = f"{zlib.crc32(repr((encoded.transfer, encoded.background)).encode()):08x}"
     drawing.defs.add(_transfer(drawing, encoded.transfer, f"{_TRANSFER}-{key}"))
     for ramp in encoded.ramps:
         drawing.defs.add(_ramp(drawing, ramp))
     # What is under the first rectangle is transparent, where a difference is what is drawn.
     drawing.add(
-        drawing.style(f"#{_SUM}-{key} circle,#{_SUM}-{key} rect{{mix-blend-mode:difference}}")
+        drawing.style(
+            f"#{_ADDITIVE}-{key} circle,#{_ADDITIVE}-{key} rect{{mix-blend-mode:difference}}"
+        )
     )
     inkscape = Inkscape(drawing)
-    group = inkscape.layer(label="Sum", id=f"{_SUM}-{key}", filter=f"url(#{_TRANSFER}-{key})")
+    group = inkscape.layer(
+        label="Additive", id=f"{_ADDITIVE}-{key}", filter=f"url(#{_TRANSFER}-{key})"
+    )
     group.add(_cover(drawing, encoded.background, id="background"))
     for index, phase in enumerate(encoded.phases):
         if phase.turned:  # beside the layers, so that one can be hidden without the other
@@ -150,10 +154,10 @@ def _cover(drawing: Any, fill: str, **attributes: str) -> Any:
     return drawing.rect(("-10%", "-10%"), ("120%", "120%"), fill=fill, **attributes)
 
 
-def _not_for_sums(what: str, why: str) -> InputError:
+def _not_for_additive(what: str, why: str) -> InputError:
     return InputError(
-        f"the scene's blend is 'add', which has no {what}: {why}; needed is 'over': write it in "
-        "the portable source-over form (--portable)"
+        f"blend of a scene with {what} must be 'over'; got 'add': {why}. Try the alpha-composited "
+        "form (--portable)"
     )
 
 

@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg.blur import blur_of, blurs
 from gauss2svg.svg.reader.affine import Affine, compose
 from gauss2svg.svg.reader.gradient import SVG, Gradient, Gradients
 from gauss2svg.svg.reader.outline import outline
-from gauss2svg.svg.reader.values import Color, color, length, numbers, quoted, reference
+from gauss2svg.svg.reader.values import Color, color, length, numbers, reference
 
 _LEAST_RATIO = 1e-6  # beyond it either way a blur is no profile of ours, nor are its logarithms
 _SAME_RATIO = 0.005  # to a known one: the rounding of a deviation that an editor wrote
@@ -61,7 +61,8 @@ def read_shape(
     key = reference(fill)
     if blur is not None:
         if key is not None or edge[0] != edge[3] or edge[1] or edge[2]:
-            raise InputError("it is blurred; needed are a plain colour and a circle for that")
+            needed = "a circle of one colour, as it is blurred"
+            raise InputError(must_be("it", needed, shown(tag), "to remove its filter"))
         deviation = _deviation(blur)
         beta, radius, peak = blurred_profile(edge[0], deviation)
         _check_region(blur, edge, deviation)
@@ -72,7 +73,8 @@ def read_shape(
     disc = gradient.disc
     if gradient.in_box:
         if edge[1] or edge[2]:
-            raise InputError("its gradient is in a tilted box; needed is userSpaceOnUse")
+            got = shown("a tilted bounding box")
+            raise InputError(must_be("units of its gradient", "userSpaceOnUse", got))
         rx, _, _, ry, cx, cy = edge
         disc = compose((2 * rx, 0.0, 0.0, 2 * ry, cx - rx, cy - ry), disc)
     disc, edge = compose(onto, disc), compose(onto, edge)
@@ -92,10 +94,8 @@ def blurred_profile(radius: float, deviation: float) -> tuple[float, float, floa
     """
     ratio = radius / deviation
     if not _LEAST_RATIO < ratio < 1 / _LEAST_RATIO:
-        raise InputError(
-            f"its radius is {radius:g} and its blur's deviation {deviation:g}; needed are such as "
-            "write_svg writes: remove its filter"
-        )
+        got = shown(f"a radius of {radius:g} and a deviation of {deviation:g}")
+        raise InputError(must_be("its blur", "one of write_svg", got, "to remove its filter"))
     blur = min(blurs(), key=lambda known: abs(math.log(ratio * known.deviation)))
     if abs(ratio * blur.deviation - 1) > _SAME_RATIO:
         blur = blur_of(ratio)
@@ -106,20 +106,23 @@ def _deviation(blur: Any) -> float:
     """Standard deviation of a filter that is one Gaussian blur; raises InputError for others."""
     steps = list(blur)
     if len(steps) != 1 or steps[0].tag != SVG + "feGaussianBlur":
-        raise InputError("its filter is no single feGaussianBlur; needed is no filter: remove it")
-    if blur.get("primitiveUnits", "userSpaceOnUse") != "userSpaceOnUse":
+        got = shown(f"{len(steps)} steps")
+        raise InputError(must_be("its filter", "one feGaussianBlur", got, "to remove it"))
+    units = blur.get("primitiveUnits", "userSpaceOnUse")
+    if units != "userSpaceOnUse":
         raise InputError(
-            f"its filter has primitiveUnits {quoted(blur.get('primitiveUnits'))}; remove it"
+            must_be("primitiveUnits of its filter", "userSpaceOnUse", units, "to remove it")
         )
     for name, needed in _STEP.items():
         if steps[0].get(name, needed) != needed:
-            raise InputError(
-                f"its blur has {name} {quoted(steps[0].get(name))}; needed is {needed or 'none'}: "
-                "remove its filter"
-            )
+            got, needed = steps[0].get(name), needed or "absent"
+            raise InputError(must_be(f"{name} of its blur", needed, got, "to remove its filter"))
     deviation = set(numbers(steps[0].get("stdDeviation", ""), "stdDeviation"))
     if len(deviation) != 1 or min(deviation) <= 0:
-        raise InputError("its stdDeviation is not one number above 0; remove its filter")
+        got = steps[0].get("stdDeviation")
+        raise InputError(
+            must_be("its stdDeviation", "one number above 0", got, "to remove its filter")
+        )
     return deviation.pop()
 
 
@@ -139,8 +142,12 @@ def _check_region(blur: Any, edge: Affine, deviation: float) -> None:
         beyond = min(center[axis] - low, low + size - center[axis]) - radius
         if beyond < _REACH * deviation:
             raise InputError(
-                f"its filter's {start} and {extent} end {beyond / deviation:.2g} of the blur's "
-                f"deviations from the circle; needed are {_REACH:g}: enlarge them"
+                must_be(
+                    f"{start} and {extent} of its filter",
+                    f"at least {_REACH:g} standard deviations around the circle",
+                    shown(f"{beyond / deviation:.2g}"),
+                    "to enlarge them",
+                )
             )
 
 
@@ -161,6 +168,7 @@ def _check_cover(edge: Affine, disc: Affine) -> None:
     minor = abs(0.5 * (math.hypot(a + d, b - c) - math.hypot(a - d, b + c)))
     if beyond * minor > _CLIPPED:
         raise InputError(
-            f"it cuts off {beyond * minor:.3g} px of its gradient; needed is all of it: move both "
-            "together (in Inkscape: switch on that gradients move along with objects), or undo"
+            "the ellipse must show all of its gradient; got one that cuts off "
+            f"{beyond * minor:.3g} px. Try to move both together (in Inkscape: switch on that "
+            "gradients move along with objects), or to undo"
         )
