@@ -19,10 +19,10 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.blur import FORMS, GRADIENT, blurs, drawn_blurs
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.plain import is_plain
 from gauss2svg.svg.reader.affine import compose, parse_transform
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import snapped
+from gauss2svg.svg.solid import is_solid
 from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
 from gauss2svg.svg.write import write_svg
 
@@ -48,9 +48,9 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
     scene = drawn(snapped(scene, form), svg_format)
     back = read_svg(write_svg(scene, svg_format))
     scene = snapped(scene, form)
-    plain = is_plain(scene)
-    blurred = ~plain & (drawn_blurs(scene) >= 0) & (form != GRADIENT)
-    np.testing.assert_allclose(back.betas[~plain], scene.betas[~plain], rtol=1e-12)
+    solid = is_solid(scene)
+    blurred = ~solid & (drawn_blurs(scene) >= 0) & (form != GRADIENT)
+    np.testing.assert_allclose(back.betas[~solid], scene.betas[~solid], rtol=1e-12)
     step = 0.5 * precision + 1e-9
     np.testing.assert_allclose(back.mean, scene.mean, atol=step)
     np.testing.assert_allclose(back.opacity[~blurred], scene.opacity[~blurred], atol=6e-5)
@@ -58,7 +58,7 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
     np.testing.assert_allclose(back.opacity[blurred], scene.opacity[blurred], atol=0.021)
     # M / R has entries rounded by step / R, with R > sqrt 2 for all exponents
     missed = np.abs(back.factor - scene.factor).max(axis=(1, 2), initial=0.0)
-    assert missed[~plain & ~blurred].max(initial=0.0) <= step / math.sqrt(2)
+    assert missed[~solid & ~blurred].max(initial=0.0) <= step / math.sqrt(2)
     assert missed[blurred].max(initial=0.0) <= step / min(blur.radius for blur in blurs())
     np.testing.assert_allclose(back.color, scene.color, atol=0.5 / 255 + 1e-9)
     np.testing.assert_array_equal(back.rounds, scene.rounds)
@@ -80,11 +80,11 @@ def test_scene_read_back_is_drawn_alike(seed):
 def test_plain_ellipses_come_back_as_plain_as_they_were(seed):
     svg_format = SvgFormat(precision=0.01, opacity_decimals=3)
     scene = random_scene(400, 300, 200, seed, (2, 60), (6, 64))
-    scene = snapped(scene.select(is_plain(scene)), GRADIENT)
+    scene = snapped(scene.select(is_solid(scene)), GRADIENT)
     assert len(scene) > 5
     text = write_svg(scene, svg_format)
     back = read_svg(text)
-    assert is_plain(back).all()
+    assert is_solid(back).all()
     assert metrics.psnr(render(back), render(scene)) > 42
     again = write_svg(back, svg_format)
     assert again.count("<circle") == text.count("<circle")
@@ -142,11 +142,11 @@ def test_canvas_is_in_px_whatever_the_units(root):
     ],
 )  # fmt: skip
 def test_viewbox_maps_user_units_onto_the_canvas(root, scale, shift):
-    plain = read_svg(document())
+    solid = read_svg(document())
     rect = '<rect x="-99" y="-99" width="999" height="999" fill="#abc"/>'
     moved = read_svg(document(root=root, rect=rect))
-    np.testing.assert_allclose(moved.mean, plain.mean * scale + np.array(shift), atol=1e-9)
-    np.testing.assert_allclose(moved.covariance, plain.covariance * scale**2)
+    np.testing.assert_allclose(moved.mean, solid.mean * scale + np.array(shift), atol=1e-9)
+    np.testing.assert_allclose(moved.covariance, solid.covariance * scale**2)
 
 
 def test_stretched_canvas_stretches_shapes():

@@ -7,8 +7,8 @@ direction; the lower triangular one has c = 0 and is the shortest to write:
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
 The user unit is `precision` px, so that all these are whole numbers. A gradient is shared by
-all shapes of one colour and one exponent. Shapes that a plain ellipse draws as well have none,
-and the radius of plain_radius(beta); blurred discs share filters by exponent (blur.py). Crisp
+all shapes of one colour and one exponent. Shapes that a solid ellipse draws as well have none,
+and the radius of solid_radius(beta); blurred discs share filters by exponent (blur.py). Crisp
 rims need two more things (examples/rims.py measures both, dB near the rim against the model,
 mean of what resvg and CairoSVG draw at rims of 0.25 / 0.5 / 1 px: with neither 30 / 38 / 47,
 with both 55 / 55 / 50):
@@ -31,8 +31,8 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.blur import GRADIENT, blurs, drawn_blurs
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.plain import is_plain, plain_radius
 from gauss2svg.svg.snap import snapped
+from gauss2svg.svg.solid import is_solid, solid_radius
 from gauss2svg.svg.stops import gradient_stops
 
 _DIGITS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -183,9 +183,9 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     """
     check_canvas(scene)
     scene = snapped(scene, svg_format.form)
-    plain, blur = is_plain(scene), drawn_blurs(scene)
-    blurred = ~plain & (blur >= 0) & (svg_format.form != GRADIENT)
-    shaded = ~plain & ~blurred
+    solid, blur = is_solid(scene), drawn_blurs(scene)
+    blurred = ~solid & (blur >= 0) & (svg_format.form != GRADIENT)
+    shaded = ~solid & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.betas), color])
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
@@ -199,7 +199,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     filters = np.full(len(scene), "", dtype=object)
     filters[blurred] = [filter_ids[k] for k in blur[blurred]]
     radius, opacity = cut_radius(scene.betas), scene.opacity.copy()
-    radius[plain] = [plain_radius(beta) for beta in scene.betas[plain]]
+    radius[solid] = [solid_radius(beta) for beta in scene.betas[solid]]
     radius[blurred] = [blurs()[k].radius for k in blur[blurred]]
     opacity[blurred] *= [blurs()[k].peak for k in blur[blurred]]
     unit = np.where((scene.betas >= _LARGE_FROM) & shaded, _LARGE, 1)

@@ -4,7 +4,7 @@
       <stop offset=".." stop-color="#.." stop-opacity=".."/> ...
     <circle r="1" transform="matrix(..)" fill="url(#..)" fill-opacity=".."/>
 
-with radii as gauss2svg.svg.encode explains, and fill="#.." where a plain ellipse will do, or
+with radii as gauss2svg.svg.encode explains, and fill="#.." where a solid ellipse will do, or
 with filter="url(#..)" a blurred one. Its filter region is one of the bounding box, the
 deviation in the circle's own units, so that all shapes of an exponent share one.
 The focal offset moves resvg to its accurate gradient (36 dB to 49 dB against the model) and

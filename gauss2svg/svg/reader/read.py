@@ -27,7 +27,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT, Scene
-from gauss2svg.svg.plain import plain_beta, plain_radius
 from gauss2svg.svg.reader.affine import Affine, compose, parse_transform
 from gauss2svg.svg.reader.canvas import read_canvas
 from gauss2svg.svg.reader.gradient import SVG, Gradients
@@ -36,6 +35,7 @@ from gauss2svg.svg.reader.parse import MOST_BYTES, MOST_ELEMENTS, parse_document
 from gauss2svg.svg.reader.rules import check_animation, check_sheet, check_smil
 from gauss2svg.svg.reader.shape import Shape, read_shape
 from gauss2svg.svg.reader.values import color, declarations, length, reference, share
+from gauss2svg.svg.solid import solid_beta, solid_radius
 
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
@@ -73,8 +73,8 @@ def read_svg(
 
     A shape's covariance is (M / R)(M / R)^T, M being the linear part of all transforms down to
     the unit circle of its gradient and R = cut_radius(beta); its exponent is the one of
-    BETA_CLASSES that has such stops. A plain ellipse gets the exponent that it draws best
-    (gauss2svg.svg.plain.plain_beta). Rounds come from the labels and ids of groups ("Round 3:
+    BETA_CLASSES that has such stops. A solid ellipse gets the exponent that it draws best
+    (gauss2svg.svg.solid.solid_beta). Rounds come from the labels and ids of groups ("Round 3:
     ..", "round-3"), never decreasing: a round under an earlier one is counted as that one, a
     group at the top level without either as a round of its own. Numbers are as exact as the file.
 
@@ -309,9 +309,9 @@ class _Reader:
         self._refuse(~drawn, "its extent must be above 0 and finite")
         beta = np.array([shape.beta or 0.0 for shape in shapes])
         radius = np.array([shape.radius or 0.0 for shape in shapes])
-        plain = np.array([shape.beta is None for shape in shapes], bool)
-        beta[plain] = plain_beta(np.linalg.svd(rows[plain], compute_uv=False))
-        radius[plain] = [plain_radius(one) for one in beta[plain]]
+        solid = np.array([shape.beta is None for shape in shapes], bool)
+        beta[solid] = solid_beta(np.linalg.svd(rows[solid], compute_uv=False))
+        radius[solid] = [solid_radius(one) for one in beta[solid]]
         sigma = extent / radius[:, None]
         thin, wide = sigma.min(axis=1) < LEAST_SIGMA, sigma.max(axis=1) > MOST_SIGMA
         far = np.abs(disc[:, 2]).max(axis=1) > MOST_MEAN

@@ -33,7 +33,7 @@ _CLIPPED = 0.05  # canvas px by which an ellipse may cut its gradient off: round
 class Shape:
     """One shape: the circle of `radius` sigmas is `disc` of the unit circle, in canvas px.
 
-    beta and radius are None for a plain ellipse, which any crisp enough exponent draws; peak is
+    beta and radius are None for a solid ellipse, which any crisp enough exponent draws; peak is
     what its opacity is to be multiplied by.
     """
 

@@ -1,4 +1,4 @@
-"""Which shapes are as well drawn by a plain filled ellipse, without a gradient.
+"""Which shapes are as well drawn by a solid filled ellipse, without a gradient.
 
 A renderer draws the edge of a filled ellipse as the share of each pixel that it covers: a
 ramp one pixel wide. A crisp rim of the falloff looks the same where it is about that wide,
@@ -34,31 +34,31 @@ _LARGEST_ON_RIM = 0.013
 _LEAST_BETA = 3.0
 _DIRECTIONS = 16  # in one quadrant, which the others mirror
 _WIDTHS = np.geomspace(0.05, 8, 48)  # px
-# Exponents that plain_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
+# Exponents that solid_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
 _GRID = tuple(np.round(np.geomspace(_LEAST_BETA, MOST_BETA, 78), 2).tolist())
 _LIKELY, _STEPS = 0.7, 8  # px; exponents tried on either side
 
 
-def is_plain(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a plain ellipse errs no more than a small share of squared mass and rim.
+def is_solid(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) whether a solid ellipse errs no more than a small share of squared mass and rim.
 
     In pixels of the scene's canvas: on a larger one rims are wider.
     """
-    plain = scene.betas >= _LEAST_BETA
-    if not plain.any():
-        return plain
-    plain[plain] = _strain(scene.ellipse_axes[0][plain], scene.betas[plain]) <= 1
-    return plain
+    solid = scene.betas >= _LEAST_BETA
+    if not solid.any():
+        return solid
+    solid[solid] = _strain(scene.ellipse_axes[0][solid], scene.betas[solid]) <= 1
+    return solid
 
 
-def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) exponent whose profile a plain ellipse of semi_axes (n, 2) px, larger first, draws best.
+def solid_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) exponent whose profile a solid ellipse of semi_axes (n, 2) px, larger first, draws best.
 
-    It errs least by the measure of is_plain, so that what was written as a plain ellipse is
-    plain again. Beyond the largest exponent, from some 180 px on, the profile's rim is softer
+    It errs least by the measure of is_solid, so that what was written as a solid ellipse is
+    solid again. Beyond the largest exponent, from some 180 px on, the profile's rim is softer
     than the ellipse's.
     """
-    grade = np.array([plain_radius(beta) for beta in _GRID])
+    grade = np.array([solid_radius(beta) for beta in _GRID])
     # Where the rim across the minor axis is so wide; the best is a few steps from it.
     guess = np.searchsorted(_LIKELY / RIM_WIDTH * np.array(_GRID) * grade, semi_axes[:, 1])
     best = np.full(len(semi_axes), np.inf)
@@ -73,7 +73,7 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) squared error of plain ellipses as a multiple of the largest one allowed."""
+    """(n,) squared error of solid ellipses as a multiple of the largest one allowed."""
     angle_rad = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
     along, across = np.cos(angle_rad), np.sin(angle_rad)
     growth = np.hypot(along / axes[:, :1], across / axes[:, 1:])
@@ -85,7 +85,7 @@ def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.
     return error / np.minimum(_LARGEST_ERROR * squared_mass, _LARGEST_ON_RIM * length.sum(axis=1))
 
 
-def plain_radius(beta: float) -> float:
+def solid_radius(beta: float) -> float:
     """Mahalanobis radius of the ellipse that covers what a profile sums up to."""
     return math.sqrt(_integrals(round(beta, 2))[0] / np.pi)
 
