@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.quantize import quantize
-from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize
+from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius, half_radius, profile
@@ -190,7 +190,7 @@ def test_gradient_form_has_no_filters():
     assert "filter" not in write_svg(large_scene(40, 3))
 
 
-@pytest.mark.parametrize("renderer", sorted(set(RENDERERS) - set(DRAW_TURNED_BLURS)))
+@pytest.mark.parametrize("renderer", sorted(set(RENDERERS) - set(DRAW_ROTATED_BLURS)))
 def test_renderer_that_cannot_draw_blurs_is_refused_before_the_fit(renderer, photo):
     steps = []
     with pytest.raises(RendererError, match="--renderer chromium"):
@@ -200,7 +200,7 @@ def test_renderer_that_cannot_draw_blurs_is_refused_before_the_fit(renderer, pho
         rasterize(write_svg(large_scene(40, 3), SvgFormat(form=BLUR)), 90, 70, renderer)
 
 
-@pytest.mark.parametrize("renderer", DRAW_TURNED_BLURS)
+@pytest.mark.parametrize("renderer", DRAW_ROTATED_BLURS)
 def test_blurred_scene_is_drawn_as_the_model_has_it(renderer):
     needs(renderer)
     scene = snapped(random_scene(60, 200, 160, 4, (1, 40), (0.7, 8)), BLUR)

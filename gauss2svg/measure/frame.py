@@ -1,4 +1,4 @@
-"""The root of an SVG: the size and the coordinates that it gives itself."""
+"""Size and coordinate system that the root of an SVG declares."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from gauss2svg.svg.reader.values import pixels_of, view_box
 class Frame:
     """Size and coordinates of an SVG.
 
-    width, height  px that the file gives itself, > 0
-    view_box       x, y, width, height of what is shown, in the file's own units
+    width, height  px, > 0
+    view_box       x, y, width and height of the visible part in user units
     """
 
     width: float
@@ -25,7 +25,7 @@ class Frame:
 
 
 def frame_of(root: Mapping[str, str]) -> Frame:
-    """The frame that a root's attributes give; what they leave out follows from the rest.
+    """The frame of a root's attributes; a missing size follows from the rest.
 
     Raises InputError where there is neither a viewBox nor a width and a height in absolute
     units, and for a size that is not positive.
@@ -60,7 +60,7 @@ def _styled_lengths(style: str) -> Iterator[tuple[str, str]]:
 
 
 def _length(name: str, text: str) -> float | None:
-    """Pixels; None for a length that is relative to a page that is not there."""
+    """Pixels; None for a relative length."""
     pixels = pixels_of(text)
     if pixels is not None and not 0 < pixels < math.inf:
         raise InputError(must_be(f"{name} of the SVG", "above 0 and finite", text))

@@ -1,4 +1,4 @@
-"""How far two pictures are apart; both (h, w, 3) float in 0..1."""
+"""Image metrics. All images are (h, w, channels) float in 0..1."""
 
 import math
 from typing import Any
@@ -16,8 +16,8 @@ _FULL_WINDOW = 11  # taps of a Gaussian of sigma 1.5 px, cut at 3.5 sigma
 _NO_LUMINANCE = 1e6
 _BAND = 256  # rows of windows at a time
 _FLAT = 0.02  # of 0..1, the largest step to the next pixel of a flat area: five levels
-_AWAY = 4  # px that a flat pixel is away from any steeper step
-_WORST = 1000  # flat_error looks at one in so many of the flat pixels
+_AWAY = 4  # px from a flat pixel to any steeper step
+_WORST = 1000  # flat_error takes one in so many of the flat pixels
 
 
 def _same_shape(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
@@ -29,7 +29,7 @@ def _same_shape(image: NDArray[np.floating], other: NDArray[np.floating]) -> Non
 def mean_squared_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Mean over pixels and channels of the squared difference, summed in float64."""
     _same_shape(image, other)
-    rows = zip(image, other, strict=True)  # row by row: no float64 copy of a large picture
+    rows = zip(image, other, strict=True)  # row by row, to avoid a float64 copy of a large image
     return math.fsum(np.sum(np.subtract(a, b, dtype=np.float64) ** 2) for a, b in rows) / image.size
 
 
@@ -138,12 +138,10 @@ def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
     """Mean error of the worst thousandth of the reference's flat pixels, in levels of 255.
 
-    It sees what squared error hardly does: streaks across paper or a flat colour. A pixel is
-    flat where the reference has no step of 0.02 or more within 4 px, its error that of its
-    worst channel. The mean of the worst grows with the height, the length and the number of
-    the streaks. A percentile there is blind to one streak thinner than its share, a box
-    average thins a streak of one pixel to a third, the largest cannot tell one speck from
-    many streaks. Haze beyond 4 px of an edge counts as well. Not a number where no pixel is flat.
+    It shows streaks across paper or a flat colour, which squared error hardly does. A pixel is flat
+    where the reference has no step of 0.02 or more within 4 px; its error is that of its worst
+    channel. The mean of the worst grows with the height, length and number of streaks
+    (docs/decisions/metrics.md). NaN where no pixel is flat.
     """
     from scipy.ndimage import maximum_filter
 

@@ -1,7 +1,7 @@
-"""What an SVG refers to: only itself and pictures that it holds as data: are let through.
+"""References of an SVG: only those within the file and to embedded images are allowed.
 
-resvg reads local files that an href names, by path or relative to the current folder, and a
-browser would load more than any renderer here does, so that a score would be another picture's.
+resvg reads local files that an href names, absolute or relative to the current folder, and a
+browser would load more than any renderer here does, so that the score would be of another image.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _pixels(uri: str) -> int:
         with (
             warnings.catch_warnings(action="ignore"),  # its size is counted by the caller
             DataHandler().data_open(Request(uri)) as data,
-            # Only the header is read. A nested SVG would be drawn without having been checked.
+            # Only the header is read. SVG is excluded: a nested one would be drawn unchecked.
             Image.open(data, formats=_FORMATS) as picture,
         ):
             return picture.width * picture.height

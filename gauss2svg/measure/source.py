@@ -1,4 +1,4 @@
-"""The text of an SVG from wherever it comes, plain or gzipped, within a limit of bytes."""
+"""Text of an SVG from a path, text, bytes or a file, gzipped or not, with a size limit."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 _DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
-# Python knows codecs that are no encodings of XML, such as unicode_escape.
+# Python also knows codecs that XML does not have, such as unicode_escape.
 _ENCODINGS = re.compile(r"utf-8|ascii|iso8859-\d+|cp125\d|koi8-[ru]|shift_jis|gb(k|18030)|big5")
 
 
@@ -26,8 +26,8 @@ def svg_source(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
     """Bytes of an SVG, gunzipped where it was gzipped, and the text that they encode.
 
     source      a path, text that begins with <, bytes or a binary file
-    most_bytes  that are read, and that they may have gunzipped, >= 1
-    Raises InputError for what cannot be read, has more bytes, or is no text.
+    most_bytes  limit of the size, also gunzipped, >= 1
+    Raises InputError for a source that cannot be read, has more bytes, or is not text.
     """
     if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
         data = source.encode("utf-8", "surrogatepass")
@@ -44,7 +44,7 @@ def svg_source(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
 
 
 def _read(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
-    """At most one byte more than that, so that a longer file is refused unread."""
+    """At most one byte more than the limit, so that a longer file is refused; and its name."""
     if isinstance(source, (bytes, bytearray, memoryview)):
         return bytes(source), "SVG"
     if isinstance(source, (str, os.PathLike)):
@@ -88,7 +88,7 @@ def _decoded(data: bytes, name: str) -> str:
         got = shown(f"{error.reason} at byte {error.start}")
         advice = "to save it as UTF-8"
         raise InputError(must_be(name, f"an SVG in {encoding}", got, advice)) from error
-    if "\0" in text:  # XML has none; UTF-16 without its mark has them, and expat would guess it
+    if "\0" in text:  # expat would take it for UTF-16 without a byte order mark
         got = shown(f"null characters, read as {encoding}")
         raise InputError(must_be(name, "text", got, "to save it as UTF-8"))
     return text

@@ -1,4 +1,4 @@
-"""One pass over an untrusted SVG: what it has, and that it is safe to be drawn."""
+"""One pass over an untrusted SVG: counts its elements and checks that it is safe to draw."""
 
 from __future__ import annotations
 
@@ -18,21 +18,20 @@ SVG_NAMESPACE = "http://www.w3.org/2000/svg"
 _SVG = f"{{{SVG_NAMESPACE}}}"
 _GROUP_MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
 _LINKS = ("href", "absref")  # the latter of sodipodi, by which Inkscape finds local files
-# Characters that are parsed at first, and then twice as many each time: expat up to 2.5 scans a
-# token that a piece cuts through anew with the next one, so that with pieces of one size an
-# attribute of 200 MB took 252 s.
+# Characters of the first piece; each next one is twice as long. Up to 2.5 expat rescans a token
+# that spans pieces, so that with pieces of one size an attribute of 200 MB took 252 s.
 _PIECE = 1 << 16
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What is in an SVG.
+    """Contents of an SVG.
 
-    tags      how many elements of each name, the commonest first; SVG's own by their local
-              name, others as {namespace}name
+    tags      number of elements by name, the commonest first; SVG's own by their local name,
+              others as {namespace}name
     layers    groups that Inkscape shows as layers
     root      attributes of the root element
-    qualified whether the root is in SVG's namespace, as browsers need it
+    qualified whether the root is in SVG's namespace, which browsers require
     """
 
     tags: dict[str, int]
@@ -42,12 +41,12 @@ class Survey:
 
     @property
     def elements(self) -> int:
-        """How many elements there are."""
+        """Number of elements."""
         return sum(self.tags.values())
 
 
 def survey(text: str, most_elements: int) -> Survey:
-    """Count what is in an SVG without building a tree of it.
+    """Count the elements of an SVG, without building a tree.
 
     Raises InputError for XML that is malformed or defines entities, for links to anything
     outside of the file, for more than most_elements elements, and where the root is not svg.
@@ -76,7 +75,7 @@ def survey(text: str, most_elements: int) -> Survey:
 
 
 class _Parser(DefusedXMLParser):
-    """Lets a bare <!DOCTYPE> through, which potrace and matplotlib write: it is never loaded."""
+    """Accepts a bare <!DOCTYPE>, which potrace and matplotlib write and nobody loads."""
 
     def defused_start_doctype_decl(
         self, name: str, sysid: str | None, pubid: str | None, has_internal_subset: bool
@@ -86,7 +85,7 @@ class _Parser(DefusedXMLParser):
 
 
 class _Counter:
-    """Takes the parser's events in place of a tree builder."""
+    """Target of the parser's events in place of a tree builder."""
 
     def __init__(self, most_elements: int) -> None:
         self.tags: Counter[str] = Counter()
@@ -140,7 +139,7 @@ class _Counter:
 
     def _follow(self, tag: str, target: str) -> None:
         if tag == "a":
-            return  # for a reader to click on; nothing is loaded
+            return  # only loaded on a click
         self._pixels += check_link(tag, target)
         if self._pixels > MOST_EMBEDDED_PIXELS:
             raise InputError(

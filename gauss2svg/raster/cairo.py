@@ -1,4 +1,4 @@
-"""CairoSVG: draws through the cairo system library."""
+"""CairoSVG, which draws with the cairo system library."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Style sheets and style attributes as tokens, by tinycss2: without comments, escapes resolved."""
+"""CSS by tinycss2: declarations of style sheets and style attributes, and tokens of any CSS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Firefox without its window, by its own option to take a screenshot."""
+"""Headless Firefox, by its own screenshot option."""
 
 import json
 import tempfile
@@ -14,11 +14,11 @@ from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
 _PREFERENCES = {
-    "gfx.color_management.mode": 0,  # numbers in the file are numbers on the screen
-    "gfx.webrender.software": True,  # the same picture whatever the graphics card
+    "gfx.color_management.mode": 0,  # colours are not converted to the screen's profile
+    "gfx.webrender.software": True,  # the same image on every graphics card
     "layout.css.devPixelsPerPx": "1.0",
-    "ui.prefersReducedMotion": 1,  # animated files are shown as they end
-    "network.proxy.type": 1,  # to nobody: what it does by itself stays off the network
+    "ui.prefersReducedMotion": 1,  # animated files are shown in their final state
+    "network.proxy.type": 1,  # a proxy that is not there, so that nothing reaches the network
     "network.proxy.http": "127.0.0.1",
     "network.proxy.http_port": 9,
     "network.proxy.ssl": "127.0.0.1",
@@ -26,8 +26,8 @@ _PREFERENCES = {
     "network.captive-portal-service.enabled": False,
     "network.connectivity-service.enabled": False,
 }
-# Firefox does not say that a picture is broken, so the page does, in a row under it: black where
-# there is no picture, white where it has its size, red where it has another.
+# Firefox does not report a broken image, so the page does, by a row of pixels under it: black for
+# no image, white for the right size, red for another.
 _VERDICT = """<style>
 html, body {{ background: #000 }}
 body {{ overflow: hidden; height: {height}px; padding-bottom: 1px }}
@@ -57,7 +57,7 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
 
 
 def draw_clear(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Pixels (height, width, 4) of the SVG without its page, found by drawing it over two."""
+    """Pixels (height, width, 4) of the SVG with alpha, by rasters over white and over black."""
     white, black = (_draw(svg, width, height, color)[:, :, :3] for color in (WHITE, BLACK))
     return from_views(white, black)
 
@@ -76,7 +76,7 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
         command = [
             _program(),
             "--headless",
-            "--no-remote",  # a Firefox that is open already would take the order, and show it
+            "--no-remote",  # otherwise a Firefox that is already open would open the page
             "--profile",
             str(profile),
             f"--window-size={width},{height + 1}",

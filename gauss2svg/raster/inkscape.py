@@ -1,4 +1,4 @@
-"""Inkscape without its window: what an editor shows."""
+"""Inkscape's command line: what an editor shows."""
 
 import tempfile
 from pathlib import Path
@@ -11,7 +11,7 @@ from gauss2svg.errors import RendererError, must_be, shown
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
-# It writes a white picture, and no word of complaint, beyond what a cairo surface can hold.
+# Beyond the size of a cairo surface Inkscape writes a white image without any message.
 _MOST_PX = 32767
 
 
@@ -39,17 +39,17 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
             "--export-filename=drawn.png",
             "drawing.svg",
         ]
-        # Its own settings could change the picture, and two at once share a profile badly.
+        # The user's settings could change the image, and two processes cannot share a profile.
         run(command, folder=folder, environment={"INKSCAPE_PROFILE_DIR": name, "HOME": name})
         drawn = folder / "drawn.png"
-        # It exits with 0 also where it could not read the file.
+        # Inkscape exits with 0 even if it could not read the file.
         if not drawn.exists():
             raise RendererError("Inkscape cannot draw the SVG: it wrote no file")
         return from_png(drawn.read_bytes())
 
 
 def _refuse_broken(svg: str) -> None:
-    # It draws what it can make of a broken file, and be it nothing.
+    # Inkscape draws as much of a broken file as it can read, perhaps nothing.
     try:
         expat.ParserCreate().Parse(svg.encode(), True)
     except expat.ExpatError as error:

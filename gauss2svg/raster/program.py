@@ -1,4 +1,4 @@
-"""Programs that draw: found on PATH, run in a folder of their own, for so long at most."""
+"""Installed renderer programs: found on PATH, run in a process group, with a time limit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from gauss2svg.errors import RendererError, must_be, shown
 
-# Inkscape takes up to a minute for a large file of blurs; what takes longer than this hangs.
+# Inkscape takes up to a minute for a large file of blurs; a program that takes longer hangs.
 TIMEOUT_S = 300
 _VERSION_TIMEOUT_S = 30
 _DRAWING = "draw the SVG"
@@ -59,10 +59,10 @@ def run(
     timeout_s: float = TIMEOUT_S,
     task: str = _DRAWING,
 ) -> bytes:
-    """What the command writes to its standard output.
+    """Standard output of a command.
 
-    Raises RendererError with its last complaint if it fails, or takes longer than timeout_s;
-    task is what it then says that the program cannot do.
+    Raises RendererError with the last line of its standard error if it fails, and where it takes
+    longer than timeout_s; task is what the program then could not do.
     """
     name = Path(command[0]).name
     try:
@@ -73,7 +73,7 @@ def run(
             stderr=subprocess.PIPE,
             cwd=folder,
             env={**os.environ, **(environment or {})},
-            start_new_session=True,  # a group of its own, so that its children end with it
+            start_new_session=True,  # a process group, so that its children end with it
         )
     except OSError as error:
         raise RendererError(f"{command[0]} cannot be started: {error.strerror}") from error
@@ -83,7 +83,7 @@ def run(
         except subprocess.TimeoutExpired as error:
             advice = ". Try to draw it smaller, or another --renderer" if task == _DRAWING else ""
             raise RendererError(f"{name} cannot {task} in {timeout_s:g} s{advice}") from error
-        finally:  # also at an interrupt, which a group of its own does not get
+        finally:  # also at an interrupt, which another process group does not receive
             _end(process)
     if process.returncode:
         lines = complaint.decode(errors="replace").strip().splitlines() or ["no reason given"]

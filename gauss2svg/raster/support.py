@@ -1,18 +1,17 @@
-"""What of SVG a renderer does not draw, so that no picture is scored which it drew wrongly.
+"""Features of SVG that a renderer draws wrongly, refused so that no such image is measured.
 
 Found by drawing with resvg 0.48, CairoSVG 2.9, Chromium 156, librsvg 2.54, Firefox 153 and
-Inkscape 1.2; errors in levels of 255:
+Inkscape 1.2 (errors: docs/decisions/renderers.md):
 
-    what a file uses                      not drawn by
-    a blur                                cairo (no filters at all but offset, flood and blend);
-                                          resvg, where its element is turned or sheared and not
-                                          scaled alike (20 to 43 levels off); librsvg, where it is
-                                          turned other than by right angles (39 to 45)
-    mix-blend-mode                        cairo
+    feature                               not drawn correctly by
+    blur                                  cairo; resvg where the element is rotated or skewed and
+                                          not uniformly scaled; librsvg where it is rotated other
+                                          than by right angles
+    other filters, mix-blend-mode         cairo
     mix-blend-mode: plus-lighter          all but the two browsers
     href without xlink:                   inkscape
-    animation that runs also where less   the two browsers: at some moment of it; all others
-    motion is preferred                   draw the file as it is written
+    animation that also runs under        the two browsers, which stop it at an arbitrary moment;
+    prefers-reduced-motion                all others draw the file as it is written
 """
 
 from __future__ import annotations
@@ -27,10 +26,10 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.raster.css import declarations, first_word, statements
 
 BROWSERS = ("chromium", "firefox")
-DRAW_TURNED_BLURS = (*BROWSERS, "inkscape")
+DRAW_ROTATED_BLURS = (*BROWSERS, "inkscape")
 DRAW_BLENDS = ("resvg", *BROWSERS, "librsvg", "inkscape")  # of mix-blend-mode, and filters
-# A file without any of these uses nothing of the table, and is not parsed. Escapes of CSS and
-# XML could hide a word.
+# A file without any of these words has no feature of the table and is not parsed. Escapes of CSS
+# and XML could hide a word.
 _WORDS = (
     "filter", "blur", "shadow", "blend", "href", "animat", "discard", "starting-style", "<set",
     ":set", "\\", "&#",
@@ -44,16 +43,16 @@ _UNUSED = ("none", "normal", "inherit", "initial", "unset")  # values that switc
 _CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
 _CALL = re.compile(r"\b(\w++)\s*+\(([^()]*+)\)")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-# Of the matrix's length: an element turned by so little is as true as one that is not.
+# Of the matrix's norm: so small a rotation has no visible effect.
 _STRAIGHT = 1e-3
 
 _Matrix = tuple[float, float, float, float]  # a b c d; where it moves to does not matter
 
 
 def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> None:
-    """Raise RendererError if the renderer draws wrongly what the SVG uses at width x height px.
+    """Raise RendererError if the renderer draws the SVG wrongly at width x height px.
 
-    It says what that is, and which renderers draw it.
+    The error names the feature and the renderers that draw it.
     """
     for uses, drawn_by in _limits(svg, width, height):
         if renderer not in drawn_by:
@@ -64,17 +63,17 @@ def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> None
 
 
 def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What the file uses that some do not draw, and who does; cheap for a file without it."""
+    """Features of the file that some renderers do not draw, and those that do."""
     lowered = svg.lower()
     if not any(word in lowered for word in _WORDS):
         return
     used = _uses(svg, width, height)
     if used.blur:
-        drawn_by = DRAW_TURNED_BLURS
-        if used.sheared:
-            yield "a blur of turned or sheared shapes", drawn_by
-        elif used.turned:
-            yield "a blur of turned shapes", (*drawn_by, "resvg")
+        drawn_by = DRAW_ROTATED_BLURS
+        if used.skewed:
+            yield "a blur of rotated or skewed shapes", drawn_by
+        elif used.rotated:
+            yield "a blur of rotated shapes", (*drawn_by, "resvg")
         else:
             yield "a blur", (*drawn_by, "resvg", "librsvg")
     if used.lighter:
@@ -91,14 +90,14 @@ def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str,
 
 @dataclass
 class _Uses:
-    """What of the table at the top a file uses.
+    """Features of the table at the top that a file uses.
 
-    turned, sheared  whether a filtered element is, the latter so that circles are ellipses
+    rotated, skewed  whether a filtered element is; skewed: so that circles become ellipses
     """
 
     blur: bool = False
-    turned: bool = False
-    sheared: bool = False
+    rotated: bool = False
+    skewed: bool = False
     filter: bool = False
     blended: bool = False
     lighter: bool = False
@@ -106,7 +105,7 @@ class _Uses:
     moving: bool = False
 
     def add_css(self, text: str, is_sheet: bool = False) -> bool:
-        """Add what a style sheet or attribute uses; True if it filters."""
+        """Add the features of a style sheet or attribute; returns whether it filters."""
         lowered = text.lower()
         if not any(word in lowered for word in _CSS_WORDS):
             return False
@@ -133,9 +132,9 @@ class _Uses:
 
 
 class _Survey:
-    """Takes a parser's events; titles and other text say nothing about what is drawn.
+    """Target of a parser's events.
 
-    Elements that `use` others count as filtered, and all do under a style sheet with filters.
+    `use` elements count as filtered, and under a style sheet with filters all elements do.
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -144,9 +143,9 @@ class _Survey:
         self._matrices: list[_Matrix] = []
         self._sheet: list[str] | None = None
         self._by_sheet = False
-        # Then also equal scales along x and y blur differently along them.
+        # Whether a blur differs along x and y even where the scales are equal.
         self._uneven = False
-        self._any_turned = self._any_sheared = False
+        self._any_rotated = self._any_skewed = False
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         tag, uses = name.rpartition(" ")[2], self.uses
@@ -179,10 +178,10 @@ class _Survey:
             matrix = _times(matrix, _product(_style_calls(style)))
         self._matrices.append(matrix)
         if not _is_straight(matrix):
-            sheared = not _keeps_circles(matrix)
-            self._any_turned, self._any_sheared = True, self._any_sheared or sheared
+            skewed = not _keeps_circles(matrix)
+            self._any_rotated, self._any_skewed = True, self._any_skewed or skewed
             if filtered:
-                self.uses.turned, self.uses.sheared = True, self.uses.sheared or sheared
+                self.uses.rotated, self.uses.skewed = True, self.uses.skewed or skewed
 
     def data(self, text: str) -> None:
         if self._sheet is not None:
@@ -196,14 +195,14 @@ class _Survey:
 
     def close(self) -> _Uses:
         if self._by_sheet:
-            self.uses.turned, self.uses.sheared = self._any_turned, self._any_sheared
-        self.uses.sheared |= self.uses.turned and self._uneven
+            self.uses.rotated, self.uses.skewed = self._any_rotated, self._any_skewed
+        self.uses.skewed |= self.uses.rotated and self._uneven
         return self.uses
 
 
 def _uses(svg: str, width: int, height: int) -> _Uses:
     survey = _Survey(width, height)
-    # Whatever encoding it declares, it is text by now.
+    # The text is decoded already, whatever encoding it declares.
     parser = expat.ParserCreate("utf-8", " ")
     parser.StartElementHandler = survey.start
     parser.CharacterDataHandler = survey.data
@@ -284,15 +283,15 @@ def _product(calls: Iterator[tuple[str, list[float]]]) -> _Matrix:
 
 
 def _is_straight(m: _Matrix) -> bool:
-    """Whether both axes stay along the axes, whichever is which."""
+    """Whether both axes stay along axes, swapped or not."""
     allowed = _STRAIGHT * max(map(abs, m))
     return max(abs(m[1]), abs(m[2])) <= allowed or max(abs(m[0]), abs(m[3])) <= allowed
 
 
 def _keeps_circles(m: _Matrix) -> bool:
-    """Whether circles stay circles: turned, mirrored, scaled alike."""
+    """Whether circles stay circles: rotated, mirrored, uniformly scaled."""
     first, second = math.hypot(m[0], m[1]), math.hypot(m[2], m[3])
     longest = max(first, second)
     across = m[0] * m[2] + m[1] * m[3]
-    allowed = _STRAIGHT * longest  # no power: it raises where a product is infinite
+    allowed = _STRAIGHT * longest  # not longest**2, which raises on overflow
     return abs(first - second) <= allowed and abs(across) <= allowed * longest

@@ -1,4 +1,4 @@
-"""The scene: an ordered list of 2D Gaussians on a canvas, as plain arrays."""
+"""The scene: an ordered list of 2D Gaussians on a canvas, as arrays."""
 
 from __future__ import annotations
 
@@ -18,22 +18,21 @@ from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 OVER, ADD = "over", "add"
 BLENDS = (OVER, ADD)
-# Of a signed colour, either way: more is no picture, and sums of 8-bit renderers would drown in it.
+# Of a signed colour, in absolute value: larger ones would drown in the rounding of renderers.
 MOST_SIGNED = 100.0
-# The last number under 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
+# The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
 RHO_LIMIT = math.nextafter(1, 0)
-# px. Thinner is not seen: a Gaussian is where it holds a pixel centre. At the other ends all that
-# float64 renderers and float32 gradients compute stays finite, with a thousand to spare for
-# scenes that are scaled.
+# px. A thinner Gaussian is invisible, as pixels are sampled at their centres. Up to the other ends
+# float64 renderers and float32 gradients stay finite, with a factor of 1000 left for scaling.
 LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e9
 MOST_MEAN = 1e12
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9
 
 _PER_GAUSSIAN = ("mean", "sigma", "rho", "color", "opacity", "beta", "round_index")
 _FORMAT_VERSION = 3
-# What scenes of earlier versions lack: shapes were Gaussians, and the background was drawn.
+# Fields that earlier versions lack: shapes were Gaussians, and the background was drawn.
 _LACKING = {1: ("beta", "transparent"), 2: ("transparent",), _FORMAT_VERSION: ()}
-# What to do about a value out of range, where clipping it would draw something else.
+# Advice for values out of range, where clipping would change the image.
 _ADVICE = {
     "mean": "to drop what lies so far off, or to scale the scene down",
     "sigma": "to clip it, to scale the scene, or to drop the Gaussian",
@@ -44,7 +43,7 @@ _ADVICE = {
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Gaussians in painter's order (bottom first) on a canvas; immutable and validated.
+    """Gaussians on a canvas, bottom first; immutable and validated.
 
     The covariance of a Gaussian is [[sx^2, rho sx sy], [rho sx sy, sy^2]], which is
     positive definite for every |rho| < 1 (the parametrisation of "Investigation into
@@ -63,16 +62,15 @@ class Scene:
                    image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
     beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian: see
                    gauss2svg.scene.falloff; None for all 1, which they are where blend is "add"
-    transparent    whether the background is no part of the picture: a file has none, and what is
-                   rendered shows it through; not where blend is "add"
+    transparent    whether the background is not part of the image: a file has none, and rendered
+                   images have alpha; False where blend is "add"
 
-    A signed colour is what its Gaussian adds at its mean. The paper has coefficients of normal
-    densities instead: see `densities` and `peaks_of`.
+    A signed colour is the contribution of its Gaussian at its mean. The paper uses coefficients of
+    normal densities instead: see `densities` and `peaks_of`.
 
-    Arrays are converted to float64 (round_index to int32) and made read-only. Any scene of this
-    domain is drawn, with finite gradients, by both renderers; what a file cannot hold is refused
-    by write_svg.
-    Raises SceneError naming the field, what was got, what is needed and what to try.
+    Arrays are converted to float64 (round_index to int32) and made read-only. Both renderers draw
+    any scene of this domain with finite gradients; write_svg refuses what a file cannot hold.
+    Raises SceneError with the name of the field.
     """
 
     width: float
@@ -146,7 +144,7 @@ class Scene:
         return value
 
     def _array(self, name: str, dtype: Any) -> NDArray[Any]:
-        """A copy of a field as an array of dtype, where that changes no number."""
+        """A copy of a field as an array of dtype, if that changes no value."""
         given: ArrayLike = getattr(self, name)
         try:
             array = np.asarray(given)
@@ -266,10 +264,10 @@ class Scene:
         return self.replace(**{name: getattr(self, name)[index] for name in _PER_GAUSSIAN})
 
     def concatenate(self, top: Scene) -> Self:
-        """The scene with the Gaussians of another painted over it, as later rounds.
+        """The scene with the Gaussians of another composited over it, as later rounds.
 
-        Canvas, background and transparency stay this scene's. Raises SceneError if they blend
-        differently.
+        Canvas, background and transparency are those of this scene. Raises SceneError if the blends
+        differ.
         """
         if self.blend != top.blend:
             raise SceneError(must_be("blend of the upper scene", f"{self.blend!r}", top.blend))
@@ -281,7 +279,7 @@ class Scene:
         return self.replace(**joined)
 
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
-        """The same picture on a canvas scaled by factor_x and factor_y (> 0; the same if None).
+        """The same image on a canvas scaled by factor_x and factor_y (> 0; the same if None).
 
         Raises SceneError where that leaves the domain.
         """
@@ -296,9 +294,9 @@ class Scene:
         )
 
     def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write the scene as .npz, bit for bit; a named file whole or not at all.
+        """Write the scene as .npz, without loss; a named file is written atomically.
 
-        Raises OutputError if that cannot be written.
+        Raises OutputError if the file cannot be written.
         """
         if isinstance(file, (str, os.PathLike)):
             whole = io.BytesIO()
@@ -352,7 +350,7 @@ def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArra
 
 
 def _bound(value: float) -> str:
-    """As short as it may be and still that number."""
+    """Shortest text that is still that number."""
     return f"{value:g}" if float(f"{value:g}") == value else repr(float(value))
 
 
@@ -361,8 +359,8 @@ def peaks_of(
 ) -> NDArray[np.float64]:
     """(n, 3) colours at the mean of normal densities with these coefficients (n, 3).
 
-    densities / (2 pi sx sy sqrt(1 - rho^2)), for sigma (n, 2) in px and rho (n,): what a scene
-    that blends as "add" has for `color`; the inverse of Scene.densities.
+    densities / (2 pi sx sy sqrt(1 - rho^2)), for sigma (n, 2) in px and rho (n,): the `color` of an
+    additive scene, and the inverse of Scene.densities.
     """
     root = sigma.prod(axis=1) * narrowing_of(rho)
     return densities / (2 * np.pi * root)[:, None]

@@ -1,21 +1,19 @@
 """From a scene to the numbers and short strings of an SVG; nothing here knows about XML.
 
-A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with
-M M^T = R^2 covariance, R = cut_radius(beta), draws the same ellipse, for a circle has no
-direction; the lower triangular one has c = 0 and is the shortest to write:
+A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with M M^T = R^2 covariance,
+R = cut_radius(beta), draws the same ellipse, because a circle has no direction; the lower
+triangular one has c = 0 and is the shortest to write:
 
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
-The user unit is `precision` px, so that all these are whole numbers. A gradient is shared by
-all shapes of one colour and one exponent. Shapes that a solid ellipse draws as well have none,
-and the radius of solid_radius(beta); blurred discs share filters by exponent (blur.py). Crisp
-rims need two more things (examples/rims.py measures both, dB near the rim against the model,
-mean of what resvg and CairoSVG draw at rims of 0.25 / 0.5 / 1 px: with neither 30 / 38 / 47,
-with both 55 / 55 / 50):
+The user unit is `precision` px, so that all these are whole numbers. Shapes of one colour and one
+exponent share a gradient. Solid ellipses have none, and the radius of solid_radius(beta); blurred
+discs share filters by exponent. Crisp rims need two more things (docs/decisions/svg.md,
+examples/rims.py):
 
 - a circle a little larger than its gradient, whose own antialiased edge would clip the rim;
-- for exponents from _LARGE_FROM on a gradient of radius 100 under a matrix of a hundredth, for
-  cairo shifts the rim of large shapes otherwise (45 levels at beta = 64, 5 with it).
+- from the exponent _LARGE_FROM on a gradient of radius 100 under a matrix of a hundredth, because
+  cairo shifts the rim of large shapes otherwise.
 """
 
 from __future__ import annotations
@@ -39,17 +37,16 @@ _DIGITS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _SMALLEST_CANVAS = 0.01
 _LARGE_FROM, _LARGE = 16.0, 100  # exponent; radius of its gradients
 _CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge
-_MOST_MARGIN = 20.0  # times the gradient's radius: thinner shapes are not drawn anyway
-# px of rim across the minor axis from which the edge does little harm; 5000 shapes, three Kodak
-# photos, raster against model / gzipped bytes: 0 48.4 dB / 95.1 k, 1 49.0 / 97.2, 2 49.1 / 98.0
+_MOST_MARGIN = 20.0  # times the gradient's radius: shapes that need more are too thin to be drawn
+# px of rim across the minor axis above which the edge does little harm (docs/decisions/svg.md).
 _SOFT = 1.0
-# Renderers compute in float32, and resvg panics from about 1e9 on. All six draw numbers up to 1e8
-# within 2.1 levels of 255 (sigmas up to 1e6 px, at 0.04 px, three exponents, canvas on the rim).
+# Renderers compute in float32, and resvg panics from about 1e9 on; all six draw numbers up to 1e8
+# within 2.1 levels of 255 (docs/decisions/numbers.md).
 LARGEST_NUMBER = 1e8
-# px. Cairo has 23 bits for whole pixels: at 1e7 CairoSVG, librsvg and Inkscape are 47 levels off.
+# px. Cairo has 23 bits for whole pixels, and is 47 levels off at 1e7.
 _FARTHEST = 8e6
-# Times a shape's radius around its mean: all that is drawn of it, for a blur fills up to 2.5 radii
-# around its disc. And px for antialiasing.
+# Radii around a shape's mean within which all of it is drawn, because a blur fills up to 2.5 radii
+# around its disc; and px for antialiasing.
 _DRAWN_WITHIN, _EDGE = 4.0, 1.0
 
 
@@ -65,10 +62,7 @@ class Gradient:
 
 @dataclass(frozen=True)
 class Filter:
-    """One blur of a circle of radius 1: its id, deviation, and what it fills around the circle.
-
-    margin  in diameters
-    """
+    """One blur of a circle of radius 1: its id, standard deviation, and margin in diameters."""
 
     id: str
     deviation: str
@@ -109,10 +103,10 @@ class EncodedScene:
 
 
 def number(value: float, decimals: int) -> str:
-    """Shortest text of a value rounded to some decimals: no zeros that say nothing.
+    """Shortest text of a value rounded to some decimals.
 
-    Raises SceneError for NaN and infinity, which renderers draw wrongly or crash on, and
-    beyond LARGEST_NUMBER.
+    Raises SceneError for NaN and infinity, which renderers draw wrongly or crash on, and for
+    numbers above LARGEST_NUMBER.
     """
     if not abs(value) <= LARGEST_NUMBER:
         raise SceneError(
@@ -149,9 +143,8 @@ def writable(
     """(n,) whether each shape's numbers, in user units of `precision` px, fit into a file.
 
     radius  in sigmas, of the drawn discs, whose matrices are for circles of radius `unit`
-    A shape whose numbers do not fit, or that reaches farther than renderers do, may lie wholly off
-    the canvas: then nothing of it would be drawn, and it can be left out. Raises SceneError for
-    one that may show.
+    A shape whose numbers do not fit, or that reaches too far for renderers, can be left out where
+    it lies entirely off the canvas. Raises SceneError for one that may be visible.
     """
     extent = np.asarray(radius)[..., None] * scene.sigma
     offset = np.abs(scene.mean)
@@ -177,9 +170,9 @@ def writable(
 def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     """Numbers of the SVG of a scene; depends on nothing but the two arguments.
 
-    Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out, as are
-    those off the canvas whose numbers are too large for a file (writable). Raises SceneError for
-    others that are, and for such a canvas.
+    Gaussians whose opacity or extent is written as 0 draw nothing and are left out, as are those
+    off the canvas whose numbers are too large for a file (writable). Raises SceneError for other
+    Gaussians with such numbers, and for such a canvas.
     """
     check_canvas(scene)
     scene = snapped(scene, svg_format.form)
@@ -189,7 +182,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.betas), color])
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
-    # The shortest to those that are used most.
+    # The shortest ids go to those that are used most.
     uses = np.append(uses, np.bincount(blur[blurred], minlength=len(blurs())))
     names = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     ids, filter_ids = names[: len(shared)], names[len(shared) :]
@@ -239,7 +232,7 @@ def _background(scene: Scene) -> str:
 
 @dataclass(frozen=True)
 class _Discs:
-    """What each of n shapes is drawn by, before it is text.
+    """The circles of n shapes, before they are text.
 
     fill, filter  (n,) text, "" without a filter
     unit     (n,) radius of its gradient; circle (n,) radius of the circle that shows it
@@ -259,7 +252,7 @@ class _Discs:
 def _layers(
     discs: _Discs, fits: NDArray[np.bool_], rounds: NDArray[np.int32], svg_format: SvgFormat
 ) -> tuple[tuple[int, tuple[Ellipse, ...]], ...]:
-    """Rounds that draw something, and what they draw."""
+    """Rounds that draw something, with their ellipses."""
     layers = []
     for layer in np.unique(rounds).tolist():
         members = np.flatnonzero((rounds == layer) & fits).tolist()

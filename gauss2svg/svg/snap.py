@@ -1,4 +1,4 @@
-"""The exponents and colours that a file can hold, before any palette."""
+"""Exponents and colours as a file can hold them, before any palette."""
 
 from __future__ import annotations
 

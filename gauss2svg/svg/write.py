@@ -4,20 +4,18 @@
       <stop offset=".." stop-color="#.." stop-opacity=".."/> ...
     <circle r="1" transform="matrix(..)" fill="url(#..)" fill-opacity=".."/>
 
-with radii as gauss2svg.svg.encode explains, and fill="#.." where a solid ellipse will do, or
-with filter="url(#..)" a blurred one. Its filter region is one of the bounding box, the
-deviation in the circle's own units, so that all shapes of an exponent share one.
-The focal offset moves resvg to its accurate gradient (36 dB to 49 dB against the model) and
-changes nothing elsewhere. Gradients in objectBoundingBox units, masks, rgba() colours and
-plain href were measured and fail in one renderer or another.
+with radii as in gauss2svg.svg.encode, fill="#.." for a solid ellipse and filter="url(#..)" for a
+blurred one, whose region is one of the bounding box, with the deviation in the circle's own units,
+so that all shapes of an exponent share one filter. The focal offset moves resvg to its accurate
+gradient. Other encodings fail in one renderer or another (docs/decisions/svg.md).
 
 An additive scene is written as differences (gauss2svg.svg.additive):
 
     <g filter="url(#transfer)"> <rect fill="#.."/>
       <g> <circle r="1" transform="matrix(..)" fill="url(#..)"/> ... </g> <rect fill="#f00"/> ...
 
-The root has role="img", with which Chromium gives a screen reader the title as its name and the
-desc as its description, inline or as a file of its own; aria-labelledby would add nothing.
+The root has role="img", by which Chromium gives a screen reader the title as its name and the desc
+as its description, both inline and as a file of its own; aria-labelledby would add nothing.
 """
 
 from __future__ import annotations
@@ -40,22 +38,25 @@ from gauss2svg.svg.reader.canvas import CANVAS
 from gauss2svg.svg.strokes import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, Stroke, stroked
 from gauss2svg.version import __version__
 
-_ADDITIVE, _TRANSFER = "additive", "transfer"  # ids: longer than those of gradients
+_ADDITIVE, _TRANSFER = (
+    "additive",
+    "transfer",
+)  # ids, longer than those of gradients so that they cannot collide
 
 
 def write_svg(
     scene: Scene, svg_format: SvgFormat | None = None, document: Document | None = None
 ) -> str:
-    """The SVG text of a scene; depends on nothing but the scene, the format and the document.
+    """The SVG text of a scene; it depends only on the scene, the format and the document.
 
-    The scene is written as it is, with the exponents and colours that a file can hold
-    (gauss2svg.svg.snap.snapped); gauss2svg.quantize gives one with fewer of them, and so a smaller
-    file. With segments shapes are in the order of gauss2svg.svg.grouped_by_segment. A transparent
-    scene has no <rect>.
+    The scene is written with the exponents and colours that a file can hold
+    (gauss2svg.svg.snap.snapped); gauss2svg.quantize returns a scene with fewer of them, for a
+    smaller file. With segments shapes are in the order of gauss2svg.svg.layers.grouped_by_segment.
+    A transparent scene has no <rect>.
 
     An additive scene is written as gauss2svg.svg.additive explains: its layers are phases.
     Raises InputError for an additive scene with segments, animation or fragments, and for a
-    document whose segments or size are yet to be found in a photo.
+    document whose segments or size depend on a photo.
     """
     svg_format, document = svg_format or SvgFormat(), document or Document()
     if scene.blend == ADD:
@@ -83,11 +84,11 @@ def outline_svg(
     """The SVG text of a scene's shapes as bare strokes, for plotters; without a background.
 
     Each is an <ellipse> along the contour on which the falloff is half of its height, in the
-    shape's colour, opaque, in layers like those of write_svg. Shapes of no extent or opacity,
-    as written, are left out.
+    shape's colour, opaque, in layers like those of write_svg. Shapes whose extent or opacity is
+    written as 0 are left out.
 
     stroke_width  px, above 0
-    Raises InputError for a width that is none, and for an additive scene.
+    Raises InputError for a width out of range, and for an additive scene.
     """
     document = document or Document()
     if scene.blend == ADD:
@@ -110,7 +111,7 @@ def _write_additive(scene: Scene, svg_format: SvgFormat, document: Document) -> 
     if document.segments is not None:
         raise _not_for_additive("segments", "its layers are phases of drawing")
     if document.animate is not None:
-        raise _not_for_additive("animation", "it shows no picture until all is drawn")
+        raise _not_for_additive("animation", "it shows no image until all is drawn")
     if document.fragments:
         raise _not_for_additive("fragments", "its layers are phases of drawing, not rounds")
     encoded = encode_additive(scene, svg_format)
@@ -121,7 +122,7 @@ def _write_additive(scene: Scene, svg_format: SvgFormat, document: Document) -> 
     drawing.defs.add(_transfer(drawing, encoded.transfer, f"{_TRANSFER}-{key}"))
     for ramp in encoded.ramps:
         drawing.defs.add(_ramp(drawing, ramp))
-    # What is under the first rectangle is transparent, where a difference is what is drawn.
+    # Under the first rectangle the group is transparent, where a difference draws its source.
     drawing.add(
         drawing.style(
             f"#{_ADDITIVE}-{key} circle,#{_ADDITIVE}-{key} rect{{mix-blend-mode:difference}}"
@@ -133,8 +134,8 @@ def _write_additive(scene: Scene, svg_format: SvgFormat, document: Document) -> 
     )
     group.add(_cover(drawing, encoded.background, id="background"))
     for index, phase in enumerate(encoded.phases):
-        if phase.turned:  # beside the layers, so that one can be hidden without the other
-            group.add(_cover(drawing, phase.turned))
+        if phase.inverted:  # beside the layers, so that one can be hidden without the other
+            group.add(_cover(drawing, phase.inverted))
         layer = inkscape.layer(label=phase.label, id=f"phase-{index + 1}")
         for disc in phase.discs:
             circle = drawing.circle(r="1", transform=disc.matrix, fill=f"url(#{disc.ramp})")
@@ -146,10 +147,10 @@ def _write_additive(scene: Scene, svg_format: SvgFormat, document: Document) -> 
 
 
 def _cover(drawing: Any, fill: str, **attributes: str) -> Any:
-    """A rectangle over the canvas and beyond: what a filter maps must be opaque to its last pixel.
+    """A rectangle over the canvas and beyond, so that the filter maps opaque pixels only.
 
-    The filter's region is grown to whole pixels; a rectangle that ends within one would leave it
-    half turned over, and the map makes that an opaque line along the edge.
+    The filter region is extended to whole pixels; a rectangle that ends within a pixel would leave
+    it half inverted, which the filter makes an opaque line along the edge.
     """
     return drawing.rect(("-10%", "-10%"), ("120%", "120%"), fill=fill, **attributes)
 
@@ -162,7 +163,7 @@ def _not_for_additive(what: str, why: str) -> InputError:
 
 
 def _root(document: Document, scene: Scene, view: tuple[str, str], count: int) -> Any:
-    """A drawing of `count` shapes with everything but these: size, names, attributes."""
+    """A drawing for `count` shapes, without them: size, title, description, attributes."""
     canvas = number(scene.width, 3), number(scene.height, 3)
     sides = document.sides(scene.width, scene.height)
     # debug=True, svgwrite's default, triples the time and still lets NaN through;
@@ -240,8 +241,8 @@ def _circle(drawing: Any, ellipse: Ellipse) -> Any:
 
 def _outline(drawing: Any, one: Stroke) -> Any:
     element = drawing.ellipse(center=one.center, r=one.radii, stroke=one.color)
-    if one.turn:
-        element["transform"] = one.turn
+    if one.rotation:
+        element["transform"] = one.rotation
     return element
 
 
@@ -254,7 +255,7 @@ def _add_style(drawing: Any, document: Document, rounds: Sequence[int]) -> None:
 def _add_layers(
     drawing: Any, elements: Sequence[Any], scene: Scene, indices: Sequence[int], labels: Labels
 ) -> None:
-    """Elements as groups, which Inkscape shows as layers; indices say whose of the scene's."""
+    """Add elements in groups, which Inkscape shows as layers; indices are those of their shapes."""
     inkscape = Inkscape(drawing)
     rounds = scene.rounds[indices].tolist()
     segments = None if labels is None else segment_of(scene, labels)[indices].tolist()
@@ -279,7 +280,7 @@ def _add_all(group: Any, elements: Sequence[Any]) -> Any:
 
 
 def _text(drawing: Any) -> str:
-    # ElementTree writes a space before "/>", which nothing but the end of a tag can hold.
+    # ElementTree writes a space before "/>", which occurs only at the end of a tag.
     return (
         '<?xml version="1.0" encoding="utf-8"?>\n' + drawing.tostring().replace(" />", "/>") + "\n"
     )

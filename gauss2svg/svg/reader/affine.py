@@ -2,7 +2,7 @@
 
     x' = a x + c y + e,   y' = b x + d y + f
 
-Tuples, not arrays: thousands are read one by one, where numpy is ten times slower.
+They are tuples, because thousands are read one by one, where numpy is ten times slower.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The root of an SVG: its canvas in px and the map from user units onto it.
 
-Inkscape keeps width, height, viewBox and attributes that it does not know; resizing the page
-changes the first three only.
+Inkscape keeps width, height, viewBox and unknown attributes; resizing the page changes the first
+three only.
 """
 
 from __future__ import annotations

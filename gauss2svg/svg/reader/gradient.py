@@ -4,9 +4,8 @@ The exponent is that of BETA_CLASSES whose profile the polygon of the stops is n
 
     min over beta of  sqrt(integral (stops(x) - f(x R))^2 2 x dx),  R = cut_radius(beta), x in 0..1,
 
-whatever the number of stops: those of gradient_stops are at most 0.0083 from their own exponent
-and at least 0.087 from every other (tests/test_stops.py). Attributes and stops come along a chain
-of references, as in SVG 2: those of its own first.
+whatever the number of stops; tests/test_stops.py has the margins. Attributes and stops are
+inherited along a chain of references, as in SVG 2: an element's own come first.
 """
 
 from __future__ import annotations
@@ -32,20 +31,20 @@ _GEOMETRY = ("cx", "cy", "r", "fx", "fy", "fr")
 _COMMON = ("gradientUnits", "gradientTransform", "spreadMethod")
 _SAMPLES = 512
 _LARGEST_ERROR = 0.02
-_LARGEST_END = 0.005  # opacity of the last stop, which goes on outside the disc
-# A scale of stops this near to 1 is what piecewise linear profiles have anyway.
+_LARGEST_END = 0.005  # opacity of the last stop, which extends beyond the disc
+# Piecewise linear profiles differ from 1 by as much in their scale.
 _PEAK_OF_OURS = 0.01
-# Inkscape makes chains of two; without an end, as many gradients would take that squared.
+# Inkscape makes chains of two; without a limit, reading n gradients could take n^2 steps.
 _LONGEST_CHAIN = 100
-_LARGEST_FOCUS = 0.01  # of the radius: where the focus changes what is drawn by under a level
+_LARGEST_FOCUS = 0.01  # of the radius: within it the focus changes the image by under a level
 
 
 @dataclass(frozen=True)
 class Gradient:
     """One gradient: colour, opacity at the centre, exponent, and where it ends.
 
-    disc maps the unit circle onto the end of the gradient, in the shape's user space or, with
-    in_box, in the unit square that is its bounding box.
+    disc maps the unit circle onto the gradient's edge, in the shape's user space or, with in_box,
+    in the unit square of its bounding box.
     """
 
     color: Color
@@ -63,7 +62,7 @@ class Gradients:
         self._read: dict[str, Gradient] = {}
 
     def get(self, key: str) -> Gradient:
-        """The gradient of an id; raises InputError if it is none of ours."""
+        """The gradient of an id; raises InputError if write_svg would not write it."""
         if key not in self._read:
             try:
                 self._read[key] = self._gradient(key)
@@ -110,7 +109,7 @@ def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
     if units not in ("objectBoundingBox", "userSpaceOnUse"):
         raise InputError(must_be("gradientUnits", "userSpaceOnUse", units))
     in_box = units == "objectBoundingBox"
-    whole = 1.0 if in_box else None  # a percentage of the viewport is nothing we write
+    whole = 1.0 if in_box else None  # write_svg writes no percentage of the viewport
     cx, cy, r = (length(found.get(name, "50%"), name, whole) for name in ("cx", "cy", "r"))
     fx, fy = (length(found[f], f, whole) if f in found else c for f, c in (("fx", cx), ("fy", cy)))
     if r <= 0:
@@ -121,10 +120,10 @@ def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
         )
     if found.get("spreadMethod", "pad") != "pad":
         raise InputError(must_be("its spreadMethod", "pad", found["spreadMethod"]))
-    turned = IDENTITY
+    onto = IDENTITY
     if "gradientTransform" in found:
-        turned = parse_transform(found["gradientTransform"], "gradientTransform")
-    return compose(turned, (r, 0.0, 0.0, r, cx, cy)), in_box
+        onto = parse_transform(found["gradientTransform"], "gradientTransform")
+    return compose(onto, (r, 0.0, 0.0, r, cx, cy)), in_box
 
 
 def _read_stops(stops: list[Any]) -> tuple[Color, float, float]:

@@ -1,4 +1,4 @@
-"""Ellipses, however they are written: as the affine map of the unit circle onto them.
+"""Circles, ellipses and paths of arcs, as the affine map of the unit circle onto them.
 
 Inkscape makes an ellipse of a circle that is moved by itself, and a path of arcs of one that is
 converted ("Object to Path"), whose arcs it keeps through every later transform.
@@ -21,7 +21,7 @@ _ARC = re.compile(
     rf"([Aa]?){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER})"
     rf"{_SEPARATOR}([01]){_SEPARATOR}([01]){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}"
 )
-# Of the radius: what the 8 digits that editors write leave of a thin arc's ends.
+# Of the radius: editors write 8 digits, which move the ends of a thin arc by as much.
 _TOLERANCE = 0.01
 
 
@@ -43,11 +43,11 @@ def outline(tag: str, attributes: Mapping[str, str]) -> Affine:
 
 
 def _of_arcs(data: str) -> Affine:
-    """Of a closed path of arcs that are all of one ellipse and go round it once."""
+    """The map of a closed path whose arcs all lie on one ellipse and go round it once."""
     radii, corners, sweep = _arcs(data)
     rx, ry, tilt = radii
-    # The ends lie symmetrically, two or four of them: their mean is the centre. Computing it
-    # from each arc loses half the digits where an arc is half of the ellipse.
+    # The two or four ends lie symmetrically, so that their mean is the centre. Computing the
+    # centre from an arc that is half of the ellipse would lose half of the digits.
     cx, cy = (sum(corner[k] for corner in corners) / len(corners) for k in (0, 1))
     cos, sin = math.cos(math.radians(tilt)), math.sin(math.radians(tilt))
     turn, angles = 0.0, []

@@ -1,7 +1,7 @@
-"""SVG sources as trees of elements; the module of svg/ that knows defusedxml.
+"""SVG sources as trees of elements, by defusedxml.
 
-Files come from anywhere: document type declarations are refused, and with them entities that
-multiply or read other files. Neither write_svg nor Inkscape writes one. Bytes, elements and depth
+Files come from anywhere, so document type declarations are refused, and with them entities that
+multiply or read other files; neither write_svg nor Inkscape writes one. Bytes, elements and depth
 have limits.
 """
 
@@ -20,9 +20,9 @@ from defusedxml.ElementTree import DefusedXMLParser, ParseError
 from gauss2svg.errors import InputError, must_be, shown
 
 GZIP = b"\x1f\x8b"
-MOST_BYTES = 256_000_000  # unpacked: a gzip bomb has a thousand for each of its own
-MOST_ELEMENTS = 4_000_000  # a tree of them takes some 3 GB
-_DEEPEST = 1000  # no renderer draws much deeper ones
+MOST_BYTES = 256_000_000  # gunzipped: a gzip bomb expands a thousandfold
+MOST_ELEMENTS = 4_000_000  # their tree takes about 3 GB
+_DEEPEST = 1000  # renderers draw hardly deeper ones
 
 
 class _Tree(TreeBuilder):
@@ -56,9 +56,9 @@ def parse_document(
 ) -> Any:
     """The root element of a path (.svg or .svgz), of text or of bytes, gzipped or not.
 
-    A str is text if it has a "<" in it, a path otherwise. Raises InputError for what cannot be
-    read, is no XML, declares a document type, has more than max_bytes bytes, gunzipped, or more
-    than max_elements elements, or nests them more than 1000 deep.
+    A str with a "<" is text, otherwise a path. Raises InputError for a source that cannot be read,
+    is not XML, declares a document type, has more than max_bytes bytes, gunzipped, or more than
+    max_elements elements, or nests them more than 1000 deep.
     """
     name = "the SVG"
     if isinstance(source, os.PathLike) or (isinstance(source, str) and "<" not in source):
@@ -97,9 +97,9 @@ def _within(data: str | bytes, max_bytes: int, name: str) -> None:
 
 
 def gunzipped(data: bytes, most_bytes: int, name: str) -> bytes:
-    """At most one byte more than most_bytes, however many there would be.
+    """Gunzipped data, at most one byte more than most_bytes.
 
-    Raises InputError for what is no whole gzip.
+    Raises InputError for anything but a complete gzip file.
     """
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:

@@ -3,7 +3,7 @@
 What Inkscape 1.2 changes when it saves a file (tests/data has one, before and after):
 
 - opening and saving alone adds ids and a namedview; the numbers stay as they were;
-- a shape that is moved, turned or scaled by itself becomes an ellipse whose transform has unit
+- a shape that is moved, rotated or scaled by itself becomes an ellipse whose transform has unit
   columns, with cx, cy, rx, ry on 8 digits; its gradient is moved along by a gradientTransform,
   under a new id that refers to the old one for its stops where others use that too;
 - "Object to Path" makes a path of four arcs, also in later transforms;
@@ -39,10 +39,10 @@ from gauss2svg.svg.solid import solid_beta, solid_radius
 
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
-# They draw nothing by themselves; animation ends as the elements are written, by check_smil.
+# Elements that draw nothing themselves; check_smil makes sure that animation ends as written.
 _SILENT = {"title", "desc", "metadata", "defs", "linearGradient", "radialGradient", "filter"}
 _ANIMATIONS = {"animate", "animateTransform", "animateMotion", "animateColor", "set", "discard"}
-_SILENT |= _ANIMATIONS | {"style"}  # which all are read before anything else
+_SILENT |= _ANIMATIONS | {"style"}  # all of which are checked before anything else
 _EVERYWHERE = {SVG + tag for tag in (*_ANIMATIONS, "style")}
 _INHERITED = {"fill": "fill", "fill-opacity": "fill_opacity", "visibility": "visibility"}
 _ADVICE = {
@@ -51,14 +51,14 @@ _ADVICE = {
     "text": ", or to draw it as part of the photo",
     "image": ", or to vectorise it with the photo",
 }
-# What would draw something else than we read, and the value under which it does not.
+# Properties that are not read, and the value under which they have no effect.
 _EFFECTS = {"stroke": "none", "mask": "none", "clip-path": "none", "mix-blend-mode": "normal"}
-# Attributes and properties that move, hide or change a shape, and are not read.
+# Attributes and properties that move, hide or change a shape; files with them are refused.
 _UNREAD = ("transform-origin", "transform-box", "translate", "rotate", "scale", "offset-path")
 _UNREAD += ("zoom", "all", "systemLanguage")
-_SUMMED = re.compile(r"mix-blend-mode\s*:\s*difference")  # in a style sheet: by write_svg
+_ADDITIVE = re.compile(r"mix-blend-mode\s*:\s*difference")  # in write_svg's style sheets
 _DEEPEST = 100
-_COVERED = 0.01  # px of the canvas that a background may leave free: rounding
+_COVERED = 0.01  # px of the canvas that a background may leave free by rounding
 
 
 def read_svg(
@@ -81,18 +81,18 @@ def read_svg(
     source       a path (.svg, .svgz), text, or bytes
     background   sRGB colour in 0..1 for a file without a background, which is a transparent scene
                  if it is not given, or with a translucent one
-    skip_hidden  leave hidden shapes and layers out, instead of refusing the file
-    max_bytes, max_elements  most that are read, gunzipped; more for a file that is trusted
+    skip_hidden  skip hidden shapes and layers instead of refusing the file
+    max_bytes, max_elements  limits of the gunzipped file; raise them for a file that you trust
 
-    Animation is skipped, and so is the rule for fragments. Raises InputError naming the element
-    for all that a scene cannot hold: texts, pictures, other paths, strokes, masks, clips, several
-    shapes under one group opacity; and for a file of an additive scene.
+    Animation and the rule for fragments are skipped. Raises InputError with the element's name for
+    everything that a scene cannot hold: texts, images, other paths, strokes, masks, clips, several
+    shapes under one group opacity; and for the file of an additive scene.
     """
     root = parse_document(source, max_bytes, max_elements)
     if root.tag != SVG + "svg":
         got = shown(f"<{_bare(root.tag)[:40]}>")
         raise InputError(must_be("the document", "an <svg> in the namespace of SVG", got))
-    if any(_SUMMED.search("".join(sheet.itertext())) for sheet in root.iter(SVG + "style")):
+    if any(_ADDITIVE.search("".join(sheet.itertext())) for sheet in root.iter(SVG + "style")):
         raise InputError(
             "the SVG must be alpha-composited; got an additive one, drawn as differences, which "
             "cannot be read back. Try to keep its scene by --save-scene or Scene.save"
@@ -104,7 +104,7 @@ def read_svg(
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """What an element gets from its ancestors."""
+    """State that an element inherits from its ancestors."""
 
     onto: Affine
     fill: str = "black"
@@ -145,7 +145,7 @@ class _Reader:
     def _visit(self, element: Any, parent: _State) -> None:
         tag = element.tag
         if not isinstance(tag, str) or not tag.startswith(SVG):
-            return  # comments, and what belongs to an editor: no renderer draws it
+            return  # comments and editors' own elements, which no renderer draws
         tag = tag[len(SVG) :]
         if tag in _SILENT:
             return
@@ -170,9 +170,9 @@ class _Reader:
             self._group(element, attributes, state)
 
     def _inherit(self, own: dict[str, str], parent: _State) -> tuple[_State, dict[str, str]]:
-        """The state under an element, and its attributes with those of its style, which win.
+        """The state under an element, and its attributes overridden by those of its style.
 
-        Raises InputError for effects that a scene has not.
+        Raises InputError for effects that a scene cannot hold.
         """
         attributes = own
         if "style" in own:
@@ -231,7 +231,7 @@ class _Reader:
                 )
 
     def _rectangle(self, attributes: dict[str, str], state: _State) -> None:
-        """Takes a rectangle under all shapes that covers the canvas as the background."""
+        """Use a rectangle that covers the canvas under all shapes as the background."""
         if self._shapes:
             raise InputError(
                 "a rectangle must be the background; got one over shapes. Try to delete it"
@@ -290,7 +290,7 @@ class _Reader:
                 got, advice = attributes["filter"], "to remove it"
                 raise InputError(must_be("its filter", "in the file", got, advice))
         shape = read_shape(tag, attributes, state.fill, state.onto, self._gradients, blur)
-        # A blurred disc may be a little less opaque than its profile, but not more.
+        # A blurred disc may be slightly less opaque than its profile, never more.
         opacity = min(1.0, state.opacity * shape.peak * share(state.fill_opacity, "fill-opacity"))
         last = self._shapes[-1][2] if self._shapes else 0
         self._shapes.append((shape, opacity, max(last, state.round)))
@@ -340,7 +340,7 @@ class _Reader:
 
 
 def _round_of(group: Any) -> int | None:
-    """The round, from 0, that a group's label or id says; the label can be edited, so it is first.
+    """The round, from 0, of a group's label or id; the label is first, because users edit it.
 
     Raises InputError for round 0.
     """
@@ -376,7 +376,7 @@ def _naming(element: Any) -> Iterator[None]:
 
 
 def _name(element: Any) -> str:
-    """An element as one finds it in the file: its id, or else its first attributes."""
+    """An element as it can be found in the file: by its id, or else by its first attributes."""
     named = [(key, element.get(key)) for key in ("id", _LABEL) if element.get(key)]
     shown = " ".join(f'{_bare(k)}="{v}"' for k, v in named or list(element.attrib.items())[:3])
     return f"<{_bare(element.tag)[:40]} {' '.join(shown.split())[:120]}>".replace(" >", ">")

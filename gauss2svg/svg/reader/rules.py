@@ -1,4 +1,4 @@
-"""Style sheets and animation that leave an SVG as its elements say; all others are refused."""
+"""Style sheets and animation: refused unless the SVG ends as its elements say."""
 
 from __future__ import annotations
 

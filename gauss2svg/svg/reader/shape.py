@@ -1,7 +1,7 @@
-"""One ellipse of a file: its colour, exponent and opacity, and where a known radius of it lies.
+"""One shape of a file: its colour, exponent and opacity, and the ellipse of a known radius of it.
 
-Three forms are read, told apart by what fills them: a gradient, a plain colour, and a plain
-colour blurred by a filter.
+Three forms are read, distinguished by what fills them: a gradient, a solid colour, and a solid
+colour under a blur.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from gauss2svg.svg.reader.gradient import SVG, Gradient, Gradients
 from gauss2svg.svg.reader.outline import outline
 from gauss2svg.svg.reader.values import Color, color, length, numbers, reference
 
-_LEAST_RATIO = 1e-6  # beyond it either way a blur is no profile of ours, nor are its logarithms
-_SAME_RATIO = 0.005  # to a known one: the rounding of a deviation that an editor wrote
-# Deviations around a circle that the region of its filter has at least: write_svg writes 3.5, of
-# which Inkscape leaves 2.4, and so two levels at the end.
+_LEAST_RATIO = 1e-6  # of a radius to a deviation, and its inverse: write_svg writes none so extreme
+_SAME_RATIO = 0.005  # relative: within it a ratio is a known one, rounded by an editor
+# Standard deviations around a circle that its filter region must include: write_svg writes 3.5,
+# of which Inkscape keeps 2.4, where two levels are left.
 _REACH = 2.3
-# What a blur may say of itself: the picture is the circle, whole, and nothing is around it.
+# Values that a blur's attributes may have: it filters the whole circle on a transparent ground.
 _STEP = {"in": "SourceGraphic", "edgeMode": "none", "x": "", "y": "", "width": "", "height": ""}
-_CLIPPED = 0.05  # canvas px by which an ellipse may cut its gradient off: rounding
+_CLIPPED = 0.05  # canvas px of a gradient that rounding may cut off
 
 
 @dataclass(frozen=True)
 class Shape:
     """One shape: the circle of `radius` sigmas is `disc` of the unit circle, in canvas px.
 
-    beta and radius are None for a solid ellipse, which any crisp enough exponent draws; peak is
-    what its opacity is to be multiplied by.
+    beta and radius are None for a solid ellipse, which any crisp enough exponent draws; peak is a
+    factor of its opacity.
     """
 
     color: Color
@@ -55,7 +55,7 @@ def read_shape(
     """The shape of a circle, ellipse or path that `onto` maps to canvas px.
 
     attributes include those of its style; blur is the filter element that it refers to.
-    Raises InputError for what is no shape of ours.
+    Raises InputError for a shape that write_svg would not write.
     """
     edge = outline(tag, attributes)
     key = reference(fill)
@@ -90,7 +90,7 @@ def _shaded(gradient: Gradient, disc: Affine) -> Shape:
 def blurred_profile(radius: float, deviation: float) -> tuple[float, float, float]:
     """Exponent, radius in sigmas and centre opacity of a circle of `radius`, blurred.
 
-    Both lengths are in user units of the circle. Raises InputError for ratios unlike ours.
+    Both lengths are in user units of the circle. Raises InputError for other ratios.
     """
     ratio = radius / deviation
     if not _LEAST_RATIO < ratio < 1 / _LEAST_RATIO:
@@ -131,7 +131,7 @@ def _check_region(blur: Any, edge: Affine, deviation: float) -> None:
     radius, center = abs(edge[0]), edge[4:]
     units = blur.get("filterUnits", "objectBoundingBox")
     in_box = units == "objectBoundingBox"
-    whole = 1.0 if in_box else None  # a percentage of the viewport is nothing we write
+    whole = 1.0 if in_box else None  # write_svg writes no percentage of the viewport
     for axis, (start, extent) in enumerate((("x", "width"), ("y", "height"))):
         low, size = (
             length(blur.get(name, usual), name, whole)
@@ -156,8 +156,8 @@ def _check_cover(edge: Affine, disc: Affine) -> None:
     a, b, c, d, e, f = edge
     determinant = a * d - b * c
     if determinant == 0 or not math.isfinite(determinant):
-        return  # draws nothing; its extent is refused where all are checked
-    # The gradient's disc where the ellipse is the unit circle: its larger axis and its centre.
+        return  # draws nothing; the reader refuses its extent
+    # The larger axis and the centre of the gradient's disc, in units where the ellipse is a circle.
     p, q, r, s, t, u = disc
     back = d / determinant, -b / determinant, -c / determinant, a / determinant
     x, y = back[0] * (t - e) + back[2] * (u - f), back[1] * (t - e) + back[3] * (u - f)
