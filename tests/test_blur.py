@@ -166,7 +166,7 @@ def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette
     ids = re.findall(r' id="([^"]+)"', svg)
     assert len(set(ids)) == len(ids)
     if palette:
-        first = drawn_blurs(kept) >= 0
+        first = drawn_blurs(snapped(scene, BLUR)) >= 0
         np.testing.assert_allclose(kept.color[first], scene.color[first], atol=0.51 / 255)
         assert svg.count("<radialGradient") <= palette
 

@@ -118,8 +118,11 @@ def test_what_is_transparent_is_white(drawn_here):
     [
         ('viewBox="0 0 8 8">', None),
         ('viewBox="0 0 80 82">', None),  # half a pixel at 16 px
-        ('viewBox="0 0 80 88">', "SVG is 80x88, of other proportions"),
-        ('width="8" height="8" viewBox="0 0 8 4">', "viewBox is 8x4, of other proportions"),
+        ('viewBox="0 0 80 88">', "SVG is 80x88, not in the photo's proportions"),
+        (
+            'width="8" height="8" viewBox="0 0 8 4">',
+            "viewBox is 8x4, not in the photo's proportions",
+        ),
         ('viewBox="0 0 8 8"><text>a</text>', "text (1) is not drawn: resvg gets no fonts"),
         ('viewBox="0 0 8 8"><foreignObject/>', "foreignObject (1) is left out"),
         ('viewBox="0 0 8 8"><script/>', "script (1) is left out"),
@@ -185,7 +188,7 @@ def test_unexpected_failure_names_the_renderer():
     )
 
 
-def test_embedded_pictures_are_drawn_and_told(halves, drawn_here):
+def test_embedded_images_are_drawn_and_reported(halves, drawn_here):
     stream = io.BytesIO()
     Image.fromarray(np.uint8(halves * 255)).save(stream, "PNG")
     data = base64.b64encode(stream.getvalue()).decode()
@@ -195,7 +198,7 @@ def test_embedded_pictures_are_drawn_and_told(halves, drawn_here):
     )
     checked = gauss2svg.check(halves, svg)
     assert checked.psnr > 50
-    assert "embedded pictures (1)" in checked.notes[0]
+    assert "embedded images (1)" in checked.notes[0]
 
 
 def test_same_error_has_the_same_colour_in_two_maps():

@@ -14,9 +14,9 @@ import pytest
 from conftest import needs, random_scene
 
 from gauss2svg.cli.check import check_command
-from gauss2svg.cli.main import vectorize_command
 from gauss2svg.errors import RendererError
 from gauss2svg.measure import metrics
+from gauss2svg.pipeline.options import RunOptions
 from gauss2svg.raster import RENDERERS, chromium, program, rasterize, renderer_version
 from gauss2svg.raster.support import BROWSERS, refuse_unsupported
 from gauss2svg.render import render
@@ -60,9 +60,8 @@ def test_every_renderer_draws_the_model_at_its_decibels(renderer):
 
 
 def test_the_command_line_knows_every_renderer():
-    for function in (vectorize_command, check_command):
-        hint = get_type_hints(function)["renderer"]
-        assert get_args(hint) == RENDERERS
+    for holder in (RunOptions, check_command):
+        assert get_args(get_type_hints(holder)["renderer"]) == RENDERERS
 
 
 def test_nothing_of_the_file_runs_and_nothing_is_loaded(renderer):

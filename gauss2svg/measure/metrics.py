@@ -83,7 +83,9 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
         one, two = image[:, :, c], other[:, :, c]
         product = 1.0
         for scale, weight in enumerate(_SCALE_WEIGHTS, 1):
-            constants = {} if scale == len(_SCALE_WEIGHTS) else {"K1": _NO_LUMINANCE}
+            constants: dict[str, Any] = (
+                {} if scale == len(_SCALE_WEIGHTS) else {"K1": _NO_LUMINANCE}
+            )
             product *= max(_similarity(one, two, np.float64, **constants), 0.0) ** weight
             one, two = _halved(one), _halved(two)
         channels.append(product)
@@ -95,12 +97,14 @@ def _similarity(
     two: NDArray[np.floating],
     dtype: Any,
     box: int | None = None,
-    **constants: float,
+    **constants: Any,
 ) -> float:
     """Mean SSIM of two planes (h, w) over the windows inside: Gaussian, or boxes of `box` px."""
     from skimage.metrics import structural_similarity
 
-    window = {"gaussian_weights": True, "sigma": 1.5} if box is None else {"win_size": box}
+    window: dict[str, Any] = (
+        {"gaussian_weights": True, "sigma": 1.5} if box is None else {"win_size": box}
+    )
     rim = (box or _FULL_WINDOW) // 2
     rows = one.shape[0] - 2 * rim
     total = 0.0

@@ -20,6 +20,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from xml.parsers import expat
 
 from gauss2svg.errors import InputError, RendererError
@@ -106,29 +107,34 @@ class _Uses:
 
     def add_css(self, text: str, is_sheet: bool = False) -> bool:
         """Add the features of a style sheet or attribute; returns whether it filters."""
-        lowered = text.lower()
-        if not any(word in lowered for word in _CSS_WORDS):
-            return False
-        filtered = False
-        for node in statements(text, is_sheet):
-            if node.type == "at-rule":
-                self.moving |= node.lower_at_keyword == "starting-style"
-                continue
-            name, first = node.lower_name.removeprefix("-webkit-"), first_word(node.value)
-            if first in _UNUSED:
-                continue
-            if name == "filter":
-                filtered = self.filter = True
-                self.blur |= any(
-                    token.type == "function" and token.lower_name in ("blur", "drop-shadow")
-                    for token in node.value
-                )
-            elif name == "mix-blend-mode":
-                self.blended = True
-                self.lighter |= first.startswith("plus-")
-            elif name in ("animation", "animation-name"):
-                self.moving = True
-        return filtered
+        found = _features_of(text, is_sheet)
+        for feature in found:
+            setattr(self, feature, True)
+        return "filter" in found
+
+
+@lru_cache(maxsize=32)  # shapes share their filters
+def _features_of(css: str, is_sheet: bool) -> frozenset[str]:
+    """Names of the fields of _Uses that are True for a style sheet or attribute."""
+    lowered = css.lower()
+    if not any(word in lowered for word in _CSS_WORDS):
+        return frozenset()
+    found = set()
+    for node in statements(css, is_sheet):
+        if node.type == "at-rule":
+            found |= {"moving"} if node.lower_at_keyword == "starting-style" else set()
+            continue
+        name, first = node.lower_name.removeprefix("-webkit-"), first_word(node.value)
+        if first in _UNUSED:
+            continue
+        if name == "filter":
+            functions = {t.lower_name for t in node.value if t.type == "function"}
+            found |= {"filter", "blur"} if functions & {"blur", "drop-shadow"} else {"filter"}
+        elif name == "mix-blend-mode":
+            found |= {"blended", "lighter"} if first.startswith("plus-") else {"blended"}
+        elif name in ("animation", "animation-name"):
+            found.add("moving")
+    return frozenset(found)
 
 
 class _Survey:

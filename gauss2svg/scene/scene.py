@@ -156,8 +156,9 @@ class Scene:
                 if not (within & (array == np.round(array))).all():
                     raise ValueError("others")
         except (TypeError, ValueError, OverflowError) as error:
-            most = "" if dtype is np.float64 else f"whole numbers up to {np.iinfo(dtype).max}"
-            needed = f"an array of {most or 'real numbers'}"
+            real = dtype is np.float64
+            needed = f"an array of {'real' if real else 'whole'} numbers"
+            needed += "" if real else f" up to {np.iinfo(np.int32).max}"
             raise SceneError(must_be(f"scene {name}", needed, shown(error))) from None
         return array.astype(dtype, copy=False)
 

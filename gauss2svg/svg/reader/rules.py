@@ -42,7 +42,7 @@ def check_sheet(text: str) -> None:
         if node.type == "declaration":
             check_animation(node.lower_name, node.value, _ADVICE)
         elif node.type == "qualified-rule":
-            inside = tinycss2.parse_blocks_contents(node.content, True, True)
+            inside = tinycss2.parse_blocks_contents(node.content or [], True, True)
             if not _is_up_to_target(node.prelude, inside):
                 nodes += inside
         else:
