@@ -276,7 +276,7 @@ def test_missing_background_is_a_transparent_scene_and_a_glassy_one_is_asked_for
     assert not read_svg(text, background=(0, 0.5, 1)).transparent
     assert read_svg(text, background=(0, 0.5, 1)).background.tolist() == [0, 0.5, 1]
     glass = document(rect='<rect width="40" height="30" fill="#fff" opacity=".5"/>')
-    with pytest.raises(InputError, match=r"opacity is 0\.5"):
+    with pytest.raises(InputError, match=r"opacity of the background must be 1; got 0\.5"):
         read_svg(glass)
     np.testing.assert_allclose(read_svg(glass, background=(0, 0.5, 1)).background, [0.5, 0.75, 1])
     opaque = read_svg(document(), background=(0, 0, 0))
