@@ -39,7 +39,7 @@ from gauss2svg.errors import RendererError
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.vectorize import Result
 from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize, renderer_version
+from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS, rasterize, renderer_version
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.render import render
 from gauss2svg.svg.blur import FORMS, GRADIENT
@@ -241,7 +241,7 @@ def tables(options: argparse.Namespace) -> Iterator[str]:
     pictures = options.photos or ("astronaut", "coffee")
     photos = {Path(picture).stem: load(picture) for picture in pictures}
     counts, renderers = [int(count) for count in options.counts.split(",")], options.renderers
-    judge = next((n for n in DRAW_TURNED_BLURS if n in renderers and version_of(n)), None)
+    judge = next((n for n in DRAW_ROTATED_BLURS if n in renderers and version_of(n)), None)
     here = machine()
     versions = ", ".join(version_of(name) or f"{name} not installed" for name in renderers)
     yield f"# Renderers\n\n{', '.join(photos)} by gauss2svg {__version__} and {versions}; Python"

@@ -46,7 +46,7 @@ from gauss2svg.photo.load import load_image
 from gauss2svg.raster import RENDERERS, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.pipeline.quantize import quantize
-from gauss2svg.svg.plain import is_plain
+from gauss2svg.svg.solid import is_solid
 
 Pixels = NDArray[np.floating]
 
@@ -106,7 +106,7 @@ def rows_of(beta: float, rims: tuple[float, ...]) -> Iterator[Row]:
             beta=np.full(count, beta),
         )
         length = perimeter * float(np.square(opacity).sum())
-        yield Row(rim, aspect, scene, length, bool(is_plain(scene).all()))
+        yield Row(rim, aspect, scene, length, bool(is_solid(scene).all()))
 
 
 def sheet_of(rows: list[Row]) -> Scene:
@@ -199,9 +199,9 @@ def print_plain(drawers: list[str]) -> None:
         for row in rows:
             sums[row.aspect, row.rim] += row.length * contrast / 1000
             plain[row.aspect, row.rim] += [f"{beta:g}"] if row.plain else []
-        # The error that is_plain allows decides which of the two is written.
+        # The error that is_solid allows decides which of the two is written.
         for way, allowed in (("grad", 0.0), ("plain", math.inf)):
-            with patch("gauss2svg.svg.plain._LARGEST_ERROR", allowed):
+            with patch("gauss2svg.svg.solid._LARGEST_ERROR", allowed):
                 svg = write_svg(scene, _EXACT)
             for name in drawers:
                 drawn = draw(name, svg, scene, 1)
@@ -228,7 +228,7 @@ def print_fits(drawers: list[str]) -> None:
         pixels = load_image(getattr(data, picture)()).pixels
         fitted = fit(pixels, replace(_FIT, falloff=falloff)).scene
         scene, svg = quantized(fitted, _WRITTEN), write_svg(fitted, _WRITTEN)
-        line = f"{picture:10}{falloff:9}{is_plain(scene).sum():>6}"
+        line = f"{picture:10}{falloff:9}{is_solid(scene).sum():>6}"
         models = [(scale, model(scene, scale)) for scale in _SCALES]
         for name in drawers:
             found = (metrics.psnr(draw(name, svg, scene, k), truth) for k, truth in models)

@@ -14,6 +14,7 @@ from conftest import random_scene, random_sum
 from svg_texts import AS_PATH, CIRCLE, document
 
 from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.write import outline_svg, write_svg
 
 _DATA = Path(__file__).parent / "data"
@@ -75,9 +76,11 @@ def svg_seeds() -> tuple[bytes, ...]:
     labels = np.arange(12).reshape(3, 4) // 4
     texts = [
         write_svg(scene),
-        write_svg(scene, SvgOptions(form="blur", stops=6), Document("a & b", "<c>", "120mm")),
-        write_svg(scene, page=Document(segments=labels, aspect="xMidYMid slice")),
-        write_svg(scene, page=Document(animate=2.0)),
+        write_svg(
+            scene, SvgFormat(form="blur", stops=6), Document(title="a & b", alt="<c>", size="120mm")
+        ),
+        write_svg(scene, document=Document(segments=labels, aspect="xMidYMid slice")),
+        write_svg(scene, document=Document(animate=2.0)),
         write_svg(random_sum(5, 40, 30, 3)),
         outline_svg(scene),
         document(),

@@ -13,11 +13,13 @@ from hypothesis import strategies as st
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.fit import fit
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.raster import rasterize, resvg
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.levels import whole_stops
 from gauss2svg.svg.phases import partial_sums, phases_of
 from gauss2svg.svg.reader.read import read_svg
@@ -25,7 +27,7 @@ from gauss2svg.svg.stops import gradient_stops
 from gauss2svg.svg.write import outline_svg, write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
-EXACT = SvgOptions(palette=0, stops=8, precision=0.01)
+EXACT = SvgFormat(stops=8, precision=0.01)
 LEVEL = 1 / 255
 BETWEEN = 0.25 * LEVEL  # added for renderers that cut to whole levels
 seeds = st.integers(0, 2**32 - 1)
@@ -201,7 +203,7 @@ def test_every_renderer_but_cairo_draws_a_sum(renderer):
     scene = scene_with(7)
     svg = write_svg(scene, EXACT)
     if renderer == "cairo":
-        with pytest.raises(RendererError, match=r"cannot draw .*mix-blend-mode.*one of resvg"):
+        with pytest.raises(RendererError, match=r"one of resvg.*mix-blend-mode"):
             rasterize(svg, 60, 44, renderer)
     else:
         assert psnr(rasterize(svg, 60, 44, renderer), render(scene)) > 36
@@ -289,33 +291,33 @@ def test_chosen_stops_are_nearer_than_rounded_ones(count):
 
 def test_settling_keeps_signs_and_as_many_colours_as_the_palette_has():
     scene = scene_with(11, 200)
-    kept = quantized(scene, SvgOptions(palette=20))
+    kept = quantize(scene, palette=20)
     assert len(np.unique(kept.color, axis=0)) == 20
     assert kept.color.min() < -0.2
     assert kept.color.max() > 0.2
-    np.testing.assert_array_equal(quantized(kept, SvgOptions(palette=20)).color, kept.color)
-    fewer = quantized(scene, SvgOptions(palette=4))
+    np.testing.assert_array_equal(quantize(kept, palette=20).color, kept.color)
+    fewer = quantize(scene, palette=4)
     assert psnr(render(kept), render(scene)) > psnr(render(fewer), render(scene)) + 3
-    np.testing.assert_array_equal(quantized(scene, SvgOptions(palette=200)).color, scene.color)
+    np.testing.assert_array_equal(quantize(scene, palette=200).color, scene.color)
 
 
 def test_colours_settle_within_the_error_allowed():
     scene = scene_with(12, 200)
-    coarse = quantized(scene, SvgOptions(color_error=1e-2))
-    fine = quantized(scene, SvgOptions(color_error=1e-3))
+    coarse = quantize(scene, color_error=1e-2)
+    fine = quantize(scene, color_error=1e-3)
     assert len(np.unique(coarse.color, axis=0)) < len(np.unique(fine.color, axis=0)) < 200
 
 
 def test_two_sums_in_one_page_keep_their_own_transfer():
     first, second = (write_svg(scene_with(seed, 20)) for seed in (1, 2))
-    for pattern in (r'id="(transfer-\w+)"', r'id="(summed-\w+)"'):
+    for pattern in (r'id="(transfer-\w+)"', r'id="(additive-\w+)"'):
         one, other = re.findall(pattern, first), re.findall(pattern, second)
         assert len(one) == len(other) == 1
         assert one != other
 
 
 def test_gradients_are_shared_by_colour():
-    svg = write_svg(scene_with(13, 200), SvgOptions(palette=10))
+    svg = write_svg(quantize(scene_with(13, 200), palette=10))
     assert svg.count("<radialGradient") <= 10
     assert svg.count("<circle") > 150
 
@@ -332,23 +334,22 @@ def test_layers_say_what_they_add_and_take():
 def test_what_a_sum_cannot_have_is_refused():
     scene = scene_with(15, 5)
     with pytest.raises(InputError, match=r"segments.*--portable"):
-        write_svg(scene, page=Document(segments=np.zeros((2, 2), int)))
+        write_svg(scene, document=Document(segments=np.zeros((2, 2), int)))
     with pytest.raises(InputError, match=r"animation.*--portable"):
-        write_svg(scene, page=Document(animate=2.0))
+        write_svg(scene, document=Document(animate=2.0))
     with pytest.raises(InputError, match=r"fragments.*--portable"):
-        write_svg(scene, page=Document(fragments=True))
+        write_svg(scene, document=Document(fragments=True))
     with pytest.raises(InputError, match=r"outlines.*--portable"):
         outline_svg(scene)
-    for form in ("blur", "hybrid"):
-        with pytest.raises(InputError, match="form is"):
-            write_svg(scene, SvgOptions(form=form))
+    with pytest.raises(InputError, match="form must be 'gradient'"):
+        write_svg(scene, SvgFormat(form="blur"))
     with pytest.raises(InputError, match=r"cannot be read back.*--save-scene"):
         read_svg(write_svg(scene))
 
 
 def test_a_page_s_names_and_size_are_those_of_any_scene():
     page = Document(title="Sum", alt="All", size="120mm", aspect="none")
-    svg = write_svg(scene_with(16, 5), page=page)
+    svg = write_svg(scene_with(16, 5), document=page)
     assert 'width="120mm"' in svg
     assert "<title>Sum</title><desc>All</desc>" in svg
     assert 'preserveAspectRatio="none"' in svg

@@ -14,7 +14,7 @@ from gauss2svg.bench.grid import AXES, DEFAULT_GRID, BenchRun, parse_axes, setti
 from gauss2svg.bench.rows import RowStore, csv_text
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS
+from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS
 
 points = st.lists(
     st.tuples(*[st.integers(0, 6).map(float)] * 3), min_size=1, max_size=12
@@ -90,7 +90,7 @@ def test_axes_span_their_product_whatever_their_order():
 @pytest.mark.parametrize("form", AXES["form"].choices)
 def test_forms_that_a_renderer_does_not_support_are_refused_before_any_run(form, renderer):
     axes = parse_axes([f"form=gradient,{form}", f"renderer=chromium,{renderer}"])
-    if form == "gradient" or renderer in DRAW_TURNED_BLURS:
+    if form == "gradient" or renderer in DRAW_ROTATED_BLURS:
         assert settings_of(axes)
     else:
         with pytest.raises(InputError, match=f"form must be gradient with the renderer {renderer}"):

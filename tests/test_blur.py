@@ -5,29 +5,31 @@ import re
 import numpy as np
 import pytest
 from conftest import needs, random_scene
+from flat import vectorize
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.measure import metrics, vectorize
-from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize
+from gauss2svg.measure import metrics
+from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius, half_radius, profile
 from gauss2svg.svg.blur import (
     BLUR,
     FORMS,
-    GRADIENT,
-    HYBRID,
     blur_of,
     blurred_disc,
     blurs,
     chosen_blurs,
     drawn_blurs,
 )
-from gauss2svg.svg.plain import is_plain
+from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.snap import snapped
+from gauss2svg.svg.solid import is_solid
 from gauss2svg.svg.write import write_svg
 
 FORM = st.sampled_from(FORMS)
@@ -89,18 +91,17 @@ def test_no_other_exponent_scale_or_peak_errs_less():
 
 @pytest.mark.parametrize("ratio", [0.4, 17.0])
 def test_ratios_that_no_profile_is_like_are_refused(ratio):
-    with pytest.raises(InputError, match=r"needed is 0\.5\.\.16"):
+    with pytest.raises(InputError, match=r"must be 0\.5\.\.16"):
         blur_of(ratio)
 
 
 @settings(max_examples=20)
 @given(st.integers(0, 10**6), FORM, st.sampled_from([0, 12]))
-def test_settled_scenes_stay_as_they_are(seed, form, palette):
-    options = SvgOptions(form=form, palette=palette)
-    scene = quantized(large_scene(20, seed), options)
-    again = quantized(scene, options.every_color)
+def test_quantized_scenes_stay_as_they_are(seed, form, palette):
+    scene = quantize(large_scene(20, seed), form, palette)
+    again = snapped(scene, form)
     # Save for shapes that got an exponent from the palette which a disc is like.
-    same = (drawn_blurs(again) == drawn_blurs(scene)) | is_plain(scene)
+    same = (drawn_blurs(again) == drawn_blurs(scene)) | is_solid(scene)
     assert same.mean() > 0.7
     for name in ("sigma", "betas", "color"):
         mine, theirs = getattr(again, name)[same], getattr(scene, name)[same]
@@ -110,19 +111,16 @@ def test_settled_scenes_stay_as_they_are(seed, form, palette):
 
 
 @settings(max_examples=40)
-@given(st.integers(0, 10**6), st.sampled_from([BLUR, HYBRID]))
-def test_blurred_shapes_are_large_and_as_opaque_as_a_disc_can_be(seed, form):
+@given(st.integers(0, 10**6))
+def test_blurred_shapes_are_large_and_as_opaque_as_a_disc_can_be(seed):
     scene = large_scene(40, seed)
-    index = chosen_blurs(scene, form)
+    index = chosen_blurs(scene, BLUR)
     blurred = index >= 0
     half = scene.ellipse_axes[0][:, 1] * half_radius(scene.betas)
-    assert (half[blurred] >= {BLUR: 1.8, HYBRID: 4.0}[form]).all()
+    assert (half[blurred] >= 1.8).all()
     full = scene.opacity[blurred] * [blurs()[k].peak for k in index[blurred]]
     assert (full <= 1.021).all()
-    assert not (blurred & is_plain(scene)).any()
-    assert set(np.flatnonzero(chosen_blurs(scene, HYBRID) >= 0)) <= set(
-        np.flatnonzero(chosen_blurs(scene, BLUR) >= 0)
-    )
+    assert not (blurred & is_solid(scene)).any()
 
 
 def one_shape(sigma: float, beta: float, opacity: float) -> Scene:
@@ -133,21 +131,19 @@ def one_shape(sigma: float, beta: float, opacity: float) -> Scene:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("form", [BLUR, HYBRID])
 @pytest.mark.parametrize("opacity", [0.1, 0.6, 0.9, 1.0])
 @pytest.mark.parametrize("beta", [0.6, 1, 1.3, 1.74, 2.2, 3, 4.3, 6.6, 9, 16, 64, 128])
-def test_blurring_changes_little_or_is_not_done(beta, opacity, form):
+def test_blurring_changes_little_or_is_not_done(beta, opacity):
     scene = one_shape(20, beta, opacity)
-    index = int(chosen_blurs(scene, form)[0])
+    index = int(chosen_blurs(scene, BLUR)[0])
     if index < 0:
         return
     blur, r = blurs()[index], np.linspace(0, 4, 300)
     sigmas = r * half_radius(blur.beta) / half_radius(beta)
     drawn = blur.peak * blurred_disc(sigmas / blur.radius, 1 / blur.deviation)
     differing = opacity * np.abs(drawn - profile(r, beta)).max()
-    assert differing <= {BLUR: 0.08, HYBRID: 0.05}[form] + 0.01
-    kept = quantized(scene, SvgOptions(form=form, palette=0))
-    assert np.abs(render(kept) - render(scene)).max() <= differing + 0.03
+    assert differing <= 0.09
+    assert np.abs(render(snapped(scene, BLUR)) - render(scene)).max() <= differing + 0.03
 
 
 @pytest.mark.parametrize(
@@ -155,47 +151,34 @@ def test_blurring_changes_little_or_is_not_done(beta, opacity, form):
     [(1, 0.3, True), (1, 1, False), (1.74, 1, True), (4.3, 1, True), (16, 1, False)],
 )
 def test_what_a_disc_cannot_draw_keeps_its_gradient(beta, opacity, blurred):
-    assert (chosen_blurs(one_shape(20, beta, opacity), HYBRID)[0] >= 0) == blurred
-
-
-@pytest.mark.parametrize("palette", [0, 16, 100])
-@pytest.mark.parametrize("sigma", [(2, 12), (0.5, 40)])
-def test_hybrid_is_never_larger(palette, sigma):
-    scene = random_scene(400, 300, 200, 1, sigma, (0.8, 7))
-    sizes = [
-        len(write_svg(scene, SvgOptions(form=form, palette=palette))) for form in (GRADIENT, HYBRID)
-    ]
-    assert sizes[1] <= 1.01 * sizes[0]
-    if palette == 0:
-        assert sizes[1] < 0.9 * sizes[0]
+    assert (chosen_blurs(one_shape(20, beta, opacity), BLUR)[0] >= 0) == blurred
 
 
 @settings(max_examples=20)
-@given(st.integers(0, 10**6), st.sampled_from([BLUR, HYBRID]), st.sampled_from([0, 12]))
-def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, form, palette):
-    options = SvgOptions(form=form, palette=palette, precision=0.001, opacity_decimals=4)
+@given(st.integers(0, 10**6), st.sampled_from([0, 12]))
+def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette):
     scene = large_scene(30, seed)
-    svg = write_svg(scene, options)
+    kept = snapped(quantize(scene, BLUR, palette), BLUR)
+    svg = write_svg(kept, SvgFormat(form=BLUR, precision=0.001, opacity_decimals=4))
     used = re.findall(r'filter="url\(#(\w+)\)"', svg)
-    kept = quantized(scene, options)
-    assert len(used) == np.count_nonzero((drawn_blurs(kept) >= 0) & ~is_plain(kept))
+    assert len(used) == np.count_nonzero((drawn_blurs(kept) >= 0) & ~is_solid(kept))
     assert set(used) == set(re.findall(r'<filter[^>]* id="(\w+)"', svg))
     ids = re.findall(r' id="([^"]+)"', svg)
     assert len(set(ids)) == len(ids)
     if palette:
-        first = drawn_blurs(kept) >= 0
+        first = drawn_blurs(snapped(scene, BLUR)) >= 0
         np.testing.assert_allclose(kept.color[first], scene.color[first], atol=0.51 / 255)
         assert svg.count("<radialGradient") <= palette
 
 
 @settings(max_examples=20)
-@given(st.integers(0, 10**6), st.sampled_from([BLUR, HYBRID]))
-def test_scene_of_blurred_shapes_comes_back_within_the_rounding(seed, form):
-    options = SvgOptions(form=form, palette=0, precision=0.001, opacity_decimals=4)
-    # Twice: one that got an exponent from the palette which a disc is like is blurred as well.
-    scene = quantized(quantized(large_scene(25, seed), options), options)
-    scene = scene.select((scene.opacity > 1e-3) & ~is_plain(scene))
-    back = read_svg(write_svg(scene, options))
+@given(st.integers(0, 10**6))
+def test_scene_of_blurred_shapes_comes_back_within_the_rounding(seed):
+    # Twice: a shape whose first exponent becomes one that a disc draws is blurred as well.
+    scene = snapped(snapped(large_scene(25, seed), BLUR), BLUR)
+    scene = scene.select((scene.opacity > 1e-3) & ~is_solid(scene))
+    svg_format = SvgFormat(form=BLUR, precision=0.001, opacity_decimals=4)
+    back = read_svg(write_svg(scene, svg_format))
     np.testing.assert_allclose(back.betas, scene.betas)
     np.testing.assert_allclose(back.mean, scene.mean, atol=6e-4)
     np.testing.assert_allclose(back.factor, scene.factor, atol=1e-3)
@@ -203,32 +186,27 @@ def test_scene_of_blurred_shapes_comes_back_within_the_rounding(seed, form):
     np.testing.assert_allclose(back.opacity, scene.opacity, atol=0.021)  # a disc's largest
 
 
-def test_gradient_form_has_no_filters_and_unknown_forms_are_refused():
+def test_gradient_form_has_no_filters():
     assert "filter" not in write_svg(large_scene(40, 3))
-    with pytest.raises(InputError, match="form is 'blurred'; needed is one of gradient, blur"):
-        SvgOptions(form="blurred")
 
 
-@pytest.mark.parametrize("renderer", sorted(set(RENDERERS) - set(DRAW_TURNED_BLURS)))
-@pytest.mark.parametrize("form", [BLUR, HYBRID])
-def test_renderer_that_cannot_draw_a_form_is_refused_before_the_fit(form, renderer, photo):
+@pytest.mark.parametrize("renderer", sorted(set(RENDERERS) - set(DRAW_ROTATED_BLURS)))
+def test_renderer_that_cannot_draw_blurs_is_refused_before_the_fit(renderer, photo):
     steps = []
-    with pytest.raises(RendererError, match=f"form {form}.*--renderer chromium, or --form gra"):
-        vectorize(photo, form=form, renderer=renderer, progress=steps.append)
+    with pytest.raises(RendererError, match="--renderer chromium"):
+        vectorize(photo, form=BLUR, renderer=renderer, progress=steps.append)
     assert not steps
-    with pytest.raises(RendererError, match="needed is one of chromium"):
-        rasterize(write_svg(large_scene(40, 3), SvgOptions(form=form)), 90, 70, renderer)
+    with pytest.raises(RendererError, match="must be one of chromium"):
+        rasterize(write_svg(large_scene(40, 3), SvgFormat(form=BLUR)), 90, 70, renderer)
 
 
-@pytest.mark.parametrize("renderer", DRAW_TURNED_BLURS)
-@pytest.mark.parametrize(("form", "least"), [(BLUR, 37), (HYBRID, 42)])
-def test_blurred_scene_is_drawn_as_the_model_has_it(form, least, renderer):
+@pytest.mark.parametrize("renderer", DRAW_ROTATED_BLURS)
+def test_blurred_scene_is_drawn_as_the_model_has_it(renderer):
     needs(renderer)
-    options = SvgOptions(form=form, palette=0, precision=0.01, opacity_decimals=3)
-    scene = quantized(random_scene(60, 200, 160, 4, (1, 40), (0.7, 8)), options)
+    scene = snapped(random_scene(60, 200, 160, 4, (1, 40), (0.7, 8)), BLUR)
     assert (drawn_blurs(scene) >= 0).sum() > 10
-    drawn = rasterize(write_svg(scene, options), 200, 160, renderer)
-    assert metrics.psnr(drawn, render(scene)) > least
+    svg = write_svg(scene, SvgFormat(form=BLUR, precision=0.01, opacity_decimals=3))
+    assert metrics.psnr(rasterize(svg, 200, 160, renderer), render(scene)) > 37
 
 
 def test_fit_in_the_blur_form_is_measured_as_it_is_drawn(photo):

@@ -118,8 +118,11 @@ def test_what_is_transparent_is_white(drawn_here):
     [
         ('viewBox="0 0 8 8">', None),
         ('viewBox="0 0 80 82">', None),  # half a pixel at 16 px
-        ('viewBox="0 0 80 88">', "SVG is 80x88, of other proportions"),
-        ('width="8" height="8" viewBox="0 0 8 4">', "viewBox is 8x4, of other proportions"),
+        ('viewBox="0 0 80 88">', "SVG is 80x88, not in the photo's proportions"),
+        (
+            'width="8" height="8" viewBox="0 0 8 4">',
+            "viewBox is 8x4, not in the photo's proportions",
+        ),
         ('viewBox="0 0 8 8"><text>a</text>', "text (1) is not drawn: resvg gets no fonts"),
         ('viewBox="0 0 8 8"><foreignObject/>', "foreignObject (1) is left out"),
         ('viewBox="0 0 8 8"><script/>', "script (1) is left out"),
@@ -185,7 +188,7 @@ def test_unexpected_failure_names_the_renderer():
     )
 
 
-def test_embedded_pictures_are_drawn_and_told(halves, drawn_here):
+def test_embedded_images_are_drawn_and_reported(halves, drawn_here):
     stream = io.BytesIO()
     Image.fromarray(np.uint8(halves * 255)).save(stream, "PNG")
     data = base64.b64encode(stream.getvalue()).decode()
@@ -195,7 +198,7 @@ def test_embedded_pictures_are_drawn_and_told(halves, drawn_here):
     )
     checked = gauss2svg.check(halves, svg)
     assert checked.psnr > 50
-    assert "embedded pictures (1)" in checked.notes[0]
+    assert "embedded images (1)" in checked.notes[0]
 
 
 def test_same_error_has_the_same_colour_in_two_maps():
@@ -267,19 +270,28 @@ def test_standard_input_is_a_stream(which, fitted):
         (["-", "-"], "photo and svg must not both be -"),
         (["no.png", "SVG"], "cannot read no.png"),
         (["PHOTO", "no.svg"], "cannot read no.svg"),
-        (["PHOTO", "PHOTO"], "no text in utf-8"),
+        (["PHOTO", "PHOTO"], "an svg in utf-8; got"),
         (["SVG", "SVG"], "must be a supported image"),
         (["PHOTO", "SVG", "--report", "SVG"], "is also the svg"),
         (["PHOTO", "SVG", "--heatmap", "PHOTO"], "is also the photo"),
         (["PHOTO", "SVG", "--heatmap", "X", "--preview", "X"], "is also another output"),
         (["PHOTO", "SVG", "--heatmap", "no/such/folder/x"], "cannot write"),
         (["PHOTO", "SVG", "--min-psnr", "nan"], "min_psnr must be a number above 0"),
-        (["PHOTO", "SVG", "--max-svg-bytes", "9k"], "more than 9000 bytes; raise --max-svg-bytes"),
-        (["PHOTO", "SVG", "--max-elements", "9"], "more than 9 elements; raise --max-elements"),
-        (["PHOTO", "SVG", "--draw-timeout", "0"], "draw_timeout is 0"),
-        (["PHOTO", "SVG", "--draw-timeout", "1e10"], "seconds above 0, up to 86400"),
-        (["PHOTO", "SVG", "--draw-timeout", "nan"], "draw_timeout is nan"),
-        (["PHOTO", "SVG", "--draw-timeout", "1e-9"], "give a longer --draw-timeout"),
+        (
+            ["PHOTO", "SVG", "--max-svg-bytes", "9k"],
+            "got more. try to raise --max-svg-bytes",
+        ),
+        (
+            ["PHOTO", "SVG", "--max-elements", "9"],
+            "got more. try to raise --max-elements",
+        ),
+        (
+            ["PHOTO", "SVG", "--draw-timeout", "0"],
+            "at most 86400 s; got 0",
+        ),
+        (["PHOTO", "SVG", "--draw-timeout", "1e10"], "at most 86400 s; got 10000000000"),
+        (["PHOTO", "SVG", "--draw-timeout", "nan"], "at most 86400 s; got nan"),
+        (["PHOTO", "SVG", "--draw-timeout", "1e-9"], "try a longer --draw-timeout"),
         (["PHOTO", "SVG", "--renderer", "paint"], "paint"),
         (["PHOTO"], "svg"),
     ],
@@ -302,13 +314,13 @@ def test_mistake_is_one_line_status_two_and_no_file(arguments, message, fitted, 
 @pytest.mark.parametrize(
     ("root", "message"),
     [
-        ("", "neither a viewBox nor a width and a height"),
-        ('width="8"', "neither a viewBox nor a width and a height"),
-        ('width="100%" height="100%"', "neither a viewBox nor a width and a height"),
-        ('viewBox="0 0 8"', "viewBox of the SVG is '0 0 8'"),
-        ('viewBox="0 0 8 0"', "needed are x, y, and a width and a height > 0"),
-        ('viewBox="0 0 8 inf"', "viewBox of the SVG"),
-        ('width="0" height="8"', "width of the SVG is 0"),
+        ("", "of a known size"),
+        ('width="8"', "of a known size"),
+        ('width="100%" height="100%"', "of a known size"),
+        ('viewBox="0 0 8"', "viewBox must be .* got '0 0 8'"),
+        ('viewBox="0 0 8 0"', "viewBox must be x, y, and a width and a height above 0"),
+        ('viewBox="0 0 8 inf"', "viewBox must be finite numbers"),
+        ('width="0" height="8"', "width of the SVG must be above 0"),
     ],
 )
 def test_svg_without_a_size_is_refused(root, message, halves):

@@ -13,6 +13,7 @@ from svg_texts import assert_same
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.blur import BLUR, GRADIENT
+from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 
@@ -68,7 +69,7 @@ def assert_moved(before: Path, after: Path) -> None:
 
 
 def written(form: str) -> str:
-    return write_svg(edited_scene(), SvgOptions(form=form, palette=0))
+    return write_svg(edited_scene(), SvgFormat(form=form))
 
 
 @pytest.mark.parametrize("form", [GRADIENT, BLUR])

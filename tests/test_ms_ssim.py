@@ -99,7 +99,7 @@ def test_a_negative_film_has_none_of_it(pair):
 @pytest.mark.parametrize("size", [(175, 300), (300, 175)])
 def test_smaller_pictures_are_refused(size):
     small = np.zeros((*size, 3))
-    with pytest.raises(InputError, match="MS-SSIM needs 176 px a side"):
+    with pytest.raises(InputError, match="MS-SSIM must be at least 176 px a side"):
         metrics.ms_ssim(small, small)
 
 

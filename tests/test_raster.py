@@ -7,13 +7,14 @@ from gauss2svg.measure import metrics
 from gauss2svg.raster import cairo, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
+from gauss2svg.svg.blur import GRADIENT
+from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.write import write_svg
 
 
 def test_svg_is_drawn_at_any_size(renderer):
-    options = SvgOptions(palette=0)
-    scene = quantized(random_scene(20, 60, 40, 2, (3.0, 20.0), (1.0, 4.0)), options)
-    drawn = rasterize(write_svg(scene, options), 120, 80, renderer)
+    scene = snapped(random_scene(20, 60, 40, 2, (3.0, 20.0), (1.0, 4.0)), GRADIENT)
+    drawn = rasterize(write_svg(scene), 120, 80, renderer)
     assert metrics.psnr(drawn, render(scene, 120, 80)) > 44
 
 

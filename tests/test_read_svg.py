@@ -12,24 +12,26 @@ from svg_texts import AS_PATH, CIRCLE, assert_same, document, gradient
 
 from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics
+from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.blur import FORMS, GRADIENT, blurs, drawn_blurs
-from gauss2svg.svg.plain import is_plain
+from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.affine import compose, parse_transform
 from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.snap import snapped
+from gauss2svg.svg.solid import is_solid
 from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
 from gauss2svg.svg.write import write_svg
 
 
-def drawn(scene: Scene, options: SvgOptions) -> Scene:
-    """The settled scene without the shapes that are written as nothing."""
-    scene = quantized(scene, options)
+def drawn(scene: Scene, svg_format: SvgFormat) -> Scene:
+    """The scene without the shapes that are written as nothing."""
     factor = np.abs(scene.factor[:, [0, 1], [0, 1]]) * np.sqrt(2)
-    large = (factor > options.precision).all(axis=1)
-    return scene.select(large & (scene.opacity > 10.0**-options.opacity_decimals))
+    large = (factor > svg_format.precision).all(axis=1)
+    return scene.select(large & (scene.opacity > 10.0**-svg_format.opacity_decimals))
 
 
 @settings(max_examples=40)
@@ -41,15 +43,14 @@ def drawn(scene: Scene, options: SvgOptions) -> Scene:
     st.sampled_from(FORMS),
 )
 def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, palette, form):
-    options = SvgOptions(
-        form=form, palette=12 * palette, stops=stops, precision=precision, opacity_decimals=4
-    )
-    scene = drawn(random_scene(25, 60, 45, seed, sigma=(0.5, 25)), options)
-    back = read_svg(write_svg(scene, options))
-    scene = quantized(scene, options)
-    plain = is_plain(scene)
-    blurred = ~plain & (drawn_blurs(scene) >= 0) & (form != GRADIENT)
-    np.testing.assert_allclose(back.betas[~plain], scene.betas[~plain], rtol=1e-12)
+    svg_format = SvgFormat(form=form, stops=stops, precision=precision, opacity_decimals=4)
+    scene = quantize(random_scene(25, 60, 45, seed, sigma=(0.5, 25)), form, 12 * palette)
+    scene = drawn(snapped(scene, form), svg_format)
+    back = read_svg(write_svg(scene, svg_format))
+    scene = snapped(scene, form)
+    solid = is_solid(scene)
+    blurred = ~solid & (drawn_blurs(scene) >= 0) & (form != GRADIENT)
+    np.testing.assert_allclose(back.betas[~solid], scene.betas[~solid], rtol=1e-12)
     step = 0.5 * precision + 1e-9
     np.testing.assert_allclose(back.mean, scene.mean, atol=step)
     np.testing.assert_allclose(back.opacity[~blurred], scene.opacity[~blurred], atol=6e-5)
@@ -57,7 +58,7 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
     np.testing.assert_allclose(back.opacity[blurred], scene.opacity[blurred], atol=0.021)
     # M / R has entries rounded by step / R, with R > sqrt 2 for all exponents
     missed = np.abs(back.factor - scene.factor).max(axis=(1, 2), initial=0.0)
-    assert missed[~plain & ~blurred].max(initial=0.0) <= step / math.sqrt(2)
+    assert missed[~solid & ~blurred].max(initial=0.0) <= step / math.sqrt(2)
     assert missed[blurred].max(initial=0.0) <= step / min(blur.radius for blur in blurs())
     np.testing.assert_allclose(back.color, scene.color, atol=0.5 / 255 + 1e-9)
     np.testing.assert_array_equal(back.rounds, scene.rounds)
@@ -66,26 +67,26 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
 
 @pytest.mark.parametrize("seed", range(6))
 def test_scene_read_back_is_drawn_alike(seed):
-    options = SvgOptions(palette=0, precision=0.01, opacity_decimals=3)
-    scene = quantized(random_scene(60, 120, 80, seed, (0.7, 20)), options)
-    text = write_svg(scene, options)
+    svg_format = SvgFormat(precision=0.01, opacity_decimals=3)
+    scene = snapped(random_scene(60, 120, 80, seed, (0.7, 20)), GRADIENT)
+    text = write_svg(scene, svg_format)
     back = read_svg(text)
     assert metrics.psnr(render(back), render(scene)) > 52
-    again = write_svg(back, options)
+    again = write_svg(back, svg_format)
     assert metrics.psnr(rasterize(again, 120, 80), rasterize(text, 120, 80)) > 80
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_plain_ellipses_come_back_as_plain_as_they_were(seed):
-    options = SvgOptions(palette=0, precision=0.01, opacity_decimals=3)
+    svg_format = SvgFormat(precision=0.01, opacity_decimals=3)
     scene = random_scene(400, 300, 200, seed, (2, 60), (6, 64))
-    scene = quantized(scene.select(is_plain(scene)), options)
+    scene = snapped(scene.select(is_solid(scene)), GRADIENT)
     assert len(scene) > 5
-    text = write_svg(scene, options)
+    text = write_svg(scene, svg_format)
     back = read_svg(text)
-    assert is_plain(back).all()
+    assert is_solid(back).all()
     assert metrics.psnr(render(back), render(scene)) > 42
-    again = write_svg(back, options)
+    again = write_svg(back, svg_format)
     assert again.count("<circle") == text.count("<circle")
     assert metrics.psnr(rasterize(again, 300, 200), rasterize(text, 300, 200)) > 60
 
@@ -141,11 +142,11 @@ def test_canvas_is_in_px_whatever_the_units(root):
     ],
 )  # fmt: skip
 def test_viewbox_maps_user_units_onto_the_canvas(root, scale, shift):
-    plain = read_svg(document())
+    solid = read_svg(document())
     rect = '<rect x="-99" y="-99" width="999" height="999" fill="#abc"/>'
     moved = read_svg(document(root=root, rect=rect))
-    np.testing.assert_allclose(moved.mean, plain.mean * scale + np.array(shift), atol=1e-9)
-    np.testing.assert_allclose(moved.covariance, plain.covariance * scale**2)
+    np.testing.assert_allclose(moved.mean, solid.mean * scale + np.array(shift), atol=1e-9)
+    np.testing.assert_allclose(moved.covariance, solid.covariance * scale**2)
 
 
 def test_stretched_canvas_stretches_shapes():
@@ -275,7 +276,7 @@ def test_missing_background_is_a_transparent_scene_and_a_glassy_one_is_asked_for
     assert not read_svg(text, background=(0, 0.5, 1)).transparent
     assert read_svg(text, background=(0, 0.5, 1)).background.tolist() == [0, 0.5, 1]
     glass = document(rect='<rect width="40" height="30" fill="#fff" opacity=".5"/>')
-    with pytest.raises(InputError, match=r"opacity is 0\.5"):
+    with pytest.raises(InputError, match=r"opacity of the background must be 1; got 0\.5"):
         read_svg(glass)
     np.testing.assert_allclose(read_svg(glass, background=(0, 0.5, 1)).background, [0.5, 0.75, 1])
     opaque = read_svg(document(), background=(0, 0, 0))

@@ -28,33 +28,33 @@ def test_scene_does_not_share_the_arrays_it_was_given():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"sigma": np.zeros((2, 2))}, r"sigma\[0, 0\] is 0.0"),
-        ({"rho": np.array([0.0, 1.0])}, r"rho\[1\] is 1.0"),
-        ({"opacity": np.array([0.0, np.nan])}, r"opacity\[1\] is nan"),
-        ({"color": np.full((2, 3), 1.5)}, r"color\[0, 0\] is 1.5"),
-        ({"mean": np.zeros((2, 3))}, r"mean has shape \(2, 3\)"),
-        ({"mean": np.full((2, 2), np.inf)}, r"mean\[0, 0\] is inf"),
-        ({"rho": np.zeros(3)}, r"rho has shape \(3,\)"),
+        ({"sigma": np.zeros((2, 2))}, r"sigma\[0, 0\] must be .* got 0.0"),
+        ({"rho": np.array([0.0, 1.0])}, r"rho\[1\] must be .* got 1.0"),
+        ({"opacity": np.array([0.0, np.nan])}, r"opacity\[1\] must be .* got nan"),
+        ({"color": np.full((2, 3), 1.5)}, r"color\[0, 0\] must be .* got 1.5"),
+        ({"mean": np.zeros((2, 3))}, r"mean must be of shape \(2, 2\); got \(2, 3\)"),
+        ({"mean": np.full((2, 2), np.inf)}, r"mean\[0, 0\] must be finite .* got inf"),
+        ({"rho": np.zeros(3)}, r"rho must be of shape \(2,\); got \(3,\)"),
         ({"background": np.array([0, 0, 2])}, r"background\[2\]"),
-        ({"round_index": np.array([1, 0])}, "round_index decreases"),
-        ({"width": 0}, "width is 0"),
-        ({"height": np.nan}, "height is nan"),
+        ({"round_index": np.array([1, 0])}, "round_index must be in painter.s order"),
+        ({"width": 0}, "width must be a number .* got 0"),
+        ({"height": np.nan}, "height must be a number .* got nan"),
         ({"round_index": np.array([0.0, 1.7])}, "whole numbers"),
-        ({"blend": "multiply"}, "blend is 'multiply'"),
-        ({"beta": np.ones(3)}, r"beta has shape \(3,\)"),
-        ({"beta": np.array([1, 0.4])}, r"beta\[1\] is 0.4"),
-        ({"beta": np.array([300, 1])}, r"beta\[0\] is 300"),
-        ({"color": "red"}, "color cannot be read"),
-        ({"mean": np.ones((2, 2)) + 1j}, "mean cannot be read as float64: it is complex"),
-        ({"mean": [[1, 2], [3]]}, "mean cannot be read"),
-        ({"background": [10**400, 0, 0]}, "background cannot be read"),
+        ({"blend": "multiply"}, "blend must be one of over, add; got 'multiply'"),
+        ({"beta": np.ones(3)}, r"beta must be of shape \(2,\); got \(3,\)"),
+        ({"beta": np.array([1, 0.4])}, r"beta\[1\] must be .* got 0.4"),
+        ({"beta": np.array([300, 1])}, r"beta\[0\] must be .* got 300"),
+        ({"color": "red"}, "color must be an array of real numbers"),
+        ({"mean": np.ones((2, 2)) + 1j}, "mean must be an array of real numbers; got complex"),
+        ({"mean": [[1, 2], [3]]}, "mean must be an array"),
+        ({"background": [10**400, 0, 0]}, "background must be an array"),
         ({"round_index": [0, np.inf]}, "whole numbers up to 2147483647"),
         ({"round_index": [0, 2**40]}, "whole numbers up to 2147483647"),
-        ({"round_index": [-1, 0]}, r"round_index\[0\] is -1"),
-        ({"width": "x"}, "width is 'x'; needed is a number"),
-        ({"width": [3, 4]}, r"width is \[3, 4\]; needed is a number"),
-        ({"height": 1j}, "height is 1j; needed is a number"),
-        ({"height": None}, "height is None; needed is a number"),
+        ({"round_index": [-1, 0]}, r"round_index\[0\] must be .* got -1"),
+        ({"width": "x"}, "width must be a number .* got 'x'"),
+        ({"width": [3, 4]}, r"width must be a number .* got \[3, 4\]"),
+        ({"height": 1j}, "height must be a number .* got 1j"),
+        ({"height": None}, "height must be a number .* got None"),
     ],
 )
 def test_bad_field_is_refused_with_its_name_and_place(change, message):
@@ -117,13 +117,13 @@ def test_later_format_is_refused_with_the_known_ones():
     stream = io.BytesIO()
     np.savez(stream, format_version=4)
     stream.seek(0)
-    with pytest.raises(InputError, match="version 4; needed is one of 1, 2, 3"):
+    with pytest.raises(InputError, match=r"version .* must be one of 1, 2, 3; got 4"):
         Scene.load(stream)
 
 
 @pytest.mark.parametrize("content", [b"", b"not a zip", b"PK\x03\x04broken"])
 def test_file_that_is_no_scene_is_refused(content):
-    with pytest.raises(InputError, match="not a scene"):
+    with pytest.raises(InputError, match="scene file must be"):
         Scene.load(io.BytesIO(content))
 
 
@@ -131,19 +131,19 @@ def test_npz_without_the_fields_is_refused():
     stream = io.BytesIO()
     np.savez(stream, mean=np.zeros((0, 2)))
     stream.seek(0)
-    with pytest.raises(InputError, match="not a scene"):
+    with pytest.raises(InputError, match="scene file must be"):
         Scene.load(stream)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"width": np.array([40.0, 30.0])}, r"width of shape \(2,\); needed is one value"),
-        ({"transparent": np.array([True, False])}, r"transparent of shape \(2,\)"),
-        ({"blend": np.array(["over"])}, r"blend of shape \(1,\)"),
-        ({"transparent": "yes"}, "transparent 'yes'; needed is true or false"),
-        ({"height": "x"}, "not a scene written by Scene.save: .*'x'"),
-        ({"height": 1j}, "not a scene written by Scene.save"),
+        ({"width": np.array([40.0, 30.0])}, r"width .* must be one value; got shape \(2,\)"),
+        ({"transparent": np.array([True, False])}, r"transparent .* got shape \(2,\)"),
+        ({"blend": np.array(["over"])}, r"blend .* got shape \(1,\)"),
+        ({"transparent": "yes"}, "transparent .* must be true or false; got 'yes'"),
+        ({"height": "x"}, "must be one written by Scene.save; .*'x'"),
+        ({"height": 1j}, "must be one written by Scene.save"),
     ],
 )
 def test_npz_with_fields_of_another_form_is_refused(change, message):

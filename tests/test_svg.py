@@ -10,14 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError, SceneError
-from gauss2svg.pipeline.palette import Palette, quantize
-from gauss2svg.pipeline.quantize import visible_mass
+from gauss2svg.pipeline import quantize as quantize_module
+from gauss2svg.pipeline.palette import Palette, best_palette
+from gauss2svg.pipeline.quantize import quantize, visible_mass
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.svg import settle as settle_module
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import number, short_id
-from gauss2svg.svg.plain import is_plain
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.solid import is_solid
 from gauss2svg.svg.write import write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -30,7 +31,7 @@ def parse(svg: str) -> ElementTree.Element:
 
 def test_size_background_title_and_layers_are_there():
     scene = random_scene(30, width=70, height=50)
-    root = parse(write_svg(scene, page=Document(title="A <b>&")))
+    root = parse(write_svg(scene, document=Document(title="A <b>&")))
     assert (root.get("width"), root.get("height")) == ("70", "50")
     assert root.get("viewBox") == "0 0 1750 1250"  # of 0.04 px
     assert root.findtext(SVG + "title") == "A <b>&"
@@ -57,7 +58,7 @@ def test_only_the_stated_subset_is_written():
 
 
 def test_every_gradient_is_used_and_every_reference_defined():
-    root = parse(write_svg(random_scene(200), SvgOptions(palette=20)))
+    root = parse(write_svg(quantize(random_scene(200), palette=20)))
     defined = [g.get("id") for g in root.iter(SVG + "radialGradient")]
     fills = {c.get("fill", "") for c in root.iter(SVG + "circle")}
     used = {fill[5:-1] for fill in fills if not fill.startswith("#")}
@@ -118,14 +119,14 @@ def test_what_lies_beyond_renderers_is_refused(change):
 def test_palette_is_weighted_by_what_shows(monkeypatch):
     scene = random_scene(300, seed=8)
     weights = []
-    real = settle_module.quantize
+    real = quantize_module.best_palette
     monkeypatch.setattr(
-        settle_module,
-        "quantize",
+        quantize_module,
+        "best_palette",
         lambda c, b, w, *rest: (weights.append(w), real(c, b, w, *rest))[1],
     )
-    write_svg(scene, SvgOptions(palette=20))
-    shaded = ~is_plain(scene)
+    quantize(scene, palette=20)
+    shaded = ~is_solid(scene)
     np.testing.assert_array_equal(weights[0], visible_mass(scene)[0][shaded])
 
 
@@ -139,32 +140,31 @@ def test_ids_are_distinct_letters():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"palette": -1}, "palette is -1"),
-        ({"stops": 3}, "stops is 3"),
-        ({"color_error": -1.0}, "color_error is -1"),
-        ({"precision": 0}, "precision is 0"),
-        ({"precision": "fine"}, "precision is 'fine'"),
-        ({"opacity_decimals": 0}, "opacity_decimals is 0"),
+        ({"form": "hybrid"}, "form must be one of gradient, blur; got 'hybrid'"),
+        ({"stops": 3}, "stops must be one of 5, 6, 8, 10, 12; got 3"),
+        ({"precision": 0}, "precision must be .*; got 0"),
+        ({"precision": "fine"}, "precision must be a number .*; got 'fine'"),
+        ({"opacity_decimals": 0}, "opacity_decimals must be .*; got 0"),
     ],
 )
 def test_bad_option_is_refused(change, message):
     with pytest.raises(InputError, match=message):
-        SvgOptions(**change)
+        SvgFormat(**change)
 
 
 def colors_of(color, weight, count: int, allowed: float = 0.0) -> Palette:
     """The palette of Gaussians."""
-    return quantize(color, np.ones(len(color)), weight, count, allowed)
+    return best_palette(color, np.ones(len(color)), weight, count, allowed)
 
 
 def test_pairs_of_colour_and_exponent_are_told_apart_as_far_as_the_palette_goes():
     color = np.repeat([[0.2, 0.4, 0.6], [1.0, 0.0, 0.0]], 10, axis=0)
     beta = np.resize([1.0, 3.2], 20)
-    full = quantize(color, beta, np.ones(20), 4)
+    full = best_palette(color, beta, np.ones(20), 4)
     assert (full.color[full.entry] == np.round(color * 255)).all()
     assert (full.beta[full.entry] == np.resize([1.0, 3.0], 20)).all()
     # colours lie further apart than exponents, so that these are given up first
-    half = quantize(color, beta, np.ones(20), 2)
+    half = best_palette(color, beta, np.ones(20), 2)
     assert (half.color[half.entry] == np.round(color * 255)).all()
     assert len(half.beta) == 2
 
@@ -218,7 +218,7 @@ def test_allowed_error_under_the_rounding_keeps_every_colour():
 
 def test_allowed_error_writes_fewer_gradients():
     scene = random_scene(300, seed=8, beta=(1, 1))
-    texts = [write_svg(scene, SvgOptions(color_error=e)) for e in (3e-3, 3e-4, 0.0)]
+    texts = [write_svg(quantize(scene, color_error=e)) for e in (3e-3, 3e-4, 0.0)]
     gradients = [t.count("<radialGradient") for t in texts]
     assert gradients[0] < gradients[1] < gradients[2]
     drawn = [rasterize(t, 40, 30) for t in texts]

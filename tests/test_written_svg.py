@@ -15,21 +15,25 @@ from hypothesis import strategies as st
 from gauss2svg.errors import InputError
 from gauss2svg.svg.blur import FORMS
 from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.write import outline_svg, write_svg
 
-SCENE, SUM = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
+SCENE, ADDITIVE = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
 LABELS = np.arange(12).reshape(3, 4) // 4
 WRITERS = {
-    **{f: lambda page, f=f: write_svg(SCENE, SvgOptions(form=f), page) for f in FORMS},
-    "stops": lambda page: write_svg(SCENE, SvgOptions(stops=12, palette=0), page),
-    "sum": lambda page: write_svg(SUM, None, page),
-    "outline": lambda page: outline_svg(SCENE, page),
-    "segments": lambda page: write_svg(
-        SCENE, None, Document(page.title, page.alt, "9mm", "none", LABELS)
+    **{
+        form: lambda form=form, **said: write_svg(SCENE, SvgFormat(form=form), Document(**said))
+        for form in FORMS
+    },
+    "stops": lambda **said: write_svg(SCENE, SvgFormat(stops=12), Document(**said)),
+    "additive": lambda **said: write_svg(ADDITIVE, None, Document(**said)),
+    "outline": lambda **said: outline_svg(SCENE, Document(**said)),
+    "segments": lambda **said: write_svg(
+        SCENE, None, Document(**said, size="9mm", aspect="none", segments=LABELS)
     ),
-    "animated": lambda page: write_svg(SCENE, None, Document(page.title, page.alt, animate=3.0)),
-    "fragments": lambda page: write_svg(SCENE, None, Document(page.title, page.alt, fragments=True)),
-    "animated outline": lambda page: outline_svg(SCENE, Document(page.title, page.alt, animate=3.0)),
+    "animated": lambda **said: write_svg(SCENE, None, Document(**said, animate=3.0)),
+    "fragments": lambda **said: write_svg(SCENE, None, Document(**said, fragments=True)),
+    "animated outline": lambda **said: outline_svg(SCENE, Document(**said, animate=3.0)),
 }  # fmt: skip
 ELEMENTS = {
     "svg", "title", "desc", "defs", "g", "rect", "circle", "ellipse", "radialGradient", "stop",
@@ -90,26 +94,26 @@ def read(svg):
 @pytest.mark.parametrize("writer", WRITERS)
 def test_nothing_but_shapes_is_written_whatever_is_said(writer):
     said = " ".join(HOSTILE)
-    texts = read(WRITERS[writer](Document(f"a {said} b", f"c {said} d")))
+    texts = read(WRITERS[writer](title=f"a {said} b", alt=f"c {said} d"))
     assert texts["title"] == f"a {said} b"
     assert texts["desc"] == f"c {said} d"
 
 
 @pytest.mark.parametrize("said", HOSTILE)
 def test_each_text_is_kept_as_it_is(said):
-    assert read(write_svg(SCENE, None, Document(said, said)))["title"] == said
+    assert read(write_svg(SCENE, None, Document(title=said, alt=said)))["title"] == said
 
 
 @settings(max_examples=25)
 @given(st.text(max_size=40), st.sampled_from(list(WRITERS)))
 def test_any_text_is_kept_or_refused(said, writer):
     try:
-        page = Document(said, said)
+        Document(title=said, alt=said)
     except InputError:
         return
     # XML makes every end of a line one \n.
     expected = said.replace("\r\n", "\n").replace("\r", "\n")
-    texts = read(WRITERS[writer](page))
+    texts = read(WRITERS[writer](title=said, alt=said))
     assert texts["title"] in (said, expected)
     assert texts["desc"] in (said, expected) or not said
 

@@ -1,4 +1,4 @@
-"""How true an SVG is to a photo: the numbers that `vectorize` reports, for any file."""
+"""How closely any SVG matches a photo: the numbers that `vectorize` reports."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, whole_number
+from gauss2svg.errors import InputError, must_be, whole_number
 from gauss2svg.measure import metrics
 from gauss2svg.measure.drawing import draw
 from gauss2svg.measure.frame import Frame, frame_of
@@ -28,11 +28,11 @@ from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import BROWSERS
 
 MOST_SVG_BYTES = 256_000_000
-MOST_ELEMENTS = 1_000_000  # resvg draws no more
+MOST_ELEMENTS = 1_000_000  # resvg's limit
 DRAW_TIMEOUT_S = 300.0
 LONGEST_DRAW_TIMEOUT_S = 86400.0
-# Elements that do something in a web page, and nothing in what is measured. Animation is never
-# measured by a browser: gauss2svg.raster.support refuses it.
+# Elements that have an effect in a web page and none on the raster. Browsers never draw animation
+# here, because gauss2svg.raster.support refuses it.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
 
 
@@ -45,11 +45,11 @@ class CheckResult:
     ms_ssim        0..1, None under 176 px a side
     largest_error  of any channel, bias: mean of SVG - photo; levels of 255
     svg_bytes      of the file, gunzipped; svgz_bytes: gzipped at level 9
-    survey         the elements that it has; frame: the size that it gives itself
-    renderer       what drew it, with its version
-    raster         (h, w, 3) float32 in 0..1: what it drew; photo: what it is compared with;
-                   both (h, w, 4) where the photo has alpha
-    notes          what else has to be known
+    survey         its elements; frame: its own size
+    renderer       name and version
+    raster, photo  (h, w, 3) float32 in 0..1, the raster and the reference; both (h, w, 4) where
+                   the photo has alpha
+    notes          remarks on the comparison
     psnr_black     dB over black, psnr_alpha: of alpha; None where the photo is opaque. All
                    other numbers are over white
     """
@@ -99,7 +99,7 @@ class CheckResult:
         }
 
     def heatmap(self) -> bytes:
-        """PNG of where it differs from the photo, over white: see gauss2svg.measure.heatmap."""
+        """PNG of the error at each pixel over white: see gauss2svg.measure.heatmap."""
         return heatmap(over(self.raster), over(self.photo))
 
     def __repr__(self) -> str:
@@ -121,31 +121,30 @@ def check(
     max_pixels: int = DEFAULT_MAX_PIXELS,
     matte: str | None = None,
 ) -> CheckResult:
-    """Draw an SVG at a photo's size, over white, and measure how true it is.
+    """Rasterise an SVG at a photo's size over white, and measure how closely it matches.
 
-    Where the photo has alpha the SVG's is compared as well, and both over black.
+    Where the photo has alpha, alpha is compared as well, and both are compared over black.
 
-    photo          whatever `vectorize` takes
+    photo          any image that `vectorize` takes
     svg            a path, text that begins with <, bytes or a binary file; gzipped or not
     renderer       one of RENDERERS
-    max_svg_bytes  most bytes of it, gunzipped: 256000000, "256M"; max_elements: most elements
-                   of it, >= 1; draw_timeout: seconds that the drawing may take, > 0
-    max_pixels     most pixels of the photo, as of `vectorize`
-    matte          colour, such as white or #fa0, over which the photo is shown, as if it were
-                   opaque; None: its alpha is compared too
+    max_svg_bytes  limit of its size, gunzipped: 256000000, "256M"
+    max_elements   limit of its elements, >= 1
+    draw_timeout   time limit of the drawing in s, > 0
+    max_pixels     limit of the photo, as of `vectorize`
+    matte          colour, such as white or #fa0, over which the photo is composited first; None:
+                   its alpha is compared too
 
-    The SVG is not trusted: entities, links to anything outside of it and what passes the
-    limits are refused, and it is drawn in a process of its own, whose memory is not limited.
+    The SVG is not trusted: entities, references to anything outside of it and files beyond the
+    limits are refused, and it is drawn in a separate process, whose memory is not limited.
     Raises InputError for a photo or an SVG that cannot be used, RendererError for an SVG that
     cannot be drawn and for a renderer that is missing.
     """
     most_bytes = byte_size("max_svg_bytes", max_svg_bytes)
     whole_number("max_elements", max_elements, 1, 2**31)
     if not 0 < draw_timeout <= LONGEST_DRAW_TIMEOUT_S:
-        raise InputError(
-            f"draw_timeout is {draw_timeout}; needed are seconds above 0, up to "
-            f"{LONGEST_DRAW_TIMEOUT_S:g}"
-        )
+        needed = f"above 0 s and at most {LONGEST_DRAW_TIMEOUT_S:g} s"
+        raise InputError(must_be("draw_timeout", needed, draw_timeout))
     drawn_by = renderer_version(renderer)
     matted = None if matte is None else matte_color(matte)
     picture = load_image(photo, max_pixels=max_pixels, matte=matted)
@@ -156,7 +155,7 @@ def check(
     box = " ".join(f"{v!r}" for v in frame.view_box)
     sized = stretched(text, picture.width, picture.height, box)
     if sized is None:
-        raise InputError("SVG has a root that cannot be read; save it as plain SVG")
+        raise InputError("root of the SVG must be readable. Try to save it as plain SVG")
     raster = draw(sized, picture.width, picture.height, renderer, draw_timeout, wanted.shape[2])
     measured = measure_pixels(raster, wanted)
     measurable = min(picture.width, picture.height) >= metrics.LEAST_SIDE_FOR_MS_SSIM
@@ -192,17 +191,17 @@ def _notes(surveyed: Survey, frame: Frame, width: int, height: int, renderer: st
     for name, own in (("SVG", (frame.width, frame.height)), ("viewBox", frame.view_box[2:])):
         if not _fits(own, (width, height)):
             notes.append(
-                f"{name} is {own[0]:g}x{own[1]:g}, of other proportions than the photo: stretched "
-                f"to {width}x{height} px"
+                f"{name} is {own[0]:g}x{own[1]:g}, not in the photo's proportions: stretched to "
+                f"{width}x{height} px"
             )
-            break  # one distortion is told once
+            break  # one distortion is reported once
     if texts := surveyed.tags.get("text", 0):
         if renderer == "resvg":
             notes.append(f"text ({texts}) is not drawn: resvg gets no fonts; convert it to paths")
         else:
             notes.append(f"text ({texts}) is drawn in the fonts of this machine")
     if pictures := surveyed.tags.get("image", 0) + surveyed.tags.get("feImage", 0):
-        notes.append(f"embedded pictures ({pictures}) are scored as well: not only shapes")
+        notes.append(f"embedded images ({pictures}) are measured as well: not only shapes")
     notes += [
         f"{tag} ({surveyed.tags[tag]}) is left out by the renderer"
         for tag in _LEFT_OUT

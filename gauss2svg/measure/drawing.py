@@ -1,7 +1,7 @@
-"""Draws an untrusted SVG in a process of its own: `python -m gauss2svg.measure.drawing`.
+"""Rasterises an untrusted SVG in a process of its own: `python -m gauss2svg.measure.drawing`.
 
-Deep nesting overflows resvg's stack, which ends the process, and patterns within patterns
-keep any renderer busy for years; here both are errors like others.
+Deep nesting overflows resvg's stack, which ends the process, and nested patterns keep any renderer
+busy for years. In a process of its own both become ordinary errors.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from gauss2svg.raster import rasterize, rasterize_rgba
 
 _REFUSED = 2
 _COMMAND = (sys.executable, "-P", "-m", "gauss2svg.measure.drawing")
-_ENDING_S = 5.0  # in which a process that is told to end can end what it has started
+_ENDING_S = 5.0  # for a process that is asked to end to end its children
 
 
 def draw(
     svg: str, width: int, height: int, renderer: str, timeout_s: float, channels: int = 3
 ) -> NDArray[np.float32]:
-    """What `rasterize` returns, or `rasterize_rgba` for 4 channels.
+    """Raster of an SVG, as by `rasterize`, or by `rasterize_rgba` for 4 channels.
 
-    A crash and more than timeout_s seconds are RendererErrors.
+    Raises RendererError also for a crash and after timeout_s seconds.
     """
     process = subprocess.Popen(
         [*_COMMAND, str(width), str(height), renderer, str(channels)],
@@ -42,15 +42,15 @@ def draw(
             drawn, complaint = process.communicate(svg.encode(), timeout_s)
         except subprocess.TimeoutExpired as error:
             raise RendererError(
-                f"{renderer} has not drawn the SVG in {timeout_s:g} s; give a longer "
-                "--draw-timeout, or try another --renderer"
+                f"{renderer} has not drawn the SVG in {timeout_s:g} s. Try a longer "
+                "--draw-timeout, or another --renderer"
             ) from error
         finally:
             _end(process)
     if process.returncode < 0:
         raise RendererError(
-            f"{renderer} crashed on the SVG ({signal.Signals(-process.returncode).name}); nest its "
-            "groups less deeply, or try another --renderer"
+            f"{renderer} crashed on the SVG ({signal.Signals(-process.returncode).name}). Try "
+            "groups that are nested less deeply, or another --renderer"
         )
     if process.returncode:
         said = complaint[-4000:].decode(errors="replace").strip().splitlines()
@@ -59,7 +59,7 @@ def draw(
 
 
 def _path() -> str:
-    """What this process can import, and nothing that happens to lie in the current folder."""
+    """Import path of this process without the current folder."""
     entries = [os.path.abspath(entry) for entry in sys.path if entry]
     # Last: the package itself may be imported from there.
     return os.pathsep.join([*entries, str(Path(__file__).parents[2])])
@@ -68,35 +68,35 @@ def _path() -> str:
 def _end(process: subprocess.Popen[bytes]) -> None:
     """End the process and, where there are signals, the programs that it has started.
 
-    They are in groups of their own, which it ends as it is told to end itself.
+    The programs are in process groups, which the process ends when it is asked to end itself.
     """
     if process.poll() is not None:
         return
     process.terminate()
     try:
         process.communicate(timeout=_ENDING_S)
-    except subprocess.TimeoutExpired:  # it is deep in a library, and has no program then
+    except subprocess.TimeoutExpired:  # it is inside a library, and has started no program
         process.kill()
 
 
-def _told_to_end(*_: object) -> None:
+def _end_on_request(*_: object) -> None:
     sys.exit(_REFUSED)
 
 
 def main() -> int:
     """Read the SVG from standard input, write its pixels to standard output as float32."""
-    signal.signal(signal.SIGTERM, _told_to_end)
+    signal.signal(signal.SIGTERM, _end_on_request)
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     answer = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # a library may chat; the pixels are all that goes to standard output
+    os.dup2(2, 1)  # libraries may print; standard output is for the pixels only
     draw_it = rasterize_rgba if sys.argv[4:] == ["4"] else rasterize
     try:
         pixels = draw_it(sys.stdin.buffer.read().decode(), width, height, renderer)
     except Gauss2SvgError as error:
         return _refuse(str(error))
     except MemoryError:
-        return _refuse(f"{renderer} is out of memory; draw the SVG smaller, or simplify it")
-    except Exception as error:  # a mistake of ours or of a library's; the cause is its class
+        return _refuse(f"{renderer} is out of memory. Try a smaller or simpler SVG")
+    except Exception as error:  # a bug here or in a library; its class tells the cause
         return _refuse(f"{renderer} cannot draw the SVG: {type(error).__name__}: {error}")
     with answer:
         answer.write(np.ascontiguousarray(pixels, np.float32).data)

@@ -1,4 +1,4 @@
-"""Where two pictures differ, as a picture on one scale for all, so that two maps compare."""
+"""Error map of two images, on one fixed scale so that maps can be compared."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from PIL.PngImagePlugin import PngInfo
 
 from gauss2svg.measure.metrics import LEVELS
 
-MOST = 64  # levels of 255 that the brightest colour stands for, and all above
+MOST = 64  # levels of 255 of the brightest colour, which stands for larger errors too
 # Every sixteenth colour of matplotlib's inferno, by Nathaniel J. Smith and Stefan van der Walt
 # (CC0): perceptually uniform from no error, black, to the largest, pale yellow.
 _COLORS = np.array(
@@ -32,7 +32,7 @@ def errors(image: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[
 
 
 def error_map(image: NDArray[np.floating], other: NDArray[np.floating]) -> Image.Image:
-    """The same map as heatmap's without its legend, in whole levels and a palette of 65 colours."""
+    """The map of `heatmap` without its legend, in whole levels and a palette of 65 colours."""
     levels = np.minimum(np.round(errors(image, other)), MOST).astype(np.uint8)
     picture = Image.fromarray(levels, "P")
     picture.putpalette(colors_of(np.arange(MOST + 1.0)).tobytes())

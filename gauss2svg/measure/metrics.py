@@ -1,4 +1,4 @@
-"""How far two pictures are apart; both (h, w, 3) float in 0..1."""
+"""Image metrics. All images are (h, w, channels) float in 0..1."""
 
 import math
 from typing import Any
@@ -6,31 +6,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 
 LEVELS = 255  # differences are reported in levels of an 8-bit channel
 LEAST_SIDE_FOR_MS_SSIM = 176  # px: 11 taps at a sixteenth of the size
 _SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # of MS-SSIM, the paper's
-_C1, _C2 = 0.01**2, 0.03**2  # of SSIM, for values in 0..1
-_WINDOW = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)  # 11 taps, sigma 1.5 px
-_WINDOW /= _WINDOW.sum()
+_FULL_WINDOW = 11  # taps of a Gaussian of sigma 1.5 px, cut at 3.5 sigma
+# K1 of SSIM at which its luminance term is 1, so that contrast times structure is left.
+_NO_LUMINANCE = 1e6
 _BAND = 256  # rows of windows at a time
 _FLAT = 0.02  # of 0..1, the largest step to the next pixel of a flat area: five levels
-_AWAY = 4  # px that a flat pixel is away from any steeper step
-_WORST = 1000  # flat_error looks at one in so many of the flat pixels
+_AWAY = 4  # px from a flat pixel to any steeper step
+_WORST = 1000  # flat_error takes one in so many of the flat pixels
 
 
 def _same_shape(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
     if image.shape != other.shape or image.ndim != 3:
-        raise InputError(
-            f"pictures have shapes {image.shape} and {other.shape}; needed is the same (h, w, 3)"
-        )
+        got = shown(f"{image.shape} and {other.shape}")
+        raise InputError(must_be("two images", "of one shape (h, w, channels)", got))
 
 
 def mean_squared_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Mean over pixels and channels of the squared difference, summed in float64."""
     _same_shape(image, other)
-    rows = zip(image, other, strict=True)  # row by row: no float64 copy of a large picture
+    rows = zip(image, other, strict=True)  # row by row, to avoid a float64 copy of a large image
     return math.fsum(np.sum(np.subtract(a, b, dtype=np.float64) ** 2) for a, b in rows) / image.size
 
 
@@ -41,40 +40,24 @@ def psnr(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
 
 
 def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Structural similarity in -1..1, mean over channels.
+    """Structural similarity in -1..1, mean over channels; at least 3 px a side.
 
-    Gaussian window of sigma 1.5 px and population covariance, as in Wang, Bovik,
-    Sheikh and Simoncelli, "Image quality assessment", 2004; by scikit-image. Pictures
+    mean of (2 m_a m_b + C1) (2 s_ab + C2) / ((m_a^2 + m_b^2 + C1) (s_aa + s_bb + C2)) over all
+    windows inside, with means m and covariances s under a Gaussian window of sigma 1.5 px, as in
+    Wang, Bovik, Sheikh and Simoncelli, "Image quality assessment", 2004; by scikit-image. Images
     under 11 px a side have no full window: the largest odd box that fits is used.
+    Raises InputError for smaller images.
     """
-    from skimage.metrics import structural_similarity
-
     _same_shape(image, other)
-    side = min(image.shape[:2])
+    height, width, channels = image.shape
+    side = min(height, width)
     if side < 3:
-        raise InputError(f"picture is {image.shape[1]}x{image.shape[0]} px; SSIM needs 3 px a side")
-    window: dict[str, Any] = {"gaussian_weights": True, "sigma": 1.5}
-    rim = 5
-    if side < 11:
-        window = {"win_size": side if side % 2 else side - 1}
-        rim = window["win_size"] // 2
-    # One float32 channel at a time in bands of windows, to spare memory on photos of many
-    # megapixels: whole channels take 60 bytes for each pixel.
-    sums = []
-    for top in range(0, image.shape[0] - 2 * rim, _BAND):
-        one, two = (picture[top : top + _BAND + 2 * rim] for picture in (image, other))
-        sums += [
-            (one.shape[0] - 2 * rim)
-            * structural_similarity(
-                np.ascontiguousarray(one[:, :, c], np.float32),
-                np.ascontiguousarray(two[:, :, c], np.float32),
-                data_range=1.0,
-                use_sample_covariance=False,
-                **window,
-            )
-            for c in range(image.shape[2])
-        ]
-    return math.fsum(sums) / ((image.shape[0] - 2 * rim) * image.shape[2])
+        got = shown(f"{width}x{height} px")
+        raise InputError(must_be("an image for SSIM", "at least 3 px a side", got))
+    box = None if side >= _FULL_WINDOW else side - 1 + side % 2
+    # In float32, which is what photos and rasters are: half the memory of float64.
+    planes = ((image[:, :, c], other[:, :, c]) for c in range(channels))
+    return math.fsum(_similarity(a, b, np.float32, box=box) for a, b in planes) / channels
 
 
 def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
@@ -85,55 +68,60 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     the mean of contrast times structure over the windows that lie inside, at scale five times
     luminance; window and constants are those of SSIM. Wang, Simoncelli and Bovik,
     "Multi-scale structural similarity for image quality assessment", 2003, and their
-    implementation. A scale whose mean is negative, as of a negative film, counts as 0: a
-    broken power of it is no real number.
-    Raises InputError for smaller pictures: at scale five no window would fit.
+    implementation. A scale with a negative mean, as of a negative film, counts as 0, because a
+    fractional power of it is not a real number.
+    Raises InputError for smaller images: at scale five no window would fit.
     """
     _same_shape(image, other)
     height, width = image.shape[:2]
     if min(height, width) < LEAST_SIDE_FOR_MS_SSIM:
-        raise InputError(
-            f"picture is {width}x{height} px; MS-SSIM needs {LEAST_SIDE_FOR_MS_SSIM} px a side: "
-            "use SSIM"
-        )
+        needed = f"at least {LEAST_SIDE_FOR_MS_SSIM} px a side"
+        got = shown(f"{width}x{height} px")
+        raise InputError(must_be("an image for MS-SSIM", needed, got, "SSIM"))
     channels = []
     for c in range(image.shape[2]):
-        one, two = (np.asarray(picture[:, :, c], np.float64) for picture in (image, other))
-        similarity = 1.0
-        for weight in _SCALE_WEIGHTS[:-1]:
-            similarity *= max(_window_means(one, two)[1], 0.0) ** weight
+        one, two = image[:, :, c], other[:, :, c]
+        product = 1.0
+        for scale, weight in enumerate(_SCALE_WEIGHTS, 1):
+            constants: dict[str, Any] = (
+                {} if scale == len(_SCALE_WEIGHTS) else {"K1": _NO_LUMINANCE}
+            )
+            product *= max(_similarity(one, two, np.float64, **constants), 0.0) ** weight
             one, two = _halved(one), _halved(two)
-        channels.append(similarity * max(_window_means(one, two)[0], 0.0) ** _SCALE_WEIGHTS[-1])
+        channels.append(product)
     return float(np.mean(channels))
 
 
-def _window_means(one: NDArray[np.float64], two: NDArray[np.float64]) -> tuple[float, float]:
-    """Mean of SSIM and of its contrast-structure term over the windows inside (h, w)."""
-    from scipy.ndimage import correlate1d
+def _similarity(
+    one: NDArray[np.floating],
+    two: NDArray[np.floating],
+    dtype: Any,
+    box: int | None = None,
+    **constants: Any,
+) -> float:
+    """Mean SSIM of two planes (h, w) over the windows inside: Gaussian, or boxes of `box` px."""
+    from skimage.metrics import structural_similarity
 
-    rim = len(_WINDOW) // 2
-
-    def smooth(plane: NDArray[np.float64]) -> NDArray[np.float64]:
-        rows = correlate1d(plane, _WINDOW, axis=0)[rim:-rim]
-        return correlate1d(rows, _WINDOW, axis=1)[:, rim:-rim]
-
-    similar, structured = [], []
-    for top in range(0, one.shape[0] - 2 * rim, _BAND):  # in bands, to spare memory
-        a, b = (plane[top : top + _BAND + 2 * rim] for plane in (one, two))
-        mean_a, mean_b = smooth(a), smooth(b)
-        product = mean_a * mean_b
-        squares = mean_a**2 + mean_b**2
-        structure = (2 * (smooth(a * b) - product) + _C2) / (smooth(a * a + b * b) - squares + _C2)
-        luminance = (2 * product + _C1) / (squares + _C1)
-        similar.append(np.sum(luminance * structure))
-        structured.append(np.sum(structure))
-    count = (one.shape[0] - 2 * rim) * (one.shape[1] - 2 * rim)
-    return math.fsum(similar) / count, math.fsum(structured) / count
+    window: dict[str, Any] = (
+        {"gaussian_weights": True, "sigma": 1.5} if box is None else {"win_size": box}
+    )
+    rim = (box or _FULL_WINDOW) // 2
+    rows = one.shape[0] - 2 * rim
+    total = 0.0
+    # In bands of windows, to save memory: whole planes of float32 take 60 bytes a pixel.
+    for top in range(0, rows, _BAND):
+        a, b = (
+            np.ascontiguousarray(plane[top : top + _BAND + 2 * rim], dtype) for plane in (one, two)
+        )
+        total += (a.shape[0] - 2 * rim) * structural_similarity(
+            a, b, data_range=1.0, use_sample_covariance=False, **window, **constants
+        )
+    return total / rows
 
 
-def _halved(plane: NDArray[np.float64]) -> NDArray[np.float64]:
+def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
     height, width = plane.shape
-    even = np.pad(plane, ((0, height % 2), (0, width % 2)), mode="edge")
+    even = np.pad(plane, ((0, height % 2), (0, width % 2)), mode="edge").astype(np.float64)
     return even.reshape(even.shape[0] // 2, 2, even.shape[1] // 2, 2).mean(axis=(1, 3))
 
 
@@ -154,12 +142,10 @@ def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
     """Mean error of the worst thousandth of the reference's flat pixels, in levels of 255.
 
-    It sees what squared error hardly does: streaks across paper or a flat colour. A pixel is
-    flat where the reference has no step of 0.02 or more within 4 px, its error that of its
-    worst channel. The mean of the worst grows with the height, the length and the number of
-    the streaks. A percentile there is blind to one streak thinner than its share, a box
-    average thins a streak of one pixel to a third, the largest cannot tell one speck from
-    many streaks. Haze beyond 4 px of an edge counts as well. Not a number where no pixel is flat.
+    It shows streaks across paper or a flat colour, which squared error hardly does. A pixel is flat
+    where the reference has no step of 0.02 or more within 4 px; its error is that of its worst
+    channel. The mean of the worst grows with the height, length and number of streaks
+    (docs/decisions/metrics.md). NaN where no pixel is flat.
     """
     from scipy.ndimage import maximum_filter
 

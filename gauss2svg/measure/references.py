@@ -1,35 +1,73 @@
-"""What an SVG refers to: only itself and pictures that it holds as data: are let through.
+"""References of an SVG: only those within the file and to embedded images are allowed.
 
-resvg reads local files that an href names, by path or relative to the current folder, and a
-browser would load more than any renderer here does, so that a score would be another picture's.
+resvg reads local files that an href names, absolute or relative to the current folder, and a
+browser would load more than any renderer here does, so that the score would be of another image.
 """
 
 from __future__ import annotations
 
-import re
 import warnings
+from collections.abc import Iterator
 from urllib.request import DataHandler, Request
 
 from PIL import Image
 
-from gauss2svg.errors import InputError
-from gauss2svg.raster.css import plain_css
+from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.raster.css import component_values
 
 _PICTURES = ("image", "feImage")
 _FORMATS = ("PNG", "JPEG", "GIF", "WEBP")
 MOST_EMBEDDED_PIXELS = 100_000_000  # of all embedded pictures together
-_NAMESPACE = re.compile(r"@namespace[^;]*;", re.IGNORECASE)  # it has an address, and loads nothing
-_URL = re.compile(r"""url\(\s*["']?\s*([^"')\s]*)""", re.IGNORECASE)
+_SPACE = " \t\r\n\f"
 
 
-def check_css(text: str) -> None:
-    """Raise InputError if a style sheet or a property refers to anything outside."""
-    text = _NAMESPACE.sub(" ", plain_css(text))
-    if "@import" in text.lower():
-        raise _outside("@import of a style sheet")
-    for match in _URL.finditer(text):
-        if not match[1].startswith("#") and not _is_data(match[1]):
-            raise _outside(match[0] + ")")
+def check_css(text: str) -> int:
+    """Number of characters that had to be tokenised to see where CSS refers to.
+
+    text  a style sheet, a style or the value of a property
+    Raises InputError if it refers to anything outside the file.
+    """
+    lowered = text.lower()
+    # Without escapes a reference can be spelled in one way only; most are of this kind.
+    is_literal = "\\" not in text and "@import" not in lowered and "src(" not in lowered
+    if is_literal and all(map(_begins_within, lowered.split("url(")[1:])):
+        return 0
+    for target in _targets(text):
+        if not target.startswith("#") and not _is_data(target):
+            raise _outside(target)
+    return len(text)
+
+
+def _begins_within(target: str) -> bool:
+    target = target.lstrip(_SPACE)
+    return (target[1:].lstrip(_SPACE) if target[:1] in ("'", '"') else target).startswith("#")
+
+
+def _targets(text: str) -> Iterator[str]:
+    """What CSS refers to, also within strings: CairoSVG looks for addresses there as well."""
+    lists = [component_values(text)]
+    while lists:
+        is_namespace = False  # whose address comes next, and is never loaded
+        for token in lists.pop():
+            if token.type in ("whitespace", "ident"):
+                continue
+            skipped, is_namespace = is_namespace, False
+            if token.type == "at-keyword":
+                is_namespace = token.lower_value == "namespace"
+                if token.lower_value == "import":
+                    yield "@import of a style sheet"
+            elif token.type == "url" and not skipped:
+                yield token.value.strip()
+            elif token.type == "error" and token.kind == "bad-url":
+                yield "a broken url()"
+            elif token.type == "string" and "url(" in token.value.lower():
+                lists.append(component_values(token.value))
+            elif token.type == "function":
+                lists.append(token.arguments)
+                if token.lower_name in ("url", "src") and not skipped:
+                    yield from (t.value.strip() for t in token.arguments if t.type == "string")
+            elif token.type.endswith(" block"):
+                lists.append(token.content)
 
 
 def check_link(tag: str, target: str) -> int:
@@ -37,7 +75,7 @@ def check_link(tag: str, target: str) -> int:
 
     tag     local name of the element whose href it is
     target  its value
-    Raises InputError for any other link, and for data: that is no PNG, JPEG, GIF or WebP.
+    Raises InputError for any other link, and for data: that is not a PNG, JPEG, GIF or WebP.
     """
     target = target.strip()
     if not target or target.startswith("#"):
@@ -51,11 +89,14 @@ def _is_data(target: str) -> bool:
     return target[:5].lower() == "data:"
 
 
-def _outside(what: str) -> InputError:
-    shown = what if len(what) <= 80 else what[:77] + "..."
+def _outside(target: str) -> InputError:
     return InputError(
-        f"SVG refers to {shown}, and nothing outside of it is loaded; embed pictures by data:, or "
-        "remove it"
+        must_be(
+            "a reference in the SVG",
+            "within the file or embedded as data:",
+            target,
+            "to embed the image, or to remove the reference",
+        )
     )
 
 
@@ -64,14 +105,21 @@ def _pixels(uri: str) -> int:
         with (
             warnings.catch_warnings(action="ignore"),  # its size is counted by the caller
             DataHandler().data_open(Request(uri)) as data,
-            # Only the header is read. A nested SVG would be drawn without having been checked.
+            # Only the header is read. SVG is excluded: a nested one would be drawn unchecked.
             Image.open(data, formats=_FORMATS) as picture,
         ):
             return picture.width * picture.height
     except Image.DecompressionBombError as error:
-        raise InputError(f"picture in the SVG is too large: {error}; shrink it first") from error
+        raise InputError(
+            must_be(
+                "an image in the SVG", "smaller", shown(error), "to shrink it before embedding it"
+            )
+        ) from error
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(
-            "data: in the SVG is no picture that can be read; needed is one of "
-            f"{', '.join(_FORMATS)}"
+            must_be(
+                "data: in the SVG",
+                f"an image, one of {', '.join(_FORMATS)}",
+                shown(f"{uri[:40]}.."),
+            )
         ) from error

@@ -1,4 +1,4 @@
-"""The number that counts: the SVG, drawn by a real renderer, against the photo."""
+"""Round trip: the SVG is rasterised by a real renderer and compared with the photo."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _LEAST_SIDE_FOR_SSIM = 3
 
 @dataclass(frozen=True, eq=False)
 class RoundTrip:
-    """What came back from a renderer; PSNR in dB, differences in levels of 255.
+    """A raster and its errors; PSNR in dB, differences in levels of 255.
 
     psnr_model       fitted model against the photo
     psnr_svg, ssim_svg, largest_error_svg, bias_svg   raster against the photo
     psnr_roundtrip, largest_error_roundtrip, bias_roundtrip   raster against the model
-    ssim_svg is None for pictures under 3 px a side
+    ssim_svg is None for images under 3 px a side
 
-    All these are over white. psnr_model_black, psnr_svg_black are over black, psnr_model_alpha,
-    psnr_svg_alpha of alpha as a picture of one channel; None where the photo is opaque. raster is
+    All these are over white. psnr_model_black and psnr_svg_black are over black, psnr_model_alpha
+    and psnr_svg_alpha are those of the alpha channel; None where the photo is opaque. raster is
     (h, w, 4) where it is not.
     """
 
@@ -62,7 +62,7 @@ class RoundTrip:
 def round_trip(
     svg: str, scene: Scene, photo: NDArray[np.float32], renderer: str = DEFAULT_RENDERER
 ) -> RoundTrip:
-    """Draw the SVG of a scene and measure it against photo (h, w, 3) or (h, w, 4) and scene.
+    """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
 
     Both are compared at the photo's size. Raises RendererError if the renderer cannot draw.
     """
@@ -91,14 +91,14 @@ def round_trip(
 
 
 def model_psnr(scene: Scene, picture: NDArray[np.float32]) -> float:
-    """PSNR in dB of a scene on a picture of its canvas; with alpha over both pages."""
+    """PSNR in dB of a scene against an image of its canvas; with alpha over white and black."""
     if has_alpha(picture):
         return metrics.psnr(stacked(render_rgba(scene)), stacked(picture))
     return metrics.psnr(render(scene), picture)
 
 
 def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:
-    """Those of RoundTrip's numbers that take nothing but a raster and the photo, alike in shape."""
+    """The numbers of RoundTrip that depend only on raster and photo, of one shape."""
     shown, wanted = over(raster), over(photo)
     measurable = min(photo.shape[:2]) >= _LEAST_SIDE_FOR_SSIM
     black, alpha = _psnr_with_alpha(raster, photo)

@@ -1,4 +1,4 @@
-"""The text of an SVG from wherever it comes, plain or gzipped, within a limit of bytes."""
+"""Text of an SVG from a path, text, bytes or a file, gzipped or not, with a size limit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import os
 import re
 from typing import Any
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.svg.reader.parse import GZIP, gunzipped
 
 SvgSource = Any  # a path, text that begins with <, bytes or a binary file
@@ -18,7 +18,7 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
 _DECLARED = re.compile(rb"""<\?xml[^>]{0,200}?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
-# Python knows codecs that are no encodings of XML, such as unicode_escape.
+# Python also knows codecs that XML does not have, such as unicode_escape.
 _ENCODINGS = re.compile(r"utf-8|ascii|iso8859-\d+|cp125\d|koi8-[ru]|shift_jis|gb(k|18030)|big5")
 
 
@@ -26,8 +26,8 @@ def svg_source(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
     """Bytes of an SVG, gunzipped where it was gzipped, and the text that they encode.
 
     source      a path, text that begins with <, bytes or a binary file
-    most_bytes  that are read, and that they may have gunzipped, >= 1
-    Raises InputError for what cannot be read, has more bytes, or is no text.
+    most_bytes  limit of the size, also gunzipped, >= 1
+    Raises InputError for a source that cannot be read, has more bytes, or is not text.
     """
     if isinstance(source, str) and source.lstrip("\ufeff \t\r\n").startswith("<"):
         data = source.encode("utf-8", "surrogatepass")
@@ -39,12 +39,12 @@ def svg_source(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
         data = gunzipped(data, most_bytes, name)
         _within(len(data), most_bytes, f"{name}, gunzipped,")
     if not data.strip():
-        raise InputError(f"{name} is empty; needed is an SVG")
+        raise InputError(must_be(name, "an SVG", shown("an empty file")))
     return data, _decoded(data, name)
 
 
 def _read(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
-    """At most one byte more than that, so that a longer file is told without being read."""
+    """At most one byte more than the limit, so that a longer file is refused; and its name."""
     if isinstance(source, (bytes, bytearray, memoryview)):
         return bytes(source), "SVG"
     if isinstance(source, (str, os.PathLike)):
@@ -54,23 +54,20 @@ def _read(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError(
-                f"cannot read {os.fsdecode(source)}: {reason}; give the path of an SVG"
+                f"cannot read {os.fsdecode(source)}: {reason}. Try the path of an SVG"
             ) from error
     if hasattr(source, "read"):
         data = source.read(most_bytes + 1)
         if isinstance(data, bytes):
             return data, "SVG"
-    raise InputError(
-        f"got {type(source).__name__}; needed is a path, text that begins with <, bytes or a "
-        "binary file"
-    )
+    needed = "a path, text that begins with <, bytes or a binary file"
+    raise InputError(must_be("the SVG", needed, shown(type(source).__name__)))
 
 
 def _within(size: int, most_bytes: int, name: str) -> None:
     if size > most_bytes:
-        raise InputError(
-            f"{name} has more than {most_bytes} bytes; raise --max-svg-bytes if it is to be trusted"
-        )
+        needed, advice = f"at most {most_bytes} bytes", "to raise --max-svg-bytes if you trust it"
+        raise InputError(must_be(name, needed, shown("more"), advice))
 
 
 def _decoded(data: bytes, name: str) -> str:
@@ -83,14 +80,15 @@ def _decoded(data: bytes, name: str) -> str:
         except LookupError:
             known = ""
         if not _ENCODINGS.fullmatch(known):
-            raise InputError(f"{name} says that its encoding is {encoding[:40]}; save it as UTF-8")
+            needed, got = "of an encoding that is known", shown(encoding[:40])
+            raise InputError(must_be(name, needed, got, "to save it as UTF-8"))
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{name} is no text in {encoding}: {error.reason} at byte {error.start}; needed is an "
-            "SVG: save it as UTF-8"
-        ) from error
-    if "\0" in text:  # XML has none; UTF-16 without its mark has them, and expat would guess it
-        raise InputError(f"{name} has null characters, read as {encoding}; save it as UTF-8")
+        got = shown(f"{error.reason} at byte {error.start}")
+        advice = "to save it as UTF-8"
+        raise InputError(must_be(name, f"an SVG in {encoding}", got, advice)) from error
+    if "\0" in text:  # expat would take it for UTF-16 without a byte order mark
+        got = shown(f"null characters, read as {encoding}")
+        raise InputError(must_be(name, "text", got, "to save it as UTF-8"))
     return text

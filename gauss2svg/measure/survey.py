@@ -1,4 +1,4 @@
-"""One pass over an untrusted SVG: what it has, and that it is safe to be drawn."""
+"""One pass over an untrusted SVG: counts its elements and checks that it is safe to draw."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from xml.etree.ElementTree import ParseError
 from defusedxml.common import DefusedXmlException, DTDForbidden
 from defusedxml.ElementTree import DefusedXMLParser
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.measure.references import MOST_EMBEDDED_PIXELS, check_css, check_link
+from gauss2svg.raster.css import MOST_CSS
 
 SVG_NAMESPACE = "http://www.w3.org/2000/svg"
 _SVG = f"{{{SVG_NAMESPACE}}}"
 _GROUP_MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
 _LINKS = ("href", "absref")  # the latter of sodipodi, by which Inkscape finds local files
-# Characters that are parsed at first, and then twice as many each time: expat up to 2.5 scans a
-# token that a piece cuts through anew with the next one, so that with pieces of one size an
-# attribute of 200 MB took 252 s.
+# Characters of the first piece; each next one is twice as long. Up to 2.5 expat rescans a token
+# that spans pieces, so that with pieces of one size an attribute of 200 MB took 252 s.
 _PIECE = 1 << 16
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What is in an SVG.
+    """Contents of an SVG.
 
-    tags      how many elements of each name, the commonest first; SVG's own by their local
-              name, others as {namespace}name
+    tags      number of elements by name, the commonest first; SVG's own by their local name,
+              others as {namespace}name
     layers    groups that Inkscape shows as layers
     root      attributes of the root element
-    qualified whether the root is in SVG's namespace, as browsers need it
+    qualified whether the root is in SVG's namespace, which browsers require
     """
 
     tags: dict[str, int]
@@ -41,12 +41,12 @@ class Survey:
 
     @property
     def elements(self) -> int:
-        """How many elements there are."""
+        """Number of elements."""
         return sum(self.tags.values())
 
 
 def survey(text: str, most_elements: int) -> Survey:
-    """Count what is in an SVG without building a tree of it.
+    """Count the elements of an SVG, without building a tree.
 
     Raises InputError for XML that is malformed or defines entities, for links to anything
     outside of the file, for more than most_elements elements, and where the root is not svg.
@@ -61,17 +61,21 @@ def survey(text: str, most_elements: int) -> Survey:
             begin, end = end, 2 * end
         parser.close()
     except DefusedXmlException as error:
-        what = "entities" if not isinstance(error, DTDForbidden) else "a document type of its own"
+        what = "a document type of its own" if isinstance(error, DTDForbidden) else "entities"
         raise InputError(
-            f"SVG defines {what}, which may make it grow without end; save it as plain SVG"
+            must_be(
+                "SVG", "a document that cannot expand", shown(what), "to re-save it as plain SVG"
+            )
         ) from error
     except (ParseError, UnicodeEncodeError) as error:
-        raise InputError(f"SVG is no well-formed XML: {error}; save it anew") from error
+        raise InputError(
+            must_be("SVG", "well-formed XML", shown(error), "to re-save it")
+        ) from error
     return Survey(dict(counter.tags.most_common()), counter.layers, counter.root, counter.qualified)
 
 
 class _Parser(DefusedXMLParser):
-    """Lets a bare <!DOCTYPE> through, which potrace and matplotlib write: it is never loaded."""
+    """Accepts a bare <!DOCTYPE>, which potrace and matplotlib write and nobody loads."""
 
     def defused_start_doctype_decl(
         self, name: str, sysid: str | None, pubid: str | None, has_internal_subset: bool
@@ -81,7 +85,7 @@ class _Parser(DefusedXMLParser):
 
 
 class _Counter:
-    """Takes the parser's events in place of a tree builder."""
+    """Target of the parser's events in place of a tree builder."""
 
     def __init__(self, most_elements: int) -> None:
         self.tags: Counter[str] = Counter()
@@ -90,21 +94,25 @@ class _Counter:
         self.qualified = False
         self._most = most_elements
         self._count = 0
-        self._pixels = 0
+        self._pixels = self._tokenized = 0
         self._css: list[str] | None = None
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
         name = tag.removeprefix(_SVG)
         if not self._count:
             if name != "svg":
-                raise InputError(f"root element is <{name[:80]}>; needed is <svg>")
+                raise InputError(must_be("root element", "<svg>", shown(f"<{name[:80]}>")))
             self.root = dict(attributes)
             self.qualified = tag != name
         self._count += 1
         if self._count > self._most:
             raise InputError(
-                f"SVG has more than {self._most} elements; raise --max-elements if it is to be "
-                "trusted"
+                must_be(
+                    "SVG",
+                    f"of at most {self._most} elements",
+                    shown("more"),
+                    "to raise --max-elements if you trust the file",
+                )
             )
         self.tags[name] += 1
         self.layers += attributes.get(_GROUP_MODE) == "layer"
@@ -114,17 +122,33 @@ class _Counter:
         for key, value in attributes.items():
             if key.rpartition("}")[2] in _LINKS:
                 self._follow(local, value)
-            elif "(" in value and ("\\" in value or "url(" in value.lower()):
-                check_css(value)
+            elif "(" in value:
+                self._check_css(value)
+
+    def _check_css(self, text: str) -> None:
+        self._tokenized += check_css(text)
+        if self._tokenized > MOST_CSS:
+            raise InputError(
+                must_be(
+                    "CSS in the SVG",
+                    f"at most {MOST_CSS} characters where it has escapes, imports or addresses",
+                    self._tokenized,
+                    "to save it as plain SVG",
+                )
+            )
 
     def _follow(self, tag: str, target: str) -> None:
         if tag == "a":
-            return  # for a reader to click on; nothing is loaded
+            return  # only loaded on a click
         self._pixels += check_link(tag, target)
         if self._pixels > MOST_EMBEDDED_PIXELS:
             raise InputError(
-                f"pictures in the SVG have more than {MOST_EMBEDDED_PIXELS} px together; shrink "
-                "them first"
+                must_be(
+                    "images in the SVG",
+                    f"of at most {MOST_EMBEDDED_PIXELS} px together",
+                    self._pixels,
+                    "to shrink them before embedding them",
+                )
             )
 
     def data(self, text: str) -> None:
@@ -133,12 +157,12 @@ class _Counter:
 
     def end(self, tag: str) -> None:
         if self._css is not None and tag.removeprefix(_SVG) == "style":
-            check_css("".join(self._css))
+            self._check_css("".join(self._css))
             self._css = None
 
     def pi(self, target: str, _data: Any = None) -> None:
         if target.split()[0] == "xml-stylesheet":
-            check_css("@import")
+            self._check_css("@import")
 
     def close(self) -> None:
         pass

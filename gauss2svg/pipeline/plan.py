@@ -11,7 +11,7 @@ from gauss2svg.fit.options import FitConfig
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.presets import PRESETS, Preset
-from gauss2svg.raster import DRAW_BLENDS, DRAW_TURNED_BLURS, renderer_version
+from gauss2svg.raster import DRAW_BLENDS, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.format import SvgFormat
@@ -41,10 +41,10 @@ class Plan:
         goal, svg, run = self.options.goal, self.options.svg, self.options.run
         self._check_blend()
         self._check_rounds()
-        if svg.form != GRADIENT and run.renderer not in DRAW_TURNED_BLURS:
+        if svg.form != GRADIENT and run.renderer not in DRAW_ROTATED_BLURS:
             raise RendererError(
                 f"form must be {GRADIENT} with the renderer {run.renderer}, which does not render "
-                f"rotated blurs; got {svg.form}. Try --renderer {DRAW_TURNED_BLURS[0]}"
+                f"rotated blurs; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
             )
         for name in ("checkpoint", "resume"):
             if getattr(run, name) is not None and goal.time_limit is not None:

@@ -1,4 +1,4 @@
-"""SVG renderers behind one function. One module each; add one here to have it everywhere."""
+"""SVG renderers behind one function: one module each, and one entry in the table below."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, RendererError
+from gauss2svg.errors import InputError, RendererError, must_be, shown
 from gauss2svg.photo.alpha import has_alpha, over
 from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
+from gauss2svg.raster.program import wrong_size
 from gauss2svg.raster.root import stretched
-from gauss2svg.raster.support import DRAW_BLENDS, DRAW_TURNED_BLURS, refuse_unsupported
+from gauss2svg.raster.support import DRAW_BLENDS, DRAW_ROTATED_BLURS, refuse_unsupported
 
 __all__ = [
     "DEFAULT_RENDERER",
     "DRAW_BLENDS",
-    "DRAW_TURNED_BLURS",
+    "DRAW_ROTATED_BLURS",
     "RENDERERS",
     "rasterize",
     "rasterize_like",
@@ -29,7 +30,7 @@ __all__ = [
 
 class _Renderer(Protocol):
     def draw(self, svg: str, width: int, height: int) -> NDArray[np.float32]:
-        """RGBA (height, width, 4) in 0..1, alpha not multiplied in; browsers draw over white."""
+        """Unpremultiplied RGBA (height, width, 4) in 0..1; browsers draw over white."""
         ...
 
     def version(self) -> str: ...
@@ -44,15 +45,15 @@ _RENDERERS: dict[str, _Renderer] = {
     "inkscape": inkscape,
 }
 _Draw = Callable[[str, int, int], NDArray[np.float32]]
-# The others have no page.
-_WITHOUT_A_PAGE: dict[str, _Draw] = {"chromium": chromium.draw_clear, "firefox": firefox.draw_clear}
+# Browsers draw on a page, which must be transparent for alpha.
+_CLEAR_PAGE: dict[str, _Draw] = {"chromium": chromium.draw_clear, "firefox": firefox.draw_clear}
 RENDERERS = tuple(_RENDERERS)
-DEFAULT_RENDERER = "resvg"  # embedded in a wheel, nothing to install, quick and exact
+DEFAULT_RENDERER = "resvg"  # a wheel, with nothing else to install, fast and accurate
 
 
 def _renderer(name: str) -> _Renderer:
     if name not in _RENDERERS:
-        raise InputError(f"renderer is {name!r}; needed is one of {', '.join(RENDERERS)}")
+        raise InputError(must_be("renderer", f"one of {', '.join(RENDERERS)}", name))
     return _RENDERERS[name]
 
 
@@ -64,11 +65,10 @@ def renderer_version(name: str) -> str:
 def rasterize(
     svg: str, width: int, height: int, renderer: str = DEFAULT_RENDERER
 ) -> NDArray[np.float32]:
-    """Draw an SVG at width x height px, over white; (height, width, 3) float32 in 0..1.
+    """Raster of an SVG over white: (height, width, 3) float32 in 0..1.
 
-    With a viewBox it is stretched to that size, whatever its own proportions.
-    Raises RendererError if the renderer is missing, fails on the file, or is known to draw
-    wrongly what the file uses.
+    An SVG with a viewBox is stretched to width x height px, whatever its own proportions. Raises
+    RendererError if the renderer is missing, fails on the file, or is known to draw it wrongly.
     """
     return over(_drawn(svg, width, height, renderer, _renderer(renderer).draw))
 
@@ -76,41 +76,35 @@ def rasterize(
 def rasterize_rgba(
     svg: str, width: int, height: int, renderer: str = DEFAULT_RENDERER
 ) -> NDArray[np.float32]:
-    """Draw an SVG on nothing: (height, width, 4) float32 in 0..1, alpha not multiplied in.
+    """Raster of an SVG with unpremultiplied alpha: (height, width, 4) float32 in 0..1.
 
-    Arguments and errors are those of rasterize. Firefox draws it twice: over white, over black.
+    Arguments and errors are those of rasterize. Firefox draws it twice: over white and over black.
     """
-    draw = _WITHOUT_A_PAGE.get(renderer, _renderer(renderer).draw)
+    draw = _CLEAR_PAGE.get(renderer, _renderer(renderer).draw)
     return _drawn(svg, width, height, renderer, draw)
 
 
 def rasterize_like(
     svg: str, picture: NDArray[np.floating], renderer: str = DEFAULT_RENDERER
 ) -> NDArray[np.float32]:
-    """Draw an SVG as large as a picture: over white where that is (h, w, 3), else with alpha."""
+    """Raster of the size of an image: over white for (h, w, 3), with alpha for (h, w, 4)."""
     height, width = picture.shape[:2]
     draw = rasterize_rgba if has_alpha(picture) else rasterize
     return draw(svg, width, height, renderer)
 
 
 def _drawn(svg: str, width: int, height: int, renderer: str, draw: _Draw) -> NDArray[np.float32]:
-    if width * height > MOST_PIXELS:  # than any photo has
-        raise RendererError(
-            f"{width}x{height} px are {width * height / 1e6:.0f} million; needed are at most "
-            f"{MOST_PIXELS / 1e6:.0f}: draw the SVG smaller"
-        )
+    if width * height > MOST_PIXELS:  # the limit of photos
+        needed = f"at most {MOST_PIXELS / 1e6:.0f} million px"
+        got = shown(f"{width}x{height}, {width * height / 1e6:.0f} million")
+        raise RendererError(must_be("the raster", needed, got, "to draw the SVG smaller"))
     try:
         svg.encode()
     except UnicodeEncodeError as error:
-        raise RendererError(
-            f"{renderer} cannot draw the SVG: its character {error.start} is half of a pair "
-            "(a lone surrogate), which no file can hold; remove it"
-        ) from error
+        got = shown(f"a lone surrogate as character {error.start}")
+        raise RendererError(must_be("the SVG", "text that a file can hold", got)) from error
     refuse_unsupported(svg, width, height, renderer)
     drawn = draw(stretched(svg, width, height) or svg, width, height)
     if drawn.shape[:2] != (height, width):
-        raise RendererError(
-            f"{renderer} drew {drawn.shape[1]}x{drawn.shape[0]} px; needed is {width}x{height}: "
-            "give the SVG a viewBox"
-        )
+        raise wrong_size(f"raster of {renderer}", drawn.shape[1::-1], (width, height))
     return drawn

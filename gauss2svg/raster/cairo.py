@@ -1,4 +1,4 @@
-"""CairoSVG: draws through the cairo system library."""
+"""CairoSVG, which draws with the cairo system library."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,8 +7,8 @@ from gauss2svg.errors import RendererError
 from gauss2svg.raster.png import from_png
 
 _INSTALL = (
-    "renderer cairo needs the cairo system library (apt-get install libcairo2, "
-    "brew install cairo); install it, or use --renderer resvg"
+    "renderer cairo needs the cairo system library. Try to install it (apt-get install libcairo2, "
+    "brew install cairo), or --renderer resvg"
 )
 
 

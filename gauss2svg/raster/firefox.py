@@ -1,4 +1,4 @@
-"""Firefox without its window, by its own option to take a screenshot."""
+"""Headless Firefox, by its own screenshot option."""
 
 import json
 import tempfile
@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import RendererError
+from gauss2svg.errors import RendererError, must_be, shown
 from gauss2svg.photo.alpha import from_views
 from gauss2svg.raster.html import BLACK, IMAGE, WHITE, html
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
 _PREFERENCES = {
-    "gfx.color_management.mode": 0,  # numbers in the file are numbers on the screen
-    "gfx.webrender.software": True,  # the same picture whatever the graphics card
+    "gfx.color_management.mode": 0,  # colours are not converted to the screen's profile
+    "gfx.webrender.software": True,  # the same image on every graphics card
     "layout.css.devPixelsPerPx": "1.0",
-    "ui.prefersReducedMotion": 1,  # animated files are shown as they end
-    "network.proxy.type": 1,  # to nobody: what it does by itself stays off the network
+    "ui.prefersReducedMotion": 1,  # animated files are shown in their final state
+    "network.proxy.type": 1,  # a proxy that is not there, so that nothing reaches the network
     "network.proxy.http": "127.0.0.1",
     "network.proxy.http_port": 9,
     "network.proxy.ssl": "127.0.0.1",
@@ -26,8 +26,8 @@ _PREFERENCES = {
     "network.captive-portal-service.enabled": False,
     "network.connectivity-service.enabled": False,
 }
-# Firefox does not say that a picture is broken, so the page does, in a row under it: black where
-# there is no picture, white where it has its size, red where it has another.
+# Firefox does not report a broken image, so the page does, by a row of pixels under it: black for
+# no image, white for the right size, red for another.
 _VERDICT = """<style>
 html, body {{ background: #000 }}
 body {{ overflow: hidden; height: {height}px; padding-bottom: 1px }}
@@ -57,7 +57,7 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
 
 
 def draw_clear(svg: str, width: int, height: int) -> NDArray[np.float32]:
-    """Pixels (height, width, 4) of the SVG without its page, found by drawing it over two."""
+    """Pixels (height, width, 4) of the SVG with alpha, by rasters over white and over black."""
     white, black = (_draw(svg, width, height, color)[:, :, :3] for color in (WHITE, BLACK))
     return from_views(white, black)
 
@@ -76,7 +76,7 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
         command = [
             _program(),
             "--headless",
-            "--no-remote",  # a Firefox that is open already would take the order, and show it
+            "--no-remote",  # otherwise a Firefox that is already open would open the page
             "--profile",
             str(profile),
             f"--window-size={width},{height + 1}",
@@ -86,20 +86,18 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
         ]
         run(command, folder=folder, environment={"HOME": name})
         if not screenshot.exists():
-            raise RendererError("Firefox cannot draw the SVG: it wrote no picture")
+            raise RendererError("Firefox cannot draw the SVG: it wrote no file")
         drawn = from_png(screenshot.read_bytes())
     verdict = drawn[height:, :width, :3]
     if drawn.shape[:2] != (height + 1, width):
-        raise RendererError(
-            f"Firefox took a screenshot of {drawn.shape[1]}x{drawn.shape[0]} px; needed is "
-            f"{width}x{height + 1}: draw it smaller, or use another --renderer"
-        )
+        got = shown(f"{drawn.shape[1]}x{drawn.shape[0]} px")
+        needed, advice = f"{width}x{height + 1} px", "to draw it smaller, or another --renderer"
+        raise RendererError(must_be("screenshot of Firefox", needed, got, advice))
     if not verdict.any():
-        raise RendererError("Firefox cannot draw the SVG: no picture that it can read")
+        raise RendererError("Firefox cannot draw the SVG: not a supported image")
     if (verdict[:, :, 1:] == 0).any():
-        raise RendererError(
-            f"Firefox drew another size; needed is {width}x{height}: give the SVG a viewBox"
-        )
+        needed, got = f"{width}x{height} px", shown("another size")
+        raise RendererError(must_be("raster of firefox", needed, got, "an SVG with a viewBox"))
     return drawn[:height]
 
 

@@ -1,6 +1,6 @@
-"""The page that shows an SVG to a browser.
+"""The HTML page that shows an SVG in a browser.
 
-In an <img> an SVG runs no script and loads nothing, whatever it says.
+It does so in an <img>, in which an SVG runs no script and loads nothing.
 """
 
 IMAGE = "drawing.svg"

@@ -1,4 +1,4 @@
-"""Inkscape without its window: what an editor shows."""
+"""Inkscape's command line: what an editor shows."""
 
 import tempfile
 from pathlib import Path
@@ -7,11 +7,11 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import RendererError
+from gauss2svg.errors import RendererError, must_be, shown
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
-# It writes a white picture, and no word of complaint, beyond what a cairo surface can hold.
+# Beyond the size of a cairo surface Inkscape writes a white image without any message.
 _MOST_PX = 32767
 
 
@@ -23,10 +23,9 @@ def version() -> str:
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Pixels (height, width, 4) of the SVG."""
     if max(width, height) > _MOST_PX:
-        raise RendererError(
-            f"Inkscape cannot draw {width}x{height} px; needed is at most {_MOST_PX} px a side: "
-            "draw it smaller, or use another --renderer"
-        )
+        got, advice = shown(f"{width}x{height}"), "to draw it smaller, or another --renderer"
+        needed = f"at most {_MOST_PX} px a side"
+        raise RendererError(must_be("raster of inkscape", needed, got, advice))
     _refuse_broken(svg)
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as name:
         folder = Path(name)
@@ -40,17 +39,17 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
             "--export-filename=drawn.png",
             "drawing.svg",
         ]
-        # Its own settings could change the picture, and two at once share a profile badly.
+        # The user's settings could change the image, and two processes cannot share a profile.
         run(command, folder=folder, environment={"INKSCAPE_PROFILE_DIR": name, "HOME": name})
         drawn = folder / "drawn.png"
-        # It exits with 0 also where it could not read the file.
+        # Inkscape exits with 0 even if it could not read the file.
         if not drawn.exists():
-            raise RendererError("Inkscape cannot draw the SVG: it wrote no picture")
+            raise RendererError("Inkscape cannot draw the SVG: it wrote no file")
         return from_png(drawn.read_bytes())
 
 
 def _refuse_broken(svg: str) -> None:
-    # It draws what it can make of a broken file, and be it nothing.
+    # Inkscape draws as much of a broken file as it can read, perhaps nothing.
     try:
         expat.ParserCreate().Parse(svg.encode(), True)
     except expat.ExpatError as error:

@@ -1,4 +1,4 @@
-"""librsvg, by its program rsvg-convert: what GNOME and many web services draw with."""
+"""librsvg, by its program rsvg-convert: the renderer of GNOME and of many web services."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,8 @@ def version() -> str:
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Pixels (height, width, 4) of the SVG."""
-    # --unlimited: it refuses large files otherwise. Read from standard input a file has no
-    # folder, so it can load nothing beside itself.
+    # Without --unlimited it refuses large files. A file on standard input has no folder from which
+    # it could load others.
     size = ["--width", str(width), "--height", str(height)]
     return from_png(run([_program(), "--unlimited", *size, "--format=png"], stdin=svg.encode()))
 

@@ -1,4 +1,4 @@
-"""PNG that a renderer made, as pixels."""
+"""Pixels of a PNG that a renderer wrote."""
 
 import io
 
@@ -8,8 +8,8 @@ from PIL.PngImagePlugin import PngImageFile
 
 
 def from_png(png: bytes) -> NDArray[np.float32]:
-    """Pixels (h, w, 4) float32 RGBA in 0..1, alpha not multiplied in."""
-    # Not by Image.open: the size was asked for, and its limits are for what is not trusted.
+    """Unpremultiplied RGBA (h, w, 4) float32 in 0..1."""
+    # Not by Image.open, whose size limits are for untrusted images: this size was requested.
     with PngImageFile(io.BytesIO(png)) as picture:
         pixels = np.array(picture.convert("RGBA"), np.float32)
     pixels /= 255

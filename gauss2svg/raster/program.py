@@ -1,4 +1,4 @@
-"""Programs that draw: found on PATH, run in a folder of their own, for so long at most."""
+"""Installed renderer programs: found on PATH, run in a process group, with a time limit."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
-from gauss2svg.errors import RendererError
+from gauss2svg.errors import RendererError, must_be, shown
 
-# Inkscape takes up to a minute for a large file of blurs; what takes longer than this hangs.
+# Inkscape takes up to a minute for a large file of blurs; a program that takes longer hangs.
 TIMEOUT_S = 300
 _VERSION_TIMEOUT_S = 30
 _DRAWING = "draw the SVG"
@@ -25,9 +25,16 @@ def find(renderer: str, names: Sequence[str], install: str) -> str:
         if path:
             return path
     raise RendererError(
-        f"renderer {renderer} needs the program {names[0]} ({install}); install it, or use "
-        "--renderer resvg"
+        f"renderer {renderer} needs the program {names[0]}; got none on PATH. Try to install it "
+        f"({install}), or --renderer resvg"
     )
+
+
+def wrong_size(what: str, got: Sequence[int], needed: Sequence[int]) -> RendererError:
+    """The error of a raster of got instead of needed (width, height) px."""
+    width, height = needed
+    shape = shown(f"{got[0]}x{got[1]} px")
+    return RendererError(must_be(what, f"{width}x{height} px", shape, "an SVG with a viewBox"))
 
 
 @cache
@@ -36,10 +43,10 @@ def version_line(path: str) -> str:
     try:
         printed = run([path, "--version"], timeout_s=_VERSION_TIMEOUT_S, task="say its version")
     except RendererError as error:
-        raise RendererError(f"{error}; install it anew, or use --renderer resvg") from error
+        raise RendererError(f"{error}. Try to reinstall it, or --renderer resvg") from error
     lines = printed.decode(errors="replace").strip().splitlines()
     if not lines:
-        raise RendererError(f"{path} --version printed nothing; install it anew")
+        raise RendererError(f"{path} --version printed nothing. Try to reinstall it")
     return lines[0].strip()
 
 
@@ -52,10 +59,10 @@ def run(
     timeout_s: float = TIMEOUT_S,
     task: str = _DRAWING,
 ) -> bytes:
-    """What the command writes to its standard output.
+    """Standard output of a command.
 
-    Raises RendererError with its last complaint if it fails, or takes longer than timeout_s;
-    task is what it then says that the program cannot do.
+    Raises RendererError with the last line of its standard error if it fails, and where it takes
+    longer than timeout_s; task is what the program then could not do.
     """
     name = Path(command[0]).name
     try:
@@ -66,7 +73,7 @@ def run(
             stderr=subprocess.PIPE,
             cwd=folder,
             env={**os.environ, **(environment or {})},
-            start_new_session=True,  # a group of its own, so that its children end with it
+            start_new_session=True,  # a process group, so that its children end with it
         )
     except OSError as error:
         raise RendererError(f"{command[0]} cannot be started: {error.strerror}") from error
@@ -74,9 +81,9 @@ def run(
         try:
             written, complaint = process.communicate(stdin, timeout_s)
         except subprocess.TimeoutExpired as error:
-            advice = "; draw it smaller, or use another --renderer" if task == _DRAWING else ""
+            advice = ". Try to draw it smaller, or another --renderer" if task == _DRAWING else ""
             raise RendererError(f"{name} cannot {task} in {timeout_s:g} s{advice}") from error
-        finally:  # also at an interrupt, which a group of its own does not get
+        finally:  # also at an interrupt, which another process group does not receive
             _end(process)
     if process.returncode:
         lines = complaint.decode(errors="replace").strip().splitlines() or ["no reason given"]

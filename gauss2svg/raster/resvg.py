@@ -1,4 +1,4 @@
-"""resvg, embedded by resvg_py: nothing to install by hand."""
+"""resvg, embedded by the wheel resvg_py."""
 
 import numpy as np
 import resvg_py
@@ -20,7 +20,7 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
             svg_string=svg, width=width, height=height, skip_system_fonts=True
         )
     except BaseException as error:
-        # A panic inside resvg arrives as pyo3's PanicException, which is no Exception.
+        # A panic inside resvg is raised as pyo3's PanicException, a BaseException.
         if isinstance(error, ValueError) or type(error).__name__ == "PanicException":
             raise RendererError(f"resvg cannot draw the SVG: {error}") from error
         raise

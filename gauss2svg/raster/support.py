@@ -1,18 +1,17 @@
-"""What of SVG a renderer does not draw, so that no picture is scored which it drew wrongly.
+"""Features of SVG that a renderer draws wrongly, refused so that no such image is measured.
 
 Found by drawing with resvg 0.48, CairoSVG 2.9, Chromium 156, librsvg 2.54, Firefox 153 and
-Inkscape 1.2; errors in levels of 255:
+Inkscape 1.2 (errors: docs/decisions/renderers.md):
 
-    what a file uses                      not drawn by
-    a blur                                cairo (no filters at all but offset, flood and blend);
-                                          resvg, where its element is turned or sheared and not
-                                          scaled alike (20 to 43 levels off); librsvg, where it is
-                                          turned other than by right angles (39 to 45)
-    mix-blend-mode                        cairo
+    feature                               not drawn correctly by
+    blur                                  cairo; resvg where the element is rotated or skewed and
+                                          not uniformly scaled; librsvg where it is rotated other
+                                          than by right angles
+    other filters, mix-blend-mode         cairo
     mix-blend-mode: plus-lighter          all but the two browsers
     href without xlink:                   inkscape
-    animation that runs also where less   the two browsers: at some moment of it; all others
-    motion is preferred                   draw the file as it is written
+    animation that also runs under        the two browsers, which stop it at an arbitrary moment;
+    prefers-reduced-motion                all others draw the file as it is written
 """
 
 from __future__ import annotations
@@ -21,16 +20,17 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from xml.parsers import expat
 
-from gauss2svg.errors import RendererError
-from gauss2svg.raster.css import plain_css, without_blocks
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.raster.css import declarations, first_word, statements
 
 BROWSERS = ("chromium", "firefox")
-DRAW_TURNED_BLURS = (*BROWSERS, "inkscape")
+DRAW_ROTATED_BLURS = (*BROWSERS, "inkscape")
 DRAW_BLENDS = ("resvg", *BROWSERS, "librsvg", "inkscape")  # of mix-blend-mode, and filters
-# A file without any of these uses nothing of the table, and is not parsed. Escapes of CSS and
-# XML could hide a word.
+# A file without any of these words has no feature of the table and is not parsed. Escapes of CSS
+# and XML could hide a word.
 _WORDS = (
     "filter", "blur", "shadow", "blend", "href", "animat", "discard", "starting-style", "<set",
     ":set", "\\", "&#",
@@ -39,48 +39,42 @@ _BLURS = ("feGaussianBlur", "feDropShadow")
 _MOVING = ("animate", "animateTransform", "animateMotion", "animateColor", "set", "discard")
 _LINKING = ("use", "image", "pattern", "filter", "linearGradient", "radialGradient")
 _XLINK_HREF = "http://www.w3.org/1999/xlink href"
-_PROPERTY = r"(?:^|(?<=[\s;{]))(?:-webkit-)?"
-_VALUE = r"\s*:\s*(?!(?:none|normal|inherit|initial|unset)\b)[^\s;}]"
-_FILTERED = re.compile(rf"{_PROPERTY}filter{_VALUE}")
-_BLURRED = re.compile(r"\b(?:blur|drop-shadow)\s*\(")
-_BLENDED = re.compile(rf"{_PROPERTY}mix-blend-mode{_VALUE}")
-_LIGHTER = re.compile(rf"{_PROPERTY}mix-blend-mode\s*:\s*plus-")
-_ANIMATED = re.compile(rf"{_PROPERTY}animation(?:-name)?{_VALUE}|@starting-style")
-# The browsers are told that less motion is preferred.
-_WELCOME = re.compile(r"@media\s*\(\s*prefers-reduced-motion\s*:\s*no-preference\s*\)\s*\{")
+_UNUSED = ("none", "normal", "inherit", "initial", "unset")  # values that switch a property off
+# CSS without any of these is not parsed; an escape could hide a word.
+_CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
 _CALL = re.compile(r"\b(\w++)\s*+\(([^()]*+)\)")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
-# Of the matrix's length: an element turned by so little is as true as one that is not.
+# Of the matrix's norm: so small a rotation has no visible effect.
 _STRAIGHT = 1e-3
 
 _Matrix = tuple[float, float, float, float]  # a b c d; where it moves to does not matter
 
 
 def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> None:
-    """Raise RendererError if the renderer draws wrongly what the SVG uses at width x height px.
+    """Raise RendererError if the renderer draws the SVG wrongly at width x height px.
 
-    It says what that is, and which renderers draw it.
+    The error names the feature and the renderers that draw it.
     """
     for uses, drawn_by in _limits(svg, width, height):
         if renderer not in drawn_by:
             raise RendererError(
-                f"{renderer} cannot draw what the SVG uses: {uses}; needed is one of "
-                f"{', '.join(drawn_by)}: try --renderer {drawn_by[0]}"
+                f"renderer must be one of {', '.join(drawn_by)} for what the SVG uses, {uses}; got "
+                f"{renderer}. Try --renderer {drawn_by[0]}"
             )
 
 
 def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """What the file uses that some do not draw, and who does; cheap for a file without it."""
+    """Features of the file that some renderers do not draw, and those that do."""
     lowered = svg.lower()
     if not any(word in lowered for word in _WORDS):
         return
     used = _uses(svg, width, height)
     if used.blur:
-        drawn_by = DRAW_TURNED_BLURS
-        if used.sheared:
-            yield "a blur of turned or sheared shapes", drawn_by
-        elif used.turned:
-            yield "a blur of turned shapes", (*drawn_by, "resvg")
+        drawn_by = DRAW_ROTATED_BLURS
+        if used.skewed:
+            yield "a blur of rotated or skewed shapes", drawn_by
+        elif used.rotated:
+            yield "a blur of rotated shapes", (*drawn_by, "resvg")
         else:
             yield "a blur", (*drawn_by, "resvg", "librsvg")
     if used.lighter:
@@ -97,36 +91,56 @@ def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str,
 
 @dataclass
 class _Uses:
-    """What of the table at the top a file uses.
+    """Features of the table at the top that a file uses.
 
-    turned, sheared  whether a filtered element is, the latter so that circles are ellipses
+    rotated, skewed  whether a filtered element is; skewed: so that circles become ellipses
     """
 
     blur: bool = False
-    turned: bool = False
-    sheared: bool = False
+    rotated: bool = False
+    skewed: bool = False
     filter: bool = False
     blended: bool = False
     lighter: bool = False
     plain_href: bool = False
     moving: bool = False
 
-    def add_css(self, text: str) -> bool:
-        """Add what a style sheet or attribute uses; whether it filters."""
-        text = plain_css(text).lower()
-        filtered = bool(_FILTERED.search(text))
-        self.filter |= filtered
-        self.blur |= filtered and bool(_BLURRED.search(text))
-        self.lighter |= bool(_LIGHTER.search(text))
-        self.blended |= bool(_BLENDED.search(text))
-        self.moving |= bool(_ANIMATED.search(without_blocks(text, _WELCOME)))
-        return filtered
+    def add_css(self, text: str, is_sheet: bool = False) -> bool:
+        """Add the features of a style sheet or attribute; returns whether it filters."""
+        found = _features_of(text, is_sheet)
+        for feature in found:
+            setattr(self, feature, True)
+        return "filter" in found
+
+
+@lru_cache(maxsize=32)  # shapes share their filters
+def _features_of(css: str, is_sheet: bool) -> frozenset[str]:
+    """Names of the fields of _Uses that are True for a style sheet or attribute."""
+    lowered = css.lower()
+    if not any(word in lowered for word in _CSS_WORDS):
+        return frozenset()
+    found = set()
+    for node in statements(css, is_sheet):
+        if node.type == "at-rule":
+            found |= {"moving"} if node.lower_at_keyword == "starting-style" else set()
+            continue
+        name, first = node.lower_name.removeprefix("-webkit-"), first_word(node.value)
+        if first in _UNUSED:
+            continue
+        if name == "filter":
+            functions = {t.lower_name for t in node.value if t.type == "function"}
+            found |= {"filter", "blur"} if functions & {"blur", "drop-shadow"} else {"filter"}
+        elif name == "mix-blend-mode":
+            found |= {"blended", "lighter"} if first.startswith("plus-") else {"blended"}
+        elif name in ("animation", "animation-name"):
+            found.add("moving")
+    return frozenset(found)
 
 
 class _Survey:
-    """Takes a parser's events; titles and other text say nothing about what is drawn.
+    """Target of a parser's events.
 
-    Elements that `use` others count as filtered, and all do under a style sheet with filters.
+    `use` elements count as filtered, and under a style sheet with filters all elements do.
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -135,9 +149,9 @@ class _Survey:
         self._matrices: list[_Matrix] = []
         self._sheet: list[str] | None = None
         self._by_sheet = False
-        # Then also equal scales along x and y blur differently along them.
+        # Whether a blur differs along x and y even where the scales are equal.
         self._uneven = False
-        self._any_turned = self._any_sheared = False
+        self._any_rotated = self._any_skewed = False
 
     def start(self, name: str, attributes: dict[str, str]) -> None:
         tag, uses = name.rpartition(" ")[2], self.uses
@@ -164,14 +178,16 @@ class _Survey:
 
     def _transform(self, transform: str, style: str, filtered: bool) -> None:
         matrix = self._matrices[-1]
-        for text in (transform, style if "transform" in style else ""):
-            matrix = _times(matrix, _parsed(text)) if text else matrix
+        if transform:
+            matrix = _times(matrix, _product(_attribute_calls(transform)))
+        if "transform" in style.lower():
+            matrix = _times(matrix, _product(_style_calls(style)))
         self._matrices.append(matrix)
         if not _is_straight(matrix):
-            sheared = not _keeps_circles(matrix)
-            self._any_turned, self._any_sheared = True, self._any_sheared or sheared
+            skewed = not _keeps_circles(matrix)
+            self._any_rotated, self._any_skewed = True, self._any_skewed or skewed
             if filtered:
-                self.uses.turned, self.uses.sheared = True, self.uses.sheared or sheared
+                self.uses.rotated, self.uses.skewed = True, self.uses.skewed or skewed
 
     def data(self, text: str) -> None:
         if self._sheet is not None:
@@ -180,27 +196,31 @@ class _Survey:
     def end(self, name: str) -> None:
         self._matrices.pop()
         if self._sheet is not None and name.rpartition(" ")[2] == "style":
-            self._by_sheet |= self.uses.add_css("".join(self._sheet))
+            self._by_sheet |= self.uses.add_css("".join(self._sheet), is_sheet=True)
             self._sheet = None
 
     def close(self) -> _Uses:
         if self._by_sheet:
-            self.uses.turned, self.uses.sheared = self._any_turned, self._any_sheared
-        self.uses.sheared |= self.uses.turned and self._uneven
+            self.uses.rotated, self.uses.skewed = self._any_rotated, self._any_skewed
+        self.uses.skewed |= self.uses.rotated and self._uneven
         return self.uses
 
 
 def _uses(svg: str, width: int, height: int) -> _Uses:
     survey = _Survey(width, height)
-    # Whatever encoding it declares, it is text by now.
+    # The text is decoded already, whatever encoding it declares.
     parser = expat.ParserCreate("utf-8", " ")
     parser.StartElementHandler = survey.start
     parser.CharacterDataHandler = survey.data
     parser.EndElementHandler = survey.end
     try:
         parser.Parse(svg.encode(), True)
+    except InputError as error:
+        raise RendererError(f"cannot draw the SVG: {error}") from error
     except expat.ExpatError as error:
-        raise RendererError(f"cannot draw the SVG: it is no XML, {error}; save it anew") from error
+        raise RendererError(
+            f"cannot draw the SVG: it must be well-formed XML; got {error}. Try to re-save it"
+        ) from error
     return survey.close()
 
 
@@ -229,20 +249,39 @@ _CALLS: dict[str, Callable[[list[float]], _Matrix]] = {
     "matrix": lambda v: (v[0], v[1], v[2], v[3]),
     "scale": lambda v: (v[0], 0.0, 0.0, v[-1]),
     "rotate": _turn,
-    "skewX": lambda v: (1.0, 0.0, math.tan(math.radians(v[0])), 1.0),
-    "skewY": lambda v: (1.0, math.tan(math.radians(v[0])), 0.0, 1.0),
+    "skewx": lambda v: (1.0, 0.0, math.tan(math.radians(v[0])), 1.0),
+    "skewy": lambda v: (1.0, math.tan(math.radians(v[0])), 0.0, 1.0),
 }
+_DEGREES = {"grad": 0.9, "rad": math.degrees(1), "turn": 360.0}
 
 
-def _parsed(transform: str) -> _Matrix:
-    """The product of a transform list; what moves only, or cannot be read, is left out."""
-    product: _Matrix = (1.0, 0.0, 0.0, 1.0)
+def _attribute_calls(transform: str) -> Iterator[tuple[str, list[float]]]:
+    """Functions of a transform attribute by name, with their numbers."""
     for name, text in _CALL.findall(transform):
-        numbers = [float(n) for n in _NUMBER.findall(text)]
+        yield name.lower(), [float(n) for n in _NUMBER.findall(text)]
+
+
+def _style_calls(style: str) -> Iterator[tuple[str, list[float]]]:
+    """Functions of the transform property of a style, with their numbers; angles in degrees."""
+    for declaration in declarations(style):
+        for call in declaration.value if declaration.lower_name == "transform" else ():
+            if call.type == "function":
+                numbers = (n for n in call.arguments if n.type in ("number", "dimension"))
+                factor = _DEGREES.get
+                yield (
+                    call.lower_name,
+                    [n.value * factor(getattr(n, "lower_unit", ""), 1.0) for n in numbers],
+                )
+
+
+def _product(calls: Iterator[tuple[str, list[float]]]) -> _Matrix:
+    """The product of a transform list; translations and unknown functions are left out."""
+    product: _Matrix = (1.0, 0.0, 0.0, 1.0)
+    for name, numbers in calls:
         if not all(map(math.isfinite, numbers)):
             raise RendererError(
-                f"cannot draw the SVG: its transform {name}({text[:40]}) holds numbers beyond all "
-                "that renderers compute with; needed are finite ones"
+                f"transform of the SVG must have finite numbers; got {name} of {numbers[:6]}. Try "
+                "smaller ones"
             )
         if name in _CALLS and len(numbers) >= (4 if name == "matrix" else 1):
             product = _times(product, _CALLS[name](numbers))
@@ -250,15 +289,15 @@ def _parsed(transform: str) -> _Matrix:
 
 
 def _is_straight(m: _Matrix) -> bool:
-    """Whether both axes stay along the axes, whichever is which."""
+    """Whether both axes stay along axes, swapped or not."""
     allowed = _STRAIGHT * max(map(abs, m))
     return max(abs(m[1]), abs(m[2])) <= allowed or max(abs(m[0]), abs(m[3])) <= allowed
 
 
 def _keeps_circles(m: _Matrix) -> bool:
-    """Whether circles stay circles: turned, mirrored, scaled alike."""
+    """Whether circles stay circles: rotated, mirrored, uniformly scaled."""
     first, second = math.hypot(m[0], m[1]), math.hypot(m[2], m[3])
     longest = max(first, second)
     across = m[0] * m[2] + m[1] * m[3]
-    allowed = _STRAIGHT * longest  # no power: it raises where a product is infinite
+    allowed = _STRAIGHT * longest  # not longest**2, which raises on overflow
     return abs(first - second) <= allowed and abs(across) <= allowed * longest

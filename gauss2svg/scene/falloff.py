@@ -9,7 +9,7 @@ instead of at a visible step, and f(0) stays 1. The cut lies where the power is 
 
     cut_radius(beta) = sqrt(2 CUT^(1 / beta)),
 
-so that the support shrinks as beta grows: 3 sigma at 1, 1.65 at 5, sqrt 2 in the end.
+so that the support shrinks as beta grows: 3 sigma at 1, 1.65 at 5, sqrt 2 in the limit.
 Under beta = 1/2 the derivative by the mean, which goes with r^(2 beta - 1), is infinite at
 the mean itself: LEAST_BETA is the end of the domain.
 """
@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# Cut at 3 sigma of a Gaussian, where 1 % of the peak is left: 3.5 would cover 36 % more pixels.
+# Cut of a Gaussian in sigma, where 1 % of the peak is left: 3.5 would cover 36 % more pixels.
 RADIUS = 3.0
 CUT = RADIUS * RADIUS / 2
 RIM = math.exp(-CUT)
@@ -28,12 +28,11 @@ LEAST_BETA, MOST_BETA = 0.5, 256.0
 # The width in px over which a large beta's rim falls from 0.9 to 0.1, times beta, at sigma 1 px.
 RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
 
-# What a fit may use: beta = 1 everywhere, as in the paper, or a beta that each shape learns.
+# Falloffs of a fit: beta = 1 everywhere, as in the paper, or a learned beta for each shape.
 GAUSSIAN, ADAPTIVE = "gaussian", "adaptive"
 FALLOFFS = (GAUSSIAN, ADAPTIVE)
-# The exponents that a file has: gradients are shared by colour and exponent. PSNR of the drawn
-# SVG in dB, Kodak 04, 13 and 20 with a palette, 1000 / 5000 shapes: these six 27.51 / 31.74,
-# eleven from 0.75 to 128 27.48 / 31.75, four 27.50 / 31.71, three 27.45 / 31.62.
+# The exponents of a file: gradients are shared by colour and exponent, and more exponents gain
+# nothing (docs/decisions/falloff.md).
 BETA_CLASSES = (1.0, 1.7, 3.0, 6.0, 16.0, 64.0)
 
 
@@ -63,5 +62,5 @@ def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def widening(beta: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What to multiply sigma by so that a shape of another beta is half-way at the same rim."""
+    """Factor of sigma by which a shape keeps its radius of half height under another beta."""
     return half_radius(beta) / half_radius(other)

@@ -1,4 +1,4 @@
-"""The scene: an ordered list of 2D Gaussians on a canvas, as plain arrays."""
+"""The scene: an ordered list of 2D Gaussians on a canvas, as arrays."""
 
 from __future__ import annotations
 
@@ -12,39 +12,38 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import Gauss2SvgError, InputError, SceneError
+from gauss2svg.errors import Gauss2SvgError, InputError, SceneError, must_be, shown
 from gauss2svg.files import write_atomically
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 OVER, ADD = "over", "add"
 BLENDS = (OVER, ADD)
-# Of a signed colour, either way: more is no picture, and sums of 8-bit renderers would drown in it.
+# Of a signed colour, in absolute value: larger ones would drown in the rounding of renderers.
 MOST_SIGNED = 100.0
-# The last number under 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
+# The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
 RHO_LIMIT = math.nextafter(1, 0)
-# px. Thinner is not seen: a Gaussian is where it holds a pixel centre. At the other ends all that
-# float64 renderers and float32 gradients compute stays finite, with a thousand to spare for
-# scenes that are scaled.
+# px. A thinner Gaussian is invisible, as pixels are sampled at their centres. Up to the other ends
+# float64 renderers and float32 gradients stay finite, with a factor of 1000 left for scaling.
 LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e9
 MOST_MEAN = 1e12
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9
 
 _PER_GAUSSIAN = ("mean", "sigma", "rho", "color", "opacity", "beta", "round_index")
 _FORMAT_VERSION = 3
-# What scenes of earlier versions lack: shapes were Gaussians, and the background was drawn.
+# Fields that earlier versions lack: shapes were Gaussians, and the background was drawn.
 _LACKING = {1: ("beta", "transparent"), 2: ("transparent",), _FORMAT_VERSION: ()}
-# What to do about a value out of range, where clipping it would draw something else.
+# Advice for values out of range, where clipping would change the image.
 _ADVICE = {
-    "mean": "drop what lies so far off, or scale the scene down",
-    "sigma": "clip it, scale the scene, or drop the Gaussian",
-    "rho": "clip it to RHO_LIMIT",
-    "round_index": "number the rounds from 0 on",
+    "mean": "to drop what lies so far off, or to scale the scene down",
+    "sigma": "to clip it, to scale the scene, or to drop the Gaussian",
+    "rho": "to clip it to RHO_LIMIT",
+    "round_index": "to number the rounds from 0",
 }
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Gaussians in painter's order (bottom first) on a canvas; immutable and validated.
+    """Gaussians on a canvas, bottom first; immutable and validated.
 
     The covariance of a Gaussian is [[sx^2, rho sx sy], [rho sx sy, sy^2]], which is
     positive definite for every |rho| < 1 (the parametrisation of "Investigation into
@@ -63,16 +62,15 @@ class Scene:
                    image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
     beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian: see
                    gauss2svg.scene.falloff; None for all 1, which they are where blend is "add"
-    transparent    whether the background is no part of the picture: a file has none, and what is
-                   rendered shows it through; not where blend is "add"
+    transparent    whether the background is not part of the image: a file has none, and rendered
+                   images have alpha; False where blend is "add"
 
-    A signed colour is what its Gaussian adds at its mean. The paper has coefficients of normal
-    densities instead: see `densities` and `peaks_of`.
+    A signed colour is the contribution of its Gaussian at its mean. The paper uses coefficients of
+    normal densities instead: see `densities` and `peaks_of`.
 
-    Arrays are converted to float64 (round_index to int32) and made read-only. Any scene of this
-    domain is drawn, with finite gradients, by both renderers; what a file cannot hold is refused
-    by write_svg.
-    Raises SceneError naming the field, what was got, what is needed and what to try.
+    Arrays are converted to float64 (round_index to int32) and made read-only. Both renderers draw
+    any scene of this domain with finite gradients; write_svg refuses what a file cannot hold.
+    Raises SceneError with the name of the field.
     """
 
     width: float
@@ -96,7 +94,7 @@ class Scene:
         self._freeze("sigma", (count, 2), LEAST_SIGMA, MOST_SIGMA)
         self._freeze("rho", (count,), -RHO_LIMIT, RHO_LIMIT)
         if self.blend not in BLENDS:
-            raise SceneError(f"scene blend is {self.blend!r}; needed is one of {BLENDS}")
+            raise SceneError(must_be("scene blend", f"one of {', '.join(BLENDS)}", self.blend))
         low, high = (-MOST_SIGNED, MOST_SIGNED) if self.blend == ADD else (0, 1)
         self._freeze("color", (count, 3), low, high)
         self._freeze("opacity", (count,), 0, 1)
@@ -109,19 +107,28 @@ class Scene:
         self._freeze("round_index", (count,), 0, np.inf, np.int32)
         if count and np.any(np.diff(self.rounds) < 0):
             raise SceneError(
-                "scene round_index decreases; needed is painter's order with later rounds on top"
+                must_be(
+                    "scene round_index",
+                    "in painter's order, with later rounds on top",
+                    shown("numbers that decrease"),
+                )
             )
         if self.blend == ADD and ((self.opacity != 1).any() or (self.betas != 1).any()):
             raise SceneError(
-                "scene blend is 'add', with an opacity or a beta that is not 1; needed are "
-                "Gaussians of eight parameters: fold the opacity into the colour"
+                must_be(
+                    "opacity and beta of an additive scene",
+                    "1",
+                    shown("another number"),
+                    "to multiply the colour by the opacity",
+                )
             )
         if not isinstance(self.transparent, bool):
-            raise SceneError(f"scene transparent is {self.transparent!r}; needed is True or False")
+            raise SceneError(must_be("scene transparent", "True or False", self.transparent))
         if self.blend == ADD and self.transparent:
             raise SceneError(
-                "scene blend is 'add', and transparent; needed is a background, for signed colours "
-                "cover nothing: give it one, or blend 'over'"
+                must_be(
+                    "blend of a transparent scene", f"{OVER!r}", self.blend, "to give a background"
+                )
             )
 
     def _side(self, name: str) -> float:
@@ -132,27 +139,27 @@ class Scene:
         except (TypeError, ValueError, OverflowError):
             value = None
         if value is None or not LEAST_CANVAS <= value <= MOST_CANVAS:
-            got = f"{given!r:.80}" if value is None else value
-            raise SceneError(
-                f"scene {name} is {got}; needed is a number in {LEAST_CANVAS:g}..{MOST_CANVAS:g} "
-                "px: scale the scene"
-            )
+            needed = f"a number in {LEAST_CANVAS:g}..{MOST_CANVAS:g} px"
+            raise SceneError(must_be(f"scene {name}", needed, given, "to scale the scene"))
         return value
 
     def _array(self, name: str, dtype: Any) -> NDArray[Any]:
-        """A copy of a field as an array of dtype, where that changes no number."""
+        """A copy of a field as an array of dtype, if that changes no value."""
         given: ArrayLike = getattr(self, name)
         try:
             array = np.asarray(given)
             if np.iscomplexobj(array):
-                raise ValueError("it is complex; needed are real numbers")
+                raise ValueError("complex numbers")
             array = np.array(array, dtype=np.float64, order="C")
             if dtype is not np.float64:
                 within = np.abs(array) <= np.iinfo(dtype).max  # false of nan
                 if not (within & (array == np.round(array))).all():
-                    raise ValueError(f"needed are whole numbers up to {np.iinfo(dtype).max}")
+                    raise ValueError("others")
         except (TypeError, ValueError, OverflowError) as error:
-            raise SceneError(f"scene {name} cannot be read as {np.dtype(dtype)}: {error}") from None
+            real = dtype is np.float64
+            needed = f"an array of {'real' if real else 'whole'} numbers"
+            needed += "" if real else f" up to {np.iinfo(np.int32).max}"
+            raise SceneError(must_be(f"scene {name}", needed, shown(error))) from None
         return array.astype(dtype, copy=False)
 
     def _freeze(
@@ -160,14 +167,13 @@ class Scene:
     ) -> None:
         array = self._array(name, dtype)
         if array.shape != shape:
-            raise SceneError(f"scene {name} has shape {array.shape}; needed is {shape}")
+            raise SceneError(must_be(f"scene {name}", f"of shape {shape}", shown(array.shape)))
         bad = ~(np.isfinite(array) & (array >= low) & (array <= high))
         if bad.any():
             at = tuple(int(i) for i in np.argwhere(bad)[0])
-            raise SceneError(
-                f"scene {name}{list(at)} is {array[at]}; needed is finite and in "
-                f"{_bound(low)}..{_bound(high)}: {_ADVICE.get(name, 'clip it')}"
-            )
+            needed = f"finite and in {_bound(low)}..{_bound(high)}"
+            advice = _ADVICE.get(name, "to clip it")
+            raise SceneError(must_be(f"scene {name}{list(at)}", needed, shown(array[at]), advice))
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
@@ -259,15 +265,13 @@ class Scene:
         return self.replace(**{name: getattr(self, name)[index] for name in _PER_GAUSSIAN})
 
     def concatenate(self, top: Scene) -> Self:
-        """The scene with the Gaussians of another painted over it, as later rounds.
+        """The scene with the Gaussians of another composited over it, as later rounds.
 
-        Canvas, background and transparency stay this scene's. Raises SceneError if they blend
-        differently.
+        Canvas, background and transparency are those of this scene. Raises SceneError if the blends
+        differ.
         """
         if self.blend != top.blend:
-            raise SceneError(
-                f"scenes blend as {self.blend} and {top.blend}; needed is the same in both"
-            )
+            raise SceneError(must_be("blend of the upper scene", f"{self.blend!r}", top.blend))
         later = 0
         if len(self) and len(top):
             later = max(0, int(self.rounds[-1]) + 1 - int(top.rounds[0]))
@@ -276,13 +280,13 @@ class Scene:
         return self.replace(**joined)
 
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
-        """The same picture on a canvas scaled by factor_x and factor_y (> 0; the same if None).
+        """The same image on a canvas scaled by factor_x and factor_y (> 0; the same if None).
 
         Raises SceneError where that leaves the domain.
         """
         scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
         if not (np.isfinite(scale).all() and (scale > 0).all()):
-            raise SceneError(f"scale factors are {scale.tolist()}; needed are finite, above 0")
+            raise SceneError(must_be("scale factors", "finite and above 0", scale.tolist()))
         return self.replace(
             width=self.width * scale[0],
             height=self.height * scale[1],
@@ -291,9 +295,9 @@ class Scene:
         )
 
     def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
-        """Write the scene as .npz, bit for bit; a named file whole or not at all.
+        """Write the scene as .npz, without loss; a named file is written atomically.
 
-        Raises OutputError if that cannot be written.
+        Raises OutputError if the file cannot be written.
         """
         if isinstance(file, (str, os.PathLike)):
             whole = io.BytesIO()
@@ -310,30 +314,27 @@ class Scene:
             with np.load(file, allow_pickle=False) as stored:
                 version = int(stored["format_version"])
                 if version not in _LACKING:
-                    raise InputError(
-                        f"scene file has format version {version}; needed is one of "
-                        f"{', '.join(map(str, _LACKING))}"
-                    )
+                    needed = f"one of {', '.join(map(str, _LACKING))}"
+                    raise InputError(must_be("format version of a scene file", needed, version))
                 names = {f.name for f in dataclasses.fields(cls)}.difference(_LACKING[version])
                 values = {name: stored[name] for name in names}
             for name in names & {"width", "height", "blend", "transparent"}:
                 if values[name].shape:
-                    raise InputError(
-                        f"scene file has {name} of shape {values[name].shape}; needed is one "
-                        "value: save the scene anew"
-                    )
+                    got = shown(f"shape {values[name].shape}")
+                    advice = "to save the scene again"
+                    raise InputError(must_be(f"{name} of a scene file", "one value", got, advice))
                 values[name] = values[name].item()
             values |= {name: float(values[name]) for name in ("width", "height")}
             values["blend"] = str(values["blend"])
             if not isinstance(values.setdefault("transparent", False), bool):
-                raise InputError(
-                    f"scene file has transparent {values['transparent']!r}; needed is true or "
-                    "false: save the scene anew"
-                )
+                needed, got = "true or false", values["transparent"]
+                advice = "to save the scene again"
+                raise InputError(must_be("transparent of a scene file", needed, got, advice))
         except Gauss2SvgError:
             raise
         except Exception as error:  # numpy, zipfile and zlib each raise their own
-            raise InputError(f"not a scene written by Scene.save: {error}") from error
+            got = shown(error)
+            raise InputError(must_be("scene file", "one written by Scene.save", got)) from error
         return cls(**values)
 
 
@@ -350,7 +351,7 @@ def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArra
 
 
 def _bound(value: float) -> str:
-    """As short as it may be and still that number."""
+    """Shortest text that is still that number."""
     return f"{value:g}" if float(f"{value:g}") == value else repr(float(value))
 
 
@@ -359,8 +360,8 @@ def peaks_of(
 ) -> NDArray[np.float64]:
     """(n, 3) colours at the mean of normal densities with these coefficients (n, 3).
 
-    densities / (2 pi sx sy sqrt(1 - rho^2)), for sigma (n, 2) in px and rho (n,): what a scene
-    that blends as "add" has for `color`; the inverse of Scene.densities.
+    densities / (2 pi sx sy sqrt(1 - rho^2)), for sigma (n, 2) in px and rho (n,): the `color` of an
+    additive scene, and the inverse of Scene.densities.
     """
     root = sigma.prod(axis=1) * narrowing_of(rho)
     return densities / (2 * np.pi * root)[:, None]

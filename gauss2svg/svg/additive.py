@@ -1,19 +1,19 @@
 """From an additive scene to the numbers and short strings of an SVG.
 
-A colour s drawn over v under mix-blend-mode: difference leaves |v - s|. On a canvas that holds
-s_c (P + o_c), P being a partial sum and s_c, o_c such that all of them lie in 0..1, it is taken
-from the picture; on 1 minus that it is added; and drawing full intensity turns a channel over from
-one to the other. A Gaussian is a circle whose opaque gradient runs from its colour, without signs,
-to black, which changes nothing. A filter on the group of them all maps the canvas back,
+Under mix-blend-mode: difference a colour s over v gives |v - s|. The canvas holds s_c (P + o_c) for
+a partial sum P, with a scale s_c and an offset o_c of each channel that keep all partial sums in
+0..1; there the difference subtracts, on an inverted channel it adds, and drawing full intensity
+inverts a channel. A Gaussian is a circle with an opaque gradient from its absolute colour to black,
+which changes nothing. A filter on the whole group maps the canvas back,
 
-    picture = P = background + slope (v - v_0),   slope = +-1 / s_c,
+    image = P = background + slope (v - v_0),   slope = +-1 / s_c,
 
-v_0 being the background as it is written, so that rounding it shifts nothing; values beyond 0..1
+with v_0 the background as it is written, so that its rounding shifts nothing; values outside 0..1
 are clipped, as those of the scene are.
 
-Every layer rounds to 8 bits, so that the larger s_c the better; see gauss2svg.svg.phases for the
-order that allows it, gauss2svg.svg.levels for stops that round little. A focal offset changes
-nothing here.
+Every layer rounds to 8 bits, so that a larger s_c is more accurate: gauss2svg.svg.phases finds the
+order that allows it, gauss2svg.svg.levels stops with little rounding. A focal offset changes
+nothing here (docs/decisions/svg.md).
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from gauss2svg.svg.levels import whole_stops
 from gauss2svg.svg.phases import Phase, canvas_of, partial_sums, phases_of
 
 _WHITE = 255
-_MARGIN = 0.01  # of the span of partial sums, either side: layers round
-_LEAST_SPAN = 0.1  # less would but magnify what renderers round
-# Levels of 255 that are added in the end: resvg and Chromium cut what a filter yields down to
-# whole levels (bias -0.5 levels on two photos), the others round (0.0).
+_MARGIN = 0.01  # of the span of partial sums, at either end, for the rounding of layers
+_LEAST_SPAN = 0.1  # less would only magnify the rounding of renderers
+# Levels of 255 that are added in the end: resvg and Chromium truncate a filter's result to whole
+# levels (bias -0.5 levels), the others round.
 _HALF_WAY = 0.25
 _CHANNELS = ("red", "green", "blue")
 _TRANSFER_DECIMALS = 5
@@ -60,24 +60,24 @@ class Disc:
 
 @dataclass(frozen=True)
 class DrawnPhase:
-    """Circles that add to some channels and take from the others, after turning some over.
+    """Circles that add to some channels and subtract from the others, after inverting some.
 
-    turned  the colour that turns channels over, "" where none is
+    inverted  the colour that inverts channels, "" where none is
     label   what they do, in words
     """
 
-    turned: str
+    inverted: str
     label: str
     discs: tuple[Disc, ...]
 
 
 @dataclass(frozen=True)
-class EncodedSum:
+class EncodedAdditive:
     """Everything that the writer puts into elements, as text.
 
     view_width, view_height  in user units
-    background               colour of the canvas to begin with
-    transfer                 slope and intercept of red, green and blue, in the end
+    background               initial colour of the canvas
+    transfer                 final slope and intercept of red, green and blue
     """
 
     view_width: str
@@ -88,7 +88,7 @@ class EncodedSum:
     phases: tuple[DrawnPhase, ...]
 
 
-def encode_sum(scene: Scene, format: SvgFormat) -> EncodedSum:
+def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
     """Numbers of the SVG of an additive scene; depends on nothing but the two arguments.
 
     Gaussians whose extent is written as 0 or whose colour as black are left out, as are those off
@@ -96,12 +96,12 @@ def encode_sum(scene: Scene, format: SvgFormat) -> EncodedSum:
     for others). Raises InputError for a form other than gradients.
     """
     check_canvas(scene)
-    if format.form != GRADIENT:
+    if svg_format.form != GRADIENT:
         raise InputError(
             must_be(
                 "form",
                 f"{GRADIENT!r} for an additive scene, whose blurs cannot be added exactly",
-                format.form,
+                svg_format.form,
             )
         )
     canvas = canvas_of(scene)
@@ -112,28 +112,28 @@ def encode_sum(scene: Scene, format: SvgFormat) -> EncodedSum:
     middle = 0.5 * (low + high)
     scale = _WHITE / span  # levels of the canvas for 1 of the picture
     begin = np.round(scale * (scene.background - middle + 0.5 * span))
-    shapes = _Shapes(scene, scale, format)
+    shapes = _Shapes(scene, scale, svg_format)
 
     drawn: list[DrawnPhase] = []
-    first = turned_over = np.zeros(3, bool)
+    first = inverted = np.zeros(3, bool)
     for phase in phases:
         discs = shapes.drawn(phase)
         if not discs:
             continue
         needed = ~np.array(phase.takes)
         if not drawn:
-            first = turned_over = needed
-        turn = needed ^ turned_over
+            first = inverted = needed
+        turn = needed ^ inverted
         color = hex_color(np.where(turn, _WHITE, 0)) if turn.any() else ""
         drawn.append(DrawnPhase(color, _label(len(drawn), len(discs), phase), discs))
-        turned_over = needed
+        inverted = needed
 
-    slope = np.where(turned_over, -1, 1) * span
-    level = np.where(turned_over, _WHITE - begin, begin) / _WHITE
+    slope = np.where(inverted, -1, 1) * span
+    level = np.where(inverted, _WHITE - begin, begin) / _WHITE
     intercept = scene.background - slope * level + _HALF_WAY / _WHITE
-    return EncodedSum(
-        view_width=number(scene.width / format.precision, 6),
-        view_height=number(scene.height / format.precision, 6),
+    return EncodedAdditive(
+        view_width=number(scene.width / svg_format.precision, 6),
+        view_height=number(scene.height / svg_format.precision, 6),
         background=hex_color(np.where(first, _WHITE - begin, begin).astype(int)),
         transfer=tuple(
             (number(a, _TRANSFER_DECIMALS), number(b, _TRANSFER_DECIMALS))
@@ -147,16 +147,16 @@ def encode_sum(scene: Scene, format: SvgFormat) -> EncodedSum:
 class _Shapes:
     """The Gaussians of a scene as circles, and their gradients, those with the same stops as one.
 
-    A gradient and its circle end at the first stop from which on all is black: what is beyond, a
-    sixth of the area of 8000 Gaussians, would be drawn for nothing.
+    A gradient and its circle end at the first of the trailing black stops, which saves a sixth of
+    the area of 8000 Gaussians.
     """
 
-    def __init__(self, scene: Scene, scale: NDArray[np.float64], format: SvgFormat) -> None:
+    def __init__(self, scene: Scene, scale: NDArray[np.float64], svg_format: SvgFormat) -> None:
         color, entry = np.unique(np.abs(scene.color), axis=0, return_inverse=True)
-        offsets, levels = whole_stops(scale * color, format.stops)
+        offsets, levels = whole_stops(scale * color, svg_format.stops)
         colored = levels.any(axis=2)
-        # How many stops there are before those that are black to the end.
-        before = np.where(colored, np.arange(1, format.stops + 1), 0).max(axis=1)
+        # Number of stops before the trailing black ones.
+        before = np.where(colored, np.arange(1, svg_format.stops + 1), 0).max(axis=1)
         reach = offsets[np.arange(len(color)), before]
         self._entry = entry.reshape(-1)
         self._stops = [
@@ -164,10 +164,10 @@ class _Shapes:
             for k, count in enumerate(before.tolist())
         ]
         radius = float(cut_radius(1.0)) * reach[self._entry]
-        fits = writable(scene, radius, format.precision)
+        fits = writable(scene, radius, svg_format.precision)
         discs = zip(fits, radius[:, None, None] * scene.factor, scene.mean, strict=True)
         self._matrices = [
-            matrix_text(factor, mean, format.precision) if fit else ""
+            matrix_text(factor, mean, svg_format.precision) if fit else ""
             for fit, factor, mean in discs
         ]
         self._ids: dict[tuple[tuple[str, str], ...], str] = {}

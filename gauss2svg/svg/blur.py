@@ -1,20 +1,13 @@
-"""Gaussians as blurred discs: a circle under feGaussianBlur, and which shapes may be drawn so.
+"""Gaussians as blurred discs: a circle under feGaussianBlur, and the shapes that may be drawn so.
 
 A disc of radius rho blurred by s has the radial profile
 
     g(r) = integral over t in 0..rho of t / s^2 exp(-(r^2 + t^2) / 2 s^2) I0(r t / s^2),
 
-variance rho^2 / 4 + s^2 per axis and peak g(0) = 1 - exp(-rho^2 / 2 s^2). For a small rho / s it
-is a Gaussian, but faint; for a large one it has the flat top and crisp rim of a large exponent.
-So every ratio stands for one exponent, and bounds the opacity: with its scale and its peak
-fitted as well, by the least squared error of the picture, root mean square over the disc,
-
-    rho / s           1.4    2      2.6    3.4    5      8      12
-    exponent          1.01   1.15   1.36   1.74   2.61   4.32   6.64
-    largest opacity   0.63   0.86   0.96   1      1      1      1
-    error             .004   .004   .004   .006   .012   .016   .018
-
-tests/test_blur.py derives the table again. Six gradient stops err .003 at exponent 1.
+variance rho^2 / 4 + s^2 per axis and peak g(0) = 1 - exp(-rho^2 / 2 s^2). A small rho / s gives a
+faint Gaussian, a large one the flat top and crisp rim of a large exponent. So every ratio stands
+for one exponent and bounds the opacity; the exponents, largest opacities and errors of _RATIOS
+are in docs/decisions/svg.md, and tests/test_blur.py derives them again.
 """
 
 from __future__ import annotations
@@ -28,35 +21,35 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ive
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
-from gauss2svg.svg.plain import is_plain
+from gauss2svg.svg.solid import is_solid
 
-GRADIENT, BLUR, HYBRID = "gradient", "blur", "hybrid"
-FORMS = (GRADIENT, BLUR, HYBRID)
-# px from the mean to half the height, across, from which a form blurs a shape.
-_LEAST_HALF_WIDTH = {BLUR: 1.8, HYBRID: 4.0}
-# Of the full height: what settling may change. Five gradient stops err 0.012 at exponent 1 and
-# 0.024 at 3, and settling 1.3 to the nearest of a gradient's exponents changes 0.08.
-_MOST_DIFFERING = {BLUR: 0.08, HYBRID: 0.05}
-_LOG_STEP = 0.04  # of exponents, on which differences are tabled
+GRADIENT, BLUR = "gradient", "blur"
+FORMS = (GRADIENT, BLUR)
+# px from the mean to half the height, across the minor axis: smaller shapes are not blurred.
+_LEAST_HALF_WIDTH = 1.8
+# Of the full height: the largest change by blurring, as large as that by a gradient's nearest
+# exponent (docs/decisions/svg.md).
+_MOST_DIFFERING = 0.08
+_LOG_STEP = 0.04  # of exponents at which differences are cached
 _SAME_BETA = 1e-6
 
 _RATIOS = (1.4, 2.0, 2.6, 3.4, 5.0, 8.0, 12.0)
-LEAST_RATIO, MOST_RATIO = 0.5, 16.0  # that are recognised
-_CLEAR = 3.5  # deviations from the disc to the end of what a filter draws
-_OVERFULL = 0.02  # of an opacity over what a disc can have, which is then drawn as that
+LEAST_RATIO, MOST_RATIO = 0.5, 16.0  # of the ratios that are recognised
+_CLEAR = 3.5  # standard deviations around the disc that a filter region includes
+_OVERFULL = 0.02  # relative excess over a disc's largest opacity that is clipped
 
 
 @dataclass(frozen=True)
 class Blur:
-    """How a disc of radius 1 is blurred, and what comes of it.
+    """A blur of a disc of radius 1, and the profile that it draws.
 
     deviation  of the blur, in radii of the disc
     beta       exponent of the profile that it draws
     radius     of the disc in sigmas of that profile
-    peak       what fill-opacity is, over the opacity
+    peak       fill-opacity divided by the opacity
     """
 
     deviation: float
@@ -72,7 +65,7 @@ class Blur:
 
 @lru_cache(maxsize=1)
 def blurs() -> tuple[Blur, ...]:
-    """Those that files have, the softest first."""
+    """The blurs of files, the softest first."""
     return tuple(blur_of(ratio) for ratio in _RATIOS)
 
 
@@ -83,10 +76,8 @@ def blur_of(ratio: float) -> Blur:
     Raises InputError for ratios outside of LEAST_RATIO..MOST_RATIO.
     """
     if not LEAST_RATIO <= ratio <= MOST_RATIO:
-        raise InputError(
-            f"it is a circle of {ratio:g} times the radius of its blur's deviation; needed is "
-            f"{LEAST_RATIO:g}..{MOST_RATIO:g}: set its blur again"
-        )
+        needed = f"{LEAST_RATIO:g}..{MOST_RATIO:g} times the deviation of its blur"
+        raise InputError(must_be("radius of the circle", needed, ratio, "to set its blur again"))
     r = np.arange(0.5, 500) / 500 * (1 + 6 / ratio)
     drawn = blurred_disc(r, ratio)
 
@@ -115,18 +106,17 @@ def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
 
 
 def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
-    """(n,) index into blurs() of how a form draws each shape, -1 where it does not blur it.
+    """(n,) index into blurs() of each shape's blur in a form, -1 where it is not blurred.
 
-    Of the blurs of which a disc can have the shape's opacity, the one whose exponent is nearest;
-    none where the two profiles differ too much, or the shape is small. A shape that has the
-    exponent of a blur already has been chosen before, and stays: only its opacity may ask for
-    another.
+    The blur has the nearest exponent of those that allow the shape's opacity; a shape has none
+    where the two profiles differ too much, or where it is small. A shape that already has the
+    exponent of a blur keeps it, unless its opacity needs another.
     """
     index = np.full(len(scene), -1)
     if form == GRADIENT or not len(scene):
         return index
     half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.betas)
-    large = (half_width >= _LEAST_HALF_WIDTH[form]) & ~is_plain(scene)
+    large = (half_width >= _LEAST_HALF_WIDTH) & ~is_solid(scene)
     before = drawn_blurs(scene) >= 0
     candidates = large | before
     beta, opacity = scene.betas[candidates], scene.opacity[candidates]
@@ -136,16 +126,15 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     differing = opacity * [
         _differing(round(math.log(b) / _LOG_STEP), k) for b, k in zip(beta, nearest, strict=True)
     ]
-    index[candidates] = np.where(
-        before[candidates] | (differing <= _MOST_DIFFERING[form]), nearest, -1
-    )
+    index[candidates] = np.where(before[candidates] | (differing <= _MOST_DIFFERING), nearest, -1)
     return index
 
 
 def drawn_blurs(scene: Scene) -> NDArray[np.intp]:
     """(n,) index into blurs() of the one whose exponent a shape has exactly, or -1.
 
-    No exponent of a gradient is one of a blur, so it says how a settled shape is drawn.
+    No exponent of a gradient equals one of a blur, so that it identifies how a quantized shape is
+    drawn.
     """
     ratios = scene.betas[:, None] / [blur.beta for blur in blurs()]
     same = np.abs(ratios - 1) < _SAME_BETA

@@ -1,21 +1,19 @@
 """From a scene to the numbers and short strings of an SVG; nothing here knows about XML.
 
-A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with
-M M^T = R^2 covariance, R = cut_radius(beta), draws the same ellipse, for a circle has no
-direction; the lower triangular one has c = 0 and is the shortest to write:
+A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with M M^T = R^2 covariance,
+R = cut_radius(beta), draws the same ellipse, because a circle has no direction; the lower
+triangular one has c = 0 and is the shortest to write:
 
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
-The user unit is `precision` px, so that all these are whole numbers. A gradient is shared by
-all shapes of one colour and one exponent. Shapes that a plain ellipse draws as well have none,
-and the radius of plain_radius(beta); blurred discs share filters by exponent (blur.py). Crisp
-rims need two more things (examples/rims.py measures both, dB near the rim against the model,
-mean of what resvg and CairoSVG draw at rims of 0.25 / 0.5 / 1 px: with neither 30 / 38 / 47,
-with both 55 / 55 / 50):
+The user unit is `precision` px, so that all these are whole numbers. Shapes of one colour and one
+exponent share a gradient. Solid ellipses have none, and the radius of solid_radius(beta); blurred
+discs share filters by exponent. Crisp rims need two more things (docs/decisions/svg.md,
+examples/rims.py):
 
 - a circle a little larger than its gradient, whose own antialiased edge would clip the rim;
-- for exponents from _LARGE_FROM on a gradient of radius 100 under a matrix of a hundredth, for
-  cairo shifts the rim of large shapes otherwise (45 levels at beta = 64, 5 with it).
+- from the exponent _LARGE_FROM on a gradient of radius 100 under a matrix of a hundredth, because
+  cairo shifts the rim of large shapes otherwise.
 """
 
 from __future__ import annotations
@@ -26,30 +24,29 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import SceneError
+from gauss2svg.errors import SceneError, must_be, shown
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.blur import GRADIENT, blurs, drawn_blurs
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.plain import is_plain, plain_radius
 from gauss2svg.svg.snap import snapped
+from gauss2svg.svg.solid import is_solid, solid_radius
 from gauss2svg.svg.stops import gradient_stops
 
 _DIGITS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 _SMALLEST_CANVAS = 0.01
 _LARGE_FROM, _LARGE = 16.0, 100  # exponent; radius of its gradients
 _CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge
-_MOST_MARGIN = 20.0  # times the gradient's radius: thinner shapes are not drawn anyway
-# px of rim across the minor axis from which the edge does little harm; 5000 shapes, three Kodak
-# photos, raster against model / gzipped bytes: 0 48.4 dB / 95.1 k, 1 49.0 / 97.2, 2 49.1 / 98.0
+_MOST_MARGIN = 20.0  # times the gradient's radius: shapes that need more are too thin to be drawn
+# px of rim across the minor axis above which the edge does little harm (docs/decisions/svg.md).
 _SOFT = 1.0
-# Renderers compute in float32, and resvg panics from about 1e9 on. All six draw numbers up to 1e8
-# within 2.1 levels of 255 (sigmas up to 1e6 px, at 0.04 px, three exponents, canvas on the rim).
+# Renderers compute in float32, and resvg panics from about 1e9 on; all six draw numbers up to 1e8
+# within 2.1 levels of 255 (docs/decisions/numbers.md).
 LARGEST_NUMBER = 1e8
-# px. Cairo has 23 bits for whole pixels: at 1e7 CairoSVG, librsvg and Inkscape are 47 levels off.
+# px. Cairo has 23 bits for whole pixels, and is 47 levels off at 1e7.
 _FARTHEST = 8e6
-# Times a shape's radius around its mean: all that is drawn of it, for a blur fills up to 2.5 radii
-# around its disc. And px for antialiasing.
+# Radii around a shape's mean within which all of it is drawn, because a blur fills up to 2.5 radii
+# around its disc; and px for antialiasing.
 _DRAWN_WITHIN, _EDGE = 4.0, 1.0
 
 
@@ -65,10 +62,7 @@ class Gradient:
 
 @dataclass(frozen=True)
 class Filter:
-    """One blur of a circle of radius 1: its id, deviation, and what it fills around the circle.
-
-    margin  in diameters
-    """
+    """One blur of a circle of radius 1: its id, standard deviation, and margin in diameters."""
 
     id: str
     deviation: str
@@ -109,16 +103,19 @@ class EncodedScene:
 
 
 def number(value: float, decimals: int) -> str:
-    """Shortest text of a value rounded to some decimals: no zeros that say nothing.
+    """Shortest text of a value rounded to some decimals.
 
-    Raises SceneError for NaN and infinity, which renderers draw wrongly or crash on, and
-    beyond LARGEST_NUMBER.
+    Raises SceneError for NaN and infinity, which renderers draw wrongly or crash on, and for
+    numbers above LARGEST_NUMBER.
     """
     if not abs(value) <= LARGEST_NUMBER:
         raise SceneError(
-            f"cannot write {value} into an SVG; needed are finite numbers up to "
-            f"{LARGEST_NUMBER:g}: scale the scene, drop what lies so far off, or take a coarser "
-            "precision"
+            must_be(
+                "a number in an SVG",
+                f"finite and at most {LARGEST_NUMBER:g}",
+                shown(value),
+                "to scale the scene, to drop shapes that lie so far off, or a coarser precision",
+            )
         )
     text = f"{value:.{decimals}f}"
     if "." in text:
@@ -135,10 +132,9 @@ def number(value: float, decimals: int) -> str:
 def check_canvas(scene: Scene) -> None:
     """Raise SceneError for a canvas that is too small to be written."""
     if min(scene.width, scene.height) < _SMALLEST_CANVAS:
-        raise SceneError(
-            f"canvas is {scene.width:g}x{scene.height:g} px; an SVG needs at least "
-            f"{_SMALLEST_CANVAS} px a side: scale the scene up"
-        )
+        needed = f"at least {_SMALLEST_CANVAS} px a side in an SVG"
+        got = shown(f"{scene.width:g}x{scene.height:g} px")
+        raise SceneError(must_be("canvas", needed, got, "to scale the scene up"))
 
 
 def writable(
@@ -147,9 +143,8 @@ def writable(
     """(n,) whether each shape's numbers, in user units of `precision` px, fit into a file.
 
     radius  in sigmas, of the drawn discs, whose matrices are for circles of radius `unit`
-    A shape whose numbers do not fit, or that reaches farther than renderers do, may lie wholly off
-    the canvas: then nothing of it would be drawn, and it can be left out. Raises SceneError for
-    one that may show.
+    A shape whose numbers do not fit, or that reaches too far for renderers, can be left out where
+    it lies entirely off the canvas. Raises SceneError for one that may be visible.
     """
     extent = np.asarray(radius)[..., None] * scene.sigma
     offset = np.abs(scene.mean)
@@ -163,31 +158,31 @@ def writable(
     if lost.any():
         i = int(lost.argmax())
         raise SceneError(
-            f"Gaussian {i}, with mean {scene.mean[i].tolist()} and sigma {scene.sigma[i].tolist()} "
-            f"px, reaches {farthest[i]:.3g} px and takes numbers up to {number[i]:.3g} at a "
-            f"precision of {precision:g} px; needed are at most {_FARTHEST:g} px and "
-            f"{LARGEST_NUMBER:g}: clip its sigma, take a coarser precision, scale the scene down, "
-            "or drop it"
+            f"Gaussian {i} must reach at most {_FARTHEST:g} px, with numbers up to "
+            f"{LARGEST_NUMBER:g}; got {farthest[i]:.3g} px and {number[i]:.3g} at a precision of "
+            f"{precision:g} px, for mean {scene.mean[i].tolist()} and sigma "
+            f"{scene.sigma[i].tolist()} px. Try to clip its sigma, to scale the scene down, to "
+            "drop the Gaussian, or a coarser precision"
         )
     return fits
 
 
-def encode(scene: Scene, format: SvgFormat) -> EncodedScene:
+def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     """Numbers of the SVG of a scene; depends on nothing but the two arguments.
 
-    Gaussians whose opacity or whose extent is written as 0 draw nothing and are left out, as are
-    those off the canvas whose numbers are too large for a file (writable). Raises SceneError for
-    others that are, and for such a canvas.
+    Gaussians whose opacity or extent is written as 0 draw nothing and are left out, as are those
+    off the canvas whose numbers are too large for a file (writable). Raises SceneError for other
+    Gaussians with such numbers, and for such a canvas.
     """
     check_canvas(scene)
-    scene = snapped(scene, format.form)
-    plain, blur = is_plain(scene), drawn_blurs(scene)
-    blurred = ~plain & (blur >= 0) & (format.form != GRADIENT)
-    shaded = ~plain & ~blurred
+    scene = snapped(scene, svg_format.form)
+    solid, blur = is_solid(scene), drawn_blurs(scene)
+    blurred = ~solid & (blur >= 0) & (svg_format.form != GRADIENT)
+    shaded = ~solid & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.betas), color])
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
-    # The shortest to those that are used most.
+    # The shortest ids go to those that are used most.
     uses = np.append(uses, np.bincount(blur[blurred], minlength=len(blurs())))
     names = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     ids, filter_ids = names[: len(shared)], names[len(shared) :]
@@ -197,7 +192,7 @@ def encode(scene: Scene, format: SvgFormat) -> EncodedScene:
     filters = np.full(len(scene), "", dtype=object)
     filters[blurred] = [filter_ids[k] for k in blur[blurred]]
     radius, opacity = cut_radius(scene.betas), scene.opacity.copy()
-    radius[plain] = [plain_radius(beta) for beta in scene.betas[plain]]
+    radius[solid] = [solid_radius(beta) for beta in scene.betas[solid]]
     radius[blurred] = [blurs()[k].radius for k in blur[blurred]]
     opacity[blurred] *= [blurs()[k].peak for k in blur[blurred]]
     unit = np.where((scene.betas >= _LARGE_FROM) & shaded, _LARGE, 1)
@@ -205,18 +200,18 @@ def encode(scene: Scene, format: SvgFormat) -> EncodedScene:
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
         scene.factor * radius[:, None, None], scene.mean,
     )  # fmt: skip
-    fits = writable(scene, radius, format.precision, unit)
-    layers = _layers(discs, fits, scene.rounds, format)
+    fits = writable(scene, radius, svg_format.precision, unit)
+    layers = _layers(discs, fits, scene.rounds, svg_format)
     drawn = [ellipse for _, ellipses in layers for ellipse in ellipses]
     fills_used, filters_used = {e.fill for e in drawn}, {e.filter for e in drawn}
     return EncodedScene(
         width=number(scene.width, 3),
         height=number(scene.height, 3),
-        view_width=number(scene.width / format.precision, 6),
-        view_height=number(scene.height / format.precision, 6),
+        view_width=number(scene.width / svg_format.precision, 6),
+        view_height=number(scene.height / svg_format.precision, 6),
         background=_background(scene),
         gradients=tuple(
-            _gradient(name, BETA_CLASSES[key[0]], key[1:], format.stops)
+            _gradient(name, BETA_CLASSES[key[0]], key[1:], svg_format.stops)
             for name, key in zip(ids, shared, strict=True)
             if f"url(#{name})" in fills_used
         ),
@@ -237,7 +232,7 @@ def _background(scene: Scene) -> str:
 
 @dataclass(frozen=True)
 class _Discs:
-    """What each of n shapes is drawn by, before it is text.
+    """The circles of n shapes, before they are text.
 
     fill, filter  (n,) text, "" without a filter
     unit     (n,) radius of its gradient; circle (n,) radius of the circle that shows it
@@ -255,22 +250,22 @@ class _Discs:
 
 
 def _layers(
-    discs: _Discs, fits: NDArray[np.bool_], rounds: NDArray[np.int32], format: SvgFormat
+    discs: _Discs, fits: NDArray[np.bool_], rounds: NDArray[np.int32], svg_format: SvgFormat
 ) -> tuple[tuple[int, tuple[Ellipse, ...]], ...]:
-    """Rounds that draw something, and what they draw."""
+    """Rounds that draw something, with their ellipses."""
     layers = []
     for layer in np.unique(rounds).tolist():
         members = np.flatnonzero((rounds == layer) & fits).tolist()
-        ellipses = (_ellipse(discs, i, format) for i in members)
+        ellipses = (_ellipse(discs, i, svg_format) for i in members)
         drawn = tuple(ellipse for ellipse in ellipses if ellipse is not None)
         if drawn:
             layers.append((layer, drawn))
     return tuple(layers)
 
 
-def _ellipse(discs: _Discs, i: int, format: SvgFormat) -> Ellipse | None:
-    matrix = matrix_text(discs.factor[i], discs.mean[i], format.precision, int(discs.unit[i]))
-    shown = number(discs.opacity[i], format.opacity_decimals)
+def _ellipse(discs: _Discs, i: int, svg_format: SvgFormat) -> Ellipse | None:
+    matrix = matrix_text(discs.factor[i], discs.mean[i], svg_format.precision, int(discs.unit[i]))
+    shown = number(discs.opacity[i], svg_format.opacity_decimals)
     if shown == "0" or not matrix:
         return None
     return Ellipse(

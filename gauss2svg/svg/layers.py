@@ -1,7 +1,7 @@
-"""Layers of a document: rounds, and in each the segments of the picture.
+"""Layers of a document: rounds, and within each round the segments of the image.
 
-Shapes of a segment are one group, so they follow each other: the painter's order within a round
-becomes that of the segments. Whatever fits or measures a scene is to have it in that order.
+Shapes of a segment form one group, so that painter's order within a round becomes the order of the
+segments. Anything that fits or measures a scene must use that order.
 """
 
 from __future__ import annotations

@@ -1,15 +1,12 @@
 """Gradient stops whose colours are whole levels of 255, chosen for each colour.
 
-Opaque colours at stops are rounded to 8 bits, which errs as much as all rounding of a renderer's
-layers does. But where the stops lie is free: near most offsets there is one at which all three
-channels happen to be nearly whole. From the stops of gauss2svg.svg.stops on, they are moved one by
-one, each with the best whole colour there, so that
+Opaque colours of stops are rounded to 8 bits, an error as large as that of all layers together. But
+the offsets are free: near most of them all three channels happen to be nearly whole. From the stops
+of gauss2svg.svg.stops on they are moved one by one, each with the best whole colour there, so that
 
     sum over channels of the integral of (stops(r) - level f(r))^2 2 pi r dr
 
-falls. Two crude fits (Kodak 04 and 13, 2000 Gaussians), the file's exact sum against the model:
-with 5 stops 47.8 and 47.2 dB rounded, 50.0 and 48.8 chosen; with 8 stops 48.8 and 48.3, 53 and 53;
-with every layer rounded as well 44.4 and 44.2, 45.2 and 44.8; and 44.8 and 44.6, 46.0 and 45.9.
+falls. This gains 1 to 4 dB (docs/decisions/svg.md).
 """
 
 from __future__ import annotations
@@ -26,8 +23,8 @@ _WHITE = 255
 _PLACES = 1000  # offsets are multiples of a thousandth
 _SAMPLES_A_PLACE = 8
 _GAP = 8  # places between stops, at least
-# Of a stop between its neighbours, and how often each is moved. 12 and 2 leave 0.2 dB less in
-# half of the time, 48 and 6 bring 0.1 dB more in three times of it.
+# Offsets that are tried for a stop between its neighbours, and how often each stop is moved
+# (docs/decisions/svg.md).
 _TRIED, _SWEEPS = 24, 3
 
 _Integrals = tuple[NDArray[np.float64], ...]
@@ -68,9 +65,9 @@ def _around(
     colors: NDArray[np.float64],
     levels: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Squared error between a stop's neighbours if it were at the places tried (n, t).
+    """Squared error between a stop's neighbours if the stop were at the places tried (n, t).
 
-    With colour u there it is a constant of the gradient plus, over channels,
+    With colour u there it is, up to a constant, the sum over channels of
     u^2 square (n, t) - 2 u linear (n, t, 3), plus cost (n, t).
     """
     level = levels[:, None, :]

@@ -1,4 +1,4 @@
-"""From the text of an SVG to the bytes of its file, gzipped or not, and what they are for."""
+"""From the text of an SVG to the bytes of its file, gzipped or not, and their breakdown."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def file_bytes(svg: str, gzipped: bool) -> bytes:
 
 
 def bytes_by_part(svg: str) -> dict[str, int]:
-    """Bytes of a text of write_svg by what they are for; their sum is all of it.
+    """Bytes of a text of write_svg by part; they add up to its size.
 
     gradients  all definitions; geometry: the shapes' own elements; overhead: the rest, which is
     the root, names, background, groups and a style sheet
@@ -30,7 +30,7 @@ def bytes_by_part(svg: str) -> dict[str, int]:
     data = svg.encode()
     found = _DEFS.search(data)
     gradients = len(found[0]) if found else 0
-    # Text and attributes hold no < or > of their own: both are written as entities.
+    # Text and attributes contain no < or > themselves, as both are written as entities.
     geometry = sum(len(tag) for tag in _SHAPES.findall(data))
     return {
         "gradients": gradients,

@@ -1,17 +1,14 @@
-"""The order in which Gaussians are summed on a canvas that holds a limited range of values.
+"""The order in which Gaussians are added on a canvas that holds a limited range of values.
 
-On such a canvas what is drawn can be added to a channel or taken from it, until the channel is
-turned over. So Gaussians are drawn in phases of one pattern of signs, and patterns follow each
-other in the order of a Gray code, so that one channel is turned over at a time. A sum has no order
-of its own: a Gaussian is drawn once the canvas has room for it, and waits for a later tour through
-the patterns until then. Where all wait for each other, those that lack least room are drawn.
+On such a canvas each Gaussian is added to a channel or subtracted from it, until the channel is
+inverted. Gaussians are therefore drawn in phases of one pattern of signs, and patterns follow each
+other in the order of a Gray code, so that one channel is inverted at a time. Additive blending is
+commutative: a Gaussian is drawn once the canvas has room for it, and until then waits for a later
+tour through the patterns. Where all wait for each other, the one that lacks least room is drawn.
 
-Room is looked for between the pixels as well (gauss2svg.svg.room), so that a file can be drawn at
-any size. There the sums of 5000 Gaussians on Kodak 08 and 13 reach from -0.3 to 1.7, which is
-clipped in the end; a canvas for all of it spans 1.92 and 1.82, and 41.6 and 42.6 dB are left in
-resvg. What is clipped may fold, though: then 42.9 and 43.3 dB are, and no level is off by more
-than 15, also at twice the size. Ignoring one sample in 100 000 brings 0.1 and 0.6 dB more, and
-single pixels that are off by 60 levels.
+Room is checked between the pixels as well (gauss2svg.svg.room), so that a file can be drawn at any
+size. Values that are clipped in the end may fold on the canvas, which allows a larger scale
+(docs/decisions/svg.md).
 """
 
 from __future__ import annotations
@@ -25,21 +22,21 @@ from numpy.typing import NDArray
 from gauss2svg.scene import Scene
 from gauss2svg.svg.room import Samples, add_all, order_of, range_of, samples_of
 
-_SPARE = 0.02  # on either side, with which fewer wait for each other
+_SPARE = 0.02  # of a channel, at either end: fewer Gaussians wait for each other
 _EQUAL = 1e-3
 _GRAY = np.array([k ^ (k >> 1) for k in range(8)])
 
 
 @dataclass(frozen=True)
 class Phase:
-    """Gaussians drawn one after the other: which channels they take from, and their indices."""
+    """Gaussians drawn one after the other: the channels they subtract from, and their indices."""
 
     takes: tuple[bool, bool, bool]
     index: NDArray[np.intp]
 
 
 class Canvas(NamedTuple):
-    """Samples of a scene's canvas, its picture there (m, 3), lowest and highest value (3,) of that.
+    """Samples of a canvas, the image there (m, 3), and its lowest and highest value (3,).
 
     See gauss2svg.svg.room.range_of.
     """
@@ -51,15 +48,15 @@ class Canvas(NamedTuple):
 
 
 def canvas_of(scene: Scene) -> Canvas:
-    """What phases_of and partial_sums look at."""
+    """The canvas that phases_of and partial_sums need."""
     samples = samples_of(scene)
     return Canvas(samples, *range_of(samples, scene.background))
 
 
 def phases_of(scene: Scene, canvas: Canvas | None = None) -> tuple[Phase, ...]:
-    """Phases of an additive scene, in the order in which to draw them; each Gaussian is in one.
+    """Phases of an additive scene in drawing order; each Gaussian is in one.
 
-    canvas is the scene's, to be computed if None.
+    canvas  the scene's; None: computed here
     """
     pattern = (scene.color < 0) @ [1, 2, 4]
     mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
@@ -80,8 +77,8 @@ def partial_sums(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest and highest value (3,) of each channel that the phases' canvas must hold.
 
-    Those of the picture (gauss2svg.svg.room.range_of) and of what lies between and within phases,
-    but for what a sample has of the picture itself. canvas as in phases_of.
+    They include the image (gauss2svg.svg.room.range_of) and all partial sums between and within
+    phases, except values of a sample that equal its image. canvas as in phases_of.
     """
     samples, picture, low, high = canvas or canvas_of(scene)
     lowest = np.tile(scene.background.astype(np.float32), (len(samples.place), 1))

@@ -1,8 +1,8 @@
-"""Samples of a canvas on which Gaussians are summed one by one, each where there is room for it.
+"""Samples of a canvas on which Gaussians are added one by one, each where there is room for it.
 
-A sample is a pixel of a grid or the mean of a Gaussian, where thin ones peak between pixels.
+A sample is a pixel of a grid or the mean of a Gaussian, because thin ones peak between pixels.
 Samples are sorted by the row of the grid that they lie in, and by x within it. Kernels walk the
-samples of a Gaussian and keep nothing of it, so that memory is that of the samples.
+samples of a Gaussian and store nothing per Gaussian, so that memory is that of the samples.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from gauss2svg.scene.falloff import cut_radius, profile
 
 _FINEST = 4.0  # samples of the grid per px, each way
 _SIDE = 1536  # samples of the grid, at most
-# Samples of the grid that all Gaussians together may touch, and means do not count: the wider
-# Gaussians are, the coarser a grid shows them well.
+# Samples of the grid that all Gaussians together may touch, without means: a coarser grid is
+# enough for wider Gaussians.
 _TOUCHED = 3e7
-# Of a colour channel: what adds less to a sample needs no room there.
+# Of a colour channel: a smaller contribution to a sample needs no room there.
 _LEAST_ADDED = 1e-3
-# Of a colour channel: sums in float32 come back to where they were but for less.
+# Of a colour channel: the rounding of float32 is smaller.
 _EQUAL = 1e-4
 _RADIUS = float(cut_radius(1.0))
 _TABLE = 4096  # steps of the falloff by squared radius
@@ -32,7 +32,7 @@ _NOWHERE = -1
 
 
 class Samples(NamedTuple):
-    """Where sums are looked at, and the Gaussians in the same units, those of the grid.
+    """Positions of samples, and the Gaussians in the same units, those of the grid.
 
     place    (m, 2) x, y
     start    (rows + 1,) of each row's samples
@@ -50,7 +50,7 @@ class Samples(NamedTuple):
 
 
 def samples_of(scene: Scene) -> Samples:
-    """Samples of an additive scene; it depends on nothing but the scene."""
+    """Samples of an additive scene; they depend only on the scene."""
     canvas = np.array([scene.width, scene.height])
     sides = np.minimum(2 * _RADIUS * scene.sigma, canvas)
     touched = max(1.0, float(sides.prod(axis=1).sum()))
@@ -60,7 +60,7 @@ def samples_of(scene: Scene) -> Samples:
     y, x = np.mgrid[: size[1], : size[0]] + 0.5
     grid = np.stack([x, y], axis=-1).reshape(-1, 2)
     means = mean[((mean >= 0) & (mean < size)).all(axis=1)]
-    # Two sorted runs, which a stable sort but merges.
+    # Two sorted runs, which a stable sort only merges.
     keys = [size[0] * np.floor(part[:, 1]) + part[:, 0] for part in (grid, means)]
     means, keys[1] = means[np.argsort(keys[1])], np.sort(keys[1])
     order = np.argsort(np.concatenate(keys), kind="stable")
@@ -83,10 +83,10 @@ def samples_of(scene: Scene) -> Samples:
 def range_of(
     samples: Samples, background: NDArray[np.float64]
 ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
-    """The picture (m, 3), and lowest and highest value (3,) that a canvas must hold to show it.
+    """The image (m, 3), and the lowest and highest value (3,) that a canvas must hold to show it.
 
-    Beyond these it folds: v over the highest h becomes 2 h - v. Values over 1 are clipped to 1 in
-    the end, so it is enough that 2 h - v >= 1; likewise values under 0.
+    Values outside fold: v above the highest h becomes 2 h - v. Values above 1 are clipped in the
+    end, so that 2 h - v >= 1 is enough; likewise below 0.
     """
     picture = np.tile(background.astype(np.float32), (len(samples.place), 1))
     add_all(samples, np.arange(len(samples.color)), picture, picture, picture)
@@ -107,16 +107,16 @@ def add_all(samples, order, total, lowest, highest):
 def order_of(samples, picture, low, high, background, pattern, patterns, by_mass):
     """All Gaussians, each once, in the order in which to draw them on a canvas of low..high.
 
-    A sample may go as far as its own value of the picture as well: whenever its canvas folds, it
-    lies as far from there in the end as the picture would, or less. Tours through the patterns
-    draw what has room, in the order by_mass; where nothing has, the one that lacks least is drawn.
+    A sample may also reach its own value of the image: wherever the canvas folds, the final error
+    is then no larger than that of the image. Tours through the patterns draw what has room, in the
+    order by_mass; where nothing has, the one that lacks least is drawn.
     """
     count = by_mass.size
     total = np.empty_like(picture)
     total[:] = background
     order = np.empty(count, np.intp)
     waiting = by_mass.copy()
-    # Where each lacked room last, and how much it lacks at least.
+    # Where each Gaussian lacked room last, and a lower bound of how much it lacks.
     seen, lacks = np.full(count, _NOWHERE), np.zeros(count)
     done = 0
     backwards = False
@@ -152,7 +152,7 @@ def order_of(samples, picture, low, high, background, pattern, patterns, by_mass
 
 @njit(cache=True)
 def _least(samples, waiting, total, picture, low, high, seen, lacks):
-    """Which of those that wait lacks least; lacks holds bounds from below, and is made exact."""
+    """The waiting Gaussian that lacks least; lower bounds in lacks are made exact on the way."""
     exact = np.zeros(lacks.size, np.bool_)
     while True:
         i = waiting[np.argmin(lacks[waiting])]
@@ -166,7 +166,7 @@ def _least(samples, waiting, total, picture, low, high, seen, lacks):
 def _lacking(samples, i, total, picture, low, high, seen, any_will_do):
     """How far beyond low..high the i-th Gaussian would lead, and at which sample.
 
-    With any_will_do it is what is lacking at the first sample found, `seen` being looked at first.
+    With any_will_do it is that of the first sample found to lack room, beginning with `seen`.
     """
     if any_will_do and seen != _NOWHERE:
         lack = _beyond(samples, i, seen, total, picture, low, high)

@@ -1,4 +1,4 @@
-"""The exponents and colours that a file can hold, before any palette."""
+"""Exponents and colours as a file can hold them, before any palette."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class, widening
 from gauss2svg.svg.blur import blurs, chosen_blurs
-from gauss2svg.svg.plain import is_plain
+from gauss2svg.svg.solid import is_solid
 
 
 def snapped(scene: Scene, form: str) -> Scene:
@@ -22,7 +22,7 @@ def snapped(scene: Scene, form: str) -> Scene:
         return scene
     blur = chosen_blurs(scene, form)
     blurred = blur >= 0
-    shaded = ~is_plain(scene) & ~blurred
+    shaded = ~is_solid(scene) & ~blurred
     beta = scene.betas.copy()
     beta[blurred] = [blurs()[k].beta for k in blur[blurred]]
     beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]

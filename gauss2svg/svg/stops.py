@@ -1,14 +1,12 @@
 """Gradient stops: the piecewise linear functions nearest to the falloff's profiles.
 
-An SVG gradient is linear between its stops. Both their offsets (free knots) and their
-opacities are chosen so that
+An SVG gradient is linear between its stops. Their offsets (free knots) and opacities minimise
 
     integral over the disc of (stops(r) - f(r))^2 2 pi r dr,   r in 0..cut_radius(beta),
 
-is least, in px^2 for a shape of sigma 1 px: the squared error of the picture. A dynamic
-program finds the best knots of an interpolating polygon among candidates, then knots are
-moved one by one while the least-squares values get better. tests/test_stops.py checks the
-errors stated in STATED_ERRORS.
+in px^2 for a shape of sigma 1 px: the squared error of the image. A dynamic program finds the best
+knots of an interpolating polygon among candidates, then knots are moved one by one while the
+least-squares values improve. tests/test_stops.py checks STATED_ERRORS.
 """
 
 from __future__ import annotations
@@ -19,20 +17,20 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be
 from gauss2svg.scene.falloff import cut_radius, profile
 
 STOP_COUNTS = (5, 6, 8, 10, 12)
-# Root mean square over the disc, and largest error, of so many stops at beta = 1.
+# Root mean square error over the disc and largest error, by number of stops, at beta = 1.
 STATED_ERRORS = {
     5: (0.0045, 0.012), 6: (0.0028, 0.012), 8: (0.0017, 0.007), 10: (0.0011, 0.007),
     12: (0.0008, 0.005),
 }  # fmt: skip
 _FEWEST = 3
-_LENIENCE = 1.2  # of another exponent's error beside that of beta = 1
+_LENIENCE = 1.2  # allowed error of another exponent, as a multiple of that at beta = 1
 _SAMPLES = 2000
 _CANDIDATES = 120
-_FIRST_OFFSET = 0.4  # of the second knot, to begin with: a plateau inside costs little
+_FIRST_OFFSET = 0.4  # of the second knot: initial first offset, as a plateau inside costs little
 _FIRST_MOVE, _LAST_MOVE = 0.1, 0.003  # of the distance to the nearer neighbour
 # A thousandth of the radius shifts a crisp rim of sigma 100 px by 0.14 px.
 _CRISP = 8.0
@@ -44,13 +42,12 @@ Stops = tuple[tuple[float, ...], tuple[float, ...]]
 def gradient_stops(count: int, beta: float = 1.0) -> Stops:
     """Offsets (0..1, as shares of cut_radius(beta)) and opacities (0..1) of gradient stops.
 
-    `count` of them at beta = 1; for another beta the fewest that err at most _LENIENCE times as
-    much, or as many.
+    At beta = 1 there are `count`; another beta has the fewest with at most _LENIENCE times the
+    error at beta = 1, or `count`.
     Raises InputError for a count other than those in STOP_COUNTS.
     """
     if count not in STOP_COUNTS:
-        known = ", ".join(map(str, STOP_COUNTS))
-        raise InputError(f"stops is {count}; needed is one of {known}")
+        raise InputError(must_be("stops", f"one of {', '.join(map(str, STOP_COUNTS))}", count))
     return _fewest(count, float(beta))
 
 
@@ -148,7 +145,7 @@ def _fitted(
     """Least-squares values in 0..1 at given knots, 0 at the last, and their error."""
     hats = np.stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))[:-1]], axis=1)
     normal = hats.T @ (weight[:, None] * hats)
-    # The first two hats are all but one where their knots nearly meet.
+    # lstsq, because the first two hats are nearly equal where their knots nearly meet.
     values = np.linalg.lstsq(normal, hats.T @ (weight * target))[0]
     values = np.clip(values, 0.0, 1.0)
     error = float(np.sum(weight * np.square(hats @ values - target)))

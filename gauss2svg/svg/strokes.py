@@ -1,4 +1,4 @@
-"""Shapes as bare ellipses: where their falloff is half of its height, as numbers for a stroke."""
+"""Shapes as bare ellipses: the contour of half height, as numbers for a stroke."""
 
 from __future__ import annotations
 
@@ -13,29 +13,30 @@ from gauss2svg.svg.encode import hex_color, number, writable
 
 OUTLINE_WIDTH = 0.5  # px
 STROKE_WIDTHS = 0.01, 100.0
-STROKE_DECIMALS = 2  # px; a turn has as many, in degrees
-_LEAST_OPACITY = 0.005  # less hardly shows
+STROKE_DECIMALS = 2  # of px, and of degrees
+_LEAST_OPACITY = 0.005  # a fainter shape is hardly visible
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """One ellipse: its shape's index and round, centre and radii in px, turn, colour; as text.
+    """One ellipse as text: its shape's index and round, centre and radii in px, rotation, colour.
 
-    turn is a transform, "" where there is none.
+    rotation is a transform, "" where there is none.
     """
 
     index: int
     round: int
     center: tuple[str, str]
     radii: tuple[str, str]
-    turn: str
+    rotation: str
     color: str
 
 
 def stroked(scene: Scene) -> list[Stroke]:
-    """The strokes of a scene in its order, without those of no extent or opacity as written.
+    """The strokes of a scene in its order.
 
-    And without those off the canvas whose numbers are too large (gauss2svg.svg.encode.writable).
+    Shapes whose extent or opacity is written as 0 are left out, as are those off the canvas whose
+    numbers are too large (gauss2svg.svg.encode.writable).
     """
     axes, angle_rad = scene.ellipse_axes
     radii = axes * half_radius(scene.betas)[:, None]
@@ -46,14 +47,14 @@ def stroked(scene: Scene) -> list[Stroke]:
         if "0" in (rx, ry) or scene.opacity[i] < _LEAST_OPACITY:
             continue
         x, y = (number(v, STROKE_DECIMALS) for v in scene.mean[i])
-        turn = number(math.degrees(angle_rad[i]), STROKE_DECIMALS)
+        angle = number(math.degrees(angle_rad[i]), STROKE_DECIMALS)
         strokes.append(
             Stroke(
                 index=i,
                 round=int(scene.rounds[i]),
                 center=(x, y),
                 radii=(rx, ry),
-                turn="" if turn == "0" or rx == ry else f"rotate({turn} {x} {y})",
+                rotation="" if angle == "0" or rx == ry else f"rotate({angle} {x} {y})",
                 color=hex_color(levels[i]),
             )
         )

@@ -4,20 +4,18 @@
       <stop offset=".." stop-color="#.." stop-opacity=".."/> ...
     <circle r="1" transform="matrix(..)" fill="url(#..)" fill-opacity=".."/>
 
-with radii as gauss2svg.svg.encode explains, and fill="#.." where a plain ellipse will do, or
-with filter="url(#..)" a blurred one. Its filter region is one of the bounding box, the
-deviation in the circle's own units, so that all shapes of an exponent share one.
-The focal offset moves resvg to its accurate gradient (36 dB to 49 dB against the model) and
-changes nothing elsewhere. Gradients in objectBoundingBox units, masks, rgba() colours and
-plain href were measured and fail in one renderer or another.
+with radii as in gauss2svg.svg.encode, fill="#.." for a solid ellipse and filter="url(#..)" for a
+blurred one, whose region is one of the bounding box, with the deviation in the circle's own units,
+so that all shapes of an exponent share one filter. The focal offset moves resvg to its accurate
+gradient. Other encodings fail in one renderer or another (docs/decisions/svg.md).
 
 An additive scene is written as differences (gauss2svg.svg.additive):
 
     <g filter="url(#transfer)"> <rect fill="#.."/>
       <g> <circle r="1" transform="matrix(..)" fill="url(#..)"/> ... </g> <rect fill="#f00"/> ...
 
-The root has role="img", with which Chromium gives a screen reader the title as its name and the
-desc as its description, inline or as a file of its own; aria-labelledby would add nothing.
+The root has role="img", by which Chromium gives a screen reader the title as its name and the desc
+as its description, both inline and as a file of its own; aria-labelledby would add nothing.
 """
 
 from __future__ import annotations
@@ -31,7 +29,7 @@ from svgwrite.extensions import Inkscape
 
 from gauss2svg.errors import InputError, number_within
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg.additive import Ramp, encode_sum
+from gauss2svg.svg.additive import Ramp, encode_additive
 from gauss2svg.svg.document import Document, round_id
 from gauss2svg.svg.encode import Ellipse, Filter, Gradient, encode, number
 from gauss2svg.svg.format import SvgFormat
@@ -40,28 +38,31 @@ from gauss2svg.svg.reader.canvas import CANVAS
 from gauss2svg.svg.strokes import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, Stroke, stroked
 from gauss2svg.version import __version__
 
-_SUM, _TRANSFER = "summed", "transfer"  # ids: longer than those of gradients
+_ADDITIVE, _TRANSFER = (
+    "additive",
+    "transfer",
+)  # ids, longer than those of gradients so that they cannot collide
 
 
 def write_svg(
-    scene: Scene, format: SvgFormat | None = None, document: Document | None = None
+    scene: Scene, svg_format: SvgFormat | None = None, document: Document | None = None
 ) -> str:
-    """The SVG text of a scene; depends on nothing but the scene, the format and the document.
+    """The SVG text of a scene; it depends only on the scene, the format and the document.
 
-    The scene is written as it is, with the exponents and colours that a file can hold
-    (gauss2svg.svg.snap.snapped); gauss2svg.quantize gives one with fewer of them, and so a smaller
-    file. With segments shapes are in the order of gauss2svg.svg.grouped_by_segment. A transparent
-    scene has no <rect>.
+    The scene is written with the exponents and colours that a file can hold
+    (gauss2svg.svg.snap.snapped); gauss2svg.quantize returns a scene with fewer of them, for a
+    smaller file. With segments shapes are in the order of gauss2svg.svg.layers.grouped_by_segment.
+    A transparent scene has no <rect>.
 
     An additive scene is written as gauss2svg.svg.additive explains: its layers are phases.
     Raises InputError for an additive scene with segments, animation or fragments, and for a
-    document whose segments or size are yet to be found in a photo.
+    document whose segments or size depend on a photo.
     """
-    format, document = format or SvgFormat(), document or Document()
+    svg_format, document = svg_format or SvgFormat(), document or Document()
     if scene.blend == ADD:
-        return _write_sum(scene, format, document)
+        return _write_additive(scene, svg_format, document)
     scene = grouped_by_segment(scene, document.labels)
-    encoded = encode(scene, format)
+    encoded = encode(scene, svg_format)
     ellipses = [ellipse for _, of_round in encoded.layers for ellipse in of_round]
     drawing = _root(document, scene, (encoded.view_width, encoded.view_height), len(ellipses))
     for gradient in encoded.gradients:
@@ -83,16 +84,16 @@ def outline_svg(
     """The SVG text of a scene's shapes as bare strokes, for plotters; without a background.
 
     Each is an <ellipse> along the contour on which the falloff is half of its height, in the
-    shape's colour, opaque, in layers like those of write_svg. Shapes of no extent or opacity,
-    as written, are left out.
+    shape's colour, opaque, in layers like those of write_svg. Shapes whose extent or opacity is
+    written as 0 are left out.
 
     stroke_width  px, above 0
-    Raises InputError for a width that is none, and for an additive scene.
+    Raises InputError for a width out of range, and for an additive scene.
     """
     document = document or Document()
     if scene.blend == ADD:
-        raise _not_for_sums(
-            "outlines", "their colours are differences, and no picture by themselves"
+        raise _not_for_additive(
+            "outlines", "their colours are differences, which show nothing by themselves"
         )
     width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
     scene = grouped_by_segment(scene, document.labels)
@@ -106,31 +107,35 @@ def outline_svg(
     return _text(drawing)
 
 
-def _write_sum(scene: Scene, format: SvgFormat, document: Document) -> str:
+def _write_additive(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
     if document.segments is not None:
-        raise _not_for_sums("segments", "its layers are the phases of the sum")
+        raise _not_for_additive("segments", "its layers are phases of drawing")
     if document.animate is not None:
-        raise _not_for_sums("animation", "its parts are no pictures until all are drawn")
+        raise _not_for_additive("animation", "it shows no image until all is drawn")
     if document.fragments:
-        raise _not_for_sums("fragments", "its layers are phases, and no rounds")
-    encoded = encode_sum(scene, format)
+        raise _not_for_additive("fragments", "its layers are phases of drawing, not rounds")
+    encoded = encode_additive(scene, svg_format)
     count = sum(len(phase.discs) for phase in encoded.phases)
     drawing = _root(document, scene, (encoded.view_width, encoded.view_height), count)
-    # Two sums inline in one page keep their own transfer.
+    # Two additive drawings inline in one page keep their own transfer.
     key = f"{zlib.crc32(repr((encoded.transfer, encoded.background)).encode()):08x}"
     drawing.defs.add(_transfer(drawing, encoded.transfer, f"{_TRANSFER}-{key}"))
     for ramp in encoded.ramps:
         drawing.defs.add(_ramp(drawing, ramp))
-    # What is under the first rectangle is transparent, where a difference is what is drawn.
+    # Under the first rectangle the group is transparent, where a difference draws its source.
     drawing.add(
-        drawing.style(f"#{_SUM}-{key} circle,#{_SUM}-{key} rect{{mix-blend-mode:difference}}")
+        drawing.style(
+            f"#{_ADDITIVE}-{key} circle,#{_ADDITIVE}-{key} rect{{mix-blend-mode:difference}}"
+        )
     )
     inkscape = Inkscape(drawing)
-    group = inkscape.layer(label="Sum", id=f"{_SUM}-{key}", filter=f"url(#{_TRANSFER}-{key})")
+    group = inkscape.layer(
+        label="Additive", id=f"{_ADDITIVE}-{key}", filter=f"url(#{_TRANSFER}-{key})"
+    )
     group.add(_cover(drawing, encoded.background, id="background"))
     for index, phase in enumerate(encoded.phases):
-        if phase.turned:  # beside the layers, so that one can be hidden without the other
-            group.add(_cover(drawing, phase.turned))
+        if phase.inverted:  # beside the layers, so that one can be hidden without the other
+            group.add(_cover(drawing, phase.inverted))
         layer = inkscape.layer(label=phase.label, id=f"phase-{index + 1}")
         for disc in phase.discs:
             circle = drawing.circle(r="1", transform=disc.matrix, fill=f"url(#{disc.ramp})")
@@ -142,23 +147,23 @@ def _write_sum(scene: Scene, format: SvgFormat, document: Document) -> str:
 
 
 def _cover(drawing: Any, fill: str, **attributes: str) -> Any:
-    """A rectangle over the canvas and beyond: what a filter maps must be opaque to its last pixel.
+    """A rectangle over the canvas and beyond, so that the filter maps opaque pixels only.
 
-    The filter's region is grown to whole pixels; a rectangle that ends within one would leave it
-    half turned over, and the map makes that an opaque line along the edge.
+    The filter region is extended to whole pixels; a rectangle that ends within a pixel would leave
+    it half inverted, which the filter makes an opaque line along the edge.
     """
     return drawing.rect(("-10%", "-10%"), ("120%", "120%"), fill=fill, **attributes)
 
 
-def _not_for_sums(what: str, why: str) -> InputError:
+def _not_for_additive(what: str, why: str) -> InputError:
     return InputError(
-        f"the scene's blend is 'add', which has no {what}: {why}; needed is 'over': write it in "
-        "the portable source-over form (--portable)"
+        f"blend of a scene with {what} must be 'over'; got 'add': {why}. Try the alpha-composited "
+        "form (--portable)"
     )
 
 
 def _root(document: Document, scene: Scene, view: tuple[str, str], count: int) -> Any:
-    """A drawing of `count` shapes with everything but these: size, names, attributes."""
+    """A drawing for `count` shapes, without them: size, title, description, attributes."""
     canvas = number(scene.width, 3), number(scene.height, 3)
     sides = document.sides(scene.width, scene.height)
     # debug=True, svgwrite's default, triples the time and still lets NaN through;
@@ -236,8 +241,8 @@ def _circle(drawing: Any, ellipse: Ellipse) -> Any:
 
 def _outline(drawing: Any, one: Stroke) -> Any:
     element = drawing.ellipse(center=one.center, r=one.radii, stroke=one.color)
-    if one.turn:
-        element["transform"] = one.turn
+    if one.rotation:
+        element["transform"] = one.rotation
     return element
 
 
@@ -250,7 +255,7 @@ def _add_style(drawing: Any, document: Document, rounds: Sequence[int]) -> None:
 def _add_layers(
     drawing: Any, elements: Sequence[Any], scene: Scene, indices: Sequence[int], labels: Labels
 ) -> None:
-    """Elements as groups, which Inkscape shows as layers; indices say whose of the scene's."""
+    """Add elements in groups, which Inkscape shows as layers; indices are those of their shapes."""
     inkscape = Inkscape(drawing)
     rounds = scene.rounds[indices].tolist()
     segments = None if labels is None else segment_of(scene, labels)[indices].tolist()
@@ -275,7 +280,7 @@ def _add_all(group: Any, elements: Sequence[Any]) -> Any:
 
 
 def _text(drawing: Any) -> str:
-    # ElementTree writes a space before "/>", which nothing but the end of a tag can hold.
+    # ElementTree writes a space before "/>", which occurs only at the end of a tag.
     return (
         '<?xml version="1.0" encoding="utf-8"?>\n' + drawing.tostring().replace(" />", "/>") + "\n"
     )

@@ -2,7 +2,7 @@
 
     x' = a x + c y + e,   y' = b x + d y + f
 
-Tuples, not arrays: thousands are read one by one, where numpy is ten times slower.
+They are tuples, because thousands are read one by one, where numpy is ten times slower.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 import re
 
-from gauss2svg.errors import InputError
-from gauss2svg.svg.reader.values import numbers, quoted
+from gauss2svg.errors import InputError, must_be
+from gauss2svg.svg.reader.values import numbers
 
 Affine = tuple[float, float, float, float, float, float]
 
@@ -44,10 +44,8 @@ def parse_transform(text: str, name: str = "transform") -> Affine:
         call = _CALL.match(text, at)
         values = numbers(call[2], name) if call else []
         if call is None or len(values) not in _COUNTS.get(call[1], ()):
-            raise InputError(
-                f"{name} is {quoted(text)}; needed is a list of "
-                "matrix, translate, scale, rotate, skewX, skewY"
-            )
+            needed = "a list of matrix, translate, scale, rotate, skewX, skewY"
+            raise InputError(must_be(name, needed, text))
         total = compose(total, _affine(call[1], values)) if at else _affine(call[1], values)
         at = call.end()
     return total

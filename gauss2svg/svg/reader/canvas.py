@@ -1,17 +1,17 @@
 """The root of an SVG: its canvas in px and the map from user units onto it.
 
-Inkscape keeps width, height, viewBox and attributes that it does not know; resizing the page
-changes the first three only.
+Inkscape keeps width, height, viewBox and unknown attributes; resizing the page changes the first
+three only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.scene import LEAST_CANVAS, MOST_CANVAS
 from gauss2svg.svg.reader.affine import Affine
-from gauss2svg.svg.reader.values import length, numbers, quoted
+from gauss2svg.svg.reader.values import length, numbers, view_box
 
 # The canvas in px, whatever the physical size that width and height say.
 CANVAS = "data-canvas"
@@ -26,12 +26,8 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     height, fitted as preserveAspectRatio says; else by the viewBox alone.
     Raises InputError for sizes that are none, and where data-canvas and viewBox disagree.
     """
-    box = numbers(root["viewBox"], "viewBox") if "viewBox" in root else []
-    if box and (len(box) != 4 or min(box[2:]) <= 0):
-        raise InputError(
-            f"viewBox is {quoted(root['viewBox'])}; needed are x, y, width and height > 0"
-        )
-    whole = box[2:] or [None, None]
+    box = view_box(root["viewBox"]) if root.get("viewBox", "").strip() else None
+    whole = box[2:] if box else (None, None)
     width, height = (
         length(root.get(name, "100%"), name, side)
         for name, side in zip(("width", "height"), whole, strict=True)
@@ -39,16 +35,12 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     if CANVAS in root:
         sides = numbers(root[CANVAS], CANVAS)
         if len(sides) != 2:
-            raise InputError(
-                f"{CANVAS} is {quoted(root[CANVAS])}; needed are a width and a height in px"
-            )
+            raise InputError(must_be(CANVAS, "a width and a height in px", root[CANVAS]))
         width, height = sides
     if not LEAST_CANVAS <= min(width, height) <= max(width, height) <= MOST_CANVAS:
-        raise InputError(
-            f"canvas is {width:g}x{height:g} px; needed is {LEAST_CANVAS:g}..{MOST_CANVAS:g} px a "
-            "side"
-        )
-    if not box:
+        needed = f"{LEAST_CANVAS:g}..{MOST_CANVAS:g} px a side"
+        raise InputError(must_be("canvas", needed, shown(f"{width:g}x{height:g} px")))
+    if box is None:
         return width, height, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0), (width, height)
     x, y, across, down = box
     scale_x, scale_y = width / across, height / down
@@ -56,8 +48,12 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     if CANVAS in root:
         if abs(scale_x / scale_y - 1) > _PROPORTIONS:
             raise InputError(
-                f"{CANVAS} is {width:g}x{height:g} px but the viewBox {across:g}x{down:g}: the "
-                f"page was resized; write its size in px into {CANVAS}, or remove that attribute"
+                must_be(
+                    CANVAS,
+                    f"of the proportions of the viewBox, {across:g}x{down:g}",
+                    shown(f"{width:g}x{height:g} px: the page was resized"),
+                    "to write its size in px there, or to remove the attribute",
+                )
             )
     else:
         scale_x, scale_y, left, top = _fitted(
@@ -79,7 +75,7 @@ def _fitted(
     parts = align[1:4], align[5:]
     named = align[:1] == "x" and align[4:5] == "Y" and all(part in _ALIGNED for part in parts)
     if not named or how not in ("meet", "slice") or len(words) > 2:
-        raise InputError(f"preserveAspectRatio is {quoted(rule)}; needed is such as xMidYMid meet")
+        raise InputError(must_be("preserveAspectRatio", "such as xMidYMid meet", rule))
     scale = min(scales) if how == "meet" else max(scales)
     left, top = (
         _ALIGNED[part] * (side - scale * extent)

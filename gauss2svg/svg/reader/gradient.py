@@ -4,9 +4,8 @@ The exponent is that of BETA_CLASSES whose profile the polygon of the stops is n
 
     min over beta of  sqrt(integral (stops(x) - f(x R))^2 2 x dx),  R = cut_radius(beta), x in 0..1,
 
-whatever the number of stops: those of gradient_stops are at most 0.0083 from their own exponent
-and at least 0.087 from every other (tests/test_stops.py). Attributes and stops come along a chain
-of references, as in SVG 2: those of its own first.
+whatever the number of stops; tests/test_stops.py has the margins. Attributes and stops are
+inherited along a chain of references, as in SVG 2: an element's own come first.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.reader.affine import IDENTITY, Affine, compose, parse_transform
 from gauss2svg.svg.reader.values import Color, color, declarations, length, quoted, share
@@ -32,20 +31,20 @@ _GEOMETRY = ("cx", "cy", "r", "fx", "fy", "fr")
 _COMMON = ("gradientUnits", "gradientTransform", "spreadMethod")
 _SAMPLES = 512
 _LARGEST_ERROR = 0.02
-_LARGEST_END = 0.005  # opacity of the last stop, which goes on outside the disc
-# A scale of stops this near to 1 is what piecewise linear profiles have anyway.
+_LARGEST_END = 0.005  # opacity of the last stop, which extends beyond the disc
+# Piecewise linear profiles differ from 1 by as much in their scale.
 _PEAK_OF_OURS = 0.01
-# Inkscape makes chains of two; without an end, as many gradients would take that squared.
+# Inkscape makes chains of two; without a limit, reading n gradients could take n^2 steps.
 _LONGEST_CHAIN = 100
-_LARGEST_FOCUS = 0.01  # of the radius: where the focus changes what is drawn by under a level
+_LARGEST_FOCUS = 0.01  # of the radius: within it the focus changes the image by under a level
 
 
 @dataclass(frozen=True)
 class Gradient:
     """One gradient: colour, opacity at the centre, exponent, and where it ends.
 
-    disc maps the unit circle onto the end of the gradient, in the shape's user space or, with
-    in_box, in the unit square that is its bounding box.
+    disc maps the unit circle onto the gradient's edge, in the shape's user space or, with in_box,
+    in the unit square of its bounding box.
     """
 
     color: Color
@@ -63,7 +62,7 @@ class Gradients:
         self._read: dict[str, Gradient] = {}
 
     def get(self, key: str) -> Gradient:
-        """The gradient of an id; raises InputError if it is none of ours."""
+        """The gradient of an id; raises InputError if write_svg would not write it."""
         if key not in self._read:
             try:
                 self._read[key] = self._gradient(key)
@@ -79,11 +78,12 @@ class Gradients:
             if key in seen:
                 why = "refers to itself"
             elif element is None or element.tag not in (_RADIAL, _LINEAR):
-                why = "is missing, or no gradient"
+                why = "is missing or not a gradient"
             elif len(seen) == _LONGEST_CHAIN:
                 why = f"comes after {_LONGEST_CHAIN} references"
             if why or element is None:
-                raise InputError(f"{quoted(key)} {why}; needed is a radialGradient with stops")
+                got = shown(f"{quoted(key)}, which {why}")
+                raise InputError(must_be("its reference", "to a radialGradient with stops", got))
             seen.add(key)
             yield element
             key = next((element.get(h, "") for h in _HREFS if element.get(h)), "").removeprefix("#")
@@ -91,7 +91,7 @@ class Gradients:
     def _gradient(self, key: str) -> Gradient:
         chain = list(self._chain(key))
         if chain[0].tag != _RADIAL:
-            raise InputError("it is a linear one; needed is a radialGradient")
+            raise InputError(must_be("it", "a radialGradient", shown("a linear one")))
         found: dict[str, str] = {}
         for element in chain:
             names = _COMMON + (_GEOMETRY if element.tag == _RADIAL else ())
@@ -107,21 +107,23 @@ class Gradients:
 def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
     units = found.get("gradientUnits", "objectBoundingBox")
     if units not in ("objectBoundingBox", "userSpaceOnUse"):
-        raise InputError(f"gradientUnits is {quoted(units)}; needed is userSpaceOnUse")
+        raise InputError(must_be("gradientUnits", "userSpaceOnUse", units))
     in_box = units == "objectBoundingBox"
-    whole = 1.0 if in_box else None  # a percentage of the viewport is nothing we write
+    whole = 1.0 if in_box else None  # write_svg writes no percentage of the viewport
     cx, cy, r = (length(found.get(name, "50%"), name, whole) for name in ("cx", "cy", "r"))
     fx, fy = (length(found[f], f, whole) if f in found else c for f, c in (("fx", cx), ("fy", cy)))
     if r <= 0:
-        raise InputError(f"its r is {r:g}; needed is a radius above 0")
+        raise InputError(must_be("its r", "above 0", r))
     if math.hypot(fx - cx, fy - cy) > _LARGEST_FOCUS * r or length(found.get("fr", "0"), "fr"):
-        raise InputError("its focus is off its centre; needed are round ones: reset fx, fy and fr")
+        raise InputError(
+            "its focus must be at its centre; got another place. Try to remove fx, fy and fr"
+        )
     if found.get("spreadMethod", "pad") != "pad":
-        raise InputError(f"its spreadMethod is {quoted(found['spreadMethod'])}; needed is pad")
-    turned = IDENTITY
+        raise InputError(must_be("its spreadMethod", "pad", found["spreadMethod"]))
+    onto = IDENTITY
     if "gradientTransform" in found:
-        turned = parse_transform(found["gradientTransform"], "gradientTransform")
-    return compose(turned, (r, 0.0, 0.0, r, cx, cy)), in_box
+        onto = parse_transform(found["gradientTransform"], "gradientTransform")
+    return compose(onto, (r, 0.0, 0.0, r, cx, cy)), in_box
 
 
 def _read_stops(stops: list[Any]) -> tuple[Color, float, float]:
@@ -135,7 +137,7 @@ def _read_stops(stops: list[Any]) -> tuple[Color, float, float]:
         polygon.append((share(own.get("offset", "0"), "offset"), opacity))
     shades = {color(text, "stop-color") for text in colors}
     if len(shades) != 1:
-        raise InputError(f"it has {len(shades)} colours; needed is one, in all of its stops")
+        raise InputError(must_be("its stops", "of one colour", shown(f"{len(shades)} colours")))
     peak, beta = _exponent(tuple(polygon))
     return shades.pop(), peak, beta
 
@@ -156,8 +158,11 @@ def _exponent(polygon: tuple[tuple[float, float], ...]) -> tuple[float, float]:
     if error[best] > _LARGEST_ERROR or heights[-1] > _LARGEST_END * peak:
         known = ", ".join(f"{beta:g}" for beta in BETA_CLASSES)
         raise InputError(
-            f"its stops fit none of the exponents {known}: the nearest, {BETA_CLASSES[best]:g}, "
-            f"is {error[best]:.3f} off; needed are the stops that write_svg writes"
+            must_be(
+                "its stops",
+                f"those that write_svg writes for one of the exponents {known}",
+                shown(f"others, {error[best]:.3f} off {BETA_CLASSES[best]:g}, the nearest"),
+            )
         )
     return peak, BETA_CLASSES[best]
 

@@ -1,4 +1,4 @@
-"""Ellipses, however they are written: as the affine map of the unit circle onto them.
+"""Circles, ellipses and paths of arcs, as the affine map of the unit circle onto them.
 
 Inkscape makes an ellipse of a circle that is moved by itself, and a path of arcs of one that is
 converted ("Object to Path"), whose arcs it keeps through every later transform.
@@ -10,9 +10,9 @@ import math
 import re
 from collections.abc import Mapping
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.svg.reader.affine import Affine
-from gauss2svg.svg.reader.values import NUMBER, length, quoted
+from gauss2svg.svg.reader.values import NUMBER, length
 
 SHAPES = ("circle", "ellipse", "path")
 _SEPARATOR = r"[\s,]*"
@@ -21,7 +21,7 @@ _ARC = re.compile(
     rf"([Aa]?){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER})"
     rf"{_SEPARATOR}([01]){_SEPARATOR}([01]){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}"
 )
-# Of the radius: what the 8 digits that editors write leave of a thin arc's ends.
+# Of the radius: editors write 8 digits, which move the ends of a thin arc by as much.
 _TOLERANCE = 0.01
 
 
@@ -37,17 +37,17 @@ def outline(tag: str, attributes: Mapping[str, str]) -> Affine:
     else:
         rx, ry = (length(attributes.get(name, "0"), name) for name in ("rx", "ry"))
     if rx < 0 or ry < 0:
-        raise InputError(f"radii are {rx:g} and {ry:g}; needed are 0 or more")
+        raise InputError(must_be("radii", "0 or more", shown(f"{rx:g} and {ry:g}")))
     cx, cy = (length(attributes.get(name, "0"), name) for name in ("cx", "cy"))
     return rx, 0.0, 0.0, ry, cx, cy
 
 
 def _of_arcs(data: str) -> Affine:
-    """Of a closed path of arcs that are all of one ellipse and go round it once."""
+    """The map of a closed path whose arcs all lie on one ellipse and go round it once."""
     radii, corners, sweep = _arcs(data)
     rx, ry, tilt = radii
-    # The ends lie symmetrically, two or four of them: their mean is the centre. Computing it
-    # from each arc loses half the digits where an arc is half of the ellipse.
+    # The two or four ends lie symmetrically, so that their mean is the centre. Computing the
+    # centre from an arc that is half of the ellipse would lose half of the digits.
     cx, cy = (sum(corner[k] for corner in corners) / len(corners) for k in (0, 1))
     cos, sin = math.cos(math.radians(tilt)), math.sin(math.radians(tilt))
     turn, angles = 0.0, []
@@ -55,12 +55,12 @@ def _of_arcs(data: str) -> Affine:
         u = (cos * (x - cx) + sin * (y - cy)) / rx
         v = (cos * (y - cy) - sin * (x - cx)) / ry
         if abs(math.hypot(u, v) - 1) > _TOLERANCE:
-            raise _no_ellipse(data)
+            raise _not_an_ellipse(data)
         angles.append(math.atan2(v, u))
     for start, end in zip(angles, angles[1:] + angles[:1], strict=True):
         turn += (end - start if sweep else start - end) % (2 * math.pi)
     if abs(turn - 2 * math.pi) > _TOLERANCE:
-        raise _no_ellipse(data)
+        raise _not_an_ellipse(data)
     return rx * cos, rx * sin, -ry * sin, ry * cos, cx, cy
 
 
@@ -68,7 +68,7 @@ def _arcs(data: str) -> tuple[tuple[float, float, float], list[tuple[float, floa
     """Radii with the tilt in degrees, corners and direction that all arcs of a path share."""
     move = _MOVE.match(data)
     if move is None:
-        raise _no_ellipse(data)
+        raise _not_an_ellipse(data)
     first = x, y = float(move[2]), float(move[3])
     corners, kinds, at, letter = [first], set(), move.end(), ""
     while arc := _ARC.match(data, at):
@@ -81,20 +81,18 @@ def _arcs(data: str) -> tuple[tuple[float, float, float], list[tuple[float, floa
         corners.append((x, y))
         kinds.add((float(arc[2]), float(arc[3]), float(arc[4]), arc[5] == "1", arc[6] == "1"))
     if data[at:].strip().lower() != "z" or not letter or len(kinds) != 1:
-        raise _no_ellipse(data)
+        raise _not_an_ellipse(data)
     rx, ry, tilt, large, sweep = kinds.pop()
     if not (0 < rx < math.inf and 0 < ry < math.inf and math.isfinite(tilt)):
-        raise _no_ellipse(data)
+        raise _not_an_ellipse(data)
     last = corners[-1]
     if max(abs(last[0] - first[0]), abs(last[1] - first[1])) <= _TOLERANCE * min(rx, ry):
         corners.pop()
     if len(corners) != 2 and (len(corners) != 4 or large):  # halves are neither large nor small
-        raise _no_ellipse(data)
+        raise _not_an_ellipse(data)
     return (rx, ry, tilt), corners, sweep
 
 
-def _no_ellipse(data: str) -> InputError:
-    return InputError(
-        f"its d {quoted(data)} is no ellipse of two or four arcs; needed are ellipses: "
-        "undo the edit of its nodes, or delete it"
-    )
+def _not_an_ellipse(data: str) -> InputError:
+    advice = "to undo the edit of its nodes, or to delete it"
+    return InputError(must_be("its d", "an ellipse of two or four arcs", data, advice))

@@ -1,7 +1,7 @@
-"""SVG sources as trees of elements; the module of svg/ that knows defusedxml.
+"""SVG sources as trees of elements, by defusedxml.
 
-Files come from anywhere: document type declarations are refused, and with them entities that
-multiply or read other files. Neither write_svg nor Inkscape writes one. Bytes, elements and depth
+Files come from anywhere, so document type declarations are refused, and with them entities that
+multiply or read other files; neither write_svg nor Inkscape writes one. Bytes, elements and depth
 have limits.
 """
 
@@ -17,12 +17,12 @@ from xml.etree.ElementTree import TreeBuilder
 
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 
 GZIP = b"\x1f\x8b"
-MOST_BYTES = 256_000_000  # unpacked: a gzip bomb has a thousand for each of its own
-MOST_ELEMENTS = 4_000_000  # a tree of them takes some 3 GB
-_DEEPEST = 1000  # no renderer draws much deeper ones
+MOST_BYTES = 256_000_000  # gunzipped: a gzip bomb expands a thousandfold
+MOST_ELEMENTS = 4_000_000  # their tree takes about 3 GB
+_DEEPEST = 1000  # renderers draw hardly deeper ones
 
 
 class _Tree(TreeBuilder):
@@ -37,12 +37,11 @@ class _Tree(TreeBuilder):
         self._count += 1
         self._depth += 1
         if self._count > self._most:
-            raise InputError(
-                f"the SVG has more than {self._most} elements; give a larger max_elements if it is "
-                "to be trusted"
-            )
+            needed, advice = f"of at most {self._most} elements", "a larger max_elements"
+            raise InputError(must_be("the SVG", needed, shown("more"), f"{advice} if you trust it"))
         if self._depth > _DEEPEST:
-            raise InputError(f"elements are nested more than {_DEEPEST} deep; ungroup them")
+            needed = f"nested at most {_DEEPEST} deep"
+            raise InputError(must_be("elements", needed, shown("more"), "to ungroup them"))
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Any:
@@ -57,9 +56,9 @@ def parse_document(
 ) -> Any:
     """The root element of a path (.svg or .svgz), of text or of bytes, gzipped or not.
 
-    A str is text if it has a "<" in it, a path otherwise. Raises InputError for what cannot be
-    read, is no XML, declares a document type, has more than max_bytes bytes, gunzipped, or more
-    than max_elements elements, or nests them more than 1000 deep.
+    A str with a "<" is text, otherwise a path. Raises InputError for a source that cannot be read,
+    is not XML, declares a document type, has more than max_bytes bytes, gunzipped, or more than
+    max_elements elements, or nests them more than 1000 deep.
     """
     name = "the SVG"
     if isinstance(source, os.PathLike) or (isinstance(source, str) and "<" not in source):
@@ -69,11 +68,11 @@ def parse_document(
                 data: str | bytes = stream.read(max_bytes + 1)
         except (OSError, ValueError) as error:  # ValueError: a null character in the path
             reason = getattr(error, "strerror", None) or error
-            raise InputError(f"cannot read {name}: {reason}; give an SVG's path or text") from None
+            raise InputError(f"cannot read {name}: {reason}. Try an SVG's path or text") from None
     elif isinstance(source, (str, bytes)):
         data = source
     else:
-        raise InputError(f"source is {type(source).__name__}; needed is a path, text or bytes")
+        raise InputError(must_be("source", "a path, text or bytes", shown(type(source).__name__)))
     _within(data, max_bytes, name)
     try:
         if isinstance(data, bytes) and data.startswith(GZIP):
@@ -88,24 +87,23 @@ def parse_document(
         raise
     except (ParseError, ValueError, LookupError) as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{name} is no SVG: {what[:200]}; needed is a file of write_svg") from None
+        raise InputError(must_be(name, "an SVG", shown(what), "a file of write_svg")) from None
 
 
 def _within(data: str | bytes, max_bytes: int, name: str) -> None:
     if len(data) > max_bytes:
-        raise InputError(
-            f"{name} has more than {max_bytes} bytes; give a larger max_bytes if it is to be "
-            "trusted"
-        )
+        needed, advice = f"at most {max_bytes} bytes", "a larger max_bytes if you trust it"
+        raise InputError(must_be(name, needed, shown("more"), advice))
 
 
 def gunzipped(data: bytes, most_bytes: int, name: str) -> bytes:
-    """At most one byte more than most_bytes, however many there would be.
+    """Gunzipped data, at most one byte more than most_bytes.
 
-    Raises InputError for what is no whole gzip.
+    Raises InputError for anything but a complete gzip file.
     """
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
             return stream.read(most_bytes + 1)
     except (OSError, EOFError, zlib.error) as error:
-        raise InputError(f"{name} is broken gzip: {error}; save it anew and try again") from error
+        got = shown(error)
+        raise InputError(must_be(name, "a complete gzip file", got, "to re-save it")) from error

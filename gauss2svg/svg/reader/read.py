@@ -3,7 +3,7 @@
 What Inkscape 1.2 changes when it saves a file (tests/data has one, before and after):
 
 - opening and saving alone adds ids and a namedview; the numbers stay as they were;
-- a shape that is moved, turned or scaled by itself becomes an ellipse whose transform has unit
+- a shape that is moved, rotated or scaled by itself becomes an ellipse whose transform has unit
   columns, with cx, cy, rx, ry on 8 digits; its gradient is moved along by a gradientTransform,
   under a new id that refers to the old one for its stops where others use that too;
 - "Object to Path" makes a path of four arcs, also in later transforms;
@@ -25,9 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT, Scene
-from gauss2svg.svg.plain import plain_beta, plain_radius
 from gauss2svg.svg.reader.affine import Affine, compose, parse_transform
 from gauss2svg.svg.reader.canvas import read_canvas
 from gauss2svg.svg.reader.gradient import SVG, Gradients
@@ -35,30 +34,31 @@ from gauss2svg.svg.reader.outline import SHAPES
 from gauss2svg.svg.reader.parse import MOST_BYTES, MOST_ELEMENTS, parse_document
 from gauss2svg.svg.reader.rules import check_animation, check_sheet, check_smil
 from gauss2svg.svg.reader.shape import Shape, read_shape
-from gauss2svg.svg.reader.values import color, declarations, length, quoted, reference, share
+from gauss2svg.svg.reader.values import color, declarations, length, reference, share
+from gauss2svg.svg.solid import solid_beta, solid_radius
 
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
-# They draw nothing by themselves; animation ends as the elements are written, by check_smil.
+# Elements that draw nothing themselves; check_smil makes sure that animation ends as written.
 _SILENT = {"title", "desc", "metadata", "defs", "linearGradient", "radialGradient", "filter"}
 _ANIMATIONS = {"animate", "animateTransform", "animateMotion", "animateColor", "set", "discard"}
-_SILENT |= _ANIMATIONS | {"style"}  # which all are read before anything else
+_SILENT |= _ANIMATIONS | {"style"}  # all of which are checked before anything else
 _EVERYWHERE = {SVG + tag for tag in (*_ANIMATIONS, "style")}
 _INHERITED = {"fill": "fill", "fill-opacity": "fill_opacity", "visibility": "visibility"}
 _ADVICE = {
-    "use": ", or unlink the clone",
-    "a": ", or ungroup the link",
-    "text": ", or draw it as part of the photo",
-    "image": ", or vectorise it with the photo",
+    "use": ", or to unlink the clone",
+    "a": ", or to ungroup the link",
+    "text": ", or to draw it as part of the photo",
+    "image": ", or to vectorise it with the photo",
 }
-# What would draw something else than we read, and the value under which it does not.
+# Properties that are not read, and the value under which they have no effect.
 _EFFECTS = {"stroke": "none", "mask": "none", "clip-path": "none", "mix-blend-mode": "normal"}
-# Attributes and properties that move, hide or change a shape, and are not read.
+# Attributes and properties that move, hide or change a shape; files with them are refused.
 _UNREAD = ("transform-origin", "transform-box", "translate", "rotate", "scale", "offset-path")
 _UNREAD += ("zoom", "all", "systemLanguage")
-_SUMMED = re.compile(r"mix-blend-mode\s*:\s*difference")  # in a style sheet: by write_svg
+_ADDITIVE = re.compile(r"mix-blend-mode\s*:\s*difference")  # in write_svg's style sheets
 _DEEPEST = 100
-_COVERED = 0.01  # px of the canvas that a background may leave free: rounding
+_COVERED = 0.01  # px of the canvas that a background may leave free by rounding
 
 
 def read_svg(
@@ -73,28 +73,29 @@ def read_svg(
 
     A shape's covariance is (M / R)(M / R)^T, M being the linear part of all transforms down to
     the unit circle of its gradient and R = cut_radius(beta); its exponent is the one of
-    BETA_CLASSES that has such stops. A plain ellipse gets the exponent that it draws best
-    (gauss2svg.svg.plain.plain_beta). Rounds come from the labels and ids of groups ("Round 3:
+    BETA_CLASSES that has such stops. A solid ellipse gets the exponent that it draws best
+    (gauss2svg.svg.solid.solid_beta). Rounds come from the labels and ids of groups ("Round 3:
     ..", "round-3"), never decreasing: a round under an earlier one is counted as that one, a
     group at the top level without either as a round of its own. Numbers are as exact as the file.
 
     source       a path (.svg, .svgz), text, or bytes
     background   sRGB colour in 0..1 for a file without a background, which is a transparent scene
                  if it is not given, or with a translucent one
-    skip_hidden  leave hidden shapes and layers out, instead of refusing the file
-    max_bytes, max_elements  most that are read, gunzipped; more for a file that is trusted
+    skip_hidden  skip hidden shapes and layers instead of refusing the file
+    max_bytes, max_elements  limits of the gunzipped file; raise them for a file that you trust
 
-    Animation is skipped, and so is the rule for fragments. Raises InputError naming the element
-    for all that a scene cannot hold: texts, pictures, other paths, strokes, masks, clips, several
-    shapes under one group opacity; and for a file of an additive scene.
+    Animation and the rule for fragments are skipped. Raises InputError with the element's name for
+    everything that a scene cannot hold: texts, images, other paths, strokes, masks, clips, several
+    shapes under one group opacity; and for the file of an additive scene.
     """
     root = parse_document(source, max_bytes, max_elements)
     if root.tag != SVG + "svg":
-        raise InputError(f"the document is <{_bare(root.tag)[:40]}>; needed is an <svg> of SVG")
-    if any(_SUMMED.search("".join(sheet.itertext())) for sheet in root.iter(SVG + "style")):
+        got = shown(f"<{_bare(root.tag)[:40]}>")
+        raise InputError(must_be("the document", "an <svg> in the namespace of SVG", got))
+    if any(_ADDITIVE.search("".join(sheet.itertext())) for sheet in root.iter(SVG + "style")):
         raise InputError(
-            "the SVG is a sum of signed Gaussians, drawn as differences, which cannot be read "
-            "back; needed is its scene: keep that by --save-scene or Scene.save"
+            "the SVG must be alpha-composited; got an additive one, drawn as differences, which "
+            "cannot be read back. Try to keep its scene by --save-scene or Scene.save"
         )
     reader = _Reader(root, background, skip_hidden)
     reader.walk_root()
@@ -103,7 +104,7 @@ def read_svg(
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """What an element gets from its ancestors."""
+    """State that an element inherits from its ancestors."""
 
     onto: Affine
     fill: str = "black"
@@ -138,27 +139,28 @@ class _Reader:
         with _naming(self._root):
             state, attributes = self._inherit(self._root.attrib, self._state)
             if _is_undisplayed(attributes):
-                raise InputError("all of it is hidden by its display; show it")
+                raise InputError("the drawing must be visible; got display none. Try to show it")
         self._group(self._root, attributes, state)
 
     def _visit(self, element: Any, parent: _State) -> None:
         tag = element.tag
         if not isinstance(tag, str) or not tag.startswith(SVG):
-            return  # comments, and what belongs to an editor: no renderer draws it
+            return  # comments and editors' own elements, which no renderer draws
         tag = tag[len(SVG) :]
         if tag in _SILENT:
             return
         with _naming(element):
             if tag not in SHAPES and tag not in ("g", "rect"):
-                raise InputError("needed are ellipses alone: delete it" + _ADVICE.get(tag, ""))
+                advice = "to delete it" + _ADVICE.get(tag, "")
+                raise InputError(must_be("elements", "ellipses alone", shown(tag), advice))
             state, attributes = self._inherit(element.attrib, parent)
             hidden = tag != "g" and state.visibility != "visible"
             if hidden or _is_undisplayed(attributes):
                 if self._skip_hidden:
                     return
                 raise InputError(
-                    "it is hidden; show it, delete it, or read by read_svg(.., skip_hidden=True), "
-                    "which leaves it out"
+                    "shapes must be visible; got a hidden one. Try to show it, to delete it, or "
+                    "read_svg(.., skip_hidden=True), which leaves it out"
                 )
             if tag == "rect":
                 self._rectangle(attributes, state)
@@ -168,29 +170,25 @@ class _Reader:
             self._group(element, attributes, state)
 
     def _inherit(self, own: dict[str, str], parent: _State) -> tuple[_State, dict[str, str]]:
-        """The state under an element, and its attributes with those of its style, which win.
+        """The state under an element, and its attributes overridden by those of its style.
 
-        Raises InputError for effects that a scene has not.
+        Raises InputError for effects that a scene cannot hold.
         """
         attributes = own
         if "style" in own:
             style = declarations(own["style"])
             if "transform" in style:
-                raise InputError("its style has a transform; needed is the attribute")
+                raise InputError(must_be("its transform", "an attribute", shown("a style")))
             attributes = {**own, **style}
             for name, value in style.items():
                 if "animation" in name:
-                    check_animation(name, value, "remove it")
+                    check_animation(name, value, "to remove it")
         for name in _UNREAD:
             if name in attributes:
-                raise InputError(
-                    f"its {name} is {quoted(attributes[name])}; needed is none: remove it"
-                )
+                raise InputError(must_be(f"its {name}", "absent", attributes[name], "to remove it"))
         for name, harmless in _EFFECTS.items():
             if attributes.get(name, harmless).lower() not in (harmless, "inherit"):
-                raise InputError(
-                    f"its {name} is {quoted(attributes[name])}; needed is {harmless}: remove it"
-                )
+                raise InputError(must_be(f"its {name}", harmless, attributes[name], "to remove it"))
         changes: dict[str, Any] = {
             field: attributes[name]
             for name, field in _INHERITED.items()
@@ -205,9 +203,11 @@ class _Reader:
     def _group(self, element: Any, attributes: dict[str, str], state: _State) -> None:
         with _naming(element):
             if state.depth > _DEEPEST:
-                raise InputError(f"groups are nested more than {_DEEPEST} deep; ungroup them")
+                needed = f"nested at most {_DEEPEST} deep"
+                raise InputError(must_be("groups", needed, shown("more"), "to ungroup them"))
             if attributes.get("filter", "none") != "none":
-                raise InputError("its filter is one of a whole group; needed is none: remove it")
+                got, advice = attributes["filter"], "to remove it"
+                raise InputError(must_be("filter of a group", "none", got, advice))
             number = _round_of(element)
             if number is None and state.depth == 1:
                 number = self._shapes[-1][2] + 1 if self._shapes else 0
@@ -222,14 +222,20 @@ class _Reader:
             if over + beneath > 1 and share(attributes.get("opacity", "1"), "opacity") < 1:
                 shapes = f"{over} shape{'s' * (over != 1)}" + " and the background" * bool(beneath)
                 raise InputError(
-                    f"its opacity is {attributes['opacity'][:60]} over {shapes} together, which is "
-                    "no painting of one over another; set it to 1, or that of each shape"
+                    must_be(
+                        f"opacity of a group of {shapes}",
+                        "1, as shapes are composited one by one",
+                        attributes["opacity"],
+                        "to set it to 1, or to set that of each shape",
+                    )
                 )
 
     def _rectangle(self, attributes: dict[str, str], state: _State) -> None:
-        """Takes a rectangle under all shapes that covers the canvas as the background."""
+        """Use a rectangle that covers the canvas under all shapes as the background."""
         if self._shapes:
-            raise InputError("a rectangle lies over shapes; needed is a background: delete it")
+            raise InputError(
+                "a rectangle must be the background; got one over shapes. Try to delete it"
+            )
         sides = {
             name: length(attributes.get(name, "0"), name, self._user_size[name in ("y", "height")])
             for name in ("x", "y", "width", "height")
@@ -252,8 +258,12 @@ class _Reader:
             or attributes.get("filter", "none") != "none"
         ):
             raise InputError(
-                f"it covers x {across[0]:g}..{across[1]:g}, y {down[0]:g}..{down[1]:g} px of the "
-                f"canvas of {self._width:g}x{self._height:g}; needed is all, upright: resize it"
+                must_be(
+                    "the background",
+                    f"upright over all of the canvas, {self._width:g}x{self._height:g} px",
+                    shown(f"x {across[0]:g}..{across[1]:g}, y {down[0]:g}..{down[1]:g} px"),
+                    "to resize it",
+                )
             )
         if state.fill == "none":
             return
@@ -262,8 +272,12 @@ class _Reader:
         alpha = state.opacity * share(state.fill_opacity, "fill-opacity")
         if alpha < 1 and self._background is None:
             raise InputError(
-                f"the background's opacity is {alpha:g}; needed is 1, or no background at all: "
-                "delete it, or give what is under it by read_svg(.., background=(1, 1, 1))"
+                must_be(
+                    "opacity of the background",
+                    "1",
+                    alpha,
+                    "to delete it, or read_svg(.., background=(1, 1, 1)) for what is under it",
+                )
             )
         under = 0.0 if self._background is None else self._background
         self._background = alpha * paint + (1 - alpha) * under
@@ -273,9 +287,10 @@ class _Reader:
         if attributes.get("filter", "none") != "none":
             blur = self._by_id.get(reference(attributes["filter"]) or "")
             if blur is None or blur.tag != SVG + "filter":
-                raise InputError(f"its filter {quoted(attributes['filter'])} is missing; remove it")
+                got, advice = attributes["filter"], "to remove it"
+                raise InputError(must_be("its filter", "in the file", got, advice))
         shape = read_shape(tag, attributes, state.fill, state.onto, self._gradients, blur)
-        # A blurred disc may be a little less opaque than its profile, but not more.
+        # A blurred disc may be slightly less opaque than its profile, never more.
         opacity = min(1.0, state.opacity * shape.peak * share(state.fill_opacity, "fill-opacity"))
         last = self._shapes[-1][2] if self._shapes else 0
         self._shapes.append((shape, opacity, max(last, state.round)))
@@ -291,18 +306,18 @@ class _Reader:
             rho = np.clip((unit[:, 0] * unit[:, 1]).sum(axis=1), -RHO_LIMIT, RHO_LIMIT)
             drawn = np.isfinite(extent).all(axis=1) & (np.linalg.det(rows) != 0)
         drawn &= np.isfinite(rho) & np.isfinite(disc).all(axis=(1, 2))
-        self._refuse(~drawn, "its extent is 0 or beyond numbers, so that nothing is drawn")
+        self._refuse(~drawn, "its extent must be above 0 and finite")
         beta = np.array([shape.beta or 0.0 for shape in shapes])
         radius = np.array([shape.radius or 0.0 for shape in shapes])
-        plain = np.array([shape.beta is None for shape in shapes], bool)
-        beta[plain] = plain_beta(np.linalg.svd(rows[plain], compute_uv=False))
-        radius[plain] = [plain_radius(one) for one in beta[plain]]
+        solid = np.array([shape.beta is None for shape in shapes], bool)
+        beta[solid] = solid_beta(np.linalg.svd(rows[solid], compute_uv=False))
+        radius[solid] = [solid_radius(one) for one in beta[solid]]
         sigma = extent / radius[:, None]
         thin, wide = sigma.min(axis=1) < LEAST_SIGMA, sigma.max(axis=1) > MOST_SIGMA
         far = np.abs(disc[:, 2]).max(axis=1) > MOST_MEAN
-        self._refuse(thin, f"its sigma is under {LEAST_SIGMA:g} px, where a scene's begin")
-        self._refuse(wide, f"its sigma is over {MOST_SIGMA:g} px, where a scene's end")
-        self._refuse(far, f"it lies over {MOST_MEAN:g} px off, where a scene ends")
+        self._refuse(thin, f"its sigma must be at least {LEAST_SIGMA:g} px")
+        self._refuse(wide, f"its sigma must be at most {MOST_SIGMA:g} px")
+        self._refuse(far, f"its centre must be within {MOST_MEAN:g} px of the origin")
         return Scene(
             self._width,
             self._height,
@@ -321,11 +336,11 @@ class _Reader:
         """Raise InputError about the first of the shapes that are bad."""
         if bad.any():
             with _naming(self._elements[int(bad.argmax())]):
-                raise InputError(f"{why}; delete it")
+                raise InputError(f"{why}. Try to delete it")
 
 
 def _round_of(group: Any) -> int | None:
-    """The round, from 0, that a group's label or id says; the label can be edited, so it is first.
+    """The round, from 0, of a group's label or id; the label is first, because users edit it.
 
     Raises InputError for round 0.
     """
@@ -334,7 +349,7 @@ def _round_of(group: Any) -> int | None:
     if match is None:
         return None
     if int(match[1]) < 1:
-        raise InputError("its round is 0; needed are rounds from 1 on: rename it")
+        raise InputError(must_be("its round", "1 or more", int(match[1]), "to rename it"))
     return int(match[1]) - 1
 
 
@@ -361,7 +376,7 @@ def _naming(element: Any) -> Iterator[None]:
 
 
 def _name(element: Any) -> str:
-    """An element as one finds it in the file: its id, or else its first attributes."""
+    """An element as it can be found in the file: by its id, or else by its first attributes."""
     named = [(key, element.get(key)) for key in ("id", _LABEL) if element.get(key)]
     shown = " ".join(f'{_bare(k)}="{v}"' for k, v in named or list(element.attrib.items())[:3])
     return f"<{_bare(element.tag)[:40]} {' '.join(shown.split())[:120]}>".replace(" >", ">")

@@ -1,7 +1,7 @@
-"""One ellipse of a file: its colour, exponent and opacity, and where a known radius of it lies.
+"""One shape of a file: its colour, exponent and opacity, and the ellipse of a known radius of it.
 
-Three forms are read, told apart by what fills them: a gradient, a plain colour, and a plain
-colour blurred by a filter.
+Three forms are read, distinguished by what fills them: a gradient, a solid colour, and a solid
+colour under a blur.
 """
 
 from __future__ import annotations
@@ -11,30 +11,30 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg.blur import blur_of, blurs
 from gauss2svg.svg.reader.affine import Affine, compose
 from gauss2svg.svg.reader.gradient import SVG, Gradient, Gradients
 from gauss2svg.svg.reader.outline import outline
-from gauss2svg.svg.reader.values import Color, color, length, numbers, quoted, reference
+from gauss2svg.svg.reader.values import Color, color, length, numbers, reference
 
-_LEAST_RATIO = 1e-6  # beyond it either way a blur is no profile of ours, nor are its logarithms
-_SAME_RATIO = 0.005  # to a known one: the rounding of a deviation that an editor wrote
-# Deviations around a circle that the region of its filter has at least: write_svg writes 3.5, of
-# which Inkscape leaves 2.4, and so two levels at the end.
+_LEAST_RATIO = 1e-6  # of a radius to a deviation, and its inverse: write_svg writes none so extreme
+_SAME_RATIO = 0.005  # relative: within it a ratio is a known one, rounded by an editor
+# Standard deviations around a circle that its filter region must include: write_svg writes 3.5,
+# of which Inkscape keeps 2.4, where two levels are left.
 _REACH = 2.3
-# What a blur may say of itself: the picture is the circle, whole, and nothing is around it.
+# Values that a blur's attributes may have: it filters the whole circle on a transparent ground.
 _STEP = {"in": "SourceGraphic", "edgeMode": "none", "x": "", "y": "", "width": "", "height": ""}
-_CLIPPED = 0.05  # canvas px by which an ellipse may cut its gradient off: rounding
+_CLIPPED = 0.05  # canvas px of a gradient that rounding may cut off
 
 
 @dataclass(frozen=True)
 class Shape:
     """One shape: the circle of `radius` sigmas is `disc` of the unit circle, in canvas px.
 
-    beta and radius are None for a plain ellipse, which any crisp enough exponent draws; peak is
-    what its opacity is to be multiplied by.
+    beta and radius are None for a solid ellipse, which any crisp enough exponent draws; peak is a
+    factor of its opacity.
     """
 
     color: Color
@@ -55,13 +55,14 @@ def read_shape(
     """The shape of a circle, ellipse or path that `onto` maps to canvas px.
 
     attributes include those of its style; blur is the filter element that it refers to.
-    Raises InputError for what is no shape of ours.
+    Raises InputError for a shape that write_svg would not write.
     """
     edge = outline(tag, attributes)
     key = reference(fill)
     if blur is not None:
         if key is not None or edge[0] != edge[3] or edge[1] or edge[2]:
-            raise InputError("it is blurred; needed are a plain colour and a circle for that")
+            needed = "a circle of one colour, as it is blurred"
+            raise InputError(must_be("it", needed, shown(tag), "to remove its filter"))
         deviation = _deviation(blur)
         beta, radius, peak = blurred_profile(edge[0], deviation)
         _check_region(blur, edge, deviation)
@@ -72,7 +73,8 @@ def read_shape(
     disc = gradient.disc
     if gradient.in_box:
         if edge[1] or edge[2]:
-            raise InputError("its gradient is in a tilted box; needed is userSpaceOnUse")
+            got = shown("a tilted bounding box")
+            raise InputError(must_be("units of its gradient", "userSpaceOnUse", got))
         rx, _, _, ry, cx, cy = edge
         disc = compose((2 * rx, 0.0, 0.0, 2 * ry, cx - rx, cy - ry), disc)
     disc, edge = compose(onto, disc), compose(onto, edge)
@@ -88,14 +90,12 @@ def _shaded(gradient: Gradient, disc: Affine) -> Shape:
 def blurred_profile(radius: float, deviation: float) -> tuple[float, float, float]:
     """Exponent, radius in sigmas and centre opacity of a circle of `radius`, blurred.
 
-    Both lengths are in user units of the circle. Raises InputError for ratios unlike ours.
+    Both lengths are in user units of the circle. Raises InputError for other ratios.
     """
     ratio = radius / deviation
     if not _LEAST_RATIO < ratio < 1 / _LEAST_RATIO:
-        raise InputError(
-            f"its radius is {radius:g} and its blur's deviation {deviation:g}; needed are such as "
-            "write_svg writes: remove its filter"
-        )
+        got = shown(f"a radius of {radius:g} and a deviation of {deviation:g}")
+        raise InputError(must_be("its blur", "one of write_svg", got, "to remove its filter"))
     blur = min(blurs(), key=lambda known: abs(math.log(ratio * known.deviation)))
     if abs(ratio * blur.deviation - 1) > _SAME_RATIO:
         blur = blur_of(ratio)
@@ -106,20 +106,23 @@ def _deviation(blur: Any) -> float:
     """Standard deviation of a filter that is one Gaussian blur; raises InputError for others."""
     steps = list(blur)
     if len(steps) != 1 or steps[0].tag != SVG + "feGaussianBlur":
-        raise InputError("its filter is no single feGaussianBlur; needed is no filter: remove it")
-    if blur.get("primitiveUnits", "userSpaceOnUse") != "userSpaceOnUse":
+        got = shown(f"{len(steps)} steps")
+        raise InputError(must_be("its filter", "one feGaussianBlur", got, "to remove it"))
+    units = blur.get("primitiveUnits", "userSpaceOnUse")
+    if units != "userSpaceOnUse":
         raise InputError(
-            f"its filter has primitiveUnits {quoted(blur.get('primitiveUnits'))}; remove it"
+            must_be("primitiveUnits of its filter", "userSpaceOnUse", units, "to remove it")
         )
     for name, needed in _STEP.items():
         if steps[0].get(name, needed) != needed:
-            raise InputError(
-                f"its blur has {name} {quoted(steps[0].get(name))}; needed is {needed or 'none'}: "
-                "remove its filter"
-            )
+            got, needed = steps[0].get(name), needed or "absent"
+            raise InputError(must_be(f"{name} of its blur", needed, got, "to remove its filter"))
     deviation = set(numbers(steps[0].get("stdDeviation", ""), "stdDeviation"))
     if len(deviation) != 1 or min(deviation) <= 0:
-        raise InputError("its stdDeviation is not one number above 0; remove its filter")
+        got = steps[0].get("stdDeviation")
+        raise InputError(
+            must_be("its stdDeviation", "one number above 0", got, "to remove its filter")
+        )
     return deviation.pop()
 
 
@@ -128,7 +131,7 @@ def _check_region(blur: Any, edge: Affine, deviation: float) -> None:
     radius, center = abs(edge[0]), edge[4:]
     units = blur.get("filterUnits", "objectBoundingBox")
     in_box = units == "objectBoundingBox"
-    whole = 1.0 if in_box else None  # a percentage of the viewport is nothing we write
+    whole = 1.0 if in_box else None  # write_svg writes no percentage of the viewport
     for axis, (start, extent) in enumerate((("x", "width"), ("y", "height"))):
         low, size = (
             length(blur.get(name, usual), name, whole)
@@ -139,8 +142,12 @@ def _check_region(blur: Any, edge: Affine, deviation: float) -> None:
         beyond = min(center[axis] - low, low + size - center[axis]) - radius
         if beyond < _REACH * deviation:
             raise InputError(
-                f"its filter's {start} and {extent} end {beyond / deviation:.2g} of the blur's "
-                f"deviations from the circle; needed are {_REACH:g}: enlarge them"
+                must_be(
+                    f"{start} and {extent} of its filter",
+                    f"at least {_REACH:g} standard deviations around the circle",
+                    shown(f"{beyond / deviation:.2g}"),
+                    "to enlarge them",
+                )
             )
 
 
@@ -149,8 +156,8 @@ def _check_cover(edge: Affine, disc: Affine) -> None:
     a, b, c, d, e, f = edge
     determinant = a * d - b * c
     if determinant == 0 or not math.isfinite(determinant):
-        return  # draws nothing; its extent is refused where all are checked
-    # The gradient's disc where the ellipse is the unit circle: its larger axis and its centre.
+        return  # draws nothing; the reader refuses its extent
+    # The larger axis and the centre of the gradient's disc, in units where the ellipse is a circle.
     p, q, r, s, t, u = disc
     back = d / determinant, -b / determinant, -c / determinant, a / determinant
     x, y = back[0] * (t - e) + back[2] * (u - f), back[1] * (t - e) + back[3] * (u - f)
@@ -161,6 +168,7 @@ def _check_cover(edge: Affine, disc: Affine) -> None:
     minor = abs(0.5 * (math.hypot(a + d, b - c) - math.hypot(a - d, b + c)))
     if beyond * minor > _CLIPPED:
         raise InputError(
-            f"it cuts off {beyond * minor:.3g} px of its gradient; needed is all of it: move both "
-            "together (in Inkscape: switch on that gradients move along with objects), or undo"
+            "the ellipse must show all of its gradient; got one that cuts off "
+            f"{beyond * minor:.3g} px. Try to move both together (in Inkscape: switch on that "
+            "gradients move along with objects), or to undo"
         )

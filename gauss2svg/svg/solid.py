@@ -1,15 +1,13 @@
-"""Which shapes are as well drawn by a plain filled ellipse, without a gradient.
+"""Shapes that a solid ellipse, without a gradient, draws as well.
 
-A renderer draws the edge of a filled ellipse as the share of each pixel that it covers: a
-ramp one pixel wide. A crisp rim of the falloff looks the same where it is about that wide,
+A renderer draws the edge of a filled ellipse by the coverage of each pixel: a ramp one pixel wide.
+A crisp rim of the falloff looks the same where it is about that wide,
 
     f(x) = exp(-exp(x ln(ln 0.1 / ln 0.9) / width)),  width = RIM_WIDTH / (beta |grad r|) px,
 
-x being the distance from the rim outwards and |grad r| what the Mahalanobis distance grows by
-in a pixel there. The squared error of the one for the other, integrated along the rim, is
-compared with the shape's own squared mass, and with the rim's length. Comparing with the
-profile averaged over a pixel instead lets narrower rims pass, and loses 0.06 dB on drawings
-of 128 shapes and 0.09 on 512.
+with x the distance from the rim outwards and |grad r| the growth of the Mahalanobis distance per
+pixel there. The squared difference of the two, integrated along the rim, is compared with the
+squared mass of the shape and with the length of the rim (docs/decisions/svg.md).
 """
 
 from __future__ import annotations
@@ -23,42 +21,40 @@ from numpy.typing import NDArray
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import MOST_BETA, RIM_WIDTH, cut_radius, profile
 
-# Of the squared mass. On five drawings of 32 to 512 shapes 0.003 costs the drawn SVG -0.07 to
-# 0.11 dB (once 0.8, at 49 dB) and saves up to 9 % of its bytes, 0.01 costs up to 1.7 dB and
-# saves up to 27 %.
+# Of the squared mass: a compromise of PSNR and bytes (docs/decisions/svg.md).
 _LARGEST_ERROR = 0.003
-# In px, of the rim's length: what rims of 0.5 and of 1.2 px err. Large soft discs would become
-# visibly crisper without it.
+# px, times the rim's length: the error of rims of 0.5 and of 1.2 px. Without this limit large soft
+# discs would become visibly crisper.
 _LARGEST_ON_RIM = 0.013
-# Duller profiles have no flat top.
+# Profiles of smaller exponents have no flat top.
 _LEAST_BETA = 3.0
-_DIRECTIONS = 16  # in one quadrant, which the others mirror
+_DIRECTIONS = 16  # in one quadrant; the others mirror it
 _WIDTHS = np.geomspace(0.05, 8, 48)  # px
-# Exponents that plain_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
+# Exponents that solid_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
 _GRID = tuple(np.round(np.geomspace(_LEAST_BETA, MOST_BETA, 78), 2).tolist())
 _LIKELY, _STEPS = 0.7, 8  # px; exponents tried on either side
 
 
-def is_plain(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a plain ellipse errs no more than a small share of squared mass and rim.
+def is_solid(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) whether a solid ellipse differs by no more than a small share of squared mass and rim.
 
-    In pixels of the scene's canvas: on a larger one rims are wider.
+    This is at the size of the scene's canvas: on a larger one rims are wider.
     """
-    plain = scene.betas >= _LEAST_BETA
-    if not plain.any():
-        return plain
-    plain[plain] = _strain(scene.ellipse_axes[0][plain], scene.betas[plain]) <= 1
-    return plain
+    solid = scene.betas >= _LEAST_BETA
+    if not solid.any():
+        return solid
+    solid[solid] = _strain(scene.ellipse_axes[0][solid], scene.betas[solid]) <= 1
+    return solid
 
 
-def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) exponent whose profile a plain ellipse of semi_axes (n, 2) px, larger first, draws best.
+def solid_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) exponent whose profile a solid ellipse of semi_axes (n, 2) px, larger first, draws best.
 
-    It errs least by the measure of is_plain, so that what was written as a plain ellipse is
-    plain again. Beyond the largest exponent, from some 180 px on, the profile's rim is softer
-    than the ellipse's.
+    Its error by the measure of is_solid is smallest, so that a shape written as a solid ellipse is
+    solid again. From about 180 px on, at the largest exponent, the profile's rim is softer than
+    the ellipse's.
     """
-    grade = np.array([plain_radius(beta) for beta in _GRID])
+    grade = np.array([solid_radius(beta) for beta in _GRID])
     # Where the rim across the minor axis is so wide; the best is a few steps from it.
     guess = np.searchsorted(_LIKELY / RIM_WIDTH * np.array(_GRID) * grade, semi_axes[:, 1])
     best = np.full(len(semi_axes), np.inf)
@@ -73,7 +69,7 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) squared error of plain ellipses as a multiple of the largest one allowed."""
+    """(n,) squared error of solid ellipses as a multiple of the largest one allowed."""
     angle_rad = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
     along, across = np.cos(angle_rad), np.sin(angle_rad)
     growth = np.hypot(along / axes[:, :1], across / axes[:, 1:])
@@ -85,7 +81,7 @@ def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.
     return error / np.minimum(_LARGEST_ERROR * squared_mass, _LARGEST_ON_RIM * length.sum(axis=1))
 
 
-def plain_radius(beta: float) -> float:
+def solid_radius(beta: float) -> float:
     """Mahalanobis radius of the ellipse that covers what a profile sums up to."""
     return math.sqrt(_integrals(round(beta, 2))[0] / np.pi)
 
