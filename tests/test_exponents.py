@@ -21,7 +21,7 @@ from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.solid import is_solid, plain_radius
+from gauss2svg.svg.solid import is_solid, solid_radius
 from gauss2svg.svg.write import write_svg
 
 QUICK = {"iterations": 60}
@@ -265,7 +265,7 @@ def test_plain_ellipses_are_drawn_as_the_model_is_on_average_over_a_pixel(render
 def test_plain_ellipse_covers_what_the_profile_sums_up_to():
     scene = Scene(200, 200, [[100, 100]], [[20, 20]], [0.0], np.zeros((1, 3)), [1.0], beta=[8.0])
     mass = (1 - render(scene)[:, :, 0]).sum()
-    assert np.pi * (20 * plain_radius(8.0)) ** 2 == pytest.approx(mass, rel=1e-3)
+    assert np.pi * (20 * solid_radius(8.0)) ** 2 == pytest.approx(mass, rel=1e-3)
 
 
 def test_plain_are_crisp_shapes_and_no_others():
