@@ -30,9 +30,9 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import uniform_filter
 from skimage import data
 
-from gauss2svg.measure import metrics, vectorize
 from gauss2svg.bench.peers import PEERS
 from gauss2svg.bench.rows import finite
+from gauss2svg.measure import metrics, vectorize
 from gauss2svg.photo.image import load_image
 from gauss2svg.raster import rasterize
 

@@ -37,8 +37,8 @@ from gauss2svg import __version__, metrics, vectorize
 from gauss2svg.bench.machine import machine
 from gauss2svg.errors import RendererError
 from gauss2svg.photo.image import load_image
-from gauss2svg.pipeline.vectorize import Result
 from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.pipeline.vectorize import Result
 from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize, renderer_version
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.render import render

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gauss2svg.measure import metrics
-from gauss2svg.fit.options import FitOptions, FitProgress
 from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.options import FitOptions, FitProgress
 from gauss2svg.fit.session import FitSession
+from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.scene import ADD, Scene
 

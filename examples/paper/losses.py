@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from gauss2svg.measure import metrics
 from gauss2svg.fit.losses import LOSSES
+from gauss2svg.measure import metrics
 
 from .engine import EXPONENTIAL, PRODUCT, fit
 from .photos import Pixels

@@ -6,8 +6,8 @@ from dataclasses import asdict
 
 import numpy as np
 
-from gauss2svg.measure import metrics
 from gauss2svg.fit.losses import LOSSES
+from gauss2svg.measure import metrics
 from gauss2svg.render.cpu import kernel_lock
 
 from . import claims, losses, plots, schedules, windows

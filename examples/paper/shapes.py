@@ -16,8 +16,8 @@ import numpy as np
 import torch
 
 from gauss2svg.measure import metrics
-from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.render.autograd import fast_composite
+from gauss2svg.scene.falloff import RIM_WIDTH
 
 from .photos import Pixels, Smoothness, smoothness
 from .settings import Settings
