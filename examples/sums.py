@@ -6,8 +6,8 @@
 The script first prints the time of a pixel-Gaussian pair, forward and backward, for either blend on
 one thread: medians of 40 alternating runs. Then it prints one line per photo and the means: PSNR of
 the model and CPU seconds of the fit, alpha-composited (with learned and with Gaussian falloff),
-additive (also with --steps times the iterations) and converted by --portable; PSNR of the rasterised
-additive SVG against the model, by renderer; its bytes per Gaussian, plain and gzipped.
+additive (also with --steps times the iterations) and converted by --portable; PSNR of the additive
+SVG against the model, by renderer; its bytes per Gaussian, plain and gzipped.
 """
 
 from __future__ import annotations

@@ -25,20 +25,18 @@ _MOST = 20_000
 
 def smallest_count(image: Path, psnr: float, start: int) -> int | None:
     """The smallest fixed count whose rasterised SVG reaches the PSNR; None if _MOST does not."""
-    low, high = 1, 0
-    tried = start
-    while not high or high / low > _CLOSE:
-        report = vectorize(image, gaussians=tried).report
-        if report["psnr_svg"] >= psnr:
+    low, high, tried = 0, 0, start
+    while not high or high > max(low * _CLOSE, low + 1):
+        if vectorize(image, gaussians=tried).report["psnr_svg"] >= psnr:
             high = tried
+        elif tried == _MOST:
+            return None
         else:
             low = tried
-            if tried == _MOST:
-                return None
         if not high:
-            tried = min(round(tried * 1.15), _MOST)
+            tried = min(round(tried * 1.15) + 1, _MOST)
         else:
-            tried = round(high / 1.15) if low == 1 else round(math.sqrt(low * high))
+            tried = round(math.sqrt(low * high)) if low else int(high / 1.15)
     return high
 
 
@@ -76,9 +74,10 @@ def main() -> None:
         timed = vectorize(image, time_limit=options.time_limit).report
         seconds = seconds_of_command(image, options.time_limit)
         print(
-            f"{image.stem:12}{by_psnr['psnr_svg']:>7.2f}{by_psnr['gaussians']:>7}{smallest or '-':>9}"
-            f"{ratio:>7}{by_psnr['total_s']:>6.1f} |{sized['svg_bytes']:>9}{sized['psnr_svg']:>7.2f}"
-            f"  {sized['stop_reason']:10}|{seconds:>7.2f}{timed['psnr_svg']:>7.2f}",
+            f"{image.stem:12}{by_psnr['psnr_svg']:>7.2f}{by_psnr['gaussians']:>7}"
+            f"{smallest or '-':>9}{ratio:>7}{by_psnr['total_s']:>6.1f} |{sized['svg_bytes']:>9}"
+            f"{sized['psnr_svg']:>7.2f}  {sized['stop_reason']:10}|{seconds:>7.2f}"
+            f"{timed['psnr_svg']:>7.2f}",
             flush=True,
         )
 

@@ -82,7 +82,7 @@ def _text() -> NDArray[np.uint8]:
 
 
 def haze(raster: NDArray[np.float32], photo: NDArray[np.uint8]) -> float:
-    """Mean alpha of a raster (h, w, 4), in levels of 255, well clear of the photo's visible part."""
+    """Mean alpha of a raster (h, w, 4), in levels of 255, well clear of what the photo shows."""
     clear = maximum_filter(photo[:, :, 3], _CLEAR_OF) == 0
     return float(raster[:, :, 3][clear].mean()) * 255 if clear.any() else 0.0
 
