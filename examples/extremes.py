@@ -146,11 +146,11 @@ def cases() -> Iterator[Case]:
         "aspect 1e12, on a row", scene_of((20.3, 17.5), (1e6, 1e-6)), levels=176, reason=_SAMPLED
     )
     for name, sigma, rho in (
-        ("aspect 1e4, turned", 1e3, 1 - 2e-8), ("aspect 1e4, steep", (1e2, 1e3), 1 - 2e-6),
-        ("aspect 1e6, turned", 1e5, 1 - 2e-12),
+        ("aspect 1e4, rotated", 1e3, 1 - 2e-8), ("aspect 1e4, steep", (1e2, 1e3), 1 - 2e-6),
+        ("aspect 1e6, rotated", 1e5, 1 - 2e-12),
     ):  # fmt: skip
-        turned = scene_of(_MIDDLE, sigma, rho)
-        yield Case(name, turned, **rounded, levels=40.0, reason=_ROUNDED + "; " + _THIN)
+        rotated = scene_of(_MIDDLE, sigma, rho)
+        yield Case(name, rotated, **rounded, levels=40.0, reason=_ROUNDED + "; " + _THIN)
     needles = {**rounded, "double": 1e-10, "reason": _BOTH}
     for name, levels, more in (("", 117.0, {}), (", exponent 2", 143.0, {"beta": 2.0})):
         needle = _needle(**more)
@@ -173,7 +173,7 @@ def cases() -> Iterator[Case]:
     yield Case("exponent 256, sigma 1e6, on its rim", scene_of((1.4142135e6, 17.6), 1e6, beta=256))
     crisp = scene_of(_MIDDLE, 1e4, 1 - 2e-8, beta=256)
     yield Case(
-        "exponent 256, aspect 1e4, turned", crisp, **rounded, levels=60.0,
+        "exponent 256, aspect 1e4, rotated", crisp, **rounded, levels=60.0,
         reason=_ROUNDED + "; " + _EDGE,
     )  # fmt: skip
     small, heap = {"size": (12, 9)}, np.full((10_000, 2), 5.2)
@@ -194,8 +194,8 @@ def cases() -> Iterator[Case]:
     yield Case("additive: sigma 1e6", scene_of((-2e6, 17.6), 1e6, blend=ADD))
     yield Case("additive: needle, 0.9 widths beside centres", _needle(blend=ADD), **needles,
                levels=197)  # fmt: skip
-    turned = scene_of(_MIDDLE, 1e5, 1 - 2e-12, blend=ADD)
-    yield Case("additive: aspect 1e6, turned", turned, **rounded, levels=40.0,
+    rotated = scene_of(_MIDDLE, 1e5, 1 - 2e-12, blend=ADD)
+    yield Case("additive: aspect 1e6, rotated", rotated, **rounded, levels=40.0,
                reason=_ROUNDED + "; " + _THIN)  # fmt: skip
     at_limit = scene_of(_MIDDLE, 1e8, RHO_LIMIT, blend=ADD)
     yield Case("additive: rho at its limit, sigma 1e8", at_limit, **rounded, levels=None,

@@ -42,7 +42,7 @@ def main() -> None:
     parser.add_argument("--sheet", type=Path)
     options = parser.parse_args()
     head = f"{'picture':13}{'size':>10}{'Gaussians':>10}{'bytes':>10}{'gzipped':>9}"
-    print(head + f"{'PSNR':>8}{'SSIM':>7}{'colours':>8}{'s':>6}  stop reason")
+    print(head + f"{'PSNR':>8}{'SSIM':>7}{'colours':>8}{'s':>6}  ended by")
     columns = []
     for name, pixels in pictures():
         result = vectorize(pixels, quality=options.quality)

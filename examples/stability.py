@@ -30,12 +30,12 @@ RATES = (1e-6, 0.1, 1.0, 10.0, 100.0, 1e3, 1e6)
 SIDE = 256
 GAUSSIANS, ITERATIONS = 500, 120
 RUNS: dict[str, dict[str, Any]] = {
-    "alpha-composited": {"gaussians": GAUSSIANS, "iterations": 60},
+    "alpha compositing": {"gaussians": GAUSSIANS, "iterations": 60},
     "additive": {"gaussians": GAUSSIANS, "iterations": 60, "blend": "add"},
     "portable": {"gaussians": GAUSSIANS, "iterations": 60, "blend": "add", "portable": True},
-    "adaptive count": {"quality": "draft", "iterations": 60},
-    "24 dB": {"target_psnr": 24.0, "quality": "fast", "iterations": 60},
-    "8 kB": {"max_bytes": "8k", "quality": "fast", "iterations": 60},
+    "number adapts to the image": {"quality": "draft", "iterations": 60},
+    "target of 24 dB": {"target_psnr": 24.0, "quality": "fast", "iterations": 60},
+    "at most 8 kB": {"max_bytes": "8k", "quality": "fast", "iterations": 60},
 }
 Picture = NDArray[np.float32]
 
@@ -66,14 +66,15 @@ def pictures() -> dict[str, Picture]:
 
 
 def psnr(picture: Picture, config: FitConfig) -> tuple[float, int]:
-    """PSNR of a fit in dB, and how often it diverged."""
+    """PSNR of a fit in dB, and how often it was rolled back."""
     fitted = fit(picture, config)
     model = np.clip(render(fitted.scene, picture.shape[1], picture.shape[0]), 0, 1)
     return metrics.psnr(model, picture), fitted.rollbacks
 
 
 def of_rates(photo: Picture) -> Iterator[str]:
-    yield "| learning-rate multiplier | over, dB | diverged | add, dB | diverged |"
+    columns = "alpha compositing, dB | rollbacks | additive, dB | rollbacks"
+    yield f"| learning-rate multiplier | {columns} |"
     yield "|---|---|---|---|---|"
     for rate in RATES:
         kinds = (
@@ -82,9 +83,8 @@ def of_rates(photo: Picture) -> Iterator[str]:
         )
         configs = (FitConfig(gaussians=GAUSSIANS, iterations=ITERATIONS, fit=k) for k in kinds)
         found = (psnr(photo, config) for config in configs)
-        yield (
-            f"| {rate:g} | " + " | ".join(f"{db:.2f} | {diverged}" for db, diverged in found) + " |"
-        )
+        cells = (f"{db:.2f} | {rollbacks}" for db, rollbacks in found)
+        yield f"| {rate:g} | {' | '.join(cells)} |"
 
 
 def of_pictures() -> Iterator[str]:
@@ -98,7 +98,7 @@ def of_pictures() -> Iterator[str]:
 
 
 def of_resumed(photo: Picture) -> Iterator[str]:
-    yield "| run | interrupted after | iterations | PSNR of the SVG, dB, whole, resumed | bytes |"
+    yield "| run | interrupted after | steps in all | PSNR of the SVG, dB, whole, resumed | bytes |"
     yield "|---|---|---|---|---|"
     with tempfile.TemporaryDirectory() as folder:
         saved = Path(folder) / "fit"

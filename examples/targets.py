@@ -62,7 +62,7 @@ def main() -> None:
     vectorize(options.images[0], gaussians=10, fit=FitOptions(iterations=2))  # compile first
     print(
         f"{'image':12}{'PSNR':>7}{'count':>7}{'smallest':>9}{'ratio':>7}{'s':>6} "
-        f"|{'bytes':>9}{'PSNR':>7}  {'stopped by':10}|{'wall s':>7}{'PSNR':>7}"
+        f"|{'bytes':>9}{'PSNR':>7}  {'ended by':10}|{'wall s':>7}{'PSNR':>7}"
     )
     for image in options.images:
         by_psnr = vectorize(image, target_psnr=options.psnr).report

@@ -59,10 +59,10 @@ def windowed(scene: Scene, kernel_size: float) -> Windowed:
     height, width = round(scene.height), round(scene.width)
 
     def image(size: float, adaptive: bool) -> Pixels:
-        summed = sum_in_windows(
+        pixels = sum_in_windows(
             **tensors, height=height, width=width, kernel_size=size, adaptive=adaptive
         )
-        return summed.clamp(0, 1).numpy().astype(np.float32)
+        return pixels.clamp(0, 1).numpy().astype(np.float32)
 
     whole = image(_NO_WINDOW, False)
     sides = image(kernel_size, False), image(kernel_size, True)
