@@ -14,7 +14,8 @@ The script prints a Markdown table with a row for each case:
     file       the SVG rasterised by resvg against the model: PSNR in dB and largest error in levels
                of 255, or "refused" where it cannot be written
 
-tests/test_extremes.py asserts the bounds of each case, which are in the table as well.
+tests/test_extremes.py asserts the bounds of each case, which are in the table as well. The
+reference needs pip install 'gauss2svg[torch]'.
 """
 
 from __future__ import annotations

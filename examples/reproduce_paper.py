@@ -5,8 +5,8 @@
 The script fits photos that scikit-image ships with the schedules, kernels and losses of
 "Investigation into 2D Gaussian Splatting for Image Representation", continues to the rasterised
 SVG, and decides for each claim of the abstract whether it holds. It takes minutes; --quick runs
-small versions of all experiments in seconds. It needs pip install 'gauss2svg[bench]'; with vtracer
-installed the page compares polygons.
+small versions of all experiments in seconds. It needs pip install 'gauss2svg[bench,torch]'; with
+vtracer installed the page compares polygons.
 """
 
 from __future__ import annotations
@@ -30,14 +30,11 @@ def main() -> None:
         # Their imports include packages that gauss2svg itself does not need.
         from paper.report import write_report
         from paper.settings import FULL, QUICK
-    except ModuleNotFoundError as error:
-        parser.exit(
-            2,
-            f"{parser.prog}: {error.name} must be installed. Try pip install 'gauss2svg[bench]'\n",
-        )
-    # Imported here, after the check that gauss2svg is installed.
-    from gauss2svg.errors import InputError
 
+        from gauss2svg.errors import InputError
+    except ModuleNotFoundError as error:
+        advice = "Try pip install 'gauss2svg[bench,torch]'"
+        parser.exit(2, f"{parser.prog}: {error.name} must be installed. {advice}\n")
     settings = QUICK if options.quick else FULL
     try:
         path = write_report(settings, options.folder, command, lambda part: print(part, flush=True))
