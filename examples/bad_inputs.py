@@ -1,9 +1,9 @@
-"""What the command says of files that are no photos, broken, hostile or too large.
+"""How the command refuses files that are not photos, or are broken, hostile or too large.
 
     python examples/bad_inputs.py
 
-Makes each file in a temporary folder, gives it to the command, and prints a Markdown table: what
-it is, the exit status, the line on standard error.
+The script makes each file in a temporary folder, passes it to the command and prints a Markdown
+table: the input, the exit status and the line on standard error.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ def main() -> None:
     print("| input | status | line |\n|---|---|---|")
     with tempfile.TemporaryDirectory() as name, contextlib.chdir(name):
         for what, given in bad_inputs():
-            complaint = io.StringIO()
-            with contextlib.redirect_stderr(complaint):
+            stderr = io.StringIO()
+            with contextlib.redirect_stderr(stderr):
                 status = command([*given, "-o", "out.svg", "--quiet"])
-            line = complaint.getvalue().removesuffix("\n")
+            line = stderr.getvalue().removesuffix("\n")
             if "\n" in line or Path("out.svg").exists():
-                raise SystemExit(f"{what}: not one line and no file, but\n{line}")
-            told = line.removeprefix("gauss2svg: ").replace("|", "\\|")
-            print(f"| {what} | {status} | `{told}` |")
+                raise SystemExit(f"{what} must give one line and no file; got\n{line}")
+            message = line.removeprefix("gauss2svg: ").replace("|", "\\|")
+            print(f"| {what} | {status} | `{message}` |")
 
 
 def bad_inputs() -> Iterator[tuple[str, list[str]]]:
-    """What an input is, and the command's arguments; the files are made in the current folder."""
+    """The name of each input, and the command's arguments; files go to the current folder."""
     noise = np.random.default_rng(0).integers(0, 256, (_SIDE, _SIDE, 3), np.uint8)
     picture = Image.fromarray(noise)
     png, jpeg = (_encoded(picture, kind) for kind in ("PNG", "JPEG"))

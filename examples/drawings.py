@@ -1,13 +1,13 @@
-"""Drawings rather than photos: icons, logos, line art, text; each falloff beside the others.
+"""Drawings instead of photos: icons, logos, line art and text, with each falloff.
 
     python examples/drawings.py [--counts 32,128,512,2000] [--only NAME,...]
         [--falloffs gaussian,adaptive] [--sheet FOLDER] [--json FILE]
 
-Prints a line a picture and count: for each falloff the PSNR of the drawn SVG, its error over
-flat areas (`gauss2svg.measure.metrics.flat_error`, levels of 255), its bytes plain and gzipped and the
-seconds; below, vtracer, if it is installed, in each of its settings; at the end the means.
-FOLDER gets a sheet a picture, drawn four times as large, of the 64 px square where the first
-falloff is worst.
+The script prints one line per picture and count: for each falloff the PSNR of the rasterised SVG,
+its error over flat areas (`gauss2svg.measure.metrics.flat_error`, levels of 255), its bytes plain
+and gzipped, and the seconds. Below are vtracer's settings, if it is installed, and at the end the
+means. FOLDER gets one sheet per picture: the 64 px square where the first falloff is worst, at
+four times the size.
 """
 
 from __future__ import annotations
@@ -17,8 +17,6 @@ import gzip
 import json
 import math
 import statistics
-import tempfile
-import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -26,32 +24,36 @@ from pathlib import Path
 import numpy as np
 from drawn_pictures import own_pictures
 from numpy.typing import NDArray
+from paper.table import traced
 from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import uniform_filter
 from skimage import data
 
-from gauss2svg.measure import metrics, vectorize
 from gauss2svg.bench.peers import PEERS
 from gauss2svg.bench.rows import finite
+from gauss2svg.measure import metrics
 from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.result import Result
+from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.raster import rasterize
 
 Pixels = NDArray[np.float32]
 
 _SHIPPED = ("logo", "coins", "horse", "text", "page")  # in scikit-image's wheel: no download
 _COUNTS, _FALLOFFS = "32,128,512,2000", "gaussian,adaptive"
-_CROP, _ZOOM, _LABEL = 64, 4, 16  # px of a sheet's square, how many times as large, px of text
-_TELLING = 512  # Gaussians, whose error chooses the square
+_CROP, _ZOOM, _LABEL = 64, 4, 16  # px of a sheet's square, its scale, px of text
+_CHOOSING = 512  # Gaussians of the SVG whose error chooses the square
 _COLUMNS = f"{'PSNR':>7}{'flat':>7}{'bytes':>8}{'gzipped':>8}{'s':>6}"
 
 
 @dataclass(frozen=True)
 class Row:
-    """What one tool made of one picture.
+    """One SVG of one picture.
 
     tool    a falloff, or "vtracer" with its setting
-    count   Gaussians asked for, or vtracer's paths
-    psnr    dB of the drawn SVG against the picture
+    count   Gaussians requested, or vtracer's paths
+    psnr    dB of the rasterised SVG against the picture
     flat    its error over flat areas, levels of 255
     """
 
@@ -69,35 +71,30 @@ class Row:
 
 
 def drawings() -> Iterator[tuple[str, Pixels]]:
-    """Name and picture (h, w, 3) in 0..1, on 8 bits; transparency over white."""
+    """Name and picture (h, w, 3) in 0..1, on 8 bits; transparent ones over white."""
     for name in _SHIPPED:
         yield name, load_image(getattr(data, name)()).pixels
     yield from own_pictures()
 
 
+def vectorized(pixels: Pixels, **options: object) -> Result:
+    """The picture with options by name."""
+    return vectorize_by(Options.from_flat(options), pixels)
+
+
 def fitted(name: str, pixels: Pixels, count: int, falloff: str) -> Row:
-    """The picture by so many Gaussians."""
-    result = vectorize(pixels, gaussians=count, falloff=falloff)
+    """The picture with `count` Gaussians."""
+    result = vectorized(pixels, gaussians=count, falloff=falloff)
     seconds = result.report["total_s"]
     return _row(name, falloff, count, pixels, result.svg, result.raster, seconds)
 
 
-def traced(name: str, pixels: Pixels) -> list[Row]:
-    """The picture by vtracer, in each of its settings."""
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        png, drawn = Path(folder) / "picture.png", Path(folder) / "drawn.svg"
-        Image.fromarray(_levels(pixels)).save(png)
-        for settings in PEERS["vtracer"].settings:
-            work = PEERS["vtracer"].prepare(png, drawn, **settings)
-            begun = time.perf_counter()
-            work()
-            seconds = time.perf_counter() - begun
-            svg = drawn.read_text()
-            raster = rasterize(svg, pixels.shape[1], pixels.shape[0])
-            tool = " ".join(["vtracer", *settings.values()])
-            rows.append(_row(name, tool, svg.count("<path"), pixels, svg, raster, seconds))
-    return rows
+def peer_rows(name: str, pixels: Pixels) -> Iterator[Row]:
+    """The picture by vtracer, with each of its settings."""
+    for settings in PEERS["vtracer"].settings:
+        svg, raster, seconds = traced(pixels, **settings)
+        tool = " ".join(["vtracer", *settings.values()])
+        yield _row(name, tool, svg.count("<path"), pixels, svg, raster, seconds)
 
 
 def _row(
@@ -126,13 +123,13 @@ def _cells(row: Row) -> str:
 
 
 def _mean(rows: list[Row], value: Callable[[Row], float]) -> float:
-    """Mean over those rows where there is a value: not every picture has flat areas."""
+    """Mean over the rows that have a value: not every picture has flat areas."""
     values = [v for v in map(value, rows) if not math.isnan(v)]
     return statistics.fmean(values) if values else math.nan
 
 
 def print_summary(rows: list[Row], counts: list[int], falloffs: list[str]) -> None:
-    """Means over the pictures, and each falloff against the first."""
+    """Print means over the pictures, and each falloff against the first."""
     first, *others = falloffs
     print(
         f"\nmeans{'':8}" + "".join(f"{f'PSNR {f}':>16}{f'flat {f}':>16}" for f in falloffs), end=""
@@ -165,9 +162,9 @@ def print_summary(rows: list[Row], counts: list[int], falloffs: list[str]) -> No
 
 
 def sheet(pixels: Pixels, rows: list[Row], falloffs: list[str]) -> Image.Image:
-    """The telling square of the picture, and of each SVG, four times as large; a line a tool."""
+    """The worst square of the picture and of each SVG, enlarged; one line per tool."""
     chooser = min(
-        (row for row in rows if row.tool == falloffs[0]), key=lambda r: abs(r.count - _TELLING)
+        (row for row in rows if row.tool == falloffs[0]), key=lambda r: abs(r.count - _CHOOSING)
     )
     left, top = _worst_square(pixels, chooser.svg)
     part = Image.fromarray(_levels(pixels[top : top + _CROP, left : left + _CROP]))
@@ -182,10 +179,10 @@ def sheet(pixels: Pixels, rows: list[Row], falloffs: list[str]) -> Image.Image:
     for i, line in enumerate(lines):
         panels = [(f"{chooser.picture}, x {left}, y {top}", original)]
         for row in line:
-            drawn = rasterize(row.svg, row.width * _ZOOM, row.height * _ZOOM)
+            raster = rasterize(row.svg, row.width * _ZOOM, row.height * _ZOOM)
             y, x = top * _ZOOM, left * _ZOOM
             label = f"{row.tool} {row.count}: {row.psnr:.2f} dB, flat {row.flat:.1f}"
-            panels.append((label, Image.fromarray(_levels(drawn[y : y + side, x : x + side]))))
+            panels.append((label, Image.fromarray(_levels(raster[y : y + side, x : x + side]))))
         for j, (label, panel) in enumerate(panels):
             corner = (j * (side + 4) + 2, i * (side + 4 + _LABEL) + 2)
             ImageDraw.Draw(page).text(corner, label, "#ffffff", font)
@@ -197,7 +194,7 @@ def _worst_square(pixels: Pixels, svg: str) -> tuple[int, int]:
     """Left and top of the square with the largest squared error."""
     height, width = pixels.shape[:2]
     error = ((rasterize(svg, width, height) - pixels) ** 2).sum(axis=2)
-    half = _CROP // 2  # the window about [y, x] begins at y - half, x - half
+    half = _CROP // 2  # the window around [y, x] begins at y - half, x - half
     inside = uniform_filter(error, _CROP)[half : height - half + 1, half : width - half + 1]
     top, left = np.unravel_index(np.argmax(inside), inside.shape)
     return int(left), int(top)
@@ -221,10 +218,10 @@ def main() -> None:
     pictures = dict(drawings())
     names = options.only.split(",") if options.only else list(pictures)
     if unknown := [name for name in names if name not in pictures]:
-        parser.error(f"no picture {', '.join(unknown)}; there are {', '.join(pictures)}")
+        parser.error(f"--only must be of {', '.join(pictures)}; got {', '.join(unknown)}")
     has_vtracer = PEERS["vtracer"].version() is not None
     for falloff in falloffs:  # compile before any clock runs
-        vectorize(pictures[names[0]], gaussians=10, iterations=2, falloff=falloff)
+        vectorized(pictures[names[0]], gaussians=10, iterations=2, falloff=falloff)
     print(f"{'':26}" + "".join(f" |{falloff:^{len(_COLUMNS)}}" for falloff in falloffs))
     print(f"{'picture':11}{'size':>9}{'count':>6}" + f" |{_COLUMNS}" * len(falloffs))
     rows: list[Row] = []
@@ -238,10 +235,9 @@ def main() -> None:
             print(f"{name:11}{size:>9}{count:>6}{cells}", flush=True)
             own += line
         if has_vtracer:
-            peers = traced(name, pixels)
-            for row in peers:
+            for row in peer_rows(name, pixels):
                 print(f"  {row.tool:18}{row.count:>6} |{_cells(row)}", flush=True)
-            own += peers
+                own.append(row)
         else:
             print("  vtracer is not installed")
         if options.sheet:
@@ -250,8 +246,8 @@ def main() -> None:
             sheet(pixels, own, falloffs).save(path)
         rows += own
     if options.json:
-        told = [{k: v for k, v in asdict(row).items() if k != "svg"} for row in rows]
-        options.json.write_text(json.dumps(finite(told), indent=1, allow_nan=False) + "\n")
+        numbers = [{k: v for k, v in asdict(row).items() if k != "svg"} for row in rows]
+        options.json.write_text(json.dumps(finite(numbers), indent=1, allow_nan=False) + "\n")
     print_summary(rows, counts, falloffs)
 
 

@@ -1,7 +1,7 @@
-"""Five pictures of the kinds that designers have, drawn by script, the same in every run.
+"""Five graphics as designers make them, drawn by script and the same in every run.
 
-Drawn by Pillow eight times as large and reduced by the mean over each pixel, so that edges are
-as soft as a renderer of SVGs makes them, and flat areas stay of one colour up to the edge.
+Pillow draws them at eight times the size, and each pixel is the mean of 8x8: edges are antialiased
+as by an SVG renderer, and flat areas keep one colour up to the edge.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFilter, ImageFont
 
 _SIZE = 256  # px of each picture
-_FINER = 8  # times as large while it is drawn
+_FINER = 8  # supersampling
 
 Point = tuple[float, float]
 _WHITE, _BLACK = "#ffffff", "#000000"
@@ -33,7 +33,7 @@ def own_pictures() -> Iterator[tuple[str, NDArray[np.float32]]]:
 
 
 class _Canvas:
-    """A picture that is drawn in px of what becomes of it."""
+    """A supersampled picture, drawn in px of the final one."""
 
     def __init__(self, colour: str) -> None:
         self.image = Image.new("RGB", (_SIZE * _FINER, _SIZE * _FINER), colour)
@@ -42,7 +42,7 @@ class _Canvas:
     def disc(
         self, x: float, y: float, rx: float, ry: float, fill: str, rim: str = "", width: float = 0
     ) -> None:
-        """An ellipse about (x, y), with a rim inside it."""
+        """An ellipse around (x, y), with a rim inside it."""
         if width:
             self.disc(x, y, rx, ry, rim)
         rx, ry = rx - width, ry - width
@@ -72,17 +72,17 @@ class _Canvas:
     def text(
         self, x: float, y: float, words: str, size: float, colour: str, anchor: str = "ls"
     ) -> None:
-        """Words on a baseline from (x, y), or as anchor says."""
+        """Words on a baseline from (x, y), or at another anchor."""
         font = ImageFont.load_default(size * _FINER)
         self._draw.text((x * _FINER, y * _FINER), words, colour, font, anchor)
 
     def blend(self, layer: Image.Image | str, mask: Image.Image) -> None:
-        """Lay another picture or a colour over this one, as far as the mask says."""
+        """Composite another picture or a colour over this one by a mask."""
         self.image.paste(layer, (0, 0, *mask.size), mask)
 
 
 def _finer(*points: Point, inclusive: bool = False) -> list[float]:
-    """Coordinates on the larger canvas; inclusive: the last point belongs to a shape's pixels."""
+    """Coordinates on the supersampled canvas; inclusive: the last point is a pixel of the shape."""
     flat = [c * _FINER for point in points for c in point]
     return flat[:-2] + [flat[-2] - 1, flat[-1] - 1] if inclusive else flat
 
@@ -109,7 +109,7 @@ def _arc(x: float, y: float, rx: float, ry: float, start: float, end: float) -> 
 def _mask(
     x0: float, y0: float, x1: float, y1: float, radius: float, drop: float = 0
 ) -> Image.Image:
-    """White in a rounded rectangle, which lies `drop` px lower."""
+    """White in a rounded rectangle, moved down by `drop` px."""
     mask = Image.new("L", (_SIZE * _FINER, _SIZE * _FINER))
     corners = _finer((x0, y0 + drop), (x1, y1 + drop), inclusive=True)
     ImageDraw.Draw(mask).rounded_rectangle(corners, radius * _FINER, 255)
@@ -117,13 +117,13 @@ def _mask(
 
 
 def _shadow(mask: Image.Image, blur: float, share: float) -> Image.Image:
-    """The mask of a soft shadow of what has this mask."""
+    """The mask of a soft shadow of a shape with this mask."""
     blurred = mask.filter(ImageFilter.GaussianBlur(blur * _FINER))
     return blurred.point([round(v * share) for v in range(256)])
 
 
 def _ramp(y0: float, y1: float, top: Sequence[float], bottom: Sequence[float]) -> Image.Image:
-    """A vertical gradient between two rows, of as many channels as the ends have."""
+    """A vertical gradient between two rows, with as many channels as the ends."""
     rows = (np.arange(_SIZE * _FINER) + 0.5) / _FINER
     share = np.clip((rows - y0) / (y1 - y0), 0, 1)[:, None]
     column = np.asarray(top) * (1 - share) + np.asarray(bottom) * share
@@ -174,7 +174,7 @@ def _face() -> _Canvas:
 
 
 def _line_art() -> _Canvas:
-    """A mug that steams, in pen strokes with hatching, black on white."""
+    """A steaming mug in black pen strokes with hatching on white."""
     canvas = _Canvas(_WHITE)
     canvas.stroke(_arc(118, 210, 96, 22, 0, 360), 3)  # the saucer
     canvas.stroke(_arc(118, 213, 78, 17, 20, 160), 2)
@@ -245,7 +245,7 @@ _MARKED = 6  # the line that is highlighted
 
 
 def _screenshot() -> _Canvas:
-    """A window with a title bar, lines of text of which one is highlighted, and a button."""
+    """A window with a title bar, lines of text, one of them highlighted, and buttons."""
     canvas = _Canvas("#4f6d8f")
     canvas.blend(_BLACK, _shadow(_mask(10, 10, 246, 246, 9, drop=3), blur=3, share=0.5))
     canvas.box(10, 10, 246, 246, "#fbfbfa", radius=9, rim="#8c939b", width=1)

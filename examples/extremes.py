@@ -1,20 +1,21 @@
-"""Scenes at the ends of what a scene may hold, and what renderers and files make of them.
+"""Scenes at the limits of what a scene may hold: accuracy of renderers, gradients and files.
 
     python examples/extremes.py [-o OUT.md]
 
-For each case, as Markdown:
+The script prints a Markdown table with a row for each case:
 
-    float32    largest difference, of 1, of the fast renderer's picture from the torch reference in
-               float64; in brackets that of the torch reference in float32
-    float64    the same of the fast renderer in float64
+    float32    largest difference, in 0..1, of the fast renderer's picture from the torch reference
+               in float64; in brackets that of the torch reference in float32
+    float64    the same for the fast renderer in float64
     gradient   largest relative difference of gradients from the reference's by autograd in
                float64: the fast renderer in float32, in float64, and the torch reference in
                float32. They are taken along the natural coordinates of each shape (natural), and
-               compared with the largest of their kind, or a thousandth of the largest of all
-    file       what resvg draws of the SVG against the model: PSNR in dB and largest error in levels
-               of 255, or the error in writing it
+               relative to the largest of their kind, or to a thousandth of the largest of all
+    file       the SVG rasterised by resvg against the model: PSNR in dB and largest error in levels
+               of 255, or "refused" where it cannot be written
 
-tests/test_extremes.py asserts the bounds of each case, which are in the table as well.
+tests/test_extremes.py asserts the bounds of each case, which are in the table as well. The
+reference needs pip install 'gauss2svg[torch]'.
 """
 
 from __future__ import annotations
@@ -30,25 +31,24 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from gauss2svg import Scene, SvgOptions, metrics, write_svg
-from gauss2svg.errors import SceneError
+from gauss2svg import Scene, SceneError, SvgFormat, quantize, write_svg
+from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_accumulate, fast_composite
 from gauss2svg.render.domain import below_one
 from gauss2svg.render.reference import accumulate, composite, render_reference
 from gauss2svg.scene import ADD, RHO_LIMIT, narrowing_of
-from gauss2svg.pipeline.quantize import quantize
 
 WIDTH, HEIGHT = 40, 36  # px: two and a half tiles by two and a quarter
 _MIDDLE = (20.3, 17.6)
-_EXACT = SvgOptions(palette=0, stops=12, opacity_decimals=6)
+_EXACT = SvgFormat(stops=12, opacity_decimals=6)
 _NAMES = ("mean", "sigma", "rho", "color", "opacity", "background", "beta")
-_FLOOR = 1e-3  # of the largest gradient of all: kinds that are less count as much
+_FLOOR = 1e-3  # of the largest gradient of all: smaller kinds are compared with this
 _TINY = 1e-300  # where all gradients are 0
 _SEED = 7
 
-# Reasons of what is larger than that; the README says more.
+# Reasons for the larger bounds.
 _ROUNDED = "reference: parameters in float32"
 _SAMPLED = "file: coverage, not samples"
 _BOTH = _ROUNDED + "; " + _SAMPLED
@@ -64,14 +64,14 @@ Gradients = dict[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Case:
-    """A scene at an end of the domain, and how far what is computed of it may be off.
+    """A scene at a limit of the domain, and the bounds of the errors.
 
-    single, double  of 1: pictures of the fast renderer in float32 and float64
-    plain           the same of the torch reference in float32
-    gradient, double_gradient  relative, of the fast renderer in float32 and float64
-    plain_gradient  relative, of the reference in float32
-    levels          of 255, of what resvg draws; None where writing is refused
-    reason          of what is over 1e-4
+    single, double  in 0..1: pictures of the fast renderer in float32 and float64
+    plain           the same for the torch reference in float32
+    gradient, double_gradient  relative, for the fast renderer in float32 and float64
+    plain_gradient  relative, for the reference in float32
+    levels          of 255, for the SVG by resvg; None where writing is refused
+    reason          for a bound above the usual one
     """
 
     name: str
@@ -87,7 +87,7 @@ class Case:
 
 
 def scene_of(mean: Any, sigma: Any, rho: Any = 0.0, **more: Any) -> Scene:
-    """A scene of shapes that differ in what is given; everything else is the same every time."""
+    """A scene of these shapes; every parameter that is not given has a fixed value."""
     mean = np.atleast_2d(np.asarray(mean, np.float64))
     count = len(mean)
     color = np.random.default_rng(_SEED).uniform(0, 1, (count, 3))
@@ -117,12 +117,12 @@ def _needle(**more: Any) -> Scene:
 
 
 def cases() -> Iterator[Case]:
-    """All of them, "over" before "add"."""
+    """All cases, "over" before "add"."""
     centre, crowd = (20.5, 17.5), np.random.default_rng(_SEED).uniform(0, 1, (10_000, 2))
     rounded = {"plain": 1.0, "plain_gradient": math.inf}
     layers = {"levels": 130.0}
-    # A file cannot draw what is far thinner than a pixel: its error is the colour that the model
-    # shows there, on what is below. Bounds are half as large again as what was measured.
+    # A file cannot show what is far thinner than a pixel: its error there is the contrast of the
+    # shape to what is below. Bounds are 1.5 times the measured errors.
 
     yield Case("no Gaussians", scene_of(np.zeros((0, 2)), 1.0))
     yield Case("sigma 1e-6, on a pixel centre", scene_of(centre, 1e-6), levels=176, reason=_SAMPLED)
@@ -147,11 +147,11 @@ def cases() -> Iterator[Case]:
         "aspect 1e12, on a row", scene_of((20.3, 17.5), (1e6, 1e-6)), levels=176, reason=_SAMPLED
     )
     for name, sigma, rho in (
-        ("aspect 1e4, turned", 1e3, 1 - 2e-8), ("aspect 1e4, steep", (1e2, 1e3), 1 - 2e-6),
-        ("aspect 1e6, turned", 1e5, 1 - 2e-12),
+        ("aspect 1e4, rotated", 1e3, 1 - 2e-8), ("aspect 1e4, steep", (1e2, 1e3), 1 - 2e-6),
+        ("aspect 1e6, rotated", 1e5, 1 - 2e-12),
     ):  # fmt: skip
-        turned = scene_of(_MIDDLE, sigma, rho)
-        yield Case(name, turned, **rounded, levels=40.0, reason=_ROUNDED + "; " + _THIN)
+        rotated = scene_of(_MIDDLE, sigma, rho)
+        yield Case(name, rotated, **rounded, levels=40.0, reason=_ROUNDED + "; " + _THIN)
     needles = {**rounded, "double": 1e-10, "reason": _BOTH}
     for name, levels, more in (("", 117.0, {}), (", exponent 2", 143.0, {"beta": 2.0})):
         needle = _needle(**more)
@@ -174,7 +174,7 @@ def cases() -> Iterator[Case]:
     yield Case("exponent 256, sigma 1e6, on its rim", scene_of((1.4142135e6, 17.6), 1e6, beta=256))
     crisp = scene_of(_MIDDLE, 1e4, 1 - 2e-8, beta=256)
     yield Case(
-        "exponent 256, aspect 1e4, turned", crisp, **rounded, levels=60.0,
+        "exponent 256, aspect 1e4, rotated", crisp, **rounded, levels=60.0,
         reason=_ROUNDED + "; " + _EDGE,
     )  # fmt: skip
     small, heap = {"size": (12, 9)}, np.full((10_000, 2), 5.2)
@@ -191,35 +191,35 @@ def cases() -> Iterator[Case]:
 
     faint, strong = {"blend": ADD, "color": 1e-4}, {"blend": ADD, "color": [[100.0], [-100.0]]}
     thin = scene_of((20.500001, 17.5), 1e-6, blend=ADD)
-    yield Case("sum: sigma 1e-6", thin, **rounded, levels=192, reason=_BOTH)
-    yield Case("sum: sigma 1e6", scene_of((-2e6, 17.6), 1e6, blend=ADD))
-    yield Case("sum: needle, 0.9 widths beside centres", _needle(blend=ADD), **needles,
+    yield Case("additive: sigma 1e-6", thin, **rounded, levels=192, reason=_BOTH)
+    yield Case("additive: sigma 1e6", scene_of((-2e6, 17.6), 1e6, blend=ADD))
+    yield Case("additive: needle, 0.9 widths beside centres", _needle(blend=ADD), **needles,
                levels=197)  # fmt: skip
-    turned = scene_of(_MIDDLE, 1e5, 1 - 2e-12, blend=ADD)
-    yield Case("sum: aspect 1e6, turned", turned, **rounded, levels=40.0,
+    rotated = scene_of(_MIDDLE, 1e5, 1 - 2e-12, blend=ADD)
+    yield Case("additive: aspect 1e6, rotated", rotated, **rounded, levels=40.0,
                reason=_ROUNDED + "; " + _THIN)  # fmt: skip
     at_limit = scene_of(_MIDDLE, 1e8, RHO_LIMIT, blend=ADD)
-    yield Case("sum: rho at its limit, sigma 1e8", at_limit, **rounded, levels=None,
+    yield Case("additive: rho at its limit, sigma 1e8", at_limit, **rounded, levels=None,
                reason=_ROUNDED)  # fmt: skip
-    # No bound of the file: each colour is less than the level that a drawing can add.
-    yield Case("sum: 10 000 identical", scene_of(heap, 4.0, 0.5, **faint, **small),
+    # No bound of the file: each colour is less than the one level that a renderer can add.
+    yield Case("additive: 10 000 identical", scene_of(heap, 4.0, 0.5, **faint, **small),
                single=1e-3, plain=1e-3, levels=255.0, reason=_ROUNDS + "; " + _BLACK)  # fmt: skip
-    yield Case("sum: colours of 100 that cancel", scene_of([_MIDDLE, _MIDDLE], 5.0, **strong))
+    yield Case("additive: colours of 100 that cancel", scene_of([_MIDDLE, _MIDDLE], 5.0, **strong))
 
 
 def picture_differences(scene: Scene) -> tuple[float, float, float]:
-    """Largest differences from the reference: fast in float32, in float64, reference in float32."""
+    """Largest differences from the reference: fast float32, fast float64, reference float32."""
     exact = render_reference(scene).numpy()
-    drawn = (render(scene), render(scene, dtype=np.float64))
     plain = render_reference(scene, dtype=torch.float32).numpy()
-    single, double, plain = (float(np.abs(one - exact).max()) for one in (*drawn, plain))
+    pictures = (render(scene), render(scene, dtype=np.float64), plain)
+    single, double, plain = (float(np.abs(one - exact).max()) for one in pictures)
     return single, double, plain
 
 
 def gradients(scene: Scene, fast: bool, dtype: torch.dtype) -> Gradients:
-    """Of a random loss, linear in the picture, along the natural coordinates of each shape.
+    """Gradients of a random linear loss along the natural coordinates of each shape.
 
-    The fast renderer has the scene's own parameters in both precisions; the reference has them
+    The fast renderer takes the scene's own parameters in both precisions; the reference takes them
     rounded to its dtype.
     """
     width, height = round(scene.width), round(scene.height)
@@ -229,7 +229,7 @@ def gradients(scene: Scene, fast: bool, dtype: torch.dtype) -> Gradients:
         name: torch.tensor(getattr(scene, name), dtype=torch.float64 if fast else dtype)
         for name in names
     }
-    if fast:  # it computes in float32 if any of them is that
+    if fast:  # it computes in float32 if any tensor has that type
         tensors["background"] = tensors["background"].to(dtype)
     else:
         tensors["rho"] = tensors["rho"].clamp(-below_one(dtype), below_one(dtype))
@@ -237,12 +237,12 @@ def gradients(scene: Scene, fast: bool, dtype: torch.dtype) -> Gradients:
         tensor.requires_grad_()
     if scene.blend == ADD:
         mean, sigma, rho, color, background = tensors.values()
-        draw_sum = fast_accumulate if fast else accumulate
-        image = draw_sum(mean, sigma, rho, color, background, height, width)
+        renderer = fast_accumulate if fast else accumulate
+        image = renderer(mean, sigma, rho, color, background, height, width)
     else:
         mean, sigma, rho, color, opacity, background, beta = tensors.values()
-        draw = fast_composite if fast else composite
-        image = draw(mean, sigma, rho, color, opacity, background, height, width, beta)
+        renderer = fast_composite if fast else composite
+        image = renderer(mean, sigma, rho, color, opacity, background, height, width, beta)
     loss = (image.double() * torch.tensor(weight)).sum()
     found = torch.autograd.grad(
         loss, list(tensors.values()), allow_unused=True, materialize_grads=True
@@ -251,10 +251,10 @@ def gradients(scene: Scene, fast: bool, dtype: torch.dtype) -> Gradients:
 
 
 def natural(scene: Scene, by: Gradients) -> Gradients:
-    """Gradients by steps in which a shape moves or grows by its own width, the same for all.
+    """Gradients along unit steps in which every shape moves or grows by its own width.
 
-    Means go along the columns of the factor, one sigma a step; ln sigma by sqrt(1 - rho^2) a step,
-    for at fixed rho that turns a thin shape by its width; then artanh rho, and ln beta.
+    A step of the mean is a column of the factor, one sigma. A step of ln sigma is sqrt(1 - rho^2),
+    which at fixed rho turns a thin shape by its width. The others are of artanh rho and ln beta.
     """
     narrowing = narrowing_of(scene.rho)
     changed = {
@@ -268,7 +268,7 @@ def natural(scene: Scene, by: Gradients) -> Gradients:
 
 
 def gradient_difference(found: Gradients, exact: Gradients) -> tuple[float, str]:
-    """The largest relative difference, and of which parameter; infinite if not finite."""
+    """The largest relative difference, infinite if not finite, and its parameter."""
     largest = {n: np.abs(g).max(initial=0.0) for n, g in exact.items()}
     floor = _FLOOR * max(largest.values())
     off = {
@@ -280,17 +280,16 @@ def gradient_difference(found: Gradients, exact: Gradients) -> tuple[float, str]
 
 
 def drawn_file(scene: Scene) -> tuple[float, float] | SceneError:
-    """PSNR in dB and largest error in levels of 255 of resvg's drawing against the model.
+    """PSNR in dB and largest error in levels of 255 of the SVG, by resvg, against the model.
 
-    The model is the scene as its file has it, save for the rounding; the error where there is none.
+    The model is the quantised scene. Returns the error where the scene cannot be written.
     """
     try:
         svg = write_svg(scene, _EXACT)
     except SceneError as error:
         return error
     width, height = round(scene.width), round(scene.height)
-    raster, model = rasterize(svg, width, height), render(quantized(scene, _EXACT))
-    model = np.clip(model, 0, 1)
+    raster, model = rasterize(svg, width, height), np.clip(render(quantize(scene)), 0, 1)
     return metrics.psnr(raster, model), metrics.largest_error(raster, model)
 
 
@@ -302,8 +301,8 @@ def _row(case: Case) -> str:
         gradient_difference(gradients(scene, *how), exact)[0]
         for how in ((True, torch.float32), (True, torch.float64), (False, torch.float32))
     ]
-    drawn = drawn_file(scene)
-    shown = "refused" if isinstance(drawn, SceneError) else f"{drawn[0]:.1f} dB, {drawn[1]:.1f}"
+    file = drawn_file(scene)
+    shown = "refused" if isinstance(file, SceneError) else f"{file[0]:.1f} dB, {file[1]:.1f}"
     bounds = (case.single, case.double, case.gradient, case.levels or "refused")
     cells = (
         case.name, f"{single:.1e} ({plain:.1e})", f"{double:.1e}",

@@ -1,10 +1,10 @@
-"""How much memory runs take, and how much was estimated before them.
+"""Memory: the peak of each run, and the estimate made before it.
 
     python examples/memory.py [--quick]
 
-Each row is a process of its own that vectorises a photo made here, after the kernels have been
-compiled; its largest resident size is read from /proc (Linux). --quick leaves out photos of more
-than a megapixel.
+Each row is a process of its own that vectorises a synthetic photo, after the kernels have been
+compiled; its peak resident size is read from /proc (Linux). --quick skips photos of more than a
+megapixel.
 """
 
 from __future__ import annotations
@@ -20,17 +20,19 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from gauss2svg.pipeline.memory_budget import Load
 from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.memory_budget import Load
+from gauss2svg.scene import BLENDS
 
 _RUN = """
 import json, sys
-from gauss2svg import vectorize
-report = vectorize(sys.argv[1], **json.loads(sys.argv[2])).report
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.vectorize import vectorize_by
+report = vectorize_by(Options.from_flat(json.loads(sys.argv[2])), sys.argv[1]).report
 peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
 print(json.dumps([int(peak.split()[1]) * 1024, report["fit_width"], report["fit_height"]]))
 """
-# Photo in px, and options of vectorize; steps of the optimiser change nothing.
+# Size of the photo (px), and options; the number of iterations changes nothing.
 CASES: tuple[tuple[tuple[int, int], dict[str, Any]], ...] = (
     ((360, 280), {"gaussians": 0}),
     ((360, 280), {"gaussians": 50_000}),
@@ -38,12 +40,10 @@ CASES: tuple[tuple[tuple[int, int], dict[str, Any]], ...] = (
     ((1200, 833), {"gaussians": 10_000}),
     ((1200, 833), {"gaussians": 10_000, "renderer": "cairo"}),
     ((1200, 833), {"gaussians": 10_000, "blend": "add"}),
-    ((1200, 833), {"gaussians": 10_000, "dtype": "float64"}),
     ((1200, 833), {"gaussians": 1000, "loss": "mse+ssim"}),
     ((1200, 833), {"gaussians": 50_000}),
     ((2048, 1536), {"gaussians": 30_000, "quality": "max"}),
     ((2048, 1536), {"gaussians": 1000, "quality": "max", "loss": "mse+ssim"}),
-    ((2048, 1536), {"gaussians": 1000, "quality": "max", "loss": "mse+ssim", "dtype": "float64"}),
     ((6000, 4000), {"gaussians": 500, "quality": "draft"}),
     ((6000, 4000), {"gaussians": 500, "quality": "draft", "renderer": "cairo"}),
     ((6000, 4000), {"gaussians": 500, "quality": "draft", "blend": "add"}),
@@ -60,7 +60,7 @@ def photo(width: int, height: int) -> Image.Image:
 
 
 def measured(path: Path, options: dict[str, Any]) -> tuple[int, int, int]:
-    """Bytes that a process took, and the size of its fit in px."""
+    """Peak of a process in bytes, and the size (px) that its fit ran on."""
     command = [sys.executable, "-c", _RUN, str(path), json.dumps({"iterations": 3} | options)]
     done = subprocess.run(command, check=True, capture_output=True)
     peak, width, height = json.loads(done.stdout)
@@ -72,9 +72,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--quick", action="store_true")
     quick = parser.parse_args().quick
-    for dtype, blend in (("float32", "over"), ("float64", "over"), ("float32", "add")):
-        compile_kernels(dtype, blend)
-    print("| photo, px | options | fit, px | took, MB | estimated, MB | ratio |")
+    for blend in BLENDS:
+        compile_kernels(blend=blend)
+    print("| photo, px | options | fit, px | peak, MB | estimate, MB | ratio |")
     print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         for (width, height), options in CASES:
@@ -83,13 +83,13 @@ def main() -> None:
             path = Path(folder) / f"{width}x{height}.jpg"
             if not path.exists():
                 photo(width, height).save(path, quality=85)
-            took, across, down = measured(path, options)
-            kinds = {name: options[name] for name in ("loss", "dtype", "blend") if name in options}
-            expected = Load(width, height, across, down, options["gaussians"], **kinds).bytes
+            peak, fit_width, fit_height = measured(path, options)
+            kinds = {name: options[name] for name in ("loss", "blend") if name in options}
+            load = Load(width, height, fit_width, fit_height, options["gaussians"], **kinds)
             named = ", ".join(f"{name} {value}" for name, value in options.items())
             print(
-                f"| {width}x{height} | {named} | {across}x{down} | {took / 1e6:.0f} "
-                f"| {expected / 1e6:.0f} | {expected / took:.2f} |",
+                f"| {width}x{height} | {named} | {fit_width}x{fit_height} | {peak / 1e6:.0f} "
+                f"| {load.bytes / 1e6:.0f} | {load.bytes / peak:.2f} |",
                 flush=True,
             )
 

@@ -1,12 +1,12 @@
-"""How true and how fast each renderer draws each form of a file, and what the files weigh.
+"""Fidelity and speed of each renderer for each form of a file, and the file sizes.
 
     python examples/renderers.py PHOTOS... [--counts 2000,10000] [-o FILE.md]
         [--renderers resvg cairo ...] [--presets]
 
-Prints Markdown, or writes it to FILE.md as the tables come; without PHOTOS of two pictures that
-scikit-image ships. Above each table stands what it shows, the docstring of its function here.
-Renderers that are missing, refuse or fail are shown as that; --renderers leaves others out, such as
-Inkscape, which takes up to a minute for a large file of blurs. --presets adds the presets at 5000
+The script prints Markdown, or writes it to FILE.md table by table; the default PHOTOS are two
+pictures that scikit-image ships. The text above each table is the docstring of its function below.
+The tables say where a renderer is not installed, is refused or failed. --renderers selects some:
+Inkscape takes up to a minute for a large file of blurs. --presets adds the presets at 5000
 Gaussians.
 """
 
@@ -33,26 +33,33 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage import data
 
-from gauss2svg import __version__, metrics, vectorize
+from gauss2svg import RendererError, Result, __version__
 from gauss2svg.bench.machine import machine
-from gauss2svg.errors import RendererError
+from gauss2svg.measure import metrics
 from gauss2svg.photo.load import load_image
-from gauss2svg.pipeline.vectorize import Result
+from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS, rasterize, renderer_version
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.render import render
-from gauss2svg.svg.blur import FORMS, GRADIENT
+from gauss2svg.svg.blur import BLUR, GRADIENT
 from gauss2svg.svg.packing import bytes_by_part
 
 Pixels = NDArray[np.floating]
 Row = dict[str, Any]  # heading to number, text, or a tuple of numbers
 Fits = dict[tuple[str, int], dict[str, Result]]  # form and count to photo to fit
 
+_FORMS = (GRADIENT, BLUR)
 _OWN, _FAILED = "own gradients", "failed"
 _RUNS = 3
 
-say = partial(print, file=sys.stderr, flush=True)  # how far it is, beside the tables
+say = partial(print, file=sys.stderr, flush=True)  # progress, apart from the tables
+
+
+def vectorized(pixels: Pixels, **options: Any) -> Result:
+    """The photo with options by name."""
+    return vectorize_by(Options.from_flat(options), pixels)
 
 
 @cache
@@ -65,7 +72,7 @@ def version_of(name: str) -> str | None:
 
 
 def refusal(name: str, svg: str, width: int, height: int) -> str:
-    """Why a renderer is not asked to draw, or ""."""
+    """Why a renderer is not used for an SVG, or ""."""
     try:
         refuse_unsupported(svg, width, height, name)
     except RendererError:
@@ -73,8 +80,8 @@ def refusal(name: str, svg: str, width: int, height: int) -> str:
     return "" if version_of(name) else "not installed"
 
 
-def drawing(name: str, svg: str, width: int, height: int) -> Pixels | None:
-    """What a renderer draws, None where it fails, which is told and ends no table."""
+def raster_of(name: str, svg: str, width: int, height: int) -> Pixels | None:
+    """The SVG by a renderer; None, after a message, where it fails."""
     try:
         return rasterize(svg, width, height, name)
     except RendererError as error:
@@ -83,32 +90,32 @@ def drawing(name: str, svg: str, width: int, height: int) -> Pixels | None:
 
 
 def decibels(name: str, svg: str, *truths: Pixels) -> list[float | str]:
-    """PSNR of what a renderer draws against pictures of one size, or why there is none."""
+    """PSNR of an SVG by a renderer against pictures of one size, or why there is none."""
     height, width = truths[0].shape[:2]
     if reason := refusal(name, svg, width, height):
         return [reason] * len(truths)
     say(f"  {name}, {width}x{height}")
-    drawn = drawing(name, svg, width, height)
-    if drawn is None:
+    raster = raster_of(name, svg, width, height)
+    if raster is None:
         return [_FAILED] * len(truths)
-    return [metrics.psnr(drawn, truth) for truth in truths]
+    return [metrics.psnr(raster, truth) for truth in truths]
 
 
 def model(result: Result, scale: float = 1) -> Pixels:
-    """The scene at pixel centres, so many times as large."""
+    """The scene at pixel centres, at `scale` times its size."""
     width, height = (round(side * scale) for side in (result.scene.width, result.scene.height))
     return np.clip(render(result.scene, width, height), 0, 1)
 
 
 def mean(rows: list[Row]) -> Row:
-    """Means of rows; a column with text in it becomes the first such text."""
+    """Means of rows; of a column with texts, the first text."""
     columns = {heading: [row[heading] for row in rows] for heading in rows[0]}
     texts = {h: [v for v in column if isinstance(v, str)] for h, column in columns.items()}
     return {h: texts[h][0] if texts[h] else statistics.fmean(c) for h, c in columns.items()}
 
 
 def numbers(result: Result) -> Row:
-    """What a report has: PSNR, where None is of equal pictures, and bytes a Gaussian."""
+    """Of a report: PSNR, infinite for equal pictures, and bytes per Gaussian."""
     report = result.report
     found = {"to photo": report["psnr_svg"], "to model": report["psnr_roundtrip"]}
     row = {heading: math.inf if value is None else value for heading, value in found.items()}
@@ -119,7 +126,7 @@ def numbers(result: Result) -> Row:
 
 
 def unshared(result: Result) -> Result:
-    """The same with a gradient for each shape alone, the form of the first prototype."""
+    """The same with a gradient of its own for each shape."""
     defined = re.compile(r"<radialGradient[^>]* id=\"(\w+)\".*?</radialGradient>")
     gradients = {found[1]: found[0] for found in defined.finditer(result.svg)}
     own: list[str] = []
@@ -136,10 +143,10 @@ def unshared(result: Result) -> Result:
 
 
 def fidelity(fits: Fits, renderers: list[str]) -> list[Row]:
-    """Raster against model: PSNR in dB at the photo's size, pixel centres of the model.
+    """Fidelity: PSNR in dB of the rasterised SVG against the model at the photo's pixel centres.
 
-    Each form is a fit of its own. "To photo" is of the file, by resvg, or where shapes are blurred
-    by the first of Chromium, Firefox and Inkscape that is there.
+    Each form has a fit of its own. "To photo" is of the file by resvg; with blurred shapes, by the
+    first of Chromium, Firefox and Inkscape that is installed.
     """
     rows = []
     for (form, count), results in fits.items():
@@ -155,15 +162,16 @@ def fidelity(fits: Fits, renderers: list[str]) -> list[Row]:
 
 
 def zoom(fits: Fits, renderers: list[str]) -> list[Row]:
-    """Zoom: PSNR in dB of what is drawn at 2x and 0.5x, first count, mean over photos.
+    """Zoom: PSNR in dB of rasters at 2x and 0.5x, first count, mean over photos.
 
-    The model is taken at pixel centres of each size. At 0.5x these may miss a shape under a pixel,
-    which the means of 2x2 px of the model at 1x have; the last column has no renderer in it.
+    The model is sampled at the pixel centres of each size. At 0.5x these may miss a shape under a
+    pixel, which the means of 2x2 px of the model at 1x include; the last column involves no
+    renderer.
     """
     rows = []
     first = next(count for _, count in fits)
     zooming = [name for name in ("chromium", "firefox", "resvg") if name in renderers]
-    for form, name in product(FORMS, zooming):
+    for form, name in product(_FORMS, zooming):
         found: list[Row] = []
         for result in fits.get((form, first), {}).values():
             full, half, double = (model(result, scale) for scale in (1, 0.5, 2))
@@ -177,12 +185,11 @@ def zoom(fits: Fits, renderers: list[str]) -> list[Row]:
 
 
 def seconds(fits: dict[str, Result], renderers: list[str]) -> list[Row]:
-    """Draw time: median seconds of three in one run / times the gradient form's.
+    """Rendering time: median seconds of three runs / ratio to the gradient form's.
 
-    Of the first photo at the first count; bytes are a Gaussian's, dB those of the fit's report.
-    Chromium stays open and draws four places, to take their mean; librsvg, Firefox and Inkscape
-    start anew for each drawing. "Own gradients" has one of 8 stops for each shape, as the first
-    prototype had.
+    The file is that of the first photo at the first count; bytes are per Gaussian, dB those of the
+    fit's report. Chromium stays open and takes the mean of four positions; librsvg, Firefox and
+    Inkscape start anew for each raster. "Own gradients" has a gradient of 8 stops for each shape.
     """
     rows: dict[str, Row] = {form: {"form": form} | numbers(fit) for form, fit in fits.items()}
     width, height = (fits[GRADIENT].report[side] for side in ("width", "height"))
@@ -190,33 +197,33 @@ def seconds(fits: dict[str, Result], renderers: list[str]) -> list[Row]:
         say(f"seconds: {name}")
         reasons = {form: refusal(name, fit.svg, width, height) for form, fit in fits.items()}
         times: dict[str, list[float]] = {form: [] for form in fits if not reasons[form]}
-        # By turns, so that a disturbance is not one form's alone; a browser starts at the first.
+        # Alternating, so that a disturbance hits all forms; a browser starts in the first round.
         for form, taken in list(times.items()) * (1 + _RUNS):
             begun = time.perf_counter()
-            if not reasons[form] and drawing(name, fits[form].svg, width, height) is None:
+            if not reasons[form] and raster_of(name, fits[form].svg, width, height) is None:
                 reasons[form] = _FAILED
             taken.append(time.perf_counter() - begun)
         medians = {form: statistics.median(taken[1:]) for form, taken in times.items()}
         for form, reason in reasons.items():
-            # Without the gradient form's there is nothing to compare with.
+            # A ratio needs the gradient form's time.
             alone = reasons[GRADIENT]
             rows[form][name] = reason or (medians[form], alone or medians[form] / medians[GRADIENT])
     return list(rows.values())
 
 
 def presets(photos: dict[str, Pixels], count: int | None = None) -> list[Row]:
-    """Presets: the gradient form, dB by resvg, mean over photos; bytes are a Gaussian's."""
+    """Presets: the gradient form, dB by resvg, mean over photos; bytes are per Gaussian."""
     rows = []
     for quality in PRESETS:
         say(f"preset {quality}")
-        fits = [vectorize(p, quality=quality, gaussians=count) for p in photos.values()]
+        fits = [vectorized(p, quality=quality, gaussians=count) for p in photos.values()]
         counted = [{"Gaussians": len(fit.scene)} | numbers(fit) for fit in fits]
         rows.append({"quality": quality} | mean(counted))
     return rows
 
 
 def cell(value: Any) -> str:
-    """A cell of a table: three digits of what is not whole."""
+    """A cell of a table: fractions with three digits."""
     if isinstance(value, tuple):
         return " / ".join(map(cell, value))
     if isinstance(value, float) and math.isfinite(value):
@@ -231,31 +238,31 @@ def markdown(rows: list[Row]) -> str:
 
 
 def load(picture: Path | str) -> Pixels:
-    """A photo by its path, or its name in scikit-image, cut to even sides for 2x2 means."""
+    """A photo by its path or its name in scikit-image, cropped to even sides for 2x2 means."""
     pixels = load_image(picture if isinstance(picture, Path) else getattr(data, picture)()).pixels
     return pixels[: pixels.shape[0] // 2 * 2, : pixels.shape[1] // 2 * 2]
 
 
 def tables(options: argparse.Namespace) -> Iterator[str]:
-    """What was measured, and on what; then each table with what it shows."""
+    """The photos, the versions and the machine, then each table with its description."""
     pictures = options.photos or ("astronaut", "coffee")
     photos = {Path(picture).stem: load(picture) for picture in pictures}
     counts, renderers = [int(count) for count in options.counts.split(",")], options.renderers
-    judge = next((n for n in DRAW_ROTATED_BLURS if n in renderers and version_of(n)), None)
+    for_blurs = next((n for n in DRAW_ROTATED_BLURS if n in renderers and version_of(n)), None)
     here = machine()
     versions = ", ".join(version_of(name) or f"{name} not installed" for name in renderers)
     yield f"# Renderers\n\n{', '.join(photos)} by gauss2svg {__version__} and {versions}; Python"
     yield f"{platform.python_version()}, {here['cpu']}, {here['cores']} cores, {here['platform']}."
-    if judge is None:
-        yield "\nNo renderer that draws turned blurs is here: the gradient form alone."
+    if for_blurs is None:
+        yield "\nNo installed renderer supports rotated blurs: the gradient form alone."
 
     def fits_of(form: str, count: int) -> dict[str, Result]:
         say(f"fits: {form}, {count}")
         known: dict[str, Row] = {GRADIENT: {}, _OWN: {"palette": 0, "stops": 8}}
-        settings = known.get(form, {"form": form, "renderer": judge})
-        return {p: vectorize(pixels, gaussians=count, **settings) for p, pixels in photos.items()}
+        options = known.get(form, {"form": form, "renderer": for_blurs}) | {"gaussians": count}
+        return {photo: vectorized(pixels, **options) for photo, pixels in photos.items()}
 
-    forms = FORMS if judge else (GRADIENT,)
+    forms = _FORMS if for_blurs else (GRADIENT,)
     fits: Fits = {key: fits_of(*key) for key in product(forms, counts)}
     first = {form: next(iter(fits[form, counts[0]].values())) for form in forms}
     first[_OWN] = unshared(next(iter(fits_of(_OWN, counts[0]).values())))

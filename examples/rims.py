@@ -1,23 +1,23 @@
-"""How true SVG renderers draw crisp rims: gradients, and plain ellipses beside them.
+"""Fidelity of crisp rims in SVG renderers: gradients, and plain ellipses beside them.
 
     python examples/rims.py [--only gradients plain fits] [--renderers resvg cairo ...]
 
-Shapes of several exponents, sigmas and aspects are written as any scene is, and drawn by the
-renderers that are named, or else by all that are installed. A rim is
-2.18 sigma_minor / beta px wide at 1x: there the falloff goes from 0.9 to 0.1. The tables:
+Shapes of several exponents, sigmas and aspects are written as SVG and rasterised by the renderers
+that are named, by default all that are installed. A rim is 2.18 sigma_minor / beta px wide at 1x;
+across it the falloff goes from 0.9 to 0.1. The tables:
 
-    gradients  what is drawn at 1x, 2x and 4x against the model at pixel centres, over pixels on
-               the rim and beside it: PSNR in dB, then the largest error in levels of 255. Sets
-               of shapes (exponent, rim, aspect) that a file has as plain ellipses at 1x are left
-               out: `sets` tells how many are not. The 8 stops of the gradients err as well, by
-               51 to 57 dB: what is near that is no fault of the renderer. From 0.7 px on a
-               circle is no larger than its gradient, and its own edge cuts into the rim at 1x.
+    gradients  rasters at 1x, 2x and 4x against the model at pixel centres, over pixels on the rim
+               and beside it: PSNR in dB, then the largest error in levels of 255. Sets of shapes
+               (exponent, rim, aspect) that a file has as plain ellipses at 1x are left out, and
+               `sets` counts the others. The 8 stops of the gradients alone give 51 to 57 dB:
+               values near that are no fault of the renderer. From 0.7 px on a circle is no larger
+               than its gradient, and its own edge cuts into the rim at 1x.
     plain      the same shapes forced to a gradient and to a plain ellipse at 1x, exponents from
                3 on: squared error in 1/1000 px per px of rim, at full contrast, against the
                mean of the model over each pixel (m:) and the model at its centre (c:). At the
                end of a row are the exponents whose shapes a file has as plain ellipses.
-    fits       fitted pictures of 1000 shapes, so many of them plain: PSNR in dB of what is drawn
-               at 1x, 2x and 4x against the model of the scene as the file has it.
+    fits       fitted pictures of 1000 shapes, of which `plain` are plain ellipses: PSNR in dB of
+               rasters at 1x, 2x and 4x against the model of the quantised scene.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import argparse
 import math
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from itertools import product
 from unittest.mock import patch
@@ -37,15 +37,14 @@ from scipy.ndimage import binary_dilation
 from scipy.special import ellipe
 from skimage import data
 
-from gauss2svg import Scene, SvgOptions, metrics, write_svg
-from gauss2svg.errors import RendererError
-from gauss2svg.scene.falloff import BETA_CLASSES, FALLOFFS, RIM_WIDTH, cut_radius
-from gauss2svg.fit.options import FitOptions
+from gauss2svg import FitOptions, RendererError, Scene, SvgFormat, quantize, write_svg
 from gauss2svg.fit.fit import fit
+from gauss2svg.fit.options import FitConfig
+from gauss2svg.measure import metrics
 from gauss2svg.photo.load import load_image
 from gauss2svg.raster import RENDERERS, rasterize, renderer_version
 from gauss2svg.render import render
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius
 from gauss2svg.svg.solid import is_solid
 
 Pixels = NDArray[np.floating]
@@ -58,19 +57,19 @@ _TURN = math.radians(30)
 _LEAST_SIGMA, _MOST_SIGMA = 0.35, 150.0
 _INK, _PAPER = np.array([32, 48, 96]) / 255, np.array([240, 240, 224]) / 255
 _OPACITIES = 1.0, 0.5
-_MARGIN = 3  # px about a shape
-_LENGTH = 300  # px of rim that a set has at least, if so many shapes are allowed
-_FINE = 8  # samples a side for the mean of a pixel
-_EXACT = SvgOptions(palette=0, stops=8, precision=0.001, opacity_decimals=6)
-_WRITTEN = SvgOptions(palette=0, stops=8, precision=0.01)
-_FIT = FitOptions(1000, 200)
+_MARGIN = 3  # px around a shape
+_LENGTH = 300  # px: least rim of a set, if 24 shapes have it
+_FINE = 8  # samples along each side of a pixel, for its mean
+_EXACT = SvgFormat(stops=8, precision=0.001, opacity_decimals=6)
+_WRITTEN = SvgFormat(stops=8, precision=0.01)
+_GAUSSIANS = 1000
 
 
 @dataclass(frozen=True)
 class Row:
     """A set of shapes of one exponent, rim and aspect, side by side on a canvas of their own.
 
-    length is that of all rims in px, each weighted by its squared opacity.
+    length  of all rims in px, each weighted by its squared opacity
     """
 
     rim: float
@@ -119,13 +118,13 @@ def sheet_of(rows: list[Row]) -> Scene:
 
 
 def bands(rows: list[Row], pixels: Pixels, scale: int = 1) -> Iterator[tuple[Row, Pixels]]:
-    """Each row, and the part of a drawn sheet that shows it."""
+    """Each row, and its part of a rasterised sheet."""
     ends = np.cumsum([round(row.scene.height) for row in rows]) * scale
     return zip(rows, np.split(pixels, ends[:-1]), strict=True)
 
 
 def installed() -> list[str]:
-    """Names of renderers; those that are missing are named in a printed line."""
+    """Names of the renderers; prints those that are missing."""
     missing = []
     for name in RENDERERS:
         try:
@@ -133,29 +132,29 @@ def installed() -> list[str]:
         except RendererError:
             missing.append(name)
     if missing:
-        print(f"not installed, and left out: {', '.join(missing)}")
+        print(f"skipped, not installed: {', '.join(missing)}")
     return [name for name in RENDERERS if name not in missing]
 
 
-def draw(name: str, svg: str, scene: Scene, scale: int) -> Pixels:
-    """What a renderer makes of the SVG of a scene, so many times as large."""
+def raster_of(name: str, svg: str, scene: Scene, scale: int) -> Pixels:
+    """The SVG of a scene by a renderer, at `scale` times its size."""
     return rasterize(svg, round(scene.width) * scale, round(scene.height) * scale, name)
 
 
 def model(scene: Scene, scale: int = 1) -> Pixels:
-    """The scene at pixel centres, so many times as large."""
+    """The scene at pixel centres, at `scale` times its size."""
     return render(scene, round(scene.width) * scale, round(scene.height) * scale, np.float64)
 
 
-def print_head(labels: str, drawers: list[str], columns: list[str], end: str = "") -> None:
+def print_head(labels: str, renderers: list[str], columns: list[str], end: str = "") -> None:
     """The names of renderers, and under each the same columns."""
     line = "".join(columns)
-    print(" " * len(labels) + "".join(f" |{name:^{len(line)}}" for name in drawers))
-    print(labels + f" |{line}" * len(drawers) + end)
+    print(" " * len(labels) + "".join(f" |{name:^{len(line)}}" for name in renderers))
+    print(labels + f" |{line}" * len(renderers) + end)
 
 
-def print_gradients(drawers: list[str]) -> None:
-    """Shapes that are gradients in a file, against the model at pixel centres."""
+def print_gradients(renderers: list[str]) -> None:
+    """Print the errors of shapes that a file has as gradients."""
     errors: defaultdict[tuple[object, ...], list[Pixels]] = defaultdict(list)
     plain: defaultdict[float, list[bool]] = defaultdict(list)
     for beta in BETA_CLASSES:
@@ -169,14 +168,14 @@ def print_gradients(drawers: list[str]) -> None:
             share = ((_PAPER - model(bare, scale)) / (_PAPER - _INK))[:, :, :1]
             near = binary_dilation((share > 0.01) & (share < 0.99), np.ones((3, 3, 1)))
             truth = np.where(near, model(scene, scale), np.nan)
-            for name in drawers:
-                for row, off in bands(rows, draw(name, svg, scene, scale) - truth, scale):
+            for name in renderers:
+                for row, off in bands(rows, raster_of(name, svg, scene, scale) - truth, scale):
                     errors[name, scale, row.rim].append(off[~np.isnan(off)])
     print("\nGradients against the model at pixel centres, near the rim: dB, largest error\n")
-    print_head(f"{'rim':5}{'sets':>10}", drawers, [f"{scale:>8}x" for scale in _SCALES])
+    print_head(f"{'rim':5}{'sets':>10}", renderers, [f"{scale:>8}x" for scale in _SCALES])
     for rim in _RIMS:
         line = f"{rim:<5g}{f'{plain[rim].count(False)} of {len(plain[rim])}':>10}"
-        for name in drawers:
+        for name in renderers:
             line += " |"
             for scale in _SCALES:
                 off = np.concatenate(errors[name, scale, rim])
@@ -185,8 +184,8 @@ def print_gradients(drawers: list[str]) -> None:
         print(line)
 
 
-def print_plain(drawers: list[str]) -> None:
-    """Gradients and plain ellipses, against the mean of each pixel and its centre."""
+def print_plain(renderers: list[str]) -> None:
+    """Print the errors of gradients and of plain ellipses."""
     sums: defaultdict[tuple[object, ...], float] = defaultdict(float)
     plain: defaultdict[tuple[object, ...], list[str]] = defaultdict(list)
     contrast = float(np.sum(np.square(_INK - _PAPER)))
@@ -199,39 +198,40 @@ def print_plain(drawers: list[str]) -> None:
         for row in rows:
             sums[row.aspect, row.rim] += row.length * contrast / 1000
             plain[row.aspect, row.rim] += [f"{beta:g}"] if row.plain else []
-        # The error that is_solid allows decides which of the two is written.
-        for way, allowed in (("grad", 0.0), ("plain", math.inf)):
-            with patch("gauss2svg.svg.solid._LARGEST_ERROR", allowed):
+        for way, forced in (("grad", np.zeros), ("plain", np.ones)):
+            decision = forced(len(scene), bool)
+            with patch("gauss2svg.svg.encode.is_solid", return_value=decision):
                 svg = write_svg(scene, _EXACT)
-            for name in drawers:
-                drawn = draw(name, svg, scene, 1)
+            for name in renderers:
+                raster = raster_of(name, svg, scene, 1)
                 for against, truth in truths.items():
-                    for row, squares in bands(rows, np.square(drawn - truth)):
+                    for row, squares in bands(rows, np.square(raster - truth)):
                         sums[name, against, way, row.aspect, row.rim] += float(squares.sum())
     print("\nGradient and plain ellipse: squared error in 1/1000 px per px of rim, at 1x\n")
     kinds = list(product(("means", "centres"), ("grad", "plain")))
     columns = [f"{against[0]}:{way}".rjust(9) for against, way in kinds]
-    print_head(f"{'aspect':6}{'rim':>5}", drawers, columns, " | plain in a file")
+    print_head(f"{'aspect':6}{'rim':>5}", renderers, columns, " | plain in a file")
     for place in product(_ASPECTS, _PLAIN_RIMS):
         line = f"{place[0]:>6}{place[1]:>5g}"
-        for name in drawers:
+        for name in renderers:
             line += " |" + "".join(f"{sums[name, *k, *place] / sums[place]:>9.1f}" for k in kinds)
         print(f"{line} | {', '.join(plain[place]) or '-'}")
 
 
-def print_fits(drawers: list[str]) -> None:
-    """Fitted pictures: what each renderer draws, against the model."""
-    print(f"\nFits of {_FIT.gaussians} shapes against the model of the file's scene, dB\n")
+def print_fits(renderers: list[str]) -> None:
+    """Print the PSNR of fitted pictures by each renderer."""
+    print(f"\nFits of {_GAUSSIANS} shapes against the model of the quantised scene, dB\n")
     labels = f"{'picture':10}{'falloff':9}{'plain':>6}"
-    print_head(labels, drawers, [f"{scale:>6}x" for scale in _SCALES])
-    for picture, falloff in product(("logo", "astronaut"), FALLOFFS):
+    print_head(labels, renderers, [f"{scale:>6}x" for scale in _SCALES])
+    kinds = FitOptions(falloff="gaussian"), FitOptions(falloff="adaptive")
+    for picture, kind in product(("logo", "astronaut"), kinds):
         pixels = load_image(getattr(data, picture)()).pixels
-        fitted = fit(pixels, replace(_FIT, falloff=falloff)).scene
-        scene, svg = quantized(fitted, _WRITTEN), write_svg(fitted, _WRITTEN)
-        line = f"{picture:10}{falloff:9}{is_solid(scene).sum():>6}"
+        fitted = fit(pixels, FitConfig(gaussians=_GAUSSIANS, fit=kind)).scene
+        scene, svg = quantize(fitted), write_svg(fitted, _WRITTEN)
+        line = f"{picture:10}{kind.falloff:9}{is_solid(scene).sum():>6}"
         models = [(scale, model(scene, scale)) for scale in _SCALES]
-        for name in drawers:
-            found = (metrics.psnr(draw(name, svg, scene, k), truth) for k, truth in models)
+        for name in renderers:
+            found = (metrics.psnr(raster_of(name, svg, scene, k), truth) for k, truth in models)
             line += " |" + "".join(f"{value:>7.1f}" for value in found)
         print(line, flush=True)
 
@@ -245,9 +245,9 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=_TABLES, default=list(_TABLES))
     parser.add_argument("--renderers", nargs="+", choices=RENDERERS)
     arguments = parser.parse_args()
-    drawers = arguments.renderers or installed()
+    renderers = arguments.renderers or installed()
     for name in arguments.only:
-        _TABLES[name](drawers)
+        _TABLES[name](renderers)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""How time grows with pixel-Gaussian pairs, and what a second thread brings.
+"""How fit time grows with the pixel-Gaussian pairs, and the speed-up by a second thread.
 
     python examples/scaling.py IMAGE
 
-Fits the photo with 1000 to 50 000 Gaussians for a few iterations, by turns on one and
-on two threads, and prints for each count the pairs a step, nanoseconds a pair, and the
-ratio of the wall seconds: medians of three runs, after one to warm up.
+The script fits the photo with 1000 to 50 000 Gaussians, alternately on one and on two threads, and
+prints for each count the pairs per step, the nanoseconds per pair and the ratio of the wall-clock
+times: medians of three runs, after one to warm up.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import sys
 
 from numba import set_num_threads
 
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.fit import fit
+from gauss2svg.fit.options import FitConfig
 from gauss2svg.photo.load import WHITE, load_image
 
 COUNTS = (1000, 2000, 5000, 10_000, 20_000, 50_000)
@@ -26,15 +26,16 @@ RUNS = 3
 def main() -> None:
     """Print the table."""
     pixels = load_image(sys.argv[1], matte=WHITE).pixels
-    fit(pixels, FitOptions(100, 10))
+    fit(pixels, FitConfig(gaussians=100, iterations=10))
     print("gaussians  Mpairs/step  ns/pair, 1 thread  ns/pair, 2 threads  ratio")
     for count in COUNTS:
+        config = FitConfig(gaussians=count, iterations=ITERATIONS)
         seconds: dict[int, list[float]] = {1: [], 2: []}
         pairs = 0
         for _ in range(RUNS):
             for threads, runs in seconds.items():
                 set_num_threads(threads)
-                result = fit(pixels, FitOptions(count, ITERATIONS))
+                result = fit(pixels, config)
                 runs.append(result.wall_s)
                 pairs = result.pixel_pairs
         one, two = (statistics.median(runs) for runs in seconds.values())

@@ -1,8 +1,8 @@
-"""How many Gaussians the scene asks for: from a flat picture to a photo.
+"""How many Gaussians adapt to the image, from a flat picture to a photo.
 
     python examples/scenes.py [--quality balanced] [--sheet SHEET.png]
 
-Prints a table; SHEET.png shows each picture above the SVG as it is drawn.
+The script prints a table; SHEET.png shows each picture above its rasterised SVG.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from skimage import data
 
 from gauss2svg import vectorize
 from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.presets import PRESETS
 
-_SIZE = 256  # px, of the pictures that are made here
+_SIZE = 256  # px, of the synthetic pictures
 _DARK, _LIGHT = np.array([0.10, 0.20, 0.50]), np.array([0.95, 0.75, 0.30])
 
 
@@ -30,15 +31,14 @@ def pictures() -> Iterator[tuple[str, NDArray[np.float32]]]:
     for name, share in (("flat", 0 * x), ("linear ramp", x), ("radial ramp", radius)):
         mixed = _DARK + (_LIGHT - _DARK) * share[:, :, None]
         yield name, (np.round(mixed * 255) / 255).astype(np.float32)
-    shipped = ("checkerboard", "logo", "coins", "astronaut")
-    for name in shipped:
+    for name in ("checkerboard", "logo", "coins", "astronaut"):
         yield name, load_image(getattr(data, name)()).pixels
 
 
 def main() -> None:
     """Parse the command line, print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--quality", default="balanced")
+    parser.add_argument("--quality", choices=PRESETS, default="balanced")
     parser.add_argument("--sheet", type=Path)
     options = parser.parse_args()
     head = f"{'picture':13}{'size':>10}{'Gaussians':>10}{'bytes':>10}{'gzipped':>9}"

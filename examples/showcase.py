@@ -1,4 +1,4 @@
-"""Draw the README's picture: a photo, and its SVG at three counts.
+"""Make the README's picture: the SVG at three counts, and the photo.
 
 python examples/showcase.py examples/coffee.jpg examples/showcase.jpg
 """
@@ -18,7 +18,7 @@ GAP_PX = 6
 
 
 def main() -> None:
-    """Write the photo and the drawn SVGs side by side, two by two."""
+    """Write the rasterised SVGs and the photo as a two-by-two sheet."""
     source, target = sys.argv[1:]
     photo = load_image(source, matte=WHITE).pixels
     panels = []

@@ -1,9 +1,9 @@
-"""How fits hold at the extremes: absurd step sizes, pictures of few pixels, interrupted runs.
+"""Stability: absurd learning rates, pictures of few pixels, interrupted and resumed runs.
 
     python examples/stability.py [PHOTO]
 
-prints three Markdown tables. PSNR is that of the model in dB. The photo, by default
-examples/coffee.jpg, is reduced to 256 px.
+The script prints three Markdown tables. PSNR is that of the model in dB, if nothing else is said.
+The photo, by default examples/coffee.jpg, is reduced to 256 px.
 """
 
 from __future__ import annotations
@@ -11,34 +11,37 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.measure import metrics, vectorize
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.fit import fit
-from gauss2svg.photo.alpha import shrunk
-from gauss2svg.photo.load import WHITE, load_image
+from gauss2svg.fit.options import DTYPES, FitConfig, FitOptions
+from gauss2svg.measure import metrics
+from gauss2svg.photo.load import WHITE, load_image, shrink
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.render import render
 
 RATES = (1e-6, 0.1, 1.0, 10.0, 100.0, 1e3, 1e6)
 SIDE = 256
 GAUSSIANS, ITERATIONS = 500, 120
-RUNS = {
-    "painted": {"gaussians": GAUSSIANS, "iterations": 60},
-    "summed": {"gaussians": GAUSSIANS, "iterations": 60, "blend": "add"},
+RUNS: dict[str, dict[str, Any]] = {
+    "alpha compositing": {"gaussians": GAUSSIANS, "iterations": 60},
+    "additive": {"gaussians": GAUSSIANS, "iterations": 60, "blend": "add"},
     "portable": {"gaussians": GAUSSIANS, "iterations": 60, "blend": "add", "portable": True},
-    "scene decides": {"quality": "draft", "iterations": 60},
-    "24 dB": {"target_psnr": 24.0, "quality": "fast", "iterations": 60},
-    "8 kB": {"max_bytes": "8k", "quality": "fast", "iterations": 60},
+    "number adapts to the image": {"quality": "draft", "iterations": 60},
+    "target of 24 dB": {"target_psnr": 24.0, "quality": "fast", "iterations": 60},
+    "at most 8 kB": {"max_bytes": "8k", "quality": "fast", "iterations": 60},
 }
 Picture = NDArray[np.float32]
 
 
 def pictures() -> dict[str, Picture]:
-    """Those at the ends of what a picture can be."""
+    """Pictures at the limits: a pixel, a row, constant, noise, single steps."""
     rng = np.random.default_rng(0)
     black = np.zeros((64, 64, 3), np.float32)
     spot, level = black.copy(), black + np.float32(0.5)
@@ -62,48 +65,54 @@ def pictures() -> dict[str, Picture]:
     } | {name: np.repeat(plane[:, :, None], 3, axis=2) for name, plane in grey.items()}
 
 
-def psnr(picture: Picture, options: FitOptions) -> tuple[float, int]:
-    """PSNR of a fit in dB, and how often it ran away."""
-    fitted = fit(picture, options)
+def psnr(picture: Picture, config: FitConfig) -> tuple[float, int]:
+    """PSNR of a fit in dB, and how often it was rolled back."""
+    fitted = fit(picture, config)
     model = np.clip(render(fitted.scene, picture.shape[1], picture.shape[0]), 0, 1)
     return metrics.psnr(model, picture), fitted.rollbacks
 
 
 def of_rates(photo: Picture) -> Iterator[str]:
-    yield "| steps, times the usual | painted, dB | ran away | summed, dB | ran away |"
+    columns = "alpha compositing, dB | rollbacks | additive, dB | rollbacks"
+    yield f"| learning-rate multiplier | {columns} |"
     yield "|---|---|---|---|---|"
     for rate in RATES:
-        found = [
-            psnr(photo, FitOptions(GAUSSIANS, ITERATIONS, blend=blend, learning_rate=rate))
-            for blend in ("over", "add")
-        ]
-        yield f"| {rate:g} | " + " | ".join(f"{db:.2f} | {times}" for db, times in found) + " |"
+        kinds = (
+            FitOptions(blend="over", learning_rate=rate),
+            FitOptions(blend="add", learning_rate=rate),
+        )
+        configs = (FitConfig(gaussians=GAUSSIANS, iterations=ITERATIONS, fit=k) for k in kinds)
+        found = (psnr(photo, config) for config in configs)
+        cells = (f"{db:.2f} | {rollbacks}" for db, rollbacks in found)
+        yield f"| {rate:g} | {' | '.join(cells)} |"
 
 
 def of_pictures() -> Iterator[str]:
     yield "| picture | mean colour, dB | float32, dB | float64, dB |"
     yield "|---|---|---|---|"
     for name, picture in pictures().items():
-        none = psnr(picture, FitOptions(0, 1))[0]
-        found = [psnr(picture, FitOptions(60, 60, dtype=d))[0] for d in ("float32", "float64")]
-        yield f"| {name} | " + " | ".join(f"{db:.2f}" for db in (none, *found)) + " |"
+        configs = [FitConfig(gaussians=0, iterations=1)]
+        configs += [FitConfig(gaussians=60, iterations=60, dtype=dtype) for dtype in DTYPES]
+        found = (psnr(picture, config)[0] for config in configs)
+        yield f"| {name} | " + " | ".join(f"{db:.2f}" for db in found) + " |"
 
 
 def of_resumed(photo: Picture) -> Iterator[str]:
     yield "| run | interrupted after | steps in all | PSNR of the SVG, dB, whole, resumed | bytes |"
     yield "|---|---|---|---|---|"
     with tempfile.TemporaryDirectory() as folder:
-        kept = Path(folder) / "fit"
-        for name, options in RUNS.items():
-            whole = vectorize(photo, **options)
-            asked = iter(range(10**6))
-            early = vectorize(photo, checkpoint=kept, stop=lambda: next(asked) >= 25, **options)  # noqa: B023 (called at once)
-            again = vectorize(photo, resume=kept, **options)
+        saved = Path(folder) / "fit"
+        for name, given in RUNS.items():
+            options, steps = Options.from_flat(given), count()
+            whole = vectorize_by(options, photo)
+            first = options.changed(checkpoint=saved)
+            early = vectorize_by(first, photo, stop=lambda: next(steps) >= 25)  # noqa: B023 (called at once)
+            again = vectorize_by(options.changed(resume=saved), photo)
             same = "the same" if again.svg == whole.svg else "OTHERS"
-            steps = (early.report["iterations"], again.report["iterations"])
-            both = [r.report["psnr_svg"] for r in (whole, again)]
+            iterations = [run.report["iterations"] for run in (early, again)]
+            both = [run.report["psnr_svg"] for run in (whole, again)]
             yield (
-                f"| {name} | {steps[0]} | {steps[1]} | {both[0]:.4f}, {both[1]:.4f} | "
+                f"| {name} | {iterations[0]} | {iterations[1]} | {both[0]:.4f}, {both[1]:.4f} | "
                 f"{whole.report['svg_bytes']}, {same} |"
             )
 
@@ -112,7 +121,7 @@ def main(path: str) -> None:
     photo = load_image(path, matte=WHITE).pixels
     scale = min(1.0, SIDE / max(photo.shape[:2]))
     height, width = (max(1, round(side * scale)) for side in photo.shape[:2])
-    photo = shrunk(photo, height, width)
+    photo = shrink(photo, height, width)
     for table in (of_rates(photo), of_pictures(), of_resumed(photo)):
         for line in table:
             print(line, flush=True)

@@ -1,10 +1,10 @@
-"""Whether targets are met: PSNR, bytes and time asked for, against what came out.
+"""Targets and results: the PSNR, file size and time requested, and those reached.
 
     python examples/targets.py IMAGES... [--psnr 30] [--max-bytes 100k] [--time-limit 5] [--bisect]
 
-One line a photo. --bisect looks for the smallest count given by --gaussians that reaches the
-PSNR, to 3 %, and prints how many times as many Gaussians --target-psnr took. The time is the
-whole command's, by the wall clock, start of Python included.
+The script prints one line per photo. --bisect searches for the smallest --gaussians that reaches
+the PSNR, to within 3 %, and prints the ratio of --target-psnr's count to it. The time is the
+wall-clock time of the whole command, the start of Python included.
 """
 
 from __future__ import annotations
@@ -17,28 +17,26 @@ import tempfile
 import time
 from pathlib import Path
 
-from gauss2svg import vectorize
+from gauss2svg import FitOptions, vectorize
 
-_CLOSE = 1.03  # times the smallest count end the bisection
-_MOST = 20000
+_CLOSE = 1.03  # ratio of the bounds at which the bisection ends
+_MOST = 20_000
 
 
 def smallest_count(image: Path, psnr: float, start: int) -> int | None:
-    """The smallest fixed count whose drawn SVG reaches the PSNR; None if _MOST does not."""
-    low, high = 1, 0
-    tried = start
-    while not high or high / low > _CLOSE:
-        report = vectorize(image, gaussians=tried).report
-        if report["psnr_svg"] >= psnr:
+    """The smallest fixed count whose rasterised SVG reaches the PSNR; None if _MOST does not."""
+    low, high, tried = 0, 0, start
+    while not high or high > max(low * _CLOSE, low + 1):
+        if vectorize(image, gaussians=tried).report["psnr_svg"] >= psnr:
             high = tried
+        elif tried == _MOST:
+            return None
         else:
             low = tried
-            if tried == _MOST:
-                return None
         if not high:
-            tried = min(round(tried * 1.15), _MOST)
+            tried = min(round(tried * 1.15) + 1, _MOST)
         else:
-            tried = round(high / 1.15) if low == 1 else round(math.sqrt(low * high))
+            tried = round(math.sqrt(low * high)) if low else int(high / 1.15)
     return high
 
 
@@ -61,24 +59,25 @@ def main() -> None:
     parser.add_argument("--time-limit", type=float, default=5.0)
     parser.add_argument("--bisect", action="store_true")
     options = parser.parse_args()
-    vectorize(options.images[0], gaussians=10, iterations=2)  # compile before any clock runs
+    vectorize(options.images[0], gaussians=10, fit=FitOptions(iterations=2))  # compile first
     print(
         f"{'image':12}{'PSNR':>7}{'count':>7}{'smallest':>9}{'ratio':>7}{'s':>6} "
         f"|{'bytes':>9}{'PSNR':>7}  {'ended by':10}|{'wall s':>7}{'PSNR':>7}"
     )
     for image in options.images:
-        aimed = vectorize(image, target_psnr=options.psnr).report
+        by_psnr = vectorize(image, target_psnr=options.psnr).report
         smallest = None
         if options.bisect:
-            smallest = smallest_count(image, options.psnr, aimed["gaussians"])
-        ratio = f"{aimed['gaussians'] / smallest:.2f}" if smallest else "-"
+            smallest = smallest_count(image, options.psnr, by_psnr["gaussians"])
+        ratio = f"{by_psnr['gaussians'] / smallest:.2f}" if smallest else "-"
         sized = vectorize(image, max_bytes=options.max_bytes).report
         timed = vectorize(image, time_limit=options.time_limit).report
         seconds = seconds_of_command(image, options.time_limit)
         print(
-            f"{image.stem:12}{aimed['psnr_svg']:>7.2f}{aimed['gaussians']:>7}{smallest or '-':>9}"
-            f"{ratio:>7}{aimed['total_s']:>6.1f} |{sized['svg_bytes']:>9}{sized['psnr_svg']:>7.2f}"
-            f"  {sized['stop_reason']:10}|{seconds:>7.2f}{timed['psnr_svg']:>7.2f}",
+            f"{image.stem:12}{by_psnr['psnr_svg']:>7.2f}{by_psnr['gaussians']:>7}"
+            f"{smallest or '-':>9}{ratio:>7}{by_psnr['total_s']:>6.1f} |{sized['svg_bytes']:>9}"
+            f"{sized['psnr_svg']:>7.2f}  {sized['stop_reason']:10}|{seconds:>7.2f}"
+            f"{timed['psnr_svg']:>7.2f}",
             flush=True,
         )
 

@@ -1,11 +1,12 @@
-"""Transparent photos: how true colour and alpha are, and what they cost beside an opaque copy.
+"""Transparent photos: fidelity of colour and alpha, and the cost against an opaque copy.
 
     python examples/transparency.py [--gaussians 500 2000] [--renderers resvg] [--sheets FOLDER]
 
-Each picture is fitted by so many Gaussians, and by as many as the default quality gives it; then
-once more flattened over white, to compare. Alpha is a picture of one channel. "haze" is the mean
-alpha that is drawn where the photo has none at least 3 px around, in levels of 255. Sheets show
-the photo and the SVG over white, over black and over a checkerboard.
+Each picture is fitted with these numbers of Gaussians and with the adaptive one, then once more
+flattened over white for comparison. The columns white, black and alpha are PSNR in dB of the
+rasterised SVG over white, over black, and of its alpha channel. "haze" is the mean rasterised
+alpha, in levels of 255, where the photo is transparent for at least 3 px around. Sheets show the
+photo and the SVG over white, black and a checkerboard.
 """
 
 from __future__ import annotations
@@ -20,12 +21,12 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import gaussian_filter, maximum_filter
 from skimage import data
 
-from gauss2svg import Result, vectorize
+from gauss2svg import Result, RunOptions, SvgOptions, vectorize
 from gauss2svg.photo.alpha import over
-from gauss2svg.raster import RENDERERS
 from gauss2svg.pipeline.report import decibels
+from gauss2svg.raster import RENDERERS
 
-_CLEAR_OF = 7  # px, across: the haze is measured where no pixel shows in such a square
+_CLEAR_OF = 7  # px: haze is measured where a square of this side is transparent
 _CHECKS = 16  # px
 
 
@@ -63,7 +64,7 @@ def _disc(shape: tuple[int, ...], share: float) -> NDArray[np.floating]:
 
 
 def _without_white(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The least alpha, and the colours, that show a picture (h, w, 4) over white as it is."""
+    """The least alpha, and its colours, that give a picture (h, w, 4) again over white."""
     color = picture[:, :, :3] / 255
     alpha = 1 - color.min(axis=2)
     straight = 1 - (1 - color) / np.maximum(alpha, 1e-9)[:, :, None]
@@ -71,7 +72,7 @@ def _without_white(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _text() -> NDArray[np.uint8]:
-    """Thin dark red letters on nothing."""
+    """Thin dark red letters on a transparent background."""
     mask = Image.new("L", (480, 160))
     pen = ImageDraw.Draw(mask)
     for top, size in ((10, 60), (90, 30), (130, 16)):
@@ -80,10 +81,10 @@ def _text() -> NDArray[np.uint8]:
     return np.dstack([color, np.asarray(mask)])
 
 
-def haze(drawn: NDArray[np.float32], photo: NDArray[np.uint8]) -> float:
-    """Mean alpha of drawn (h, w, 4), in levels of 255, well clear of all that shows in a photo."""
+def haze(raster: NDArray[np.float32], photo: NDArray[np.uint8]) -> float:
+    """Mean alpha of a raster (h, w, 4), in levels of 255, well clear of what the photo shows."""
     clear = maximum_filter(photo[:, :, 3], _CLEAR_OF) == 0
-    return float(drawn[:, :, 3][clear].mean()) * 255 if clear.any() else 0.0
+    return float(raster[:, :, 3][clear].mean()) * 255 if clear.any() else 0.0
 
 
 def sheet(photo: NDArray[np.uint8], result: Result) -> Image.Image:
@@ -108,16 +109,16 @@ def main() -> None:
     parser.add_argument("--sheets", type=Path)
     options = parser.parse_args()
     print(
-        f"{'picture':13}{'asked':>6}{'has':>6}  {'renderer':9}{'white':>9}{'black':>9}{'alpha':>9}"
-        f"{'haze':>6}{'kB':>6}{'s':>6} |{'flattened':>10}{'has':>6}{'kB':>6}{'s':>6}"
+        f"{'picture':13}{'count':>6}{'used':>6}  {'renderer':9}{'white':>9}{'black':>9}{'alpha':>9}"
+        f"{'haze':>6}{'kB':>6}{'s':>6} |{'flattened':>10}{'used':>6}{'kB':>6}{'s':>6}"
     )
     for name, photo in pictures():
         if options.pictures and name not in options.pictures:
             continue
         for count in (*options.gaussians, "auto"):
-            flat = vectorize(photo, gaussians=count, matte="white").report
+            flat = vectorize(photo, gaussians=count, svg=SvgOptions(matte="white")).report
             for renderer in options.renderers:
-                result = vectorize(photo, gaussians=count, renderer=renderer)
+                result = vectorize(photo, gaussians=count, run=RunOptions(renderer=renderer))
                 r = result.report
                 shown = [r["psnr_svg"], r["psnr_svg_black"], r["psnr_svg_alpha"]]
                 white, black, alpha = (decibels(p).removesuffix(" dB") for p in shown)

@@ -1,4 +1,4 @@
-"""The pictures of examples/drawings.py, the tables of bad_inputs.py and renderers.py."""
+"""The scripts of examples/: their pictures, and tables of the quick ones."""
 
 import importlib
 import re
@@ -13,13 +13,13 @@ from PIL import Image
 from gauss2svg.errors import RendererError
 
 
-@pytest.fixture
-def drawings(monkeypatch):
+@pytest.fixture(autouse=True)
+def on_the_path(monkeypatch):
     monkeypatch.syspath_prepend(Path(__file__).parent.parent / "examples")
-    return importlib.import_module("drawings").drawings
 
 
-def test_drawings_are_ten_pictures_on_8_bits_the_same_every_time(drawings):
+def test_drawings_are_ten_pictures_on_8_bits_the_same_every_time():
+    drawings = importlib.import_module("drawings").drawings
     first, second = dict(drawings()), dict(drawings())
     assert len(first) == 10
     for name, pixels in first.items():
@@ -33,8 +33,7 @@ def test_drawings_are_ten_pictures_on_8_bits_the_same_every_time(drawings):
         np.testing.assert_array_equal(pixels, second[name])
 
 
-def test_stability_tells_whether_a_resumed_run_ends_the_same(photo, monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "examples")
+def test_stability_reports_whether_a_resumed_run_ends_the_same(photo, monkeypatch):
     stability = importlib.import_module("stability")
     monkeypatch.setattr(stability, "RUNS", {"few": {"gaussians": 20, "iterations": 40}})
     *_, row = stability.of_resumed(photo[:40, :40])
@@ -43,8 +42,7 @@ def test_stability_tells_whether_a_resumed_run_ends_the_same(photo, monkeypatch)
     assert {p.shape[2] for p in stability.pictures().values()} == {3}
 
 
-def test_bad_inputs_are_refused_in_one_line_each(monkeypatch, capsys):
-    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "examples")
+def test_bad_inputs_are_refused_in_one_line_each(capsys):
     importlib.import_module("bad_inputs").main()
     head, rule, *rows = capsys.readouterr().out.splitlines()
     assert head.count("|") == rule.count("|") == 4
@@ -54,8 +52,7 @@ def test_bad_inputs_are_refused_in_one_line_each(monkeypatch, capsys):
 
 
 @pytest.fixture
-def renderers(monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parent.parent / "examples")
+def renderers():
     return importlib.import_module("renderers")
 
 
@@ -70,14 +67,14 @@ def test_renderers_writes_its_tables_without_a_browser(renderers, photo, tmp_pat
     text = out.read_text()
     assert "the gradient form alone" in text
     rows = [line for line in text.splitlines() if line.startswith("| ")]
-    drawn = re.fullmatch(r"\| gradient \| 60 \| small \| \S+ \| (\S+) \| not installed \|", rows[2])
-    assert drawn is not None
-    assert float(drawn[1]) > 45
-    # The head, the rule and the rows of each table; resvg alone of those that draw larger.
+    cells = re.fullmatch(r"\| gradient \| 60 \| small \| \S+ \| (\S+) \| not installed \|", rows[2])
+    assert cells is not None
+    assert float(cells[1]) > 45
+    # The head, the rule and the rows of each table; resvg is the only renderer of the zoom.
     assert len(rows) == (2 + 2) + (2 + 1) + (2 + 2) + (2 + 1)
 
 
-def test_renderers_tells_the_refused_from_the_missing_and_the_drawn(renderers, monkeypatch):
+def test_renderers_distinguishes_refused_missing_and_rasterised(renderers, monkeypatch):
     blurred = (
         '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"><filter id="a">'
         '<feGaussianBlur stdDeviation="1"/></filter>'
@@ -91,11 +88,11 @@ def test_renderers_tells_the_refused_from_the_missing_and_the_drawn(renderers, m
     assert renderers.decibels("resvg", plain, white) == [np.inf]
 
 
-def test_renderers_shows_a_drawing_that_failed_and_goes_on(renderers, monkeypatch, photo):
-    drawn = []
+def test_renderers_shows_a_renderer_that_failed_and_continues(renderers, monkeypatch, photo):
+    calls = []
 
     def fail(svg, width, height, name):
-        drawn.append(name)
+        calls.append(name)
         if name == "librsvg":
             raise RendererError("out of memory")
         return np.ones((height, width, 3), np.float32)
@@ -109,4 +106,4 @@ def test_renderers_shows_a_drawing_that_failed_and_goes_on(renderers, monkeypatc
     (row,) = renderers.seconds(fits, ["librsvg", "resvg"])
     assert row["librsvg"] == "failed"
     assert row["resvg"][1] == 1
-    assert drawn.count("librsvg") == 2
+    assert calls.count("librsvg") == 2

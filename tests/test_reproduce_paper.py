@@ -1,4 +1,4 @@
-"""examples/reproduce_paper.py: the page is whole, and its verdicts follow from their numbers."""
+"""examples/reproduce_paper.py: the page is complete, and its verdicts follow from the numbers."""
 
 import dataclasses
 import importlib
@@ -30,8 +30,8 @@ def claims():
     return importlib.import_module("paper.claims")
 
 
-class Document(HTMLParser):
-    """Tags with their attributes, and the text inside of each open tag's end."""
+class Page(HTMLParser):
+    """Tags with their attributes, and the tags still open at the end."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -53,13 +53,13 @@ class Document(HTMLParser):
 
 @pytest.fixture(scope="module")
 def context() -> dict:
-    """What the template of the quick page was given."""
+    """The context that the template of the quick page was rendered with."""
     return {}
 
 
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory, context) -> Path:
-    """The folder of the quick page, by the command itself."""
+    """The folder of the quick page, made by the command itself."""
     folder = tmp_path_factory.mktemp("paper")
     command = importlib.import_module("reproduce_paper")
     report = importlib.import_module("paper.report")
@@ -72,11 +72,11 @@ def quick(tmp_path_factory, context) -> Path:
 
 
 @pytest.fixture(scope="module")
-def page(quick) -> Document:
-    return Document((quick / "index.html").read_text(encoding="utf-8"))
+def page(quick) -> Page:
+    return Page((quick / "index.html").read_text(encoding="utf-8"))
 
 
-SECTIONS = ["rounds", "iterations", "schedules", "windows", "losses", "drawn", "claims"]
+SECTIONS = ["rounds", "iterations", "schedules", "windows", "losses", "files", "claims"]
 CLAIMS = ["a", "b", "c", "c, LIVE", "d", "e", "f"]
 
 
@@ -137,17 +137,17 @@ def test_the_same_settings_give_the_same_bytes(quick, tmp_path):
     assert len(made) > 15
     for path in made:
         assert path.read_bytes() == (quick / path.name).read_bytes(), path.name
-    told = json.loads((quick / "numbers.json").read_text())
-    assert json.loads(json.dumps(book.numbers)) == {name: told[name] for name in book.numbers}
+    written = json.loads((quick / "numbers.json").read_text())
+    assert json.loads(json.dumps(book.numbers)) == {name: written[name] for name in book.numbers}
 
 
-def test_page_without_the_tracer_says_so(monkeypatch, quick, context, tmp_path):
+def test_page_without_the_tracer_states_that(monkeypatch, quick, context, tmp_path):
     report = importlib.import_module("paper.report")
-    drawn = importlib.import_module("paper.drawn_sections")
+    sections = importlib.import_module("paper.svg_sections")
     settings = importlib.import_module("paper.settings").QUICK
     book = importlib.import_module("paper.book").Book.begin(settings, tmp_path)
-    monkeypatch.setattr(drawn.table, "peer_version", lambda: None)
-    error, edges = drawn.drawn_files(book)
+    monkeypatch.setattr(sections.table, "peer_version", lambda: None)
+    error, edges = sections.svg_files(book)
     assert book.page["polygons_table"] is None
     assert all(pairs == [] for pairs in [*error.values(), *edges.values()])
     assert "vtracer is not installed" in report._page(**context | book.page)
@@ -191,14 +191,14 @@ def test_faster_than_shapes_both_ways(claims):
 
 def test_smoother_than_shapes_both_ways(claims):
     better, worse = [(1.0, 2.0), (2.0, 2.5), (1.0, 1.7)], [(2.0, 1.0)] * 3
-    judge = claims.smoother_than_shapes
-    assert judge({"x": better}, {"x": better}).word == claims.HOLDS
-    assert judge({"x": better}, {"x": worse}).word == claims.IN_PART
-    assert judge({"x": worse, "y": worse}, {"x": worse, "y": worse}).word == claims.NOT
+    verdict = claims.smoother_than_shapes
+    assert verdict({"x": better}, {"x": better}).word == claims.HOLDS
+    assert verdict({"x": better}, {"x": worse}).word == claims.IN_PART
+    assert verdict({"x": worse, "y": worse}, {"x": worse, "y": worse}).word == claims.NOT
     lost_in_spread = [(1.0, 2.0), (2.0, 1.1), (1.0, 1.1)]
-    assert judge({"x": lost_in_spread}, {"x": better}).word == claims.IN_PART
-    assert judge({"x": better, "y": []}, {"x": better, "y": []}).word == claims.HOLDS
-    assert judge({"x": []}, {"x": []}).word == claims.UNTESTED
+    assert verdict({"x": lost_in_spread}, {"x": better}).word == claims.IN_PART
+    assert verdict({"x": better, "y": []}, {"x": better, "y": []}).word == claims.HOLDS
+    assert verdict({"x": []}, {"x": []}).word == claims.UNTESTED
 
 
 def test_too_few_pairs_test_nothing(claims):
@@ -217,16 +217,16 @@ def test_crop_cured_both_ways(claims):
 
 
 def test_losses_differ_both_ways(claims):
-    judge = claims.losses_differ
-    traded = judge({"mse": (30.0, 0.80), "mse+ssim": (28.0, 0.85), "l1": (29.0, 0.79)})
+    verdict = claims.losses_differ
+    traded = verdict({"mse": (30.0, 0.80), "mse+ssim": (28.0, 0.85), "l1": (29.0, 0.79)})
     assert traded.word == claims.HOLDS
     assert "mse+ssim loses 2.00 dB to mse, which loses 0.0500 SSIM" in traded.numbers
-    assert judge({"mse": (30.0, 0.9), "l1": (28.0, 0.8)}).word == claims.IN_PART
-    assert judge({"mse": (30.0, 0.80), "mse+ssim": (29.97, 0.90)}).word == claims.IN_PART
-    assert judge({"mse": (30.0, 0.9), "l1": (30.0, 0.9)}).word == claims.NOT
+    assert verdict({"mse": (30.0, 0.9), "l1": (28.0, 0.8)}).word == claims.IN_PART
+    assert verdict({"mse": (30.0, 0.80), "mse+ssim": (29.97, 0.90)}).word == claims.IN_PART
+    assert verdict({"mse": (30.0, 0.9), "l1": (30.0, 0.9)}).word == claims.NOT
 
 
-def test_count_for_a_quality_is_read_off_the_line():
+def test_count_for_a_psnr_is_interpolated_on_the_line():
     count_for = importlib.import_module("paper.schedules").count_for
     line = [(100, 20.0), (200, 22.0), (400, 26.0)]
     assert count_for(19.0, line) == 100
@@ -308,7 +308,7 @@ def file_row(photo: str, kind: str, svg_bytes: int, error: float = 1.0):
     )
 
 
-def test_polygons_stand_beside_the_largest_file_with_no_more_bytes():
+def test_polygons_are_compared_with_the_largest_file_of_no_more_bytes():
     table = importlib.import_module("paper.table")
     own = [file_row("cat", table.BEST.name, size) for size in (100, 200, 300)]
     own += [file_row("cat", "another", 240), file_row("dog", table.BEST.name, 220)]
@@ -353,8 +353,8 @@ def test_jumps_at_edges_are_those_within_the_canvas():
     assert windows.edges_inside(away, np.array([5.0])) == [0]
 
 
-def test_the_telling_square_is_where_images_differ():
-    square = importlib.import_module("paper.losses").telling_square
+def test_the_square_is_where_images_differ_most():
+    square = importlib.import_module("paper.losses").most_different_square
     images = [np.zeros((40, 60, 3)), np.zeros((40, 60, 3))]
     images[1][22:30, 41:49] = 1
     rows, columns = square(images)
@@ -364,7 +364,9 @@ def test_the_telling_square_is_where_images_differ():
 
 
 @pytest.mark.parametrize("there", ["file", "folder", "package"])
-def test_what_cannot_be_done_is_refused_in_one_line(there, monkeypatch, capsys, tmp_path):
+def test_foreign_files_and_missing_packages_are_refused_in_one_line(
+    there, monkeypatch, capsys, tmp_path
+):
     command = importlib.import_module("reproduce_paper")
     out = tmp_path / "out"
     if there == "file":
@@ -378,17 +380,17 @@ def test_what_cannot_be_done_is_refused_in_one_line(there, monkeypatch, capsys, 
     monkeypatch.setattr(sys, "argv", ["reproduce_paper.py", str(out), "--quick"])
     with pytest.raises(SystemExit) as ended:
         command.main()
-    told = capsys.readouterr()
+    output = capsys.readouterr()
     assert ended.value.code == 2
-    assert told.out == ""
-    assert told.err.count("\n") == 1
-    assert ("gauss2svg[bench]" if there == "package" else str(out)) in told.err
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    assert ("gauss2svg[bench,torch]" if there == "package" else str(out)) in output.err
     assert [path.name for path in tmp_path.rglob("photo.png")] == ["photo.png"] * (
         there == "folder"
     )
 
 
-def test_an_earlier_page_is_known_by_its_list_of_files(quick, tmp_path):
+def test_an_earlier_page_is_recognised_by_its_list_of_files(quick, tmp_path):
     report = importlib.import_module("paper.report")
     assert set(report._older_page(quick)) == {path.name for path in quick.iterdir()}
     assert report._older_page(tmp_path / "none") == []

@@ -1,4 +1,4 @@
-"""What the sections share and fill: photos, images, the page's parts, numbers and verdicts."""
+"""State that the sections share: photos, images, the page's parts, numbers and verdicts."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .settings import Settings
 
 @dataclass(frozen=True)
 class Table:
-    """A table of the page; name is its id, lines are texts, the first of each its own name."""
+    """A table of the page; name is its id, the first text of each line is the row's name."""
 
     name: str
     caption: str
@@ -25,11 +25,11 @@ class Table:
 
 @dataclass
 class Book:
-    """A page in the making.
+    """A page under construction.
 
     shown     the photo whose images are shown
-    page      what the template needs, by name
-    numbers   every single run, for numbers.json
+    page      context of the template
+    numbers   the numbers of every run, for numbers.json
     """
 
     settings: Settings
@@ -42,7 +42,7 @@ class Book:
 
     @classmethod
     def begin(cls, settings: Settings, folder: Path) -> Book:
-        """With the photos read and nothing measured."""
+        """A book with the photos and no results."""
         photos = {name: photo(name, settings.side) for name in settings.photos}
         return cls(settings, Gallery(folder), photos, settings.photos[0])
 

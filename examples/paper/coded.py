@@ -1,4 +1,4 @@
-"""What the photos weigh as ordinary image files: a lossless PNG and a JPEG."""
+"""The photos as ordinary image files: a lossless PNG and a JPEG."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def means(files: Sequence[Coded]) -> dict[str, Coded]:
 
 
 def larger_from(rows: Sequence[Row], column: str, limit: float) -> int | None:
-    """Least count from which on all rows have more bytes than the limit; None if the last has not.
+    """Least count from which on all rows exceed the limit; None if the last row does not.
 
     column is svg_bytes or svgz_bytes; rows ascend by count.
     """

@@ -1,4 +1,4 @@
-"""The one door to the fit: the paper's way and the product's, watched while they go on."""
+"""All fits of the page: the paper's procedure and the product's, observed during the fit."""
 
 from __future__ import annotations
 
@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gauss2svg.measure import metrics
-from gauss2svg.fit.options import FitOptions, FitProgress
 from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.options import FitConfig, FitProgress
 from gauss2svg.fit.session import FitSession
+from gauss2svg.measure import metrics
+from gauss2svg.pipeline.options import Options
 from gauss2svg.render import render
 from gauss2svg.scene import ADD, Scene
 
@@ -19,38 +20,39 @@ from .photos import Pixels
 
 EXPONENTIAL, LINEAR, AT_ONCE = "exponential", "linear", "all-at-once"
 SCHEDULES = (AT_ONCE, LINEAR, EXPONENTIAL)
+LOSSES = ("mse", "l1", "mse+ssim", "l1+ssim")
 
 
 @dataclass(frozen=True)
 class Way:
-    """How a fit goes, whatever its schedule.
+    """The procedure of a fit, for any schedule.
 
-    placement  of new Gaussians; relocate  whether those missed least are placed anew
-    even       as in the paper: rounds of 1, 2, 4, .. or of equal parts, each with the same share
-               of the iterations, and a last such share for all of them, with steps that get smaller
-               in the end, all on the full picture; else six rounds in the first 30 %, the early
-               ones on a reduced picture
+    init      placement of new Gaussians; relocate  whether the least useful ones are relocated
+    even      as in the paper: rounds of 1, 2, 4, .. or of equal parts, each with the same share of
+              the iterations, and a last such share for all of them with a decaying learning rate,
+              all on the full picture; else six rounds in the first 30 %, the early ones on a
+              reduced picture
     """
 
     name: str
-    placement: str
+    init: str
     relocate: bool
     even: bool
 
 
-RANDOM = Way("paper, random", placement="random", relocate=False, even=True)
-PAPER = Way("paper, selective", placement="live", relocate=False, even=True)
-PRODUCT = Way("product", placement="selective", relocate=True, even=False)
+RANDOM = Way("paper, random", init="random", relocate=False, even=True)
+PAPER = Way("paper, selective", init="live", relocate=False, even=True)
+PRODUCT = Way("product", init="selective", relocate=True, even=False)
 WAYS = (RANDOM, PAPER, PRODUCT)
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A finished fit and what it was on the way.
+    """A finished fit and its course.
 
     image      (h, w, 3) in 0..1 of the final scene, psnr its dB against the photo
-    by_round   the scene after the steps of each round
-    snapshots  the scene after so many iterations
+    by_round   the scene at the end of each round
+    snapshots  the scene by the number of iterations done
     """
 
     scene: Scene
@@ -61,8 +63,8 @@ class Trace:
     snapshots: dict[int, Scene] = field(default_factory=dict)
 
 
-def drawn(scene: Scene) -> Pixels:
-    """The scene's image (h, w, 3) in 0..1, by the product's renderer."""
+def rendered(scene: Scene) -> Pixels:
+    """Image (h, w, 3) in 0..1 of the scene, by the product's renderer."""
     return np.clip(render(scene), 0, 1)
 
 
@@ -77,22 +79,19 @@ def fit(
     loss: str = "mse",
     watched: Collection[int] = (),
 ) -> Trace:
-    """Fit summed Gaussians; watched are the iterations after which the scene is kept."""
-    # The paper's m, which bounds no round here, and its k and e.
+    """Fit additive Gaussians; watched are the iterations after which the scene is kept."""
+    # The paper's m, which limits no round here, and its k and e.
     added = {AT_ONCE: None, EXPONENTIAL: gaussians, LINEAR: -(-gaussians // rounds)}[schedule]
     share = iterations // (rounds + 1)
     steps = share * rounds if schedule == AT_ONCE else share
-    options = FitOptions(
+    even = {"per_round": added, "round_iterations": steps} if way.even else {}
+    given = {"init": way.init, "schedule": schedule, "relocate": way.relocate, **even}
+    options = Options.from_flat({"loss": loss, "seed": seed, "blend": ADD, **given})
+    config = FitConfig(
         gaussians=gaussians,
         iterations=iterations,
-        placement=way.placement,
-        schedule=schedule,
-        loss=loss,
-        seed=seed,
-        blend=ADD,
-        per_round=added if way.even else None,
-        round_iterations=steps if way.even else None,
-        relocate=way.relocate,
+        fit=options.fit,
+        densify=options.densify,
         reduce=not way.even,
     )
     by_round: dict[int, Scene] = {}
@@ -101,16 +100,16 @@ def fit(
     def look(progress: FitProgress) -> None:
         if not watched:
             return
-        scene = run.scene()
+        scene = session.scene()
         by_round[progress.round] = scene
         if progress.iteration in watched:
             snapshots[progress.iteration] = scene
 
-    policy = FixedCount(schedule, gaussians, iterations, options.per_round)
-    run = FitSession(pixels, options, policy, progress=look)
+    policy = FixedCount(schedule, gaussians, iterations, config.densify.per_round)
+    session = FitSession(pixels, config, policy, progress=look)
     begun = time.perf_counter()
-    run.fit()
+    session.fit()
     seconds = time.perf_counter() - begun
-    scene = run.scene()
-    image = drawn(scene)
+    scene = session.scene()
+    image = rendered(scene)
     return Trace(scene, image, metrics.psnr(image, pixels), seconds, by_round, snapshots)

@@ -1,4 +1,4 @@
-"""Figure 5: the same fit under four losses."""
+"""Figure 5: the same fit with four losses."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter
 
 from gauss2svg.measure import metrics
-from gauss2svg.fit.losses import LOSSES
 
-from .engine import EXPONENTIAL, PRODUCT, fit
+from .engine import EXPONENTIAL, LOSSES, PRODUCT, fit
 from .photos import Pixels
 from .settings import Settings
 
@@ -21,7 +20,7 @@ CROP = 0.25  # of the shorter side
 
 @dataclass(frozen=True)
 class LossScore:
-    """PSNR in dB and SSIM of the model's image under one loss."""
+    """PSNR in dB and SSIM of the model's image with one loss."""
 
     photo: str
     loss: str
@@ -58,12 +57,12 @@ def means(scores: Sequence[LossScore]) -> dict[str, tuple[float, float]]:
     }
 
 
-def telling_square(images: Sequence[Pixels]) -> tuple[slice, slice]:
+def most_different_square(images: Sequence[Pixels]) -> tuple[slice, slice]:
     """Rows and columns of the square where the images differ most from each other."""
     height, width = images[0].shape[:2]
     side = max(4, round(CROP * min(height, width)))
     apart = np.var(np.stack(images), axis=0).sum(axis=2)
-    half = side // 2  # the window about [y, x] begins at y - half, x - half
+    half = side // 2  # the window around [y, x] begins at y - half, x - half
     inside = uniform_filter(apart, side)[
         half : height - side + half + 1, half : width - side + half + 1
     ]

@@ -1,4 +1,4 @@
-"""Sections 1 to 5, which end at the rendered image, as the paper does."""
+"""Sections 1 to 5, which end at the rendered image as the paper does."""
 
 from __future__ import annotations
 
@@ -7,28 +7,27 @@ from dataclasses import asdict
 import numpy as np
 
 from gauss2svg.measure import metrics
-from gauss2svg.fit.losses import LOSSES
 from gauss2svg.render.cpu import kernel_lock
 
 from . import claims, losses, plots, schedules, windows
 from .book import Book, Table, counted, texts
-from .engine import EXPONENTIAL, LINEAR, PRODUCT, WAYS, Trace, drawn, fit
+from .engine import EXPONENTIAL, LINEAR, LOSSES, PRODUCT, WAYS, Trace, fit, rendered
 from .pictures import ZOOM, Picture, difference
 
-GAIN = 4  # of the differences that are shown
+GAIN = 4  # of the differences shown
 
 
 def progressive(book: Book) -> None:
-    """Sections 1 and 2: rounds and iterations of one fit."""
+    """Sections 1 and 2: the rounds and iterations of one fit."""
     with kernel_lock:
         trace = schedules.progressive(book.pixels, book.settings)
     book.page["rounds"] = [*_rounds(book, trace), _photo(book)]
     shown = []
     for iteration in schedules.shown_iterations(book.settings):
-        image = drawn(trace.snapshots[iteration])
-        told = f"{counted(iteration, 'iteration')}, {metrics.psnr(image, book.pixels):.2f} dB"
-        alt = f"The model of {book.shown} after {told}"
-        shown.append(book.gallery.save(f"iteration-{iteration}", image, alt, told))
+        image = rendered(trace.snapshots[iteration])
+        caption = f"{counted(iteration, 'iteration')}, {metrics.psnr(image, book.pixels):.2f} dB"
+        alt = f"The model of {book.shown} after {caption}"
+        shown.append(book.gallery.save(f"iteration-{iteration}", image, alt, caption))
     book.page["iterations"] = shown
     points = schedules.curve(trace, book.pixels)
     book.page["iterations_plot"] = plots.iterations_plot(book.folder, points)
@@ -38,7 +37,7 @@ def progressive(book: Book) -> None:
 def _rounds(book: Book, trace: Trace) -> list[Picture]:
     pictures = []
     for k, scene in sorted(trace.by_round.items()):
-        image = drawn(scene)
+        image = rendered(scene)
         count = counted(len(scene), "Gaussian")
         caption = f"{count}, {metrics.psnr(image, book.pixels):.2f} dB"
         alt = f"The model of {book.shown} after round {k}, of {count}"
@@ -71,9 +70,9 @@ def compared_schedules(book: Book) -> None:
     book.page["more_plot"] = plots.more_plot(book.folder, by_count, reached)
     book.page["schedules_table"] = Table(
         "schedules-table",
-        "PSNR of the model in dB; its standard deviation over seeds; what it has more than all at "
-        "once, photo by photo and seed by seed, with the standard deviation of that",
-        ["way, schedule", "mean", "over seeds", "more than all at once"],
+        "PSNR of the model in dB; its standard deviation over seeds; its gain over all at once, "
+        "photo by photo and seed by seed, with the standard deviation of the gain",
+        ["procedure, schedule", "mean", "over seeds", "gain over all at once"],
         [
             [
                 f"{s.way}, {s.schedule}", f"{s.mean:.2f}", f"{s.spread:.2f}",
@@ -85,9 +84,9 @@ def compared_schedules(book: Book) -> None:
     book.page["more_table"] = Table(
         "more-table",
         f"Mean PSNR in dB of all at once by its number of Gaussians, "
-        f"{counted(len(settings.more_seeds), 'seed')}; at the end what exponential reaches with "
+        f"{counted(len(settings.more_seeds), 'seed')}; last, the PSNR of exponential with "
         f"{settings.gaussians}",
-        ["way", *texts("d", settings.more), "exponential"],
+        ["procedure", *texts("d", settings.more), "exponential"],
         [
             [way, *texts(".2f", [psnr for _, psnr in line]), f"{reached[way]:.2f}"]
             for way, line in by_count.items()
@@ -101,7 +100,7 @@ def compared_schedules(book: Book) -> None:
 
 
 def cropped_windows(book: Book) -> None:
-    """Section 4: the crop of fixed windows, on one wide Gaussian and on a fit."""
+    """Section 4: cropping by fixed windows, of one wide Gaussian and of a fit."""
     settings = book.settings
     with kernel_lock:
         scene = fit(
@@ -120,9 +119,9 @@ def cropped_windows(book: Book) -> None:
     both = ["fixed", "adaptive"]
     book.page["windows_table"] = Table(
         "windows-table",
-        "The fit on windows of several widths: Gaussians above the threshold, largest jump at a "
+        "The fit with windows of several widths: Gaussians above the threshold, largest jump at a "
         "window's edge inside the picture and largest error in levels of 255, PSNR in dB against "
-        "the sum without windows",
+        "the image without windows",
         ["width, px", "above"]
         + [f"{name}, {kind}" for name in ("jump", "error", "PSNR") for kind in both],
         [
@@ -145,12 +144,11 @@ def _side_by_side(book: Book, shown: windows.Windowed, name: str, of_what: str) 
     for kind, image, psnr in zip(
         ("fixed", "adaptive"), (shown.fixed, shown.adaptive), shown.crop.psnr, strict=True
     ):
-        told = f"{kind} window, {psnr:.1f} dB to the sum without"
-        pictures.append(
-            save(f"{name}-{kind}", image, f"{of_what} on {kind} windows, {psnr:.1f} dB", told)
-        )
+        alt = f"{of_what} with {kind} windows, {psnr:.1f} dB"
+        caption = f"{kind} window, {psnr:.1f} dB to no window"
+        pictures.append(save(f"{name}-{kind}", image, alt, caption))
         apart = difference(image, shown.whole, GAIN).astype(np.float32)
-        alt = f"{of_what} on {kind} windows, {psnr:.1f} dB: {GAIN} times the difference"
+        alt += f": {GAIN} times the difference"
         pictures.append(save(f"{name}-{kind}-off", apart, alt, f"{kind}, difference x {GAIN}"))
     return pictures
 
@@ -161,17 +159,17 @@ def compared_losses(book: Book) -> None:
         scores, images = losses.compared(book.photos, book.settings)
     rows = []
     for name, pixels in book.photos.items():
-        square = losses.telling_square([images[name, loss] for loss in LOSSES])
+        square = losses.most_different_square([images[name, loss] for loss in LOSSES])
         crop = book.gallery.save(
             f"loss-{name}-photo", pixels[square], f"Part of the photo {name}", name, ZOOM
         )
         row = [crop]
         for loss in LOSSES:
             score = next(s for s in scores if (s.photo, s.loss) == (name, loss))
-            told = f"{loss}: {score.psnr:.2f} dB, SSIM {score.ssim:.3f}"
+            caption = f"{loss}: {score.psnr:.2f} dB, SSIM {score.ssim:.3f}"
             file = f"loss-{name}-{loss.replace('+', '-')}"
             alt = f"The same part of {name} fitted with the loss {loss}"
-            row.append(book.gallery.save(file, images[name, loss][square], alt, told, ZOOM))
+            row.append(book.gallery.save(file, images[name, loss][square], alt, caption, ZOOM))
         rows.append(row)
     means = losses.means(scores)
     book.page["losses"] = rows

@@ -1,4 +1,4 @@
-"""The photos, which scikit-image has in its wheel, and how errors on them are measured."""
+"""The photos, which the wheel of scikit-image contains, and errors over their smooth areas."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from gauss2svg.photo.load import load_image
 Pixels = NDArray[np.float32]
 
 _LEVELS = 255
-# A smooth area has no step of ten levels: 17 to 29 % of the photos at 256 px. The five levels of
-# flat_error, 4 px away, leave 4 to 7 %.
+# 17 to 29 % of the photos at 256 px have no such step, ten levels, within that distance. The
+# criterion of flat_error, five levels within 4 px, leaves 4 to 7 %.
 _STEP, _AWAY = 0.04, 2
 
 
@@ -42,11 +42,11 @@ def steep(pixels: Pixels) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class Smoothness:
-    """How an image does where the photo is smooth: no step of 0.04 within 2 px.
+    """Errors of an image where the photo is smooth: no step of 0.04 within 2 px.
 
     area   share of the photo that is smooth
     error  root of the mean squared error there, in levels of 255
-    edges  share of it where the image has a step of 0.04 that the photo has not
+    edges  share of that area where the image has a false edge: a step of 0.04
     """
 
     area: float
@@ -55,7 +55,7 @@ class Smoothness:
 
 
 def smoothness(image: Pixels, pixels: Pixels) -> Smoothness:
-    """Of an image (h, w, 3) of the photo; error and edges are nan where nothing is smooth."""
+    """Smoothness of an image (h, w, 3); error and edges are nan if no area is smooth."""
     area = np.logical_not(maximum_filter(steep(pixels), size=2 * _AWAY + 1))
     if not area.any():
         return Smoothness(0.0, math.nan, math.nan)

@@ -1,4 +1,4 @@
-"""Images of the page as PNG: the same pixels give the same bytes."""
+"""Images of the page as PNG; equal pixels give equal bytes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Gallery:
         folder.mkdir(parents=True, exist_ok=True)
 
     def save(self, name: str, pixels: Pixels, alt: str, caption: str, zoom: int = 1) -> Picture:
-        """An image (h, w, 3) in 0..1, each pixel as zoom x zoom of them."""
+        """Save an image (h, w, 3) in 0..1, each pixel as zoom x zoom pixels."""
         levels = np.round(np.clip(pixels, 0, 1) * 255).astype(np.uint8)
         levels = np.ascontiguousarray(levels.repeat(zoom, axis=0).repeat(zoom, axis=1))
         Image.fromarray(levels).save(self.folder / f"{name}.png", optimize=True)
@@ -46,5 +46,5 @@ class Gallery:
 
 
 def difference(image: Pixels, other: Pixels, gain: float) -> NDArray[np.float32]:
-    """Grey for equal, lighter and darker by the difference times gain; (h, w, 3) in 0..1."""
+    """Difference times gain, around grey; (h, w, 3) in 0..1."""
     return np.clip(0.5 + gain * (image - other), 0, 1)

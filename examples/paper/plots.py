@@ -21,7 +21,7 @@ from .table import BEST, Kind, Row
 _WIDE, _HIGH, _HIGHER = 5.6, 3.7, 4.7  # inches: on a narrow screen a letter stays some 8 px high
 _INK = {"light": "#1f2933", "dark": "#e4e7eb"}
 _GRID = {"light": "#d3d9e0", "dark": "#3b4754"}
-# At least 3:1 on white and on near black alike.
+# Contrast of at least 3:1 both on white and on near black.
 _COLORS = ("#2f7ed8", "#c26f17", "#2a9d6f", "#c2557a", "#8a63d2")
 _MARKERS = ("o", "s", "^", "D", "v")
 _STYLE: dict[Any, Any] = {
@@ -39,7 +39,7 @@ def _draw(
     name: str,
     alt: str,
     caption: str,
-    paint: Callable[[Any], None],
+    plot: Callable[[Any], None],
     high: float = _HIGH,
 ) -> Picture:
     for shade, ink in _INK.items():
@@ -53,7 +53,7 @@ def _draw(
             axes = figure.add_subplot()
             axes.grid(color=_GRID[shade], linewidth=0.7)
             axes.set_axisbelow(True)
-            paint(axes)
+            plot(axes)
             if axes.get_legend_handles_labels()[0]:
                 figure.legend(
                     loc="outside upper left", ncols=2, frameon=False, fontsize=9,
@@ -69,7 +69,7 @@ def _draw(
 
 
 def _log(axes: Any, ticks: Sequence[float] | None = None) -> None:
-    """A logarithmic x axis, with plain numbers at its ticks."""
+    """A logarithmic x axis with plain numbers at its ticks."""
     axes.set_xscale("log")
     if ticks is not None:
         axes.set_xticks(list(ticks))
@@ -88,7 +88,7 @@ def _plain(value: float, _: int) -> str:
 def iterations_plot(folder: Path, points: Sequence[tuple[int, float]]) -> Picture:
     """PSNR over the iterations of one progressive fit."""
 
-    def paint(axes: Any) -> None:
+    def plot(axes: Any) -> None:
         axes.plot(*zip(*points, strict=True), color=_COLORS[0], linewidth=1.8)
         axes.set_xlabel("iterations")
         axes.set_ylabel("PSNR, dB")
@@ -98,15 +98,15 @@ def iterations_plot(folder: Path, points: Sequence[tuple[int, float]]) -> Pictur
         f"PSNR over the iterations: {first[1]:.1f} dB after {first[0]}, {last[1]:.1f} dB after "
         f"{last[0]}."
     )
-    return _draw(folder, "iterations", alt, "PSNR of the model on the way.", paint)
+    return _draw(folder, "iterations", alt, "PSNR of the model during the fit.", plot)
 
 
 def schedules_plot(folder: Path, scores: Sequence[Score]) -> Picture:
-    """Every fit of figure 3 as a point: a column for each way and schedule."""
+    """Every fit of figure 3 as a point: a column for each procedure and schedule."""
     ways = list(dict.fromkeys(score.way for score in scores))
     photos = list(dict.fromkeys(score.photo for score in scores))
 
-    def paint(axes: Any) -> None:
+    def plot(axes: Any) -> None:
         columns = [(way, schedule) for way in ways for schedule in SCHEDULES]
         for k, photo in enumerate(photos):
             points = [
@@ -127,17 +127,17 @@ def schedules_plot(folder: Path, scores: Sequence[Score]) -> Picture:
         axes.tick_params(axis="x", labelsize=8)
         axes.set_ylabel("PSNR, dB")
 
-    alt = "PSNR of each fit by way and schedule; the table below has the means."
-    caption = "Each point is one fit: a photo and a seed."
-    return _draw(folder, "schedules", alt, caption, paint)
+    alt = "PSNR of each fit by procedure and schedule; the table below has the means."
+    caption = "Each point is one fit of a photo with a seed."
+    return _draw(folder, "schedules", alt, caption, plot)
 
 
 def more_plot(
     folder: Path, by_way: Mapping[str, Sequence[tuple[int, float]]], reached: Mapping[str, float]
 ) -> Picture:
-    """All at once by its count, and the level that exponential reaches with the first count."""
+    """All at once by its count, and the level of exponential with the first count."""
 
-    def paint(axes: Any) -> None:
+    def plot(axes: Any) -> None:
         for k, (way, line) in enumerate(by_way.items()):
             axes.plot(
                 *zip(*line, strict=True), color=_COLORS[k], marker=_MARKERS[k], markersize=5,
@@ -159,15 +159,15 @@ def more_plot(
     )
     alt = f"Mean PSNR of all at once by its number of Gaussians: {ends}."
     caption = "Where a line crosses its dashed level, all at once has caught up."
-    return _draw(folder, "more", alt, caption, paint)
+    return _draw(folder, "more", alt, caption, plot)
 
 
 def shapes_plot(folder: Path, fits: Sequence[ShapeFit], by_seconds: bool) -> Picture:
-    """PSNR of both kinds on the way, every photo of the first seed."""
+    """PSNR of both kinds during the fit, every photo with the first seed."""
     photos = list(dict.fromkeys(fit.photo for fit in fits))
     seed = fits[0].seed
 
-    def paint(axes: Any) -> None:
+    def plot(axes: Any) -> None:
         for fit in fits:
             if fit.seed != seed:
                 continue
@@ -187,17 +187,17 @@ def shapes_plot(folder: Path, fits: Sequence[ShapeFit], by_seconds: bool) -> Pic
         if fit.seed == seed
     )
     alt = f"PSNR of Gaussians and of {ELLIPSES} over {axis}: {ends}."
-    return _draw(folder, f"shapes-{axis}", alt, f"Gaussians and {ELLIPSES}, over {axis}.", paint)
+    return _draw(folder, f"shapes-{axis}", alt, f"Gaussians and {ELLIPSES}, over {axis}.", plot)
 
 
-_DRAWN = {
-    "psnr-count": ("count", "psnr", "Gaussians", "PSNR of the drawn SVG, dB"),
-    "ssim-count": ("count", "ssim", "Gaussians", "SSIM of the drawn SVG"),
-    "psnr-bytes": ("svg_bytes", "psnr", "bytes", "PSNR of the drawn SVG, dB"),
+_AXES = {
+    "psnr-count": ("count", "psnr", "Gaussians", "PSNR of the rasterised SVG, dB"),
+    "ssim-count": ("count", "ssim", "Gaussians", "SSIM of the rasterised SVG"),
+    "psnr-bytes": ("svg_bytes", "psnr", "bytes", "PSNR of the rasterised SVG, dB"),
 }
 
 
-def drawn_plots(
+def file_plots(
     folder: Path,
     kinds: Sequence[Kind],
     own: Sequence[Row],
@@ -205,10 +205,10 @@ def drawn_plots(
     png_bytes: float,
 ) -> list[Picture]:
     """PSNR and SSIM against the count and PSNR against bytes, mean over the photos."""
-    return [_drawn_plot(folder, name, kinds, own, peers, png_bytes) for name in _DRAWN]
+    return [_file_plot(folder, name, kinds, own, peers, png_bytes) for name in _AXES]
 
 
-def _drawn_plot(
+def _file_plot(
     folder: Path,
     name: str,
     kinds: Sequence[Kind],
@@ -216,12 +216,12 @@ def _drawn_plot(
     peers: Sequence[Row],
     png_bytes: float,
 ) -> Picture:
-    x, y, across, up = _DRAWN[name]
+    x, y, across, up = _AXES[name]
     by_count = x == "count"
     inits = list(dict.fromkeys(kind.init for kind in kinds if kind != BEST))
     last = [next(row for row in reversed(own) if row.kind == kind.name) for kind in kinds]
 
-    def paint(axes: Any) -> None:
+    def plot(axes: Any) -> None:
         for kind in kinds:
             rows = [row for row in own if row.kind == kind.name]
             k = len(inits) if kind == BEST else inits.index(kind.init)
@@ -246,4 +246,4 @@ def _drawn_plot(
     pattern = ".3f" if y == "ssim" else ".1f"
     ends = "; ".join(f"{row.kind} {getattr(row, y):{pattern}}" for row in last)
     alt = f"{up} against {across}; at {last[0].count:.0f} Gaussians: {ends}."
-    return _draw(folder, name, alt, f"{up} against {across}, mean over the photos.", paint, _HIGHER)
+    return _draw(folder, name, alt, f"{up} against {across}, mean over the photos.", plot, _HIGHER)

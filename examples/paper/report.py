@@ -1,4 +1,4 @@
-"""All sections in their order, then the page."""
+"""All sections in order, then the page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from gauss2svg.bench.rows import finite
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.kernels import compile_kernels
 
-from . import drawn_sections, model_sections, table
+from . import model_sections, svg_sections, table
 from .book import Book, counted
 from .pictures import ZOOM
 from .settings import Settings
@@ -34,18 +34,19 @@ _PACKAGES = ("numpy", "numba", "scipy", "scikit-image", "torch", "resvg_py", "ma
 
 
 def write_report(
-    settings: Settings, folder: Path, command: str, tell: Callable[[str], None]
+    settings: Settings, folder: Path, command: str, progress: Callable[[str], None]
 ) -> Path:
     """Measure everything and write index.html, its images and numbers.json; path of the page.
 
-    command is what the page says it was made by; tell is called with each part's name. Raises
-    InputError for a folder with files that are not an earlier page's, which this one replaces as
-    a whole once it is done; OSError where nothing can be written.
+    command   named on the page as its origin
+    progress  called with the name of each part
+    An earlier page in the folder is replaced once the new one is complete. Raises InputError for a
+    folder with other files; OSError where nothing can be written.
     """
     older = _older_page(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=folder) as unfinished:
-        _measure(settings, Path(unfinished), command, tell)
+        _measure(settings, Path(unfinished), command, progress)
         for name in older:
             (folder / name).unlink()
         for path in sorted(Path(unfinished).iterdir()):
@@ -54,7 +55,7 @@ def write_report(
 
 
 def _older_page(folder: Path) -> list[str]:
-    """Names of the files of an earlier page there, [] if nothing is there."""
+    """Names of the files of an earlier page in the folder, [] for an empty or missing folder."""
     there = {path.name for path in folder.iterdir()} if folder.exists() else set()
     older: set[str] = set()
     if _NUMBERS in there:
@@ -65,31 +66,33 @@ def _older_page(folder: Path) -> list[str]:
     if others := sorted(there - older):
         more = f" and {len(others) - 3} more" if len(others) > 3 else ""
         raise InputError(
-            f"{folder} has {', '.join(others[:3])}{more}; needed is an empty folder, a new one, or "
-            "one with nothing but an earlier page of this command: try another name"
+            f"{folder} must be new, empty or an earlier page of this command; got a folder with "
+            f"{', '.join(others[:3])}{more}. Try another name"
         )
     return sorted(there)
 
 
-def _measure(settings: Settings, folder: Path, command: str, tell: Callable[[str], None]) -> None:
+def _measure(
+    settings: Settings, folder: Path, command: str, progress: Callable[[str], None]
+) -> None:
     """Write the page into an empty folder."""
     begun = time.perf_counter()
     parts: list[tuple[str, float]] = []
 
     @contextmanager
     def part(name: str) -> Iterator[None]:
-        tell(name)
+        progress(name)
         since = time.perf_counter()
         yield
         parts.append((name, time.perf_counter() - since))
 
-    # Torch has little to do here, and its threads would wait on the kernels' cores.
+    # Torch has little work here, and its waiting threads would slow the kernels' threads.
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
         with part("photos and kernels"):
             book = Book.begin(settings, folder)
-            compile_kernels("float32")
+            compile_kernels()
         with part("rounds"):
             model_sections.progressive(book)
         with part("schedules"):
@@ -98,10 +101,10 @@ def _measure(settings: Settings, folder: Path, command: str, tell: Callable[[str
             model_sections.cropped_windows(book)
         with part("losses"):
             model_sections.compared_losses(book)
-        with part("drawn files"):
-            error, edges = drawn_sections.drawn_files(book)
+        with part("SVG files"):
+            error, edges = svg_sections.svg_files(book)
         with part("ellipses"):
-            drawn_sections.crisp_ellipses(book, error, edges)
+            svg_sections.crisp_ellipses(book, error, edges)
     finally:
         torch.set_num_threads(threads)
     book.verdicts.sort(key=lambda verdict: verdict.key)
@@ -149,11 +152,11 @@ def _page(**context: object) -> str:
 
 def _write_numbers(book: Book) -> None:
     files = sorted([_NUMBERS, *(path.name for path in book.folder.iterdir())])
-    told = {
+    numbers = {
         "settings": asdict(book.settings),
         "files": files,
         **book.numbers,
         "verdicts": [asdict(verdict) for verdict in book.verdicts],
     }
-    text = json.dumps(finite(told), indent=1, allow_nan=False)
+    text = json.dumps(finite(numbers), indent=1, allow_nan=False)
     (book.folder / _NUMBERS).write_text(text + "\n", encoding="utf-8")

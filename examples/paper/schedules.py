@@ -1,4 +1,4 @@
-"""Figures 1 to 3: how a progressive fit goes, and whether it needs fewer Gaussians."""
+"""Figures 1 to 3: the course of a progressive fit, and whether it needs fewer Gaussians."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from gauss2svg.measure import metrics
 
-from .engine import AT_ONCE, EXPONENTIAL, PAPER, SCHEDULES, WAYS, Trace, Way, drawn, fit
+from .engine import AT_ONCE, EXPONENTIAL, PAPER, SCHEDULES, WAYS, Trace, Way, fit, rendered
 from .photos import Pixels
 from .settings import Settings
 
@@ -35,11 +35,11 @@ class Score:
 
 @dataclass(frozen=True)
 class Summary:
-    """One schedule of one way, over photos and seeds.
+    """One schedule of one procedure, over photos and seeds.
 
     mean     PSNR in dB; spread: standard deviation over the seeds, mean over the photos
-    gain     mean difference to all at once, photo by photo and seed by seed
-    scatter  standard deviation of these differences
+    gain     mean gain over all at once, photo by photo and seed by seed
+    scatter  standard deviation of the gains
     """
 
     way: str
@@ -51,14 +51,12 @@ class Summary:
 
 
 def progressive(pixels: Pixels, settings: Settings) -> Trace:
-    """The paper's fit of one photo, watched."""
+    """The paper's fit of one photo, with snapshots."""
     watched = {max(1, round(settings.iterations * share)) for share in _SHARES}
     points = min(_CURVE_POINTS, settings.iterations)
     watched |= {round(settings.iterations * (k + 1) / points) for k in range(points)}
     count, rounds = settings.gaussians, settings.rounds
-    return fit(
-        pixels, PAPER, EXPONENTIAL, count, rounds, settings.iterations, watched=watched
-    )  # fmt: skip
+    return fit(pixels, PAPER, EXPONENTIAL, count, rounds, settings.iterations, watched=watched)
 
 
 def shown_iterations(settings: Settings) -> list[int]:
@@ -67,12 +65,12 @@ def shown_iterations(settings: Settings) -> list[int]:
 
 
 def curve(trace: Trace, pixels: Pixels) -> list[tuple[int, float]]:
-    """(iteration, PSNR in dB) of a watched fit."""
-    return [(i, metrics.psnr(drawn(s), pixels)) for i, s in sorted(trace.snapshots.items())]
+    """(iteration, PSNR in dB) of the snapshots of a fit."""
+    return [(i, metrics.psnr(rendered(s), pixels)) for i, s in sorted(trace.snapshots.items())]
 
 
 def compared(photos: dict[str, Pixels], settings: Settings) -> list[Score]:
-    """Every schedule, way, photo and seed at the same count and iterations."""
+    """Every schedule, procedure, photo and seed at the same count and iterations."""
     return [
         _scored(name, pixels, way, schedule, settings.gaussians, seed, settings)
         for way in WAYS
@@ -109,19 +107,19 @@ def _scored(
 
 
 def shifted(pixels: Pixels, seed: int) -> Pixels:
-    """The photo less two rows and columns a seed: selective fits differ by nothing else."""
+    """The photo without two rows and columns per seed: selective placement has no other noise."""
     return np.ascontiguousarray(pixels[2 * seed :, 2 * seed :])
 
 
 def differences(scores: Sequence[Score], way: str, schedule: str = EXPONENTIAL) -> list[float]:
-    """DB of a schedule over all at once, photo by photo and seed by seed."""
+    """Gain in dB of a schedule over all at once, photo by photo and seed by seed."""
     psnr = {(s.photo, s.schedule, s.seed): s.psnr for s in scores if s.way == way}
     pairs = [(photo, seed) for photo, kind, seed in psnr if kind == schedule]
     return [psnr[photo, schedule, seed] - psnr[photo, AT_ONCE, seed] for photo, seed in pairs]
 
 
 def summaries(scores: Sequence[Score]) -> list[Summary]:
-    """A line for each way and schedule."""
+    """A line for each procedure and schedule."""
     lines = []
     for way in dict.fromkeys(score.way for score in scores):
         for schedule in SCHEDULES:
@@ -150,7 +148,7 @@ def reached(scores: Sequence[Score], way: str, schedule: str, seeds: Sequence[in
 
 
 def mean_by_count(scores: Sequence[Score], way: str) -> list[tuple[int, float]]:
-    """(count, mean PSNR in dB) of a way's scores."""
+    """(count, mean PSNR in dB) of the scores of a procedure."""
     by_count: dict[int, list[float]] = {}
     for score in scores:
         if score.way == way:
@@ -159,9 +157,9 @@ def mean_by_count(scores: Sequence[Score], way: str) -> list[tuple[int, float]]:
 
 
 def count_for(psnr: float, by_count: Sequence[tuple[int, float]]) -> float:
-    """Count at which a rising line through (count, dB), straight in log count, reaches psnr.
+    """Count at which a rising line through (count, dB), linear in log count, reaches psnr.
 
-    The first count where that has it already, infinity where no count reaches it.
+    The first count if that reaches it already, infinity if none does.
     """
     if by_count[0][1] >= psnr:
         return by_count[0][0]

@@ -1,4 +1,4 @@
-"""How much of everything the page measures; QUICK is for trying and for tests."""
+"""The sizes of the page's experiments; QUICK is for a trial and for tests."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ class Settings:
     rounds        of a progressive fit of so many, also of the linear one
     iterations    of figures 1 to 4, a multiple of one more than the rounds
     seeds         of figure 3 and of the comparison of shapes
-    more          counts for all at once, to find how many it needs
+    more          counts for all at once, to find the number that it needs
     kernel_sizes  of figure 4, as shares of the side; the public implementation has 101 of 256 px
-    window_gaussians, loss_gaussians, shapes   counts of figures 4 and 5 and of claims c and d
-    loss_iterations, shape_iterations  of each fit there; step_sizes  of which the best one counts
+    window_gaussians, loss_gaussians, shapes   counts in figures 4 and 5 and for claims c and d
+    loss_iterations, shape_iterations  of each fit there; step_sizes  of which the best one is used
     counts, inits, table_iterations   of the table
     """
 

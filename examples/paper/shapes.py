@@ -1,8 +1,9 @@
 """Claims c and d: Gaussians against crisp ellipses of one colour each, in the same engine.
 
-Both are source-over, have the same nine parameters, the same first values, Adam with the same
-step sizes, and as many iterations. An ellipse is the shape exp(-(r^2 / 2)^beta) whose beta makes
-its rim a pixel wide, as an antialiased edge is: it differs from a Gaussian in nothing else.
+Both are alpha-composited and have the same nine parameters, the same initial values, Adam with the
+same step sizes and the same number of iterations. An ellipse is the shape exp(-(r^2 / 2)^beta)
+whose beta makes its rim a pixel wide, like an antialiased edge; it differs from a Gaussian in
+nothing else.
 """
 
 from __future__ import annotations
@@ -16,26 +17,26 @@ import numpy as np
 import torch
 
 from gauss2svg.measure import metrics
-from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.render.autograd import fast_composite
+from gauss2svg.scene.falloff import RIM_WIDTH
 
 from .photos import Pixels, Smoothness, smoothness
 from .settings import Settings
 
 GAUSSIANS, ELLIPSES = "Gaussians", "crisp ellipses"
 _RIM_PX = 1.0
-# A shape too small for such a rim stays flatter than a Gaussian; a sharper one has no gradient.
+# A shape too small for such a rim is still flatter than a Gaussian; above 64 gradients vanish.
 _LEAST_BETA, _MOST_BETA = 4.0, 64.0
-# Steps of Adam: of the mean in spacings, of ln sigma, atanh rho, and the logits.
+# Step sizes of Adam: of the mean in spacings, of ln sigma, atanh rho, and the logits.
 _STEPS = {"mean": 0.04, "sigma": 0.04, "rho": 0.04, "color": 0.06, "opacity": 0.06}
-_SIGMA_SHARE = 0.6  # of the spacing sqrt(area / (pi n)), of the first sigmas
+_SIGMA_SHARE = 0.6  # initial sigma as a share of the spacing sqrt(area / (pi n))
 _LEAST_SIGMA = 0.35  # px, as in the product
 _MOST_RHO = 0.95
 
 
 @dataclass(frozen=True, eq=False)
 class ShapeFit:
-    """One fit: dB and seconds after 0, 1, 2, .. iterations, and where it ended."""
+    """One fit: dB and seconds after 0, 1, 2, .. iterations, and its final image."""
 
     photo: str
     kind: str
@@ -49,9 +50,9 @@ class ShapeFit:
 
 @dataclass(frozen=True)
 class Pair:
-    """Gaussians less ellipses in dB, each at its best step size, for one photo and seed.
+    """Gain in dB of Gaussians over ellipses, each at its best step size, for one photo and seed.
 
-    by_iterations  after all of them; by_seconds  after the time that the faster one took
+    by_iterations  after all iterations; by_seconds  after the time of the faster fit
     """
 
     photo: str
@@ -82,7 +83,7 @@ def crisp_fit(
             background, height, width, beta,
         )  # fmt: skip
 
-    # A step's loss is of the model as the steps before left it.
+    # The loss of a step is that of the model before the step.
     psnr, seconds = [], [0.0]
     begun = time.perf_counter()
     for _ in range(iterations):
@@ -101,7 +102,7 @@ def crisp_fit(
 
 
 def _first(pixels: Pixels, shapes: int, spacing: float, seed: int) -> dict[str, torch.Tensor]:
-    """Raw first values: random places, round, of the photo's colour there, half opaque."""
+    """Raw initial values: random positions, circles, the photo's colour there, half opaque."""
     rng = np.random.default_rng(seed)
     height, width = pixels.shape[:2]
     mean = rng.random((shapes, 2)) * [width, height]
@@ -127,7 +128,7 @@ def _crisp_beta(sigma: torch.Tensor, rho: torch.Tensor) -> torch.Tensor:
 
 
 def compared(photos: dict[str, Pixels], settings: Settings) -> list[ShapeFit]:
-    """The best step size's fit of each photo, kind and seed."""
+    """The fit with the best step size for each photo, kind and seed."""
     best = []
     for name, pixels in photos.items():
         for kind in (GAUSSIANS, ELLIPSES):
@@ -144,7 +145,7 @@ def compared(photos: dict[str, Pixels], settings: Settings) -> list[ShapeFit]:
 
 
 def pairs(fits: Sequence[ShapeFit]) -> list[Pair]:
-    """Gaussians less ellipses, photo by photo and seed by seed."""
+    """Gains of Gaussians over ellipses, photo by photo and seed by seed."""
     by_key = {(f.photo, f.seed, f.kind): f for f in fits}
     return [
         Pair(
@@ -159,7 +160,7 @@ def pairs(fits: Sequence[ShapeFit]) -> list[Pair]:
 
 
 def iterations_to(fit: ShapeFit, psnr: float) -> float:
-    """Iterations after which a fit first has so many dB, infinity if it never has."""
+    """Iterations after which a fit first reaches a PSNR in dB, infinity if it never does."""
     return next((i for i, reached in enumerate(fit.psnr) if reached >= psnr), math.inf)
 
 

@@ -1,4 +1,4 @@
-"""What the paper lacks: drawn files by the number of Gaussians, and polygons beside them."""
+"""SVG files by the number of Gaussians, which the paper lacks, and polygons beside them."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
 
-from gauss2svg import Result, metrics, vectorize
+from gauss2svg import Result
 from gauss2svg.bench.peers import PEERS
+from gauss2svg.measure import metrics
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import BLENDS
 from gauss2svg.svg.packing import file_bytes
@@ -26,7 +30,7 @@ PEER = "vtracer"
 
 @dataclass(frozen=True)
 class Kind:
-    """One way to a file: options of gauss2svg.vectorize."""
+    """Options of gauss2svg.vectorize that files are compared by."""
 
     blend: str
     init: str
@@ -40,16 +44,16 @@ class Kind:
         return f"{blend}, {self.init}{learned}"
 
 
-BEST = Kind("over", "selective", "adaptive")  # the product's own
+BEST = Kind("over", "selective", "adaptive")  # the product's defaults
 
 
 def kinds(settings: Settings) -> tuple[Kind, ...]:
-    """Both blends with every placement, and the product's own."""
+    """Both blends with every placement, and the product's defaults."""
     return (*(Kind(blend, init) for blend in BLENDS for init in settings.inits), BEST)
 
 
-# From a few large polygons to as many as there are colours, which keep all their bits: at
-# vtracer's own six of eight, errors over smooth areas are up to four times as large.
+# From a few large polygons to one for each patch of colour. All eight bits of colour are kept: with
+# vtracer's default of six, errors over smooth areas are up to four times as large.
 _COLOR_BITS = 8
 _POLYGONS = (
     {"filter_speckle": 10, "layer_difference": 48},
@@ -64,8 +68,8 @@ _POLYGONS = (
 class Row:
     """One file of one photo, or the mean over several.
 
-    kind     of the file, or the peer's settings; count  Gaussians asked for, or the peer's paths
-    psnr, ssim   of the drawn SVG against the photo; error, edges  see photos.Smoothness
+    kind     of the file, or the peer's settings; count  Gaussians requested, or the peer's paths
+    psnr, ssim   of the rasterised SVG against the photo; error, edges  see photos.Smoothness
     flat     gauss2svg.measure.metrics.flat_error, levels
     """
 
@@ -85,17 +89,15 @@ class Row:
 def own_rows(
     photos: dict[str, Pixels], settings: Settings
 ) -> tuple[list[Row], dict[tuple[str, str, int], Pixels]]:
-    """Every kind, count and photo, and the rasters of the product's own kind."""
+    """Every kind, count and photo, and the rasters of the kind BEST."""
 
     def made(pixels: Pixels, kind: Kind, count: int) -> Result:
-        return vectorize(
-            pixels, gaussians=count, iterations=settings.table_iterations,
-            blend=kind.blend, init=kind.init, falloff=kind.falloff,
-        )  # fmt: skip
+        given = {"gaussians": count, "iterations": settings.table_iterations}
+        return vectorize_by(Options.from_flat(given | asdict(kind)), pixels)
 
     rows, rasters = [], {}
     for kind in kinds(settings):
-        # Kernels are loaded and threads begin here, outside of the seconds that are told.
+        # Kernels are loaded and threads start here, outside of the measured seconds.
         made(next(iter(photos.values())), kind, settings.counts[0])
         for count in settings.counts:
             for name, pixels in photos.items():
@@ -110,34 +112,39 @@ def own_rows(
 
 
 def peer_version() -> str | None:
-    """Of the tracer of polygons, None if it is not installed."""
+    """Version of the tracer of polygons, None if it is not installed."""
     return PEERS[PEER].version()
 
 
 def peer_rows(
     photos: dict[str, Pixels],
 ) -> tuple[list[Row], dict[tuple[str, str, int], Pixels]]:
-    """Polygons of one colour each, in every setting, and how they are drawn."""
+    """Polygons of one colour each, with every setting, and their rasters."""
     rows, rasters = [], {}
     for k, options in enumerate(_POLYGONS):
+        kind = f"polygons, {options['filter_speckle']}/{options['layer_difference']}"
         for name, pixels in photos.items():
-            with tempfile.TemporaryDirectory() as folder:
-                png, drawn = Path(folder) / "photo.png", Path(folder) / "drawn.svg"
-                Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(png)
-                work = PEERS[PEER].prepare(
-                    png, drawn, style="polygon", color_precision=_COLOR_BITS, **options
-                )
-                begun = time.perf_counter()
-                work()
-                seconds = time.perf_counter() - begun
-                svg = drawn.read_text()
-            raster = rasterize(svg, pixels.shape[1], pixels.shape[0])
-            kind = f"polygons, {options['filter_speckle']}/{options['layer_difference']}"
+            svg, raster, seconds = traced(
+                pixels, style="polygon", color_precision=_COLOR_BITS, **options
+            )
             paths = svg.count("<path")
             sizes = len(file_bytes(svg, gzipped=False)), len(file_bytes(svg, gzipped=True))
             rows.append(_row(name, kind, paths, pixels, raster, sizes, seconds))
             rasters[name, kind, k] = raster
     return rows, rasters
+
+
+def traced(pixels: Pixels, **settings: Any) -> tuple[str, Pixels, float]:
+    """The SVG of the tracer, its raster, and the seconds of the tracing."""
+    with tempfile.TemporaryDirectory() as folder:
+        png, out = Path(folder) / "photo.png", Path(folder) / "traced.svg"
+        Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(png)
+        work = PEERS[PEER].prepare(png, out, **settings)
+        begun = time.perf_counter()
+        work()
+        seconds = time.perf_counter() - begun
+        svg = out.read_text()
+    return svg, rasterize(svg, pixels.shape[1], pixels.shape[0]), seconds
 
 
 def _row(
@@ -171,7 +178,7 @@ _NUMBERS = (
 
 
 def means(rows: Sequence[Row], group: Callable[[Row], object]) -> list[Row]:
-    """One row for each group, in the order of their first rows: the mean over the photos."""
+    """The mean over the photos of each group of rows, in the order of their first rows."""
     groups: dict[object, list[Row]] = {}
     for row in rows:
         groups.setdefault(group(row), []).append(row)
@@ -208,7 +215,7 @@ def at_most_as_large(own: Sequence[Row], peer: Row) -> Row | None:
 def matched(own: Sequence[Row], peers: Sequence[Row]) -> list[tuple[Row, Row]]:
     """Peers' rows beside own files that are at most as large.
 
-    Of the settings alone in which every photo has one, so that all means are over all photos.
+    Only of the settings in which every photo has one, so that all means are over all photos.
     """
     matches = [(row, at_most_as_large(own, row)) for row in peers]
     lacking = {row.kind for row, match in matches if match is None}

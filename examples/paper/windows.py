@@ -1,4 +1,4 @@
-"""Figure 4: the same Gaussians on fixed and on adaptive windows, and on none."""
+"""Figure 4: the same Gaussians with fixed windows, adaptive windows and none."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _LEVELS = 255
 
 @dataclass(frozen=True)
 class Crop:
-    """What windows of `kernel_size` px take away from a scene.
+    """What windows of `kernel_size` px crop from a scene.
 
     cropped  Gaussians with a sigma above the threshold; count  all of them
     jump     largest at any window's edge within the picture, in levels of 255, of one Gaussian
-    psnr     dB against the sum without windows, clipped to 0..1
+    psnr     dB against the image without windows, clipped to 0..1
     largest  error against it, in levels
-    each of the last three for the fixed window and for the adaptive one
+    The last three are for the fixed window and for the adaptive one.
     """
 
     kernel_size: float
@@ -53,16 +53,16 @@ class Windowed:
 
 
 def windowed(scene: Scene, kernel_size: float) -> Windowed:
-    """A scene of summed Gaussians drawn on both windows."""
+    """An additive scene rendered with both windows."""
     names = ("mean", "sigma", "rho", "color", "background")
     tensors = {name: torch.tensor(getattr(scene, name)) for name in names}
     height, width = round(scene.height), round(scene.width)
 
     def image(size: float, adaptive: bool) -> Pixels:
-        summed = sum_in_windows(
+        pixels = sum_in_windows(
             **tensors, height=height, width=width, kernel_size=size, adaptive=adaptive
         )
-        return summed.clamp(0, 1).numpy().astype(np.float32)
+        return pixels.clamp(0, 1).numpy().astype(np.float32)
 
     whole = image(_NO_WINDOW, False)
     sides = image(kernel_size, False), image(kernel_size, True)
@@ -90,8 +90,8 @@ def windowed(scene: Scene, kernel_size: float) -> Windowed:
 def edges_inside(scene: Scene, reach: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) largest exp(-r^2 / 2) on the edges of windows mean +- reach that cross the canvas.
 
-    On the line u = h it is highest at v = rho h sy / sx; what lies outside is clipped to the
-    nearest point inside. 0 where no edge is inside.
+    On the line u = h the maximum lies at v = rho h sy / sx, clipped to the canvas. 0 where no edge
+    is inside.
     """
     highest = np.zeros(len(scene))
     size = np.array([scene.width, scene.height])

@@ -1,4 +1,4 @@
-"""Section 6: drawn files by the number of Gaussians, beside polygons and crisp ellipses."""
+"""Section 6: SVG files by the number of Gaussians, beside polygons and crisp ellipses."""
 
 from __future__ import annotations
 
@@ -16,30 +16,27 @@ Rasters = dict[tuple[str, str, int], Pixels]
 Pairs = list[tuple[float, float]]
 
 _COLUMNS = {
-    "PSNR of the drawn SVG, dB": ("psnr", ".2f"),
-    "SSIM of the drawn SVG": ("ssim", ".3f"),
+    "PSNR of the rasterised SVG, dB": ("psnr", ".2f"),
+    "SSIM of the rasterised SVG": ("ssim", ".3f"),
     "Bytes of the SVG, in thousands": ("svg_bytes", ".0f"),
-    "Bytes of the SVG compressed by gzip, as a web server sends it, in thousands": (
-        "svgz_bytes",
-        ".1f",
-    ),
+    "Bytes of the gzipped SVG, as web servers send it, in thousands": ("svgz_bytes", ".1f"),
     "Seconds": ("seconds", ".2f"),
 }
 
 
-def drawn_files(book: Book) -> tuple[dict[str, Pairs], dict[str, Pairs]]:
-    """Counts and polygons; errors and false edges of Gaussians and polygons, pair by pair."""
+def svg_files(book: Book) -> tuple[dict[str, Pairs], dict[str, Pairs]]:
+    """Files by count and polygons; returns errors and false edges of both, pair by pair."""
     own, rasters = table.own_rows(book.photos, book.settings)
     peers, traced = table.peer_rows(book.photos) if table.peer_version() else ([], {})
     means = table.own_means(own)
     peer_means = table.peer_means(peers)
-    book.numbers["drawn"] = [asdict(row) for row in own]
+    book.numbers["files_by_count"] = [asdict(row) for row in own]
     book.numbers["polygons"] = [asdict(row) for row in peers]
     png_bytes = _image_files(book, means)
-    book.page["drawn_plots"] = plots.drawn_plots(
+    book.page["file_plots"] = plots.file_plots(
         book.folder, table.kinds(book.settings), means, peer_means, png_bytes
     )
-    book.page["drawn_tables"] = [
+    book.page["file_tables"] = [
         _by_kind(name, column, pattern, means, book) for name, (column, pattern) in _COLUMNS.items()
     ]
     lines = {
@@ -61,7 +58,7 @@ def drawn_files(book: Book) -> tuple[dict[str, Pairs], dict[str, Pairs]]:
 
 
 def _image_files(book: Book, own: Sequence[table.Row]) -> float:
-    """The photos as PNG and JPEG beside files by count; mean bytes of the PNG."""
+    """The photos as PNG and JPEG beside files by count; returns the mean bytes of the PNG."""
     files = coded.coded(book.photos)
     means = coded.means(files)
     best = [row for row in own if row.kind == table.BEST.name]
@@ -96,7 +93,7 @@ def _by_kind(
         values = [getattr(row, column) / scale for row in means if row.kind == kind.name]
         lines.append([kind.name, *texts(pattern, values)])
     return Table(
-        f"drawn-{column}",
+        f"file-{column}",
         caption,
         ["blending, placement", *texts("d", book.settings.counts)],
         lines,
@@ -125,8 +122,9 @@ def _polygons(found: Sequence[tuple[table.Row, table.Row]], left_out: Sequence[s
     return Table(
         "polygons-table",
         "Polygons (speckle filter/layer difference, all eight bits of colour) and Gaussians in no "
-        "more bytes, mean over the photos: error over smooth areas in levels of 255, share of them "
-        f"with false edges in %, error of the worst thousandth of flat areas in levels{lacking}",
+        "more bytes, mean over the photos: error over smooth areas in levels of 255, share of "
+        "these areas with false edges in %, error of the worst thousandth of flat areas in levels"
+        f"{lacking}",
         ["shapes", "count", "PSNR, dB", "SSIM", "error", "edges, %", "flat", "kB", "seconds"],
         lines,
     )
@@ -135,14 +133,14 @@ def _polygons(found: Sequence[tuple[table.Row, table.Row]], left_out: Sequence[s
 def _polygon_pictures(
     book: Book, found: Sequence[tuple[table.Row, table.Row]], rasters: Rasters, traced: Rasters
 ) -> list[Picture]:
-    """A crop of the photo that is shown, of polygons in the middle setting, and of Gaussians."""
+    """A crop of the shown photo, of polygons with the middle setting, and of Gaussians."""
     own = [pair for pair in found if pair[0].photo == book.shown]
     if not own:
         return []
     row, match = own[len(own) // 2]
     polygons = next(v for k, v in traced.items() if k[:2] == (row.photo, row.kind))
     gaussians = rasters[match.photo, match.kind, int(match.count)]
-    square = losses.telling_square([polygons, gaussians])
+    square = losses.most_different_square([polygons, gaussians])
     save = book.gallery.save
     return [
         save("polygons-photo", book.pixels[square], f"Part of the photo {book.shown}",
@@ -156,7 +154,7 @@ def _polygon_pictures(
 
 
 def crisp_ellipses(book: Book, error: dict[str, Pairs], edges: dict[str, Pairs]) -> None:
-    """Ellipses of one colour in the same engine; with the polygons' pairs, claims c and d."""
+    """Ellipses of one colour in the same engine; with the pairs of polygons, claims c and d."""
     fits = shapes.compared(book.photos, book.settings)
     pairs = shapes.pairs(fits)
     book.page["shapes_plots"] = [plots.shapes_plot(book.folder, fits, s) for s in (False, True)]
@@ -220,9 +218,9 @@ def _shapes_table(fits: Sequence[shapes.ShapeFit]) -> Table:
             )  # fmt: skip
     return Table(
         "shapes-table",
-        "Of the model, mean over the seeds; iterations after which one has the final PSNR of the "
-        "other, not reached if it lacks that with any seed; error over smooth areas in levels of "
-        "255, share of them with false edges in %",
+        "Means over the seeds, of the model; iterations to the final PSNR of the other kind, not "
+        "reached if a seed never reaches it; error over smooth areas in levels of 255, share of "
+        "these areas with false edges in %",
         ["photo, shapes", "PSNR, dB", "seconds", "to the other's PSNR", "error", "edges, %"],
         lines,
     )
