@@ -71,7 +71,8 @@ class Limits:
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
-EPSILON = 1e-12  # keeps a step finite where the gradient has always been 0
+# Keeps a step finite where the gradient has always been 0; added before the bias correction.
+EPSILON = 1e-12
 # ln beta of a shape that is a Gaussian for now: at exactly 0 it would stay one.
 LEAST_RAW_BETA = 1e-6
 # Logits: opacities from 0.0003 to 0.999994, beyond which an 8-bit image shows no change.
