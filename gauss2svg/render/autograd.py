@@ -20,8 +20,8 @@ try:
 except ImportError as error:
     raise TorchMissingError("the differentiable renderer") from error
 
-# At an opacity of 0 the falloff that its gradient needs is lost. At these it is not, and ten thousand
-# of them in one pixel still change less than the dtype resolves.
+# At an opacity of 0 the falloff that its gradient needs is lost. At these it is not, and ten
+# thousand of them in one pixel still change less than the dtype resolves.
 _LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
 
 

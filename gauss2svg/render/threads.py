@@ -8,6 +8,7 @@ times as long to compile (docs/decisions/kernels.md).
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, wait
+from typing import Any
 
 # Read by OpenMP, which torch uses, when it is loaded: idle threads sleep. By default they spin, on
 # a core that a kernel could use. A value that the user has set is kept.
@@ -19,9 +20,8 @@ from numba import get_num_threads, njit
 kernel = njit(cache=True, nogil=True, error_model="numpy")
 # A function that only kernels call: compiled into each of them, without entries from Python and
 # without reference counts, which would only take time to compile.
-tile_kernel = njit(
-    nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, _nrt=False
-)
+_INSIDE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}
+tile_kernel = njit(nogil=True, error_model="numpy", **_INSIDE)
 
 _pool: ThreadPoolExecutor | None = None
 
