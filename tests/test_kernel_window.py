@@ -1,6 +1,8 @@
 """Laws of the paper's kernels: where a window ends, and what that costs."""
 
+import importlib
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,7 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
-from gauss2svg.render.kernel_window import edge_values, reaches, sum_in_windows
+
+with pytest.MonkeyPatch.context() as on_the_path:
+    on_the_path.syspath_prepend(Path(__file__).parent.parent / "examples")
+    kernel_window = importlib.import_module("paper.kernel_window")
+
+edge_values, reaches = kernel_window.edge_values, kernel_window.reaches
+sum_in_windows = kernel_window.sum_in_windows
 
 NAMES = ("mean", "sigma", "rho", "color", "background")
 seeds = st.integers(0, 2**32 - 1)

@@ -50,7 +50,7 @@ def test_step_keeps_shared_colours_shared_and_goes_down(shared_state, target):
     for _ in range(10):
         splats = state.splats(background)
         moments = squared_error(splats, target)[2]
-        shared.step(state, gradients(moments, splats.paint[:, 0], splats.shape[:, 5]), 1.0)
+        shared.step(state, gradients(moments, splats.opacity, splats.beta), 1.0)
     assert squared_error(state.splats(background), target)[1] < error
     for entry in np.unique(shared.entry):
         of_entry = state.color[shared.entry == entry]

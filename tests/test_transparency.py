@@ -131,9 +131,10 @@ def test_gradients_of_other_losses_are_over_both_backdrops(small, loss):
         for c in range(3):
             losses = []
             for d in (step, -step):
-                paint = splats.paint.copy()
-                paint[i, 1 + c] += d
-                losses.append(target.evaluate(splats._replace(paint=paint), loss, 0.5).loss)
+                moved = splats.opacity_color.copy()
+                moved[i, 1 + c] += d
+                moved_splats = splats._replace(opacity_color=moved)
+                losses.append(target.evaluate(moved_splats, loss, 0.5).loss)
             found = (losses[0] - losses[1]) / (2 * step)
             assert evaluated.moments[i, 6 + c] == pytest.approx(found, rel=1e-3, abs=1e-3)
 

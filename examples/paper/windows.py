@@ -9,14 +9,9 @@ import torch
 from numpy.typing import NDArray
 
 from gauss2svg.measure import metrics
-from gauss2svg.render.kernel_window import (
-    GRID_REACH,
-    WIDEST_UNCROPPED_SIGMA,
-    reaches,
-    sum_in_windows,
-)
 from gauss2svg.scene import Scene
 
+from .kernel_window import GRID_REACH, WIDEST_UNCROPPED_SIGMA, reaches, sum_in_windows
 from .photos import Pixels
 
 _NO_WINDOW = 1e9  # px: no photo is as wide

@@ -13,27 +13,27 @@ kernels' moments m of h (gauss2svg.render.kernels) the gradients are
     dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
 
 Sizes, ratios and exponents are stepped as logarithms, opacities as logits, and rho follows from L,
-which no step can make indefinite. What is still bounded, such as colours by 0..1, is put back onto
-its bound after the step: the gradient there is the picture's own, and the first one that points
-inward moves it. Colours as logits, whose gradient dies at the bounds, end at 30.16, 21.76, 31.38,
-40.25 and 28.65 dB where these end at 30.27, 21.80, 31.35, 40.27 and 28.62 (Kodak 04, 08 and 20,
-logo, page; 1000 shapes, 120 iterations).
+which no step can make indefinite. Colours are bounded by 0..1: a step that leaves the bounds is
+clipped to them, and the gradient there is that of the image, so that the first one that points
+inward moves the colour again. Colours as logits, whose gradient vanishes at the bounds, end no
+better (docs/decisions/adam.md).
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
-from gauss2svg.fit.state import FARTHEST, PARAMETERS, State
+from gauss2svg.fit.state import FARTHEST, State
 from gauss2svg.scene.falloff import RIM_WIDTH
+
+_Column = NDArray[np.float64]  # (n,), one number for each Gaussian
 
 
 @dataclass(frozen=True)
 class Rates:
-    """Step sizes of one unit of Adam, in the frame above.
+    """Learning rates, in the frame above.
 
     shift and stretch are shares of the Gaussian's own sigma; opacity is in logits,
     color in 0..1.
@@ -49,15 +49,15 @@ class Rates:
 
 @dataclass(frozen=True)
 class Limits:
-    """Shapes and opacities that renderers draw well.
+    """Bounds within which renderers draw shapes and opacities accurately.
 
-    least_sigma   px of the working image; the minor axis never gets thinner
-    most_sigma    px of the working image
+    least_sigma   px of the working image, of the minor axis
+    most_sigma    px of the working image, of the major axis
     most_aspect   major over minor axis: thinner needles streak across flat areas
-    most_beta     exponent of the falloff; the least is 1: with 0.9 or 0.75 for the least,
-                  three Kodak photos lose 0.04 or 0.07 dB at 5000 shapes
+    most_beta     exponent of the falloff; the least is 1, less ends worse
+                  (docs/decisions/adam.md)
     least_rim     px of the working image in which a rim across the minor axis falls from
-                  0.9 to 0.1: sharper ones are not sampled alike by renderers
+                  0.9 to 0.1: renderers sample sharper ones differently
     least_color, most_color  of each channel
     """
 
@@ -71,8 +71,14 @@ class Limits:
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
-# ln beta of a shape that is a Gaussian for now: with 0 it would be one for good.
+# Keeps a step finite where the gradient has always been 0; added before the bias correction.
+EPSILON = 1e-12
+# ln beta of a shape that is a Gaussian for now: at exactly 0 it would stay one.
 LEAST_RAW_BETA = 1e-6
+# Logits: opacities from 0.0003 to 0.999994, beyond which an 8-bit image shows no change.
+_LEAST_RAW_OPACITY, _MOST_RAW_OPACITY = -8.0, 12.0
+# Gaussians that are stepped at a time, so that what is computed for them stays in the cache.
+_BLOCK = 4096
 
 
 def gradients(
@@ -97,88 +103,122 @@ def step(
 ) -> bool:
     """Move every Gaussian of the state by one Adam step, in place; whether all stayed finite.
 
-    One whose step would make a parameter infinite or no number stays where it is, and forgets.
+    One that would get a parameter that is not finite stays where it is, and its moments are reset.
+    rate is a factor of all learning rates.
     """
-    sizes = np.array(
+    sizes = rate * np.array(
         [rates.shift] * 2 + [rates.stretch, rates.shear, rates.stretch, rates.opacity]
         + [rates.color] * 3 + [rates.beta]
     )  # fmt: skip
-    bounds = np.array([
-        limits.least_sigma, limits.most_sigma, limits.most_aspect,
-        math.log(limits.most_beta), RIM_WIDTH / limits.least_rim,
-        limits.least_color, limits.most_color,
-    ])  # fmt: skip
-    return _step(
-        state.mean, state.factor, state.raw_opacity, state.color, state.raw_beta,
-        state.first, state.second, state.age, gradient, rate * sizes, bounds,
-    ) == 0  # fmt: skip
+    finite = True
+    with np.errstate(all="ignore"):  # what is not finite is found afterwards
+        for begin in range(0, len(state), _BLOCK):
+            block = slice(begin, begin + _BLOCK)
+            finite &= _step_block(state, block, gradient[block], sizes, limits)
+    return finite
 
 
-@njit(parallel=True, cache=True)
-def _step(mean, factor, raw_opacity, color, raw_beta, first, second, age, gradient, sizes, bounds):
-    least, most, aspect, sharpest, rim, darkest, brightest = bounds
-    lost = 0
-    for i in prange(mean.shape[0]):
-        age[i] += 1
-        correct1 = 1 - FIRST_DECAY ** age[i]
-        correct2 = 1 - SECOND_DECAY ** age[i]
-        d = np.empty(PARAMETERS)
-        for k in range(PARAMETERS):
-            g = gradient[i, k]
-            first[i, k] = FIRST_DECAY * first[i, k] + (1 - FIRST_DECAY) * g
-            second[i, k] = SECOND_DECAY * second[i, k] + (1 - SECOND_DECAY) * g * g
-            d[k] = -sizes[k] * (first[i, k] / correct1)
-            d[k] /= np.sqrt(second[i, k] / correct2) + 1e-12
-        l11, l21, l22 = factor[i, 0], factor[i, 1], factor[i, 2]
-        mx = mean[i, 0] + l11 * d[0]
-        my = mean[i, 1] + l21 * d[0] + l22 * d[1]
-        # exp(A) to second order; L exp(A) gives a valid covariance whatever the error
-        a, c, b = d[2], d[3], d[4]
-        e11 = 1 + a + 0.5 * (a * a + c * c)
-        e12 = c + 0.5 * c * (a + b)
-        e22 = 1 + b + 0.5 * (b * b + c * c)
-        f11, f12 = l11 * e11, l11 * e12
-        f21, f22 = l21 * e11 + l22 * e12, l21 * e12 + l22 * e22
-        xx = f11 * f11 + f12 * f12
-        xy = f11 * f21 + f12 * f22
-        yy = f21 * f21 + f22 * f22
-        # singular values of F, by the stable sum and difference formulas
-        far = np.hypot(f11 + f22, f21 - f12)
-        near = np.hypot(f11 - f22, f21 + f12)
-        major = 0.5 * (far + near)
-        minor = 0.5 * abs(far - near)
-        new_minor = min(max(minor, least), most)
-        new_major = min(max(major, least), most, aspect * new_minor)
-        if new_minor != minor or new_major != major:
-            half = 0.5 * np.arctan2(2 * xy, xx - yy)
-            co, si = np.cos(half), np.sin(half)
-            p, q = new_major * new_major, new_minor * new_minor
-            xx = co * co * p + si * si * q
-            xy = co * si * (p - q)
-            yy = si * si * p + co * co * q
-        l11 = np.sqrt(xx)
-        l22 = np.sqrt(max(xx * yy - xy * xy, 0.0)) / l11
-        # One sum is finite only if all of it is; infinite l11 and l22 make xy / l11 no number.
-        reach = abs(mx) + abs(my) + l11 + abs(xy / l11) + l22
-        known = d[5] + d[6] + d[7] + d[8] + d[9]
-        for k in range(PARAMETERS):
-            known += second[i, k]
-        if not (reach < FARTHEST and l22 > 0 and np.isfinite(known)):
-            lost += 1
-            age[i] = 0
-            for k in range(PARAMETERS):
-                first[i, k] = 0.0
-                second[i, k] = 0.0
-            continue
-        mean[i, 0] = mx
-        mean[i, 1] = my
-        factor[i, 0] = l11
-        factor[i, 1] = xy / l11
-        factor[i, 2] = l22
-        raw_opacity[i] = min(max(raw_opacity[i] + d[5], -8.0), 12.0)
-        for k in range(3):
-            color[i, k] = min(max(color[i, k] + d[6 + k], darkest), brightest)
-        if raw_beta[i] != 0.0 and sizes[9] != 0.0:
-            bound = min(max(np.log(rim * new_minor), LEAST_RAW_BETA), sharpest)
-            raw_beta[i] = min(max(raw_beta[i] + d[9], LEAST_RAW_BETA), bound)
-    return lost
+def _step_block(
+    state: State,
+    block: slice,
+    gradient: NDArray[np.float64],
+    sizes: NDArray[np.float64],
+    limits: Limits,
+) -> bool:
+    first, second, age = state.first[block], state.second[block], state.age[block]
+    d = _directions(first, second, age, gradient, sizes)
+    mean, raw_opacity = state.mean[block], state.raw_opacity[block]
+    color, raw_beta = state.color[block], state.raw_beta[block]
+    l11, l21, l22 = state.factor[block].T
+    x = mean[:, 0] + l11 * d[0]
+    y = mean[:, 1] + l21 * d[0] + l22 * d[1]
+    l11, l21, l22, minor = _stretched(l11, l21, l22, d[2], d[3], d[4], limits)
+    reach = np.abs(x) + np.abs(y) + l11 + np.abs(l21) + l22
+    # A sum is finite only if all of its terms are.
+    finite = (reach < FARTHEST) & (l22 > 0) & np.isfinite(d[5] + d[6] + d[7] + d[8] + d[9])
+    if not np.isfinite(second.sum()):
+        finite &= np.isfinite(second).all(axis=1)
+
+    moved = [
+        (mean[:, 0], x),
+        (mean[:, 1], y),
+        (state.factor[block, 0], l11),
+        (state.factor[block, 1], l21),
+        (state.factor[block, 2], l22),
+        (raw_opacity, np.clip(raw_opacity + d[5], _LEAST_RAW_OPACITY, _MOST_RAW_OPACITY)),
+    ]
+    for k in range(3):
+        channel = color[:, k]
+        moved.append((channel, np.clip(channel + d[6 + k], limits.least_color, limits.most_color)))
+    if sizes[9] != 0 and raw_beta.any():
+        sharpest = np.log(RIM_WIDTH / limits.least_rim * minor)
+        sharpest = np.clip(sharpest, LEAST_RAW_BETA, math.log(limits.most_beta))
+        stepped = np.clip(raw_beta + d[9], LEAST_RAW_BETA, sharpest)
+        moved.append((raw_beta, np.where(raw_beta != 0, stepped, 0.0)))
+    if finite.all():
+        for parameter, value in moved:
+            parameter[:] = value
+        return True
+    for parameter, value in moved:
+        np.copyto(parameter, value, where=finite)
+    first[~finite], second[~finite], age[~finite] = 0, 0, 0
+    return False
+
+
+def _directions(
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+    age: _Column,
+    gradient: NDArray[np.float64],
+    sizes: NDArray[np.float64],
+) -> list[_Column]:
+    """Adam's step for each parameter, by the gradient; updates its moments and ages in place.
+
+    The bias of both moments is corrected in one factor a Gaussian, as "Adam: A Method for
+    Stochastic Optimization" (Kingma and Ba, 2015) suggests at the end of its section 2.
+    """
+    age += 1
+    scratch = (1 - FIRST_DECAY) * gradient
+    first *= FIRST_DECAY
+    first += scratch
+    np.multiply(gradient, gradient, out=scratch)
+    scratch *= 1 - SECOND_DECAY
+    second *= SECOND_DECAY
+    second += scratch
+    np.sqrt(second, out=scratch)
+    scratch += EPSILON
+    np.divide(first, scratch, out=scratch)
+    unbiased = -np.sqrt(1 - SECOND_DECAY**age) / (1 - FIRST_DECAY**age)
+    return [size * unbiased * column for size, column in zip(sizes, scratch.T, strict=True)]
+
+
+def _stretched(
+    l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, limits: Limits
+) -> tuple[_Column, _Column, _Column, _Column]:
+    """l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], within the limits, and the minor axis."""
+    # exp(A) to second order; L exp(A) gives a valid covariance whatever the error
+    e11 = 1 + a + 0.5 * (a * a + c * c)
+    e12 = c + 0.5 * c * (a + b)
+    e22 = 1 + b + 0.5 * (b * b + c * c)
+    f11, f12 = l11 * e11, l11 * e12
+    f21, f22 = l21 * e11 + l22 * e12, l21 * e12 + l22 * e22
+    xx = f11 * f11 + f12 * f12
+    xy = f11 * f21 + f12 * f22
+    yy = f21 * f21 + f22 * f22
+    # singular values of F, by the stable sum and difference formulas
+    far = np.sqrt(np.square(f11 + f22) + np.square(f21 - f12))
+    near = np.sqrt(np.square(f11 - f22) + np.square(f21 + f12))
+    major, minor = 0.5 * (far + near), 0.5 * np.abs(far - near)
+    new_minor = np.clip(minor, limits.least_sigma, limits.most_sigma)
+    new_major = np.clip(major, limits.least_sigma, limits.most_sigma)
+    new_major = np.minimum(new_major, limits.most_aspect * new_minor)
+    at = np.flatnonzero((new_minor != minor) | (new_major != major))
+    if at.size > 0:
+        angle = 0.5 * np.arctan2(2 * xy[at], xx[at] - yy[at])
+        co, si = np.cos(angle), np.sin(angle)
+        p, q = np.square(new_major[at]), np.square(new_minor[at])
+        xx[at] = co * co * p + si * si * q
+        xy[at] = co * si * (p - q)
+        yy[at] = si * si * p + co * co * q
+    root = np.sqrt(xx)
+    return root, xy / root, np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / root, new_minor

@@ -8,6 +8,8 @@ from operator import add
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.render.torch_extra import require_torch
+
 DEFAULT_LOSS = "mse"
 
 # Weight of 1 - SSIM against the pixel term, as in "3D Gaussian Splatting for
@@ -34,8 +36,7 @@ def image_gradient(
     w = ssim_weight in 0..1, SSIM_WEIGHT if None. The gradient is multiplied by the number of
     values, so that its scale does not depend on the size.
     """
-    import torch
-
+    torch = require_torch(f"loss {loss!r}")
     image = torch.from_numpy(rendered).requires_grad_()
     reference = torch.from_numpy(target)
     pixel = torch.nn.functional.l1_loss if loss.startswith("l1") else torch.nn.functional.mse_loss
@@ -55,8 +56,7 @@ def structural_similarity(image, other):
     11 x 11 Gaussian window of sigma 1.5 (Wang et al., 2004), only where it lies inside the
     image; a smaller image takes the largest odd window that fits.
     """
-    import torch
-
+    torch = require_torch("SSIM as a loss")
     side = min(_WINDOW, *(s - 1 + s % 2 for s in image.shape[1:]))
     x = torch.arange(side, dtype=image.dtype, device=image.device) - side // 2
     weights = torch.exp(-0.5 * (x / _SIGMA) ** 2)

@@ -1,4 +1,4 @@
-"""What the optimiser owns: raw Gaussians in working pixels, and Adam's memory of each."""
+"""The optimiser's state: raw parameters of the Gaussians in working pixels, and Adam's moments."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, OVER, RHO_LIMIT, Scene
-from gauss2svg.scene.falloff import CUT
+from gauss2svg.scene.falloff import cut_radius
 
-FARTHEST = 1e9  # px, from the origin and of a shape: well within what a scene may have
+FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
 PARAMETERS = 10  # shift along the two whitened axes, three of shape, opacity, r, g, b, ln beta
 COLOR, COLOR_AND_BETA = slice(6, 9), slice(6, 10)
 
@@ -27,8 +26,8 @@ class State:
     mean         (n, 2) px
     factor       (n, 3) entries l11, l21, l22 of the covariance's Cholesky factor, px
     raw_opacity  (n,) logit of the opacity
-    color        (n, 3) sRGB, signed where they are summed
-    raw_beta     (n,) ln of the falloff's exponent; exactly 0 stays 0: a Gaussian for good
+    color        (n, 3) sRGB, signed with additive blending
+    raw_beta     (n,) ln of the falloff's exponent; at exactly 0 it is fixed: a Gaussian
     round_index  (n,) int32
     first, second (n, PARAMETERS) Adam's moments; age (n,) steps taken
     """
@@ -45,7 +44,7 @@ class State:
 
     @classmethod
     def empty(cls) -> State:
-        """A state of no Gaussians."""
+        """A state without Gaussians."""
         wide = np.zeros((0, PARAMETERS))
         return cls(
             mean=np.zeros((0, 2)),
@@ -63,35 +62,39 @@ class State:
         return len(self.mean)
 
     def copy(self) -> State:
-        """With arrays of its own, which steps of this one leave alone."""
+        """A copy that shares no array with this one."""
         return State(**{name: array.copy() for name, array in self.state_dict().items()})
 
     def state_dict(self) -> dict[str, Any]:
-        """Its arrays by name, for a checkpoint."""
+        """The arrays by name, for a checkpoint."""
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
 
     @classmethod
-    def from_state_dict(cls, memory: dict[str, Any]) -> State:
-        """The state that gave this memory; raises InputError for arrays that cannot be one's."""
-        usual = cls.empty()
-        count = len(np.atleast_1d(memory.get("mean", [])))
-        for name, array in usual.state_dict().items():
-            got = memory.get(name)
-            shape = (count, *array.shape[1:])
-            if not isinstance(got, np.ndarray) or got.shape != shape or got.dtype != array.dtype:
-                raise InputError(f"{name} of a checkpoint is not {array.dtype} {shape}; begin anew")
-            if not np.isfinite(got).all():
-                raise InputError(f"{name} of a checkpoint is not finite; begin anew")
-        if (memory["second"] < 0).any() or (memory["age"] < 0).any():
-            raise InputError("memory of a checkpoint's optimiser is none; begin anew")
-        if max(np.abs(memory[name]).max(initial=0) for name in ("mean", "factor")) > FARTHEST:
-            raise InputError("shapes of a checkpoint are beyond all bounds; begin anew")
-        if not (memory["factor"][:, [0, 2]] > 0).all():
-            raise InputError("factor of a checkpoint has no extent; begin anew")
-        return cls(**memory)
+    def from_state_dict(cls, arrays: dict[str, Any]) -> State:
+        """The state whose state_dict() this is; raises InputError for arrays that none has."""
+        count = len(np.atleast_1d(arrays.get("mean", [])))
+        for name, usual in cls.empty().state_dict().items():
+            array = arrays.get(name)
+            shape = (count, *usual.shape[1:])
+            if not isinstance(array, np.ndarray):
+                raise _damaged(name, f"an array {shape}", type(array).__name__)
+            if array.shape != shape or array.dtype != usual.dtype:
+                raise _damaged(name, f"{usual.dtype} {shape}", f"{array.dtype} {array.shape}")
+            if not np.isfinite(array).all():
+                raise _damaged(name, "finite", "infinite or undefined numbers")
+        for name in ("second", "age"):
+            if (arrays[name] < 0).any():
+                raise _damaged(name, "at least 0", f"{arrays[name].min():g}")
+        for name in ("mean", "factor"):
+            most = np.abs(arrays[name]).max(initial=0)
+            if most > FARTHEST:
+                raise _damaged(name, f"at most {FARTHEST:g}", f"{most:g}")
+        if not (arrays["factor"][:, [0, 2]] > 0).all():
+            raise _damaged("factor", "above 0 on the diagonal", "shapes without extent")
+        return cls(**arrays)
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
-        """The Gaussians that a mask or an index picks, with their memory; rounds never decrease."""
+        """The Gaussians that a mask or an index selects; rounds must not decrease."""
         return State(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
 
     def append(
@@ -103,7 +106,7 @@ class State:
         raw_beta: NDArray[np.float64],
         round_index: int,
     ) -> State:
-        """The state with new Gaussians on top, which have no memory yet."""
+        """The state with new Gaussians on top, whose moments are 0."""
         count = len(mean)
         wide = np.zeros((count, PARAMETERS))
         rounds = np.full(count, round_index, np.int32)
@@ -114,7 +117,7 @@ class State:
         return State(*(np.concatenate(pair) for pair in pairs))
 
     def quantized(self, scene: Scene) -> State:
-        """With a scene's shapes, exponents and colours; the optimiser forgets the last two."""
+        """With a scene's shapes, exponents and colours; resets Adam's moments of the last two."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         first, second = self.first.copy(), self.second.copy()
         first[:, COLOR_AND_BETA], second[:, COLOR_AND_BETA] = 0.0, 0.0
@@ -137,10 +140,20 @@ class State:
 
     def splats(self, background: NDArray[np.float64], blend: str = OVER) -> Splats:
         """The activated Gaussians, as the kernels read them."""
-        sigma, rho, radius, shape, paint = _activate(
-            self.mean, self.factor, self.raw_opacity, self.color, self.raw_beta
+        sigma, rho, whitening = _activate(self.factor)
+        beta = np.exp(self.raw_beta)
+        radius = cut_radius(beta)
+        opacity = 1 / (1 + np.exp(-self.raw_opacity))
+        return Splats(
+            self.mean,
+            sigma,
+            rho,
+            radius,
+            np.column_stack([self.mean, whitening, beta, radius * radius]),
+            np.column_stack([opacity, self.color]),
+            background,
+            blend == ADD,
         )
-        return Splats(self.mean, sigma, rho, radius, shape, paint, background, blend == ADD)
 
     def scene(
         self, background: NDArray[np.float64], width: float, height: float, blend: str = OVER
@@ -155,39 +168,26 @@ class State:
             sigma=splats.sigma,
             rho=splats.rho,
             color=np.clip(self.color, 0, 1) if over else self.color,
-            opacity=splats.paint[:, 0] if over else np.ones(len(self)),
+            opacity=splats.opacity if over else np.ones(len(self)),
             background=background,
             round_index=self.round_index,
             blend=blend,
-            beta=splats.shape[:, 5],
+            beta=splats.beta,
         )
 
 
-@njit(parallel=True, cache=True)
-def _activate(mean, factor, raw_opacity, color, raw_beta):
-    n = mean.shape[0]
-    sigma = np.empty((n, 2))
-    rho = np.empty(n)
-    radius = np.empty(n)
-    shape = np.empty((n, 7))
-    paint = np.empty((n, 4))
-    for i in prange(n):
-        l11, l21, l22 = factor[i, 0], factor[i, 1], factor[i, 2]
-        sy = np.hypot(l21, l22)
-        sigma[i, 0] = l11
-        sigma[i, 1] = sy
-        rho[i] = min(max(l21 / sy, -RHO_LIMIT), RHO_LIMIT)
-        shape[i, 0] = mean[i, 0]
-        shape[i, 1] = mean[i, 1]
-        shape[i, 2] = 1 / l11
-        shape[i, 3] = -l21 / (l11 * l22)
-        shape[i, 4] = 1 / l22
-        beta = np.exp(raw_beta[i])
-        squared = 2 * CUT ** (1 / beta)
-        radius[i] = np.sqrt(squared)
-        shape[i, 5] = beta
-        shape[i, 6] = squared
-        paint[i, 0] = 1 / (1 + np.exp(-raw_opacity[i]))
-        for k in range(3):
-            paint[i, 1 + k] = color[i, k]
-    return sigma, rho, radius, shape, paint
+def _damaged(name: str, needed: str, got: str) -> InputError:
+    return InputError(
+        must_be(f"the checkpoint's {name}", needed, shown(got), "starting the fit again")
+    )
+
+
+def _activate(
+    factor: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """From Cholesky factors (n, 3): sigma (n, 2), rho (n,) and whitening w11, w21, w22 (n, 3)."""
+    l11, l21, l22 = factor.T
+    sy = np.sqrt(l21 * l21 + l22 * l22)
+    rho = np.clip(l21 / sy, -RHO_LIMIT, RHO_LIMIT)
+    whitening = np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=1)
+    return np.stack([l11, sy], axis=1), rho, whitening

@@ -6,16 +6,21 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from torch.autograd.function import once_differentiable
 
 from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar
 from gauss2svg.render.domain import check_domain
+from gauss2svg.render.torch_extra import TorchMissingError
 from gauss2svg.scene import whitening_of
 from gauss2svg.scene.falloff import cut_radius
 
-# An opacity of 0 hides the falloff that its gradient needs; at these it is there, and ten
+try:
+    import torch
+    from torch.autograd.function import once_differentiable
+except ImportError as error:
+    raise TorchMissingError("the differentiable renderer") from error
+
+# At an opacity of 0 the falloff that its gradient needs is lost. At these it is not, and ten
 # thousand of them in one pixel still change less than the dtype resolves.
 _LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
 
@@ -37,7 +42,7 @@ class _FastRender(torch.autograd.Function):
         mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
         real = _precision(ctx.saved_tensors)
         seen = opacity.double().clamp(min=_LEAST_OPACITY[real])
-        # Gaussians proper leave out what the exponent's gradient needs.
+        # The kernels' loop for beta = 1 leaves out what the exponent's gradient needs.
         near = beta.double()
         if ctx.needs_input_grad[6]:
             near = torch.where(near == 1, np.nextafter(1, 2), near)
@@ -46,7 +51,7 @@ class _FastRender(torch.autograd.Function):
         gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
         by_opacity = moments[:, 5] / seen
-        # All but the opacity's own gradient are proportional to it.
+        # All gradients but the opacity's own are proportional to the opacity.
         moments *= (opacity.double() / seen)[:, None]
         wanted = (
             *_by_shape(moments[:, :5], sigma.double(), rho.double()),
@@ -69,8 +74,8 @@ def _splats(*tensors: torch.Tensor) -> Splats:
     )
     radius = cut_radius(beta)
     shape = np.column_stack([mean, whitening_of(sigma, rho), beta, radius**2])
-    paint = np.concatenate([opacity[:, None], color], axis=1)
-    return Splats(mean, sigma, rho, radius, shape, paint, background)
+    opacity_color = np.column_stack([opacity, color])
+    return Splats(mean, sigma, rho, radius, shape, opacity_color, background)
 
 
 def _by_shape(
@@ -89,10 +94,12 @@ def _by_shape(
 
 
 def _by_background(splats: Splats, gradient: NDArray[np.floating]) -> NDArray[np.float64]:
-    """The background shows through the transmittance: white under black Gaussians."""
+    """Gradient of the background, by the transmittance: white behind black Gaussians."""
     if splats.additive:
         return gradient.sum(axis=(1, 2), dtype=np.float64)
-    black = splats._replace(paint=splats.paint * [1.0, 0.0, 0.0, 0.0], background=np.ones(3))
+    black = splats._replace(
+        opacity_color=splats.opacity_color * [1.0, 0.0, 0.0, 0.0], background=np.ones(3)
+    )
     _, height, width = gradient.shape
     transmittance = render_planar(black, height, width, gradient.dtype.type)
     return np.einsum("chw,chw->c", gradient, transmittance, dtype=np.float64)
@@ -112,10 +119,10 @@ def fast_composite(
     """The same as gauss2svg.render.reference.composite, by the numba kernels.
 
     CPU tensors of any floating dtype; the image (height, width, 3) is float64 if all of
-    them are, else float32. Gradients flow to every tensor, once: a second derivative raises
-    torch's error. Nearer to a mean than r^2 / 2 = 1e-12 powers are those of 1e-12: there the
-    gradients of beta < 1, which grow with r^(2 beta - 1) or faster, end. Raises InputError
-    outside of the domain (gauss2svg.render.domain).
+    them are, else float32. Gradients flow to every tensor, but only once: a second derivative
+    raises torch's error. Where r^2 / 2 < 1e-12 the power of 1e-12 is used, which bounds the
+    gradients of beta < 1; they grow with r^(2 beta - 1) or faster. Raises InputError outside the
+    domain (gauss2svg.render.domain).
     """
     beta = torch.ones_like(rho) if beta is None else beta
     check_domain(

@@ -1,46 +1,44 @@
 """The fast CPU renderer: numba kernels over 16 x 16 tiles, forward and backward.
 
-It computes in float32 or in float64, whichever the image that it is handed has; the
-kernels are compiled for float64 when first asked for it.
+It computes in float32 or in float64, whichever dtype the image passed to it has; the kernels are
+compiled for float64 when it is first used.
 
-Cost is counted in pair rows: one Gaussian on one row of one tile, 16 pixels.
-Measured on two cores of an AMD EPYC with 512-bit registers, 5000 Gaussians on a
-768x512 photo, forward and backward of the squared error:
+Cost is counted in pair rows: one Gaussian on one row of one tile, 16 pixels. Rows of explicit
+lanes (gauss2svg.render.simd) take a fifth of the time of loops left to LLVM's vectoriser, and
+half of whole tiles: docs/decisions/kernels.md.
 
-    whole tiles, loops left to LLVM's vectoriser    29 ms, 20 M pixel pairs
-    rows only, loops left to the vectoriser         70 ms, 15 M (not vectorised)
-    rows only, explicit lanes (simd.py)             15 ms, 15 M   <- this file
-
-Tiles are dealt to the workers round robin, every tile writes only its own pixels
-and its own pairs, and pairs are summed Gaussian by Gaussian: the number of
-threads changes no bit of any result.
+The number of threads changes no bit of any result: see gauss2svg.render.walk.
 """
 
 import threading
 from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numba import get_num_threads
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.render.kernels import MOMENTS
-from gauss2svg.render.tiles import Pairs, find_pairs
+from gauss2svg.render.threads import in_shares
+from gauss2svg.render.tiles import find_pairs
 from gauss2svg.render.walk import (
     GIVEN_GRADIENT,
     REMOVAL,
     RENDER,
     SQUARED_ERROR,
-    sum_pairs,
-    sum_tiles,
+    add_pairs,
+    tile_buffers,
     walk_tiles,
+    walk_tiles_additive,
 )
 from gauss2svg.scene import ADD, Scene, whitening_of
 from gauss2svg.scene.falloff import cut_radius
 
-# numba's fallback threading layer aborts the process if two Python threads are in a
-# parallel kernel at once; whoever calls one holds this lock.
+# A whole fit holds this lock. Fits that run at the same time would share the threads of one
+# machine, and none would be the faster for it.
 kernel_lock = threading.RLock()
+
+# Pair rows that take about as long as waking up a thread, of all kernels and of add_pairs.
+_LEAST_SHARE, _LEAST_ADDED = 4096, 65536
 
 Real = TypeVar("Real", bound=np.floating)  # np.float32 or np.float64
 
@@ -50,9 +48,9 @@ class Splats(NamedTuple):
 
     mean (n, 2), sigma (n, 2), rho (n,), radius (n,) of the cut: for the tiles
     shape (n, 7): mean x, y, whitening w11, w21, w22, beta and radius^2
-    paint (n, 4): opacity, r, g, b
+    opacity_color (n, 4): opacity, r, g, b
     background (3,)
-    additive: whether they are summed; opacities are not read then, nor exponents
+    additive: whether they are blended additively; opacities and exponents are not read then
     """
 
     mean: NDArray[np.float64]
@@ -60,17 +58,32 @@ class Splats(NamedTuple):
     rho: NDArray[np.float64]
     radius: NDArray[np.float64]
     shape: NDArray[np.float64]
-    paint: NDArray[np.float64]
+    opacity_color: NDArray[np.float64]
     background: NDArray[np.float64]
     additive: bool = False
 
+    @property
+    def opacity(self) -> NDArray[np.float64]:
+        """(n,) in 0..1."""
+        return self.opacity_color[:, 0]
+
+    @property
+    def beta(self) -> NDArray[np.float64]:
+        """(n,) exponents of the falloff."""
+        return self.shape[:, 5]
+
+    @property
+    def paint(self) -> NDArray[np.float64]:
+        """The former name of opacity_color."""
+        return self.opacity_color
+
 
 def splats_of(scene: Scene, scale: tuple[float, float] = (1.0, 1.0)) -> Splats:
-    """The kernels' view of a scene, scaled along x and y.
+    """What the kernels read of a scene, scaled along x and y.
 
-    As of scene.scaled(*scale), save that a scale may lead out of the domain of scenes.
+    The same as for scene.scaled(*scale), but the scaled shapes may leave the domain of scenes.
     """
-    # New arrays: numba compiles everything once more for read-only ones.
+    # Copies: numba would compile the kernels once more for a scene's read-only arrays.
     mean, sigma = scene.mean * scale, scene.sigma * scale
     radius = cut_radius(scene.betas)
     return Splats(
@@ -92,39 +105,38 @@ def _visit(
     pair_width: int,
     weight: NDArray[Real] | None = None,
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
+    """Image, sum of squared errors, (n, pair_width) sums over each Gaussian's pairs, pair rows."""
     if image.ndim != 3 or image.shape[0] != 3 or image.dtype not in (np.float32, np.float64):
-        raise InputError(
-            f"image is {image.dtype} {image.shape}; needed is float32 or float64 (3, height, width)"
-        )
-    _, height, width = image.shape
+        got = shown(f"{image.dtype} {image.shape}")
+        raise InputError(must_be("image", "float32 or float64 (3, height, width)", got))
     # One numba type for all callers: read-only arrays would be compiled for once more.
     image = np.require(image, requirements=["C", "W"])
     if weight is None:
-        weight = np.ones((1, 1) if mode != SQUARED_ERROR else (height, width), image.dtype)
+        weight = np.ones((1, 1) if mode != SQUARED_ERROR else image.shape[1:], image.dtype)
     weight = np.require(weight, image.dtype, ["C", "W"])
-    with kernel_lock:
-        return _visit_locked(mode, splats, image, weight, pair_width)
-
-
-def _visit_locked(
-    mode: int,
-    splats: Splats,
-    image: NDArray[Real],
-    weight: NDArray[Real],
-    pair_width: int,
-) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
-    _, height, width = image.shape
-    pairs = Pairs(*find_pairs(splats.mean, splats.sigma, splats.rho, splats.radius, height, width))
+    pairs = find_pairs(splats.mean, splats.sigma, splats.rho, splats.radius, *image.shape[1:])
+    row_count = int((pairs.rows[:, 1] - pairs.rows[:, 0]).sum())
     out = np.empty_like(image)
     pair_out = np.empty((len(pairs.gaussian), pair_width), image.dtype)
     loss = np.zeros(len(pairs.start) - 1)
-    walk = sum_tiles if splats.additive else walk_tiles
-    walk(
-        mode, get_num_threads(), splats.shape, splats.paint, splats.background,
-        image, weight, pairs, pair_out, out, loss,
-    )  # fmt: skip
-    row_count = int((pairs.rows[:, 1] - pairs.rows[:, 0]).sum())
-    return out, float(loss.sum()), sum_pairs(pairs.offset, pair_out), row_count
+    totals = np.zeros((len(splats.mean), pair_width))
+    background = splats.background.astype(image.dtype)
+    walk = walk_tiles_additive if splats.additive else walk_tiles
+
+    def walk_share(share: int, shares: int) -> None:
+        walk(
+            mode, share, shares, splats.shape, splats.opacity_color, background, image, weight,
+            pairs.gaussian, pairs.rows, pairs.start, pairs.order,
+            *tile_buffers(pairs.most_rows, image.dtype), pair_out, out, loss,
+        )  # fmt: skip
+
+    def add_share(share: int, shares: int) -> None:
+        add_pairs(share, shares, pairs.offset, pair_out, totals)
+
+    in_shares(walk_share, row_count // _LEAST_SHARE)
+    if mode != RENDER:
+        in_shares(add_share, row_count // _LEAST_ADDED)
+    return out, float(loss.sum()), totals, row_count
 
 
 def render_planar(
@@ -134,7 +146,7 @@ def render_planar(
 
     dtype is np.float32 or np.float64; InputError for another.
     """
-    blank = np.zeros((3, height, width), dtype)  # not read, and so no memory that is really there
+    blank = np.zeros((3, height, width), dtype)  # never read: takes address space, no memory
     return _visit(RENDER, splats, blank, 1)[0]
 
 
@@ -143,10 +155,9 @@ def squared_error(
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
     """Image, sum of squared errors, gradient as moments (n, MOMENTS), and pair rows.
 
-    target is (3, h, w), weight (h, w) > 0 or None for 1; target's dtype, float32 or float64,
-    is what is computed in. The sum is not weighted. The moments (gauss2svg.render.kernels)
-    belong to L = 1/2 sum weight (rendered - target)^2; forward and backward share one visit
-    of a tile.
+    target is (3, h, w), weight (h, w) > 0 or None for 1; all is computed in target's dtype,
+    float32 or float64. The sum is not weighted. The moments (gauss2svg.render.kernels) belong to
+    L = 1/2 sum weight (rendered - target)^2; forward and backward share one visit of a tile.
     """
     return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight)
 
@@ -159,10 +170,10 @@ def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.f
 def removal_cost(
     splats: Splats, target: NDArray[Real]
 ) -> tuple[NDArray[Real], NDArray[np.float64]]:
-    """Image, and (n, 2): what taking each Gaussian away costs, and the sum of its w^2.
+    """Image, and (n, 2): what removing each Gaussian would cost, and the sum of its w^2.
 
-    The cost is the change of the summed squared error against target (3, h, w), with
-    what lies behind showing through; negative where the picture would gain.
+    The cost is the change of the summed squared error against target (3, h, w) as what lies
+    behind shows through; it is negative where the image would match better.
     """
     image, _, cost, _ = _visit(REMOVAL, splats, target, 2)
     return image, cost

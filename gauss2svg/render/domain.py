@@ -1,13 +1,18 @@
-"""What the differentiable renderers take: tensors within the domain of a scene's parameters."""
+"""The domain of the differentiable renderers' tensors: that of a scene's parameters."""
 
 from __future__ import annotations
 
 import numpy as np
-import torch
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.render.torch_extra import TorchMissingError
 from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, MOST_SIGNED, RHO_LIMIT
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
+
+try:
+    import torch
+except ImportError as error:
+    raise TorchMissingError("the differentiable renderer") from error
 
 _DOMAIN = {
     "mean": (-MOST_MEAN, MOST_MEAN),
@@ -23,13 +28,13 @@ _DOMAIN = {
 def check_domain(**tensors: torch.Tensor) -> None:
     """Raise InputError for an element that is not finite or leaves the domain of its parameter.
 
-    As in gauss2svg.scene.scene.Scene, save that colours may be signed in both blends, and that rho may
-    go up to the last number before 1 of its own dtype.
+    The domain is that of gauss2svg.scene.scene.Scene, but colours may be signed with both blends,
+    and rho may go up to the last number before 1 of its own dtype.
     """
     for name, tensor in tensors.items():
         least, most = _DOMAIN[name]
-        # The ends as the tensor's type has them: 1e-9 is a little less in float32, and beyond the
-        # normal numbers of float16, as 1e9 is.
+        # The ends as numbers of the tensor's dtype: float32 rounds 1e-9 down, and 1e-9 and 1e9 lie
+        # outside the normal numbers of float16.
         kind = torch.finfo(tensor.dtype)
         least = max(least, kind.tiny) if least > 0 else max(least, kind.min)
         ends = torch.tensor([least, min(most, kind.max)], dtype=tensor.dtype)
@@ -40,10 +45,8 @@ def check_domain(**tensors: torch.Tensor) -> None:
         bad = ~((values >= least) & (values <= most))
         if bad.any():
             at = tuple(int(i) for i in np.argwhere(bad)[0])
-            raise InputError(
-                f"{name}{list(at)} is {values[at]!s}; needed is finite and in {least!r}..{most!r}: "
-                "clamp it"
-            )
+            got, needed = shown(f"{values[at]!s}"), f"finite and in {least!r}..{most!r}"
+            raise InputError(must_be(f"{name}{list(at)}", needed, got, "clamping it"))
 
 
 def below_one(dtype: torch.dtype) -> float:

@@ -1,7 +1,7 @@
-"""Compositing of one tile: forward, backward and removal, on sixteen lanes at a time.
+"""Alpha compositing of one tile: forward, backward and removal, sixteen lanes at a time.
 
 The buffers are all float32 or all float64, and so is the arithmetic between lanes; shape
-and paint are float64 in both.
+and opacity_color are float64 in both.
 
 Front to back, pixel by pixel, with T the transmittance in front of Gaussian k:
 
@@ -13,27 +13,27 @@ gradient with respect to the pixel and B_k the colour composed behind k,
 
     dL/dalpha_k = T_k (g.c_k - g.B_k),  B_{k-1} = B_k + alpha_k (c_k - B_k),
 
-where alpha_k and T_k are the ones that the forward pass left in the buffers.
+where alpha_k and T_k are those that the forward pass left in the buffers.
 
-Shapes are seen through whitened coordinates z = W (x - mean), r^2 = |z|^2, so that
-no squared term can turn negative for thin Gaussians. z1 depends on the column
+Shapes are evaluated in whitened coordinates z = W (x - mean), r^2 = |z|^2, so that
+no squared term can become negative for thin Gaussians. z1 depends on the column
 alone, z2 is one multiply-add. Gradients are returned as moments of
 h = dL/dalpha alpha', alpha' = alpha + opacity rim / (1 - rim) inside the support:
 
     sum h z1, sum h z2, sum h z1^2, sum h z1 z2, sum h z2^2,
     sum dL/dalpha alpha, sum w g (3),        (dL/dr^2 = -h / 2)
 
-nine numbers a pair, from which every parametrisation's gradient follows.
+nine numbers for each pair, from which the gradient of every parametrisation follows.
 
 A shape of exponent beta != 1 has t = s^beta in place of s = r^2 / 2 in the falloff. With
 A = t / s = s^(beta - 1), which costs one logarithm and one power, its h is multiplied by
 beta A, and a tenth number gives dL/dbeta = -sum dL/dalpha alpha' t ln s. Gaussians have a
-loop of their own and pay nothing for it; a pair of the other kind takes some 1.5 times as long
-(1.4 to 1.6 in ten runs, 4000 shapes of equal support on one thread).
+loop of their own, which pays nothing for it; a pair with another exponent takes about 1.5 times
+as long (docs/decisions/kernels.md).
 """
 
 # pyright: reportCallIssue=false
-# The intrinsics of simd.py take a typing context that only numba sees.
+# The intrinsics of simd.py take a typing context that numba passes by itself.
 
 from numba import njit
 
@@ -50,6 +50,7 @@ from gauss2svg.render.simd import (
     store,
     total,
 )
+from gauss2svg.render.threads import tile_kernel
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
 from gauss2svg.scene.falloff import CUT, RIM
 
@@ -76,7 +77,7 @@ def _rim_of(coefficients: tuple[float, ...]) -> float:
     return value**4
 
 
-# What the polynomial gives at the cut, and a little more than the rounding, so that
+# The polynomial's value at the cut, plus a little more than its rounding error, so that
 # alpha is exactly 0 from the cut on.
 _RIMS = _rim_of(_SINGLE) + 2e-8, _rim_of(_DOUBLE) + 4e-17
 assert abs(_RIMS[0] - RIM) < 2e-6, "the polynomials were fitted for RADIUS = 3"
@@ -84,7 +85,7 @@ assert abs(_RIMS[1] - RIM) < 1e-16, "the polynomials were fitted for RADIUS = 3"
 _rim = constant(*_RIMS)
 _norm = constant(*(1 / (1 - rim) for rim in _RIMS))
 _exp = polynomial(_SINGLE, _DOUBLE)
-# A power is less exact: at the cut s^beta is off by up to 2e-5 in float32.
+# A power is less accurate: at the cut s^beta is off by up to 2e-5 in float32.
 _POWER_RIMS = RIM + 2e-6, RIM + 1e-14
 _power_rim = constant(*_POWER_RIMS)
 _power_norm = constant(*(1 / (1 - rim) for rim in _POWER_RIMS))
@@ -108,18 +109,18 @@ def falloff_row(q):
 
 @njit(inline="always")
 def rim_of_gaussians(like):
-    """Lanes of rim / (1 - rim), which f(r) lacks to be proportional to its own bell."""
+    """Lanes of rim / (1 - rim): f(r) plus this is proportional to exp(-r^2 / 2)."""
     return splat(_norm(like) * _rim(like), like)
 
 
 @njit(inline="always")
 def whitened(i, p, x0, y0, column, like, shape, rows):
-    """z1, and z2 on the middle one of a pair's rows, of lanes like `like`; that row in the tile.
+    """z1, z2 on the middle row of a pair, both as lanes like `like`, and that row in the tile.
 
-    On another row z2 is w22 more for each step; pairs of the thinnest shapes have one row alone
-    (gauss2svg.render.tiles). Both are rounded from float64: where a mean is far off, or within a
-    shape of sigma 1e-6 px, float32 knows of no offsets, and the two terms of a thin sheared shape's
-    z2 all but cancel.
+    z2 grows by w22 from each row to the next; pairs of the thinnest shapes have only one row
+    (gauss2svg.render.tiles). Both are computed in float64 and then rounded: float32 cannot resolve
+    the offsets from a distant mean or within a shape of sigma 1e-6 px, and the two terms of a thin
+    sheared shape's z2 nearly cancel.
     """
     middle = (rows[p, 0] + rows[p, 1]) // 2
     u = column + splat(x0 + 0.5 - shape[i, 0], column)
@@ -129,35 +130,36 @@ def whitened(i, p, x0, y0, column, like, shape, rows):
 
 
 @njit(inline="always")
-def _layer(j, at, a, c0, c1, c2, alpha, trans, acc, left):
-    """Put alpha a in a tile's row at j behind what is there; returns the next free `at`."""
-    t = load(left, j)
+def _layer(j, at, a, c0, c1, c2, alpha, transmittance, color, remaining):
+    """Composite alpha a behind what a tile's row at j shows; returns the next free `at`."""
+    t = load(remaining, j)
     store(alpha, at, a)
-    store(trans, at, t)
+    store(transmittance, at, t)
     w = a * t
-    store(left, j, t - w)
-    store(acc, j, load(acc, j) + w * c0)
-    store(acc, j + PLANE, load(acc, j + PLANE) + w * c1)
-    store(acc, j + 2 * PLANE, load(acc, j + 2 * PLANE) + w * c2)
+    store(remaining, j, t - w)
+    store(color, j, load(color, j) + w * c0)
+    store(color, j + PLANE, load(color, j + PLANE) + w * c1)
+    store(color, j + 2 * PLANE, load(color, j + 2 * PLANE) + w * c2)
     return at + TILE_WIDTH
 
 
-@njit(cache=True)
+@tile_kernel
 def compose_tile(
-    pairs, x0, y0, column, inside, shape, paint, gaussian, rows,
-    alpha, trans, steep, logs, acc, left,
+    order, first, end, x0, y0, column, inside, shape, opacity_color, gaussian, rows,
+    alpha, transmittance, steep, logs, color, remaining,
 ):  # fmt: skip
-    """Composite the pairs of one tile; returns how far alpha and trans were filled.
+    """Composite the pairs of one tile; returns how far alpha and transmittance were filled.
 
-    pairs   indices of the tile's pairs, front to back
+    order[first:end]  indices of the tile's pairs, front to back
     x0, y0  the tile's first pixel; column: (16,) 0..15, float64
     inside  (16,): 1 for columns of the image, 0 beyond its right edge, where
             the transmittance starts at 0 and nothing counts
     shape   (n, 7) float64: mean x, y, whitening w11, w21, w22, beta, 2 CUT^(1 / beta)
-    paint   (n, 4) float64: opacity, r, g, b
-    alpha, trans  flat buffers, 16 for each row of each pair, in visiting order
-    steep, logs   the same for s^(beta - 1) and ln s, left as they are for Gaussians
-    acc     (3, TILE_HEIGHT, 16) premultiplied colour; left (TILE_HEIGHT, 16) transmittance
+    opacity_color  (n, 4) float64: opacity, r, g, b
+    alpha, transmittance  flat buffers, 16 for each row of each pair, in visiting order
+    steep, logs  the same for s^(beta - 1) and ln s; not written for Gaussians (beta = 1)
+    color   (3, TILE_HEIGHT, 16) premultiplied colour
+    remaining  (TILE_HEIGHT, 16) transmittance behind all pairs
     """
     columns = load(column, 0)
     centre = load(inside, 0)
@@ -166,20 +168,22 @@ def compose_tile(
     half = splat(0.5, centre)
     tiny = splat(LOGARITHM_FROM, centre)
     for y in range(0, PLANE, TILE_WIDTH):
-        store(left, y, load(inside, 0))
+        store(remaining, y, load(inside, 0))
         for channel in range(3):
-            store(acc, channel * PLANE + y, zero)
+            store(color, channel * PLANE + y, zero)
     at = 0
-    for k in range(pairs.shape[0]):
-        p = pairs[k]
+    for k in range(first, end):
+        p = order[k]
         i = gaussian[p]
         powered = shape[i, 5] != 1.0
         norm = _power_norm(centre) if powered else _norm(centre)
-        peak = splat(paint[i, 0] * norm, centre)
-        rim = splat(paint[i, 0] * norm * (_power_rim(centre) if powered else _rim(centre)), centre)
-        c0 = splat(paint[i, 1], centre)
-        c1 = splat(paint[i, 2], centre)
-        c2 = splat(paint[i, 3], centre)
+        peak = splat(opacity_color[i, 0] * norm, centre)
+        rim = splat(
+            opacity_color[i, 0] * norm * (_power_rim(centre) if powered else _rim(centre)), centre
+        )
+        c0 = splat(opacity_color[i, 1], centre)
+        c1 = splat(opacity_color[i, 2], centre)
+        c2 = splat(opacity_color[i, 3], centre)
         z1, across, middle = whitened(i, p, x0, y0, columns, centre, shape, rows)
         z1 = z1 * z1
         w22 = shape[i, 4]
@@ -194,21 +198,23 @@ def compose_tile(
                 a = most(peak * _exp_half(steepness * q) - rim, zero)
                 store(steep, at, steepness)
                 store(logs, at, ln)
-                at = _layer(y * TILE_WIDTH, at, a, c0, c1, c2, alpha, trans, acc, left)
+                at = _layer(
+                    y * TILE_WIDTH, at, a, c0, c1, c2, alpha, transmittance, color, remaining
+                )
             continue
         for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
             z2 = across + splat(w22 * (y - middle), centre)
             q = least(z1 + z2 * z2, cut)
             a = most(peak * _exp_half(q) - rim, zero)
-            at = _layer(y * TILE_WIDTH, at, a, c0, c1, c2, alpha, trans, acc, left)
+            at = _layer(y * TILE_WIDTH, at, a, c0, c1, c2, alpha, transmittance, color, remaining)
     return at
 
 
 @njit(inline="always")
-def _unlayer(j, row, rim, c0, c1, c2, alpha, trans, g, behind):
-    """Take a row off again: w, w dL/dalpha, h and the pixels' gradient; see the module."""
+def _unlayer(j, row, rim, c0, c1, c2, alpha, transmittance, g, behind):
+    """Undo _layer for one row: w, w dL/dalpha, h and the pixels' gradient; see the module."""
     a = load(alpha, row)
-    t = load(trans, row)
+    t = load(transmittance, row)
     g0 = load(g, j)
     g1 = load(g, j + PLANE)
     g2 = load(g, j + 2 * PLANE)
@@ -224,7 +230,7 @@ def _unlayer(j, row, rim, c0, c1, c2, alpha, trans, g, behind):
 
 @njit(inline="always")
 def put_moments(moments, p, z1, h0, h2, h22, so, s0, s1, s2, hb):
-    """Sum a pair's lanes into row p of moments: see the module."""
+    """Write the sums over a pair's lanes to row p of moments: see the module."""
     h1 = h0 * z1
     moments[p, 0] = total(h1)
     moments[p, 1] = total(h2)
@@ -238,12 +244,12 @@ def put_moments(moments, p, z1, h0, h2, h22, so, s0, s1, s2, hb):
     moments[p, 9] = 0.5 * total(hb)
 
 
-@njit(cache=True)
+@tile_kernel
 def backpropagate_tile(
-    pairs, x0, y0, column, shape, paint, gaussian, rows,
-    alpha, trans, steep, logs, at, g, behind, moments,
+    order, first, end, x0, y0, column, shape, opacity_color, gaussian, rows,
+    alpha, transmittance, steep, logs, at, g, behind, moments,
 ):  # fmt: skip
-    """Moments of every pair of a composed tile; see the module's formula.
+    """Moments of every pair of a composited tile, by the formula of the module.
 
     g       (3, TILE_HEIGHT, 16) dL/dpixel, 0 outside the image
     behind  (TILE_HEIGHT, 16) g . background on entry, overwritten
@@ -252,17 +258,17 @@ def backpropagate_tile(
     columns = load(column, 0)
     centre = load(g, 0)
     zero = splat(0.0, centre)
-    for k in range(pairs.shape[0] - 1, -1, -1):
-        p = pairs[k]
+    for k in range(end - 1, first - 1, -1):
+        p = order[k]
         i = gaussian[p]
         powered = shape[i, 5] != 1.0
         rim_share = _power_norm(centre) * _power_rim(centre)
         if not powered:
             rim_share = _norm(centre) * _rim(centre)
-        rim = splat(paint[i, 0] * rim_share, centre)
-        c0 = splat(paint[i, 1], centre)
-        c1 = splat(paint[i, 2], centre)
-        c2 = splat(paint[i, 3], centre)
+        rim = splat(opacity_color[i, 0] * rim_share, centre)
+        c0 = splat(opacity_color[i, 1], centre)
+        c1 = splat(opacity_color[i, 2], centre)
+        c2 = splat(opacity_color[i, 3], centre)
         z1, across, middle = whitened(i, p, x0, y0, columns, centre, shape, rows)
         w22 = shape[i, 4]
         at -= (rows[p, 1] - rows[p, 0]) * TILE_WIDTH
@@ -273,7 +279,7 @@ def backpropagate_tile(
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
                 z2 = across + splat(w22 * (y - middle), centre)
                 w, wd, h, g0, g1, g2 = _unlayer(
-                    y * TILE_WIDTH, row, rim, c0, c1, c2, alpha, trans, g, behind
+                    y * TILE_WIDTH, row, rim, c0, c1, c2, alpha, transmittance, g, behind
                 )
                 s0 = s0 + w * g0
                 s1 = s1 + w * g1
@@ -294,7 +300,7 @@ def backpropagate_tile(
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
                 z2 = across + splat(w22 * (y - middle), centre)
                 w, wd, h, g0, g1, g2 = _unlayer(
-                    y * TILE_WIDTH, row, rim, c0, c1, c2, alpha, trans, g, behind
+                    y * TILE_WIDTH, row, rim, c0, c1, c2, alpha, transmittance, g, behind
                 )
                 s0 = s0 + w * g0
                 s1 = s1 + w * g1
@@ -308,9 +314,12 @@ def backpropagate_tile(
         put_moments(moments, p, z1, h0, h2, h22, so, s0, s1, s2, hb)
 
 
-@njit(cache=True)
-def removal_tile(pairs, y0, paint, gaussian, rows, alpha, trans, at, error, behind, cost):
-    """Change of the summed squared error if a pair's Gaussian alone were taken away.
+@tile_kernel
+def removal_tile(
+    order, first, end, y0, opacity_color, gaussian, rows, alpha, transmittance, at, error, behind,
+    cost,
+):  # fmt: skip
+    """Change of the summed squared error if a pair's Gaussian alone were removed.
 
     Without k its pixels change by d = w_k (B_k - c_k), so the sum changes by
     d.(d + 2 error).
@@ -320,8 +329,8 @@ def removal_tile(pairs, y0, paint, gaussian, rows, alpha, trans, at, error, behi
     cost    (p, 2): that change, and the sum of w_k^2, written
     """
     zero = splat(0.0, error)
-    for k in range(pairs.shape[0] - 1, -1, -1):
-        p = pairs[k]
+    for k in range(end - 1, first - 1, -1):
+        p = order[k]
         i = gaussian[p]
         at -= (rows[p, 1] - rows[p, 0]) * TILE_WIDTH
         row = at
@@ -329,14 +338,14 @@ def removal_tile(pairs, y0, paint, gaussian, rows, alpha, trans, at, error, behi
         mass = zero
         for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
             a = load(alpha, row)
-            t = load(trans, row)
+            t = load(transmittance, row)
             row += TILE_WIDTH
             w = a * t
             mass = mass + w * w
             for channel in range(3):
                 j = channel * PLANE + y * TILE_WIDTH
                 b = load(behind, j)
-                lift = b - splat(paint[i, 1 + channel], error)
+                lift = b - splat(opacity_color[i, 1 + channel], error)
                 store(behind, j, b - a * lift)
                 d = w * lift
                 e = load(error, j)

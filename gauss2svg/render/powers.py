@@ -1,15 +1,15 @@
-"""Natural logarithm and power of two, lane by lane, by polynomials.
+"""Natural logarithm and power of two of lanes, by polynomials.
 
     log(v)    for normal v > 0: within 3e-7 in float32 and 2e-15 in float64, plus a rounding of
               the result
     exp2(v)   relative 3e-6 in float32 and 1e-15 in float64, plus roundings; v is clipped to
               the exponents of the type's normal numbers
 
-Together s^(beta - 1) = exp2(log(s) (beta - 1) LOG2_E). tests/test_powers.py holds them to it.
+Together s^(beta - 1) = exp2(log(s) (beta - 1) LOG2_E). tests/test_powers.py checks these errors.
 """
 
 # pyright: reportCallIssue=false
-# The intrinsics of simd.py take a typing context that only numba sees.
+# The intrinsics of simd.py take a typing context that numba passes by itself.
 
 import math
 
@@ -28,7 +28,7 @@ from gauss2svg.render.simd import (
 )
 
 LOG2_E = 1 / math.log(2)
-# Nearer to the mean than r^2 / 2 = this, powers are those of this.
+# Least r^2 / 2 whose power is computed: nearer to the mean the power of this is used.
 LOGARITHM_FROM = 1e-12
 
 # ln(1 + u) / u on -0.25..0.5 and 2^u on -0.5..0.5, minimax for float32 and least squares on

@@ -1,25 +1,30 @@
-"""The oracle: the model's formula in plain torch, for any dtype, device and output size.
+"""The reference renderer: the model's formula in plain torch, for any dtype, device and size.
 
     C(x) = sum_k w_k c_k + T_end background,  w_k = alpha_k prod_{j in front} (1 - alpha_j),
     alpha_k(x) = opacity_k f(|W_k (x - mean_k)|; beta_k)
 
-or, where a scene blends as "add",
+or, with additive blending,
 
     C(x) = background + sum_k f(|W_k (x - mean_k)|) c_k
 
-sampled at pixel centres. Differentiable by autograd, no tiles, no tricks: memory and
-time grow with Gaussians times pixels, so keep it to small pictures.
+sampled at pixel centres. Differentiable by autograd and without tiles or approximations: memory
+and time grow with Gaussians times pixels, so use it for small images.
 """
 
 from __future__ import annotations
 
 import numpy as np
-import torch
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.render.domain import below_one, check_domain
+from gauss2svg.render.torch_extra import TorchMissingError
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.falloff import CUT, RIM
+
+try:
+    import torch
+except ImportError as error:
+    raise TorchMissingError("the differentiable renderer") from error
 
 
 def composite(
@@ -109,8 +114,8 @@ def _falloff(
 ) -> torch.Tensor:
     """(height, width) falloff of one shape, by the formula of gauss2svg.scene.falloff.
 
-    Computed in float64, for in float32 a thin sheared shape's z2 would be the difference of two
-    numbers that are sqrt(1 - rho^2) times apart, and an offset from a far mean be lost.
+    Computed in float64: in float32 the two terms of a thin sheared shape's z2 would nearly cancel,
+    and the offset from a distant mean would be lost.
     """
     dtype = mean.dtype
     mean, sigma, rho, beta = (t.to(_wide(t.device)) for t in (mean, sigma, rho, beta))
@@ -121,8 +126,8 @@ def _falloff(
     z2 = (v[:, None] - rho * z1) / torch.sqrt((1 - rho) * (1 + rho))
     half = 0.5 * (z1 * z1 + z2 * z2)
     inside = half < CUT ** (1 / beta)
-    # Masked before the power, so that no infinity can meet a zero in the backward pass:
-    # at the mean itself, where ln 0 is, the falloff is 1 whatever the shape.
+    # Masked before the power, so that the backward pass never multiplies infinity by zero:
+    # at the mean itself, where the logarithm is infinite, the falloff is 1 for every shape.
     seen = inside & (half > 0)
     power = torch.where(seen, half, torch.ones_like(half)) ** beta
     bell = torch.exp(-torch.where(seen, power, torch.zeros_like(power)))
@@ -130,7 +135,7 @@ def _falloff(
 
 
 def _wide(device: torch.device) -> torch.dtype:
-    """float64, where a device has it."""
+    """float64, or float32 on a device without it."""
     return torch.float32 if device.type == "mps" else torch.float64
 
 
@@ -149,8 +154,8 @@ def render_reference(
     width = round(scene.width) if width is None else width
     height = round(scene.height) if height is None else height
     if width < 1 or height < 1:
-        raise InputError(f"output size is {width}x{height}; needed is at least 1x1 px")
-    # Not Scene.scaled: a size may lead out of the domain of scenes.
+        raise InputError(must_be("output size", "at least 1x1 px", shown(f"{width}x{height}")))
+    # Not Scene.scaled: shapes scaled to some sizes leave the domain of scenes.
     scale = np.array([width / scene.width, height / scene.height])
     arrays = (
         scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity,

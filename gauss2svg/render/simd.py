@@ -1,11 +1,10 @@
-"""Sixteen lanes of float32 or float64 as one numba value: kernels vectorise by construction.
+"""Sixteen lanes of float32 or float64 as one numba value: kernels are vectorised as written.
 
-LLVM's loop vectoriser gives up on the compositing loops (many small buffers
-that could alias). Here a row of a tile is one `<16 x float>` value: LLVM maps it
-to one 512-bit, two 256-bit or four 128-bit registers, whatever the machine has,
-and `<16 x double>` to twice as many. The arithmetic may be contracted to fused
-multiply-adds and nothing else, so that NaN and infinity behave as they do in
-plain code.
+LLVM's loop vectoriser gives up on the compositing loops, whose many small buffers could alias.
+Here a row of a tile is one `<16 x float>` value. LLVM maps it to one 512-bit, two 256-bit or
+four 128-bit registers, whatever the machine has, and `<16 x double>` to twice as many. The
+arithmetic may be contracted to fused multiply-adds and nothing else, so that NaN and infinity
+behave as they do in scalar code.
 
     load(array, i)      lanes from array.flat[i : i + 16] (C-contiguous, float32 or float64)
     store(array, i, v)  and back
@@ -18,10 +17,10 @@ plain code.
     power_of_two(v)     2^v for whole v in the range of the type's normal numbers
     total(v)            sum of the lanes, by pairs, in a fixed order
 
-What differs between the precisions is looked up as a kernel is compiled, so that one
-source serves both:
+What differs between the precisions is chosen when a kernel is compiled, so that one source
+serves both:
 
-    constant(single, double)    makes f(like), the one that goes with like
+    constant(single, double)    makes f(like), the value for the element type of like
     polynomial(single, double)  makes f(u) = 1 + c1 u + c2 u^2 + ..
 """
 
@@ -31,7 +30,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba import types
-from numba.extending import intrinsic, models, overload, register_model
+from numba.extending import intrinsic, lower_builtin, models, register_model, type_callable
 
 LANES = 16
 _ELEMENTS = {types.float32: ir.FloatType(), types.float64: ir.DoubleType()}
@@ -185,22 +184,25 @@ def _binary(emit):
 
 least = _binary(lambda builder, a, b: builder.select(builder.fcmp_ordered("<", a, b), a, b))
 most = _binary(lambda builder, a, b: builder.select(builder.fcmp_ordered(">", a, b), a, b))
-_add = _binary(lambda builder, a, b: builder.fadd(a, b, flags=_CONTRACT))
-_sub = _binary(lambda builder, a, b: builder.fsub(a, b, flags=_CONTRACT))
-_mul = _binary(lambda builder, a, b: builder.fmul(a, b, flags=_CONTRACT))
 
 
-def _overload_operator(symbol, operation):
-    @overload(symbol, inline="always")
-    def implementation(left, right):
-        if isinstance(left, _Lanes) and left == right:
-            return lambda left, right: operation(left, right)
-        return None
+def _overload_operator(symbol, emit):
+    # Lowered directly: numba's `overload` would compile each use of an operator as a function.
+    @type_callable(symbol)
+    def type_of(context):
+        def typer(left, right):
+            return left if isinstance(left, _Lanes) and left == right else None
+
+        return typer
+
+    @lower_builtin(symbol, _Lanes, _Lanes)
+    def lower(context, builder, signature, args):
+        return emit(builder, args[0], args[1])
 
 
-_overload_operator(operator.add, _add)
-_overload_operator(operator.sub, _sub)
-_overload_operator(operator.mul, _mul)
+_overload_operator(operator.add, lambda builder, a, b: builder.fadd(a, b, flags=_CONTRACT))
+_overload_operator(operator.sub, lambda builder, a, b: builder.fsub(a, b, flags=_CONTRACT))
+_overload_operator(operator.mul, lambda builder, a, b: builder.fmul(a, b, flags=_CONTRACT))
 
 
 def _unary(emit):

@@ -1,39 +1,38 @@
 """Which Gaussians reach which tiles, and on which pixel rows of them.
 
-The canvas is cut into tiles TILE_WIDTH pixels wide (one vector register of
-float32) and TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Only
-the rows that its ellipse reaches in the tile's column strip are visited, so
-work is counted in pair rows of TILE_WIDTH pixels.
+The canvas is cut into tiles TILE_WIDTH pixels wide (one vector register of float32) and
+TILE_HEIGHT rows high. A "pair" is one Gaussian in one tile. Only the rows that its ellipse
+reaches in the tile's columns are visited, so work is counted in pair rows of TILE_WIDTH pixels.
 
 The kernels step from row to row of a pair in float32, by w22 = 1 / (sy sqrt(1 - rho^2)) in
-whitened offsets (gauss2svg.render.kernels.whitened): over 8 rows that rounds them by up to
-1e-6 w22. Shapes thinner than LEAST_STEPPED, far below any of a fit, are pairs of one row each,
-which takes no step.
+whitened offsets (gauss2svg.render.kernels.whitened). Over 8 rows that rounds them by up to
+1e-6 w22. Shapes thinner than LEAST_STEPPED, far below any of a fit, are split into pairs of one
+row each, which takes no step.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
-import gauss2svg.render.threads  # noqa: F401  (acts when it is imported)
+from gauss2svg.render.threads import in_shares, kernel
 
 TILE_WIDTH = 16  # 16 float32 fill one 512-bit register, two of 256 bits
 TILE_BITS = 4
 TILE_HEIGHT = 1 << TILE_BITS
 LEAST_STEPPED = 1 / 64  # px, of the width sy sqrt(1 - rho^2) down a column
+_LEAST_SHARE = 512  # Gaussians; fewer take less time than waking up a thread
 
 
 class Pairs(NamedTuple):
     """Gaussian-tile pairs, stored Gaussian by Gaussian and listed tile by tile.
 
-    offset    (n + 1,) int64: the pairs of Gaussian i are offset[i]:offset[i + 1]
-    gaussian  (p,) int32: the Gaussian of a pair
-    rows      (p, 2) int32: first and one past the last image row of a pair
-    start     (tiles + 1,) int64: the list of tile t is order[start[t]:start[t + 1]]
-    order     (p,) int32: pairs tile by tile, front to back (last painted first)
-    most_rows the largest sum of pair rows over the tiles
+    offset     (n + 1,) int64: the pairs of Gaussian i are offset[i]:offset[i + 1]
+    gaussian   (p,) int32: the Gaussian of a pair
+    rows       (p, 2) int32: first and one past the last image row of a pair
+    start      (tiles + 1,) int64: the list of tile t is order[start[t]:start[t + 1]]
+    order      (p,) int32: pairs tile by tile, front to back (the topmost Gaussian first)
+    most_rows  the largest sum of pair rows over the tiles
     """
 
     offset: NDArray[np.int64]
@@ -44,99 +43,150 @@ class Pairs(NamedTuple):
     most_rows: int
 
 
-@njit(cache=True, inline="always")
-def _strip_rows(mx, my, sx, sy, rho, radius, x0, x1, h):
-    """Image rows whose pixel centres an ellipse reaches between columns x0 and x1.
+def find_pairs(
+    mean: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    rho: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    height: int,
+    width: int,
+) -> Pairs:
+    """Pairs of n Gaussians on a canvas of height x width px.
 
-    The ellipse is cut at Mahalanobis distance radius. At the offset u from the
-    mean its rim lies at v = sy (rho u / sx +- k sqrt(radius^2 - u^2 / sx^2)) with
-    k = sqrt(1 - rho^2). The upper rim is concave with its top v = sy radius at
-    u = rho sx radius; the lower rim is its mirror image.
+    mean (n, 2) and sigma (n, 2) in px, rho (n,), radius (n,): the Mahalanobis distance at which
+    each Gaussian is cut off.
     """
-    reach = sx * radius
-    u0 = max(x0 + 0.5 - mx, -reach)
-    u1 = min(x1 - 0.5 - mx, reach)
-    if u0 > u1:
-        return 0, 0
-    k = sy * np.sqrt((1.0 - rho) * (1.0 + rho))
-    slope = rho * sy / sx
-    half0 = k * np.sqrt(max(radius * radius - (u0 / sx) ** 2, 0.0))
-    half1 = k * np.sqrt(max(radius * radius - (u1 / sx) ** 2, 0.0))
-    at = rho * reach
-    high = sy * radius if u0 <= at <= u1 else max(slope * u0 + half0, slope * u1 + half1)
-    low = -sy * radius if u0 <= -at <= u1 else min(slope * u0 - half0, slope * u1 - half1)
-    # Pixel row y has its centre at y + 0.5. Clamped before the conversion to int.
-    first = np.ceil(min(max(my + low - 0.5, 0.0), h))
-    last = np.floor(min(max(my + high - 0.5, -1.0), h - 1.0))
-    return int(first), int(last) + 1
-
-
-@njit(cache=True, inline="always")
-def _columns(mx, reach, w):
-    """First and one past the last tile column between mx - reach and mx + reach."""
-    if mx + reach < 0.0 or mx - reach > w:
-        return 0, 0
-    first = max(mx - reach, 0.0)
-    last = min(mx + reach, w - 1.0)
-    return int(first) // TILE_WIDTH, int(last) // TILE_WIDTH + 1
-
-
-@njit(cache=True, inline="always")
-def _pair_bits(sy, rho):
-    """Binary logarithm of how many rows of a tile a pair may hold: see the module."""
-    return 0 if sy * np.sqrt((1.0 - rho) * (1.0 + rho)) < LEAST_STEPPED else TILE_BITS
-
-
-@njit(parallel=True, cache=True)
-def find_pairs(mean, sigma, rho, radius, h, w):
-    """Pairs of n shapes (float64), cut at Mahalanobis distances radius (n,), on h x w px."""
-    n = mean.shape[0]
-    columns = (w + TILE_WIDTH - 1) // TILE_WIDTH
-    tiles = columns * ((h + TILE_HEIGHT - 1) // TILE_HEIGHT)
-    offset = np.zeros(n + 1, np.int64)
-    for i in prange(n):
-        mx, my, sx, sy = mean[i, 0], mean[i, 1], sigma[i, 0], sigma[i, 1]
-        first, last = _columns(mx, sx * radius[i], w)
-        bits = _pair_bits(sy, rho[i])
-        count = 0
-        for column in range(first, last):
-            x0 = column * TILE_WIDTH
-            y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius[i], x0, min(x0 + TILE_WIDTH, w), h)
-            if y1 > y0:
-                count += ((y1 - 1) >> bits) - (y0 >> bits) + 1
-        offset[i + 1] = count
-    for i in range(n):
-        offset[i + 1] += offset[i]
-    total = offset[n]
-    gaussian = np.empty(total, np.int32)
-    tile = np.empty(total, np.int32)
+    count = len(mean)
+    columns = -(-width // TILE_WIDTH)
+    tiles = columns * -(-height // TILE_HEIGHT)
+    # A strip is one Gaussian in one column of tiles.
+    column, strip_count = _tile_columns(mean[:, 0], sigma[:, 0] * radius, width)
+    strip = np.zeros(count + 1, np.int64)
+    np.cumsum(strip_count, out=strip[1:])
+    strip_rows = np.empty((strip[-1], 2), np.int64)
+    shape = np.column_stack([mean, sigma, rho, radius])
+    in_shares(
+        lambda share, shares: _find_strip_rows(
+            share, shares, shape, float(height), float(width), column, strip, strip_rows
+        ),
+        count // _LEAST_SHARE,
+    )
+    bits = _pair_bits(sigma[:, 1], rho)
+    total = _pair_count(strip_rows, np.repeat(bits, strip_count))
+    offset, start = np.zeros(count + 1, np.int64), np.zeros(tiles + 1, np.int64)
+    gaussian, tile, order = (np.empty(total, np.int32) for _ in range(3))
     rows = np.empty((total, 2), np.int32)
-    for i in prange(n):
-        mx, my, sx, sy = mean[i, 0], mean[i, 1], sigma[i, 0], sigma[i, 1]
-        first, last = _columns(mx, sx * radius[i], w)
-        bits = _pair_bits(sy, rho[i])
-        at = offset[i]
-        for column in range(first, last):
-            x0 = column * TILE_WIDTH
-            y0, y1 = _strip_rows(mx, my, sx, sy, rho[i], radius[i], x0, min(x0 + TILE_WIDTH, w), h)
-            if y1 > y0:
-                for part in range(y0 >> bits, ((y1 - 1) >> bits) + 1):
-                    gaussian[at] = i
-                    tile[at] = (part << bits >> TILE_BITS) * columns + column
-                    rows[at, 0] = max(y0, part << bits)
-                    rows[at, 1] = min(y1, (part + 1) << bits)
-                    at += 1
-    # In eight shares, each counted and filled in parallel, this was no faster.
-    start = np.zeros(tiles + 1, np.int64)
-    height = np.zeros(tiles, np.int64)
-    for p in range(total):
-        start[tile[p] + 1] += 1
-        height[tile[p]] += rows[p, 1] - rows[p, 0]
-    for t in range(tiles):
+    tile_rows = np.zeros(tiles, np.int64)
+    _list_pairs(
+        columns, bits, column, strip, strip_rows, offset, gaussian, tile, rows, start, tile_rows,
+        order,
+    )  # fmt: skip
+    return Pairs(offset, gaussian, rows, start, order, int(tile_rows.max(initial=0)))
+
+
+def _tile_columns(
+    x: NDArray[np.float64], reach: NDArray[np.float64], width: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First tile column between x - reach and x + reach, and how many there are, for each."""
+    left, right = x - reach, x + reach
+    # Clipped before the conversion to int: means may lie up to 1e9 px off the canvas.
+    first = np.clip(left, 0, width).astype(np.int64) // TILE_WIDTH
+    last = np.clip(right, 0, width - 1).astype(np.int64) // TILE_WIDTH
+    return first, np.where((right >= 0) & (left <= width), last + 1 - first, 0)
+
+
+def _pair_bits(sy: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Binary logarithm of the rows of a tile that a pair may hold: see the module."""
+    thin = sy * np.sqrt((1 - rho) * (1 + rho)) < LEAST_STEPPED
+    return np.where(thin, 0, TILE_BITS)
+
+
+def _pair_count(strip_rows: NDArray[np.int64], bits: NDArray[np.int64]) -> int:
+    """Number of pairs that strips with rows (s, 2) are cut into."""
+    first, end = strip_rows.T
+    return int(np.where(end > first, ((end - 1) >> bits) - (first >> bits) + 1, 0).sum())
+
+
+@kernel
+def _find_strip_rows(share, shares, shape, h, w, column, strip, strip_rows):
+    """Image rows whose pixel centres each Gaussian reaches within each of its tile columns.
+
+    shape       (n, 6) mean x, y, sigma x, y, rho and the radius of the cut
+    column      (n,) the first tile column of each Gaussian
+    strip       (n + 1,) its strips are strip[i]:strip[i + 1], one for each column from there on
+    strip_rows  (s, 2) first and one past the last row, written; equal where it reaches none
+
+    At the offset u from the mean the ellipse's rim lies at
+    v = sy (rho u / sx +- k sqrt(radius^2 - u^2 / sx^2)) with k = sqrt(1 - rho^2). The upper rim is
+    concave with its top v = sy radius at u = rho sx radius; the lower rim is its mirror image.
+    """
+    n = shape.shape[0]
+    for i in range(n * share // shares, n * (share + 1) // shares):
+        mx, my, sx, sy = shape[i, 0], shape[i, 1], shape[i, 2], shape[i, 3]
+        rho, radius = shape[i, 4], shape[i, 5]
+        reach = sx * radius
+        top = sy * radius
+        k = sy * np.sqrt((1.0 - rho) * (1.0 + rho))
+        slope = rho * sy / sx
+        for s in range(strip[i], strip[i + 1]):
+            x0 = (column[i] + s - strip[i]) * TILE_WIDTH
+            u0 = max(x0 + 0.5 - mx, -reach)
+            u1 = min(min(x0 + TILE_WIDTH, w) - 0.5 - mx, reach)
+            strip_rows[s, 0] = 0
+            strip_rows[s, 1] = 0
+            if u0 <= u1:
+                half0 = k * np.sqrt(max(radius * radius - (u0 / sx) * (u0 / sx), 0.0))
+                half1 = k * np.sqrt(max(radius * radius - (u1 / sx) * (u1 / sx), 0.0))
+                high = max(slope * u0 + half0, slope * u1 + half1)
+                if u0 <= rho * reach <= u1:
+                    high = top
+                low = min(slope * u0 - half0, slope * u1 - half1)
+                if u0 <= -rho * reach <= u1:
+                    low = -top
+                # Pixel row y has its centre at y + 0.5. Clamped before the conversion to int.
+                strip_rows[s, 0] = int(np.ceil(min(max(my + low - 0.5, 0.0), h)))
+                strip_rows[s, 1] = int(np.floor(min(max(my + high - 0.5, -1.0), h - 1.0))) + 1
+
+
+@kernel
+def _list_pairs(
+    columns, bits, column, strip, strip_rows, offset, gaussian, tile, rows, start, tile_rows, order
+):  # fmt: skip
+    """Cut strips into pairs, and list these tile by tile by a counting sort.
+
+    columns    tile columns of the canvas; bits (n,), see _pair_bits
+    offset to order  written: see Pairs; start is 0 on entry
+    tile       (p,) the tile of a pair, written
+    tile_rows  (tiles,) sum of pair rows in each tile, written; 0 on entry
+    """
+    n = strip.size - 1
+    at = 0
+    for i in range(n):
+        for s in range(strip[i], strip[i + 1]):
+            y0, y1 = strip_rows[s, 0], strip_rows[s, 1]
+            y = y0
+            while y < y1:
+                part = y >> bits[i]
+                end = min(y1, (part + 1) << bits[i])
+                t = (y >> TILE_BITS) * columns + column[i] + s - strip[i]
+                gaussian[at] = i
+                tile[at] = t
+                rows[at, 0] = y
+                rows[at, 1] = end
+                start[t + 1] += 1
+                tile_rows[t] += end - y
+                at += 1
+                y = end
+        offset[i + 1] = at
+    for t in range(start.size - 1):
         start[t + 1] += start[t]
-    order = np.empty(total, np.int32)
-    fill = start[1:].copy()
-    for p in range(total):  # ascending Gaussians fill each list from its back
-        fill[tile[p]] -= 1
-        order[fill[tile[p]]] = p
-    return offset, gaussian, rows, start, order, height.max() if tiles > 0 else 0
+    # The lists are filled from their ends, by ascending Gaussians: front to back afterwards.
+    # start[t + 1] then counts down from the end of list t to its beginning.
+    for p in range(at):
+        t = tile[p]
+        start[t + 1] -= 1
+        order[start[t + 1]] = p
+    # Each beginning moves to its own place.
+    for t in range(start.size - 1):
+        start[t] = start[t + 1]
+    start[start.size - 1] = at

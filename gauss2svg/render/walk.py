@@ -1,152 +1,188 @@
-"""Walks over all tiles of a picture, in parallel, for each of the kernels' four jobs.
+"""Visits all tiles of a picture, for each of the renderer's four modes.
 
-Tiles are dealt to the workers round robin, every tile writes only its own pixels and its own
-pairs, and pairs are summed Gaussian by Gaussian: the number of threads changes no bit of any
-result.
+Tiles are dealt to the shares of the work in turn, every tile writes only its own pixels and its
+own pairs, and pairs are added up Gaussian by Gaussian: the number of threads changes no bit of
+any result.
 """
 
-import numpy as np
-from numba import njit, prange
+from typing import Any, NamedTuple
 
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from gauss2svg.render.additive import (
+    backpropagate_additive_tile,
+    compose_additive_tile,
+    removal_additive_tile,
+)
 from gauss2svg.render.kernels import backpropagate_tile, compose_tile, removal_tile
-from gauss2svg.render.sums import backpropagate_sum_tile, removal_sum_tile, sum_tile
+from gauss2svg.render.threads import kernel
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
 
-# What is made of the tiles: a picture; also the moments of its squared error's gradient; those
-# of a given gradient; what taking each Gaussian away would cost.
+# What is computed: the image; also the moments of the gradient of its squared error; those of a
+# given gradient; what removing each Gaussian would cost.
 RENDER, SQUARED_ERROR, GIVEN_GRADIENT, REMOVAL = range(4)
 
 
+class TileBuffers(NamedTuple):
+    """Working memory for one tile at a time, all of one dtype save columns.
+
+    layers   (4, rows * TILE_WIDTH) alpha, transmittance, s^(beta - 1) and ln s of each pair row
+    color    (3, TILE_HEIGHT, TILE_WIDTH) premultiplied colour
+    gradient, behind  (3, TILE_HEIGHT, TILE_WIDTH) see gauss2svg.render.kernels
+    remaining  (TILE_HEIGHT, TILE_WIDTH) transmittance behind all Gaussians; 1 on entry
+    inside   (TILE_WIDTH,) 1 for columns of the image, 0 beyond its right edge
+    columns  (TILE_WIDTH,) float64: 0, 1, ...
+    """
+
+    layers: NDArray[np.floating]
+    color: NDArray[np.floating]
+    gradient: NDArray[np.floating]
+    behind: NDArray[np.floating]
+    remaining: NDArray[np.floating]
+    inside: NDArray[np.floating]
+    columns: NDArray[np.float64]
+
+
+def tile_buffers(most_rows: int, dtype: Any) -> TileBuffers:
+    """Buffers for tiles of up to most_rows pair rows."""
+    tile = TILE_HEIGHT, TILE_WIDTH
+    return TileBuffers(
+        layers=np.empty((4, most_rows * TILE_WIDTH), dtype),
+        color=np.empty((3, *tile), dtype),
+        gradient=np.empty((3, *tile), dtype),
+        behind=np.empty((3, *tile), dtype),
+        remaining=np.ones(tile, dtype),
+        inside=np.empty(TILE_WIDTH, dtype),
+        columns=np.arange(TILE_WIDTH, dtype=np.float64),
+    )
+
+
 @njit(inline="always")
-def _errors_of_tile(mode, x0, y0, h, w, acc, left, background, image, weight, out, g):
-    """Put a tile into out and its gradient by the pixels into g; returns its squared error."""
-    real = out.dtype.type
+def _errors_of_tile(
+    mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
+):  # fmt: skip
+    """Write a tile to out and its pixels' gradient to gradient; returns its squared error."""
     squares = 0.0
-    g[:] = 0.0
     for channel in range(3):
-        ground = real(background[channel])
-        for y in range(h):
-            for x in range(w):
-                value = acc[channel, y, x] + left[y, x] * ground
+        ground = background[channel]
+        for y in range(TILE_HEIGHT):
+            for x in range(TILE_WIDTH):
+                if y >= h or x >= w:
+                    gradient[channel, y, x] = 0.0
+                    continue
+                value = color[channel, y, x] + remaining[y, x] * ground
                 if mode == GIVEN_GRADIENT:
-                    g[channel, y, x] = image[channel, y0 + y, x0 + x]
+                    gradient[channel, y, x] = image[channel, y0 + y, x0 + x]
                 else:
                     out[channel, y0 + y, x0 + x] = value
                 if mode in (SQUARED_ERROR, REMOVAL):
-                    e = value - image[channel, y0 + y, x0 + x]
-                    squares += e * e
+                    error = value - image[channel, y0 + y, x0 + x]
+                    squares += error * error
                     if mode == SQUARED_ERROR:
-                        e *= weight[y0 + y, x0 + x]
-                    g[channel, y, x] = e
+                        error *= weight[y0 + y, x0 + x]
+                    gradient[channel, y, x] = error
     return squares
 
 
-@njit(parallel=True, cache=True)
-def walk_tiles(mode, workers, shape, paint, background, image, weight, pairs, pair_out, out, loss):
-    """Compose every tile, front to back, for one of the four jobs.
+@kernel
+def walk_tiles(
+    mode, share, shares, shape, opacity_color, background, image, weight,
+    gaussian, rows, start, order, layers, color, gradient, behind, remaining, inside, columns,
+    pair_out, out, loss,
+):  # fmt: skip
+    """Alpha-composite one share of the tiles, front to back, in one of the four modes.
 
-    All of image, weight, pair_out and out are of one type, float32 or float64.
+    background, image, weight, pair_out and out are all float32 or all float64.
     weight (h, w) scales the gradient of the squared error, and is read for nothing else.
+    gaussian to order are those of gauss2svg.render.tiles.Pairs, layers to columns TileBuffers.
     """
-    _, gaussian, rows, start, order, most_rows = pairs
     height, width = out.shape[1:]
-    columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    tiles = columns * ((height + TILE_HEIGHT - 1) // TILE_HEIGHT)
-    for worker in prange(workers):
-        real = out.dtype.type
-        alpha = np.empty(most_rows * TILE_WIDTH, real)
-        trans = np.empty(most_rows * TILE_WIDTH, real)
-        steep = np.empty(most_rows * TILE_WIDTH, real)
-        logs = np.empty(most_rows * TILE_WIDTH, real)
-        acc = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
-        g = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
-        behind = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
-        left = np.empty((TILE_HEIGHT, TILE_WIDTH), real)
-        inside = np.empty(TILE_WIDTH, real)
-        column = np.empty(TILE_WIDTH, np.float64)
+    tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
+    alpha, transmittance, steep, logs = layers[0], layers[1], layers[2], layers[3]
+    for tile in range(share, start.size - 1, shares):
+        x0 = (tile % tile_columns) * TILE_WIDTH
+        y0 = (tile // tile_columns) * TILE_HEIGHT
+        h = min(TILE_HEIGHT, height - y0)
+        w = min(TILE_WIDTH, width - x0)
         for x in range(TILE_WIDTH):
-            column[x] = x
-        for tile in range(worker, tiles, workers):
-            x0 = (tile % columns) * TILE_WIDTH
-            y0 = (tile // columns) * TILE_HEIGHT
-            h = min(TILE_HEIGHT, height - y0)
-            w = min(TILE_WIDTH, width - x0)
-            for x in range(TILE_WIDTH):
-                inside[x] = 1.0 if x < w else 0.0
-            listed = order[start[tile] : start[tile + 1]]
-            filled = compose_tile(
-                listed, x0, y0, column, inside, shape, paint, gaussian, rows,
-                alpha, trans, steep, logs, acc, left,
+            inside[x] = 1.0 if x < w else 0.0
+        first, end = start[tile], start[tile + 1]
+        filled = compose_tile(
+            order, first, end, x0, y0, columns, inside, shape, opacity_color, gaussian, rows,
+            alpha, transmittance, steep, logs, color, remaining,
+        )  # fmt: skip
+        loss[tile] = _errors_of_tile(
+            mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
+        )
+        if mode in (SQUARED_ERROR, GIVEN_GRADIENT):
+            for y in range(TILE_HEIGHT):
+                for x in range(TILE_WIDTH):
+                    behind[0, y, x] = (
+                        gradient[0, y, x] * background[0]
+                        + gradient[1, y, x] * background[1]
+                        + gradient[2, y, x] * background[2]
+                    )
+            backpropagate_tile(
+                order, first, end, x0, y0, columns, shape, opacity_color, gaussian, rows,
+                alpha, transmittance, steep, logs, filled, gradient, behind, pair_out,
             )  # fmt: skip
-            squares = _errors_of_tile(
-                mode, x0, y0, h, w, acc, left, background, image, weight, out, g
-            )
-            loss[tile] = squares
-            if mode in (SQUARED_ERROR, GIVEN_GRADIENT):
+        elif mode == REMOVAL:
+            for channel in range(3):
                 for y in range(TILE_HEIGHT):
                     for x in range(TILE_WIDTH):
-                        behind[0, y, x] = (
-                            g[0, y, x] * real(background[0])
-                            + g[1, y, x] * real(background[1])
-                            + g[2, y, x] * real(background[2])
-                        )
-                backpropagate_tile(
-                    listed, x0, y0, column, shape, paint, gaussian, rows,
-                    alpha, trans, steep, logs, filled, g, behind[0], pair_out,
-                )  # fmt: skip
-            elif mode == REMOVAL:
-                for channel in range(3):
-                    behind[channel] = real(background[channel])
-                removal_tile(
-                    listed, y0, paint, gaussian, rows, alpha, trans, filled, g, behind, pair_out
-                )
+                        behind[channel, y, x] = background[channel]
+            removal_tile(
+                order, first, end, y0, opacity_color, gaussian, rows,
+                alpha, transmittance, filled, gradient, behind, pair_out,
+            )  # fmt: skip
 
 
-@njit(parallel=True, cache=True)
-def sum_tiles(mode, workers, shape, paint, background, image, weight, pairs, pair_out, out, loss):
-    """The same for Gaussians that are summed; paint's opacities are not read."""
-    _, gaussian, rows, start, order, most_rows = pairs
+@kernel
+def walk_tiles_additive(
+    mode, share, shares, shape, opacity_color, background, image, weight,
+    gaussian, rows, start, order, layers, color, gradient, behind, remaining, inside, columns,
+    pair_out, out, loss,
+):  # fmt: skip
+    """The same by additive blending: opacities are not read, the background is never covered."""
     height, width = out.shape[1:]
-    columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
-    tiles = columns * ((height + TILE_HEIGHT - 1) // TILE_HEIGHT)
-    for worker in prange(workers):
-        real = out.dtype.type
-        alpha = np.empty(most_rows * TILE_WIDTH, real)
-        acc = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
-        g = np.empty((3, TILE_HEIGHT, TILE_WIDTH), real)
-        left = np.ones((TILE_HEIGHT, TILE_WIDTH), real)  # the background is never covered
-        inside = np.empty(TILE_WIDTH, real)
-        column = np.empty(TILE_WIDTH, np.float64)
+    tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
+    alpha = layers[0]
+    for tile in range(share, start.size - 1, shares):
+        x0 = (tile % tile_columns) * TILE_WIDTH
+        y0 = (tile // tile_columns) * TILE_HEIGHT
+        h = min(TILE_HEIGHT, height - y0)
+        w = min(TILE_WIDTH, width - x0)
         for x in range(TILE_WIDTH):
-            column[x] = x
-        for tile in range(worker, tiles, workers):
-            x0 = (tile % columns) * TILE_WIDTH
-            y0 = (tile // columns) * TILE_HEIGHT
-            h = min(TILE_HEIGHT, height - y0)
-            w = min(TILE_WIDTH, width - x0)
-            for x in range(TILE_WIDTH):
-                inside[x] = 1.0 if x < w else 0.0
-            listed = order[start[tile] : start[tile + 1]]
-            sum_tile(listed, x0, y0, column, inside, shape, paint, gaussian, rows, alpha, acc)
-            loss[tile] = _errors_of_tile(
-                mode, x0, y0, h, w, acc, left, background, image, weight, out, g
+            inside[x] = 1.0 if x < w else 0.0
+        first, end = start[tile], start[tile + 1]
+        compose_additive_tile(
+            order, first, end, x0, y0, columns, inside, shape, opacity_color, gaussian, rows,
+            alpha, color,
+        )  # fmt: skip
+        loss[tile] = _errors_of_tile(
+            mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
+        )
+        if mode in (SQUARED_ERROR, GIVEN_GRADIENT):
+            backpropagate_additive_tile(
+                order, first, end, x0, y0, columns, shape, opacity_color, gaussian, rows,
+                alpha, gradient, pair_out,
+            )  # fmt: skip
+        elif mode == REMOVAL:
+            removal_additive_tile(
+                order, first, end, y0, opacity_color, gaussian, rows, alpha, gradient, pair_out
             )
-            if mode in (SQUARED_ERROR, GIVEN_GRADIENT):
-                backpropagate_sum_tile(
-                    listed, x0, y0, column, shape, paint, gaussian, rows, alpha, g, pair_out
-                )
-            elif mode == REMOVAL:
-                removal_sum_tile(listed, y0, paint, gaussian, rows, alpha, g, pair_out)
 
 
-@njit(parallel=True, cache=True)
-def sum_pairs(offset, pair_values):
-    """(n, m) float64 sums of the pairs of each Gaussian."""
-    n = offset.shape[0] - 1
-    m = pair_values.shape[1]
-    sums = np.zeros((n, m))
-    for i in prange(n):
+@kernel
+def add_pairs(share, shares, offset, pair_values, totals):
+    """Add the values (p, m) of each Gaussian's pairs to totals (n, m), float64.
+
+    offset (n + 1,): the pairs of Gaussian i are offset[i]:offset[i + 1].
+    """
+    n = offset.size - 1
+    for i in range(n * share // shares, n * (share + 1) // shares):
         for p in range(offset[i], offset[i + 1]):
-            for k in range(m):
-                sums[i, k] += pair_values[p, k]
-    return sums
+            for k in range(pair_values.shape[1]):
+                totals[i, k] += pair_values[p, k]

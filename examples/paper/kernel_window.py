@@ -4,8 +4,9 @@
     w_k phi_k(x) = c_k exp(-r_k(x)^2 / 2),
 
 with phi_k the normal density, w_k its signed coefficient and c_k what it adds at its mean:
-gauss2svg.scene.scene.Scene.densities and peaks_of turn one into the other. A kernel of `s` samples a
-side spans -5..5 in its own unit, which is s / 10 px, so that the window reaches h = s / 2 px:
+gauss2svg.scene.scene.Scene.densities and peaks_of convert one into the other. A kernel with
+`s` samples a side spans -5..5 in its own unit, which is s / 10 px, so that the window reaches
+h = s / 2 px:
 
     fixed     h_k = s / 2 whatever the sigma: one of 2 units ends at 2.5 sigma, a wider one is
               cropped where it is still bright
@@ -21,7 +22,7 @@ from __future__ import annotations
 
 import torch
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be
 
 # Both ways from the mean, in the kernel's unit: the grid of the public implementation.
 GRID_REACH = 5.0
@@ -35,7 +36,7 @@ def reaches(sigma: torch.Tensor, kernel_size: float, adaptive: bool) -> torch.Te
     kernel_size is the width in px of a window that is not scaled, > 0; else InputError.
     """
     if not kernel_size > 0:
-        raise InputError(f"kernel_size is {kernel_size}; needed is a width above 0 px")
+        raise InputError(must_be("kernel_size", "a width above 0 px", kernel_size))
     unit = kernel_size / (2 * GRID_REACH)
     growth = torch.ones_like(sigma[:, 0])
     if adaptive:

@@ -1,34 +1,42 @@
-"""One tile of Gaussians that are summed: forward, backward and removal, on sixteen lanes at a time.
+"""Additive blending of one tile: forward, backward and removal, sixteen lanes at a time.
 
     C = background + sum a_k c_k,  a_k = f(r_k),
 
-with signed colours and in any order, so that what the backward pass needs is local:
+with signed colours and in any order, so that each gradient depends on its own pair alone:
 
     dL/da_k = g . c_k,  dL/dc_k = sum a_k g.
 
 Lanes, buffers, shapes and moments are those of gauss2svg.render.kernels, with an opacity of 1
-and all exponents 1. A pair takes 0.75 to 0.86 of the time of a composited one (examples/sums.py).
+and all exponents 1. A pair takes about 0.8 of the time of an alpha-composited one
+(docs/decisions/kernels.md).
 """
 
 # pyright: reportCallIssue=false
-# The intrinsics of simd.py take a typing context that only numba sees.
+# The intrinsics of simd.py take a typing context that numba passes by itself.
 
 from numba import njit
 
 from gauss2svg.render.kernels import PLANE, falloff_row, put_moments, rim_of_gaussians, whitened
 from gauss2svg.render.simd import least, load, splat, store, total
+from gauss2svg.render.threads import tile_kernel
 from gauss2svg.render.tiles import TILE_WIDTH
 
 
 @njit(inline="always")
-def _color(i, paint, like):
+def _color_of(i, opacity_color, like):
     """Lanes of each channel of Gaussian i."""
-    return splat(paint[i, 1], like), splat(paint[i, 2], like), splat(paint[i, 3], like)
+    return (
+        splat(opacity_color[i, 1], like),
+        splat(opacity_color[i, 2], like),
+        splat(opacity_color[i, 3], like),
+    )
 
 
-@njit(cache=True)
-def sum_tile(pairs, x0, y0, column, inside, shape, paint, gaussian, rows, alpha, acc):
-    """Sum the pairs of one tile into acc (3, TILE_HEIGHT, 16), falloffs into alpha.
+@tile_kernel
+def compose_additive_tile(
+    order, first, end, x0, y0, column, inside, shape, opacity_color, gaussian, rows, alpha, color
+):
+    """Add up the pairs of one tile in color (3, TILE_HEIGHT, 16), and keep falloffs in alpha.
 
     Arguments as those of gauss2svg.render.kernels.compose_tile.
     """
@@ -36,12 +44,12 @@ def sum_tile(pairs, x0, y0, column, inside, shape, paint, gaussian, rows, alpha,
     mask = load(inside, 0)
     zero = splat(0.0, mask)
     for j in range(0, 3 * PLANE, TILE_WIDTH):
-        store(acc, j, zero)
+        store(color, j, zero)
     at = 0
-    for k in range(pairs.shape[0]):
-        p = pairs[k]
+    for k in range(first, end):
+        p = order[k]
         i = gaussian[p]
-        c0, c1, c2 = _color(i, paint, mask)
+        c0, c1, c2 = _color_of(i, opacity_color, mask)
         z1, across, middle = whitened(i, p, x0, y0, columns, mask, shape, rows)
         z1 = z1 * z1
         w22 = shape[i, 4]
@@ -51,26 +59,26 @@ def sum_tile(pairs, x0, y0, column, inside, shape, paint, gaussian, rows, alpha,
             store(alpha, at, a)
             at += TILE_WIDTH
             j = y * TILE_WIDTH
-            store(acc, j, load(acc, j) + a * c0)
-            store(acc, j + PLANE, load(acc, j + PLANE) + a * c1)
-            store(acc, j + 2 * PLANE, load(acc, j + 2 * PLANE) + a * c2)
+            store(color, j, load(color, j) + a * c0)
+            store(color, j + PLANE, load(color, j + PLANE) + a * c1)
+            store(color, j + 2 * PLANE, load(color, j + 2 * PLANE) + a * c2)
 
 
-@njit(cache=True)
-def backpropagate_sum_tile(
-    pairs, x0, y0, column, shape, paint, gaussian, rows, alpha, g, moments
+@tile_kernel
+def backpropagate_additive_tile(
+    order, first, end, x0, y0, column, shape, opacity_color, gaussian, rows, alpha, g, moments
 ):  # fmt: skip
-    """Moments (p, MOMENTS) of every pair of a summed tile; g (3, TILE_HEIGHT, 16) dL/dpixel."""
+    """Moments (p, MOMENTS) of every pair of a tile; g (3, TILE_HEIGHT, 16) is dL/dpixel."""
     columns = load(column, 0)
     centre = load(g, 0)
     zero = splat(0.0, centre)
     rim = rim_of_gaussians(centre)
     large = splat(1e30, centre)
     row = 0
-    for k in range(pairs.shape[0]):
-        p = pairs[k]
+    for k in range(first, end):
+        p = order[k]
         i = gaussian[p]
-        c0, c1, c2 = _color(i, paint, centre)
+        c0, c1, c2 = _color_of(i, opacity_color, centre)
         z1, across, middle = whitened(i, p, x0, y0, columns, centre, shape, rows)
         w22 = shape[i, 4]
         s0 = s1 = s2 = so = h0 = h2 = h22 = zero
@@ -96,17 +104,17 @@ def backpropagate_sum_tile(
         put_moments(moments, p, z1, h0, h2, h22, so, s0, s1, s2, zero)
 
 
-@njit(cache=True)
-def removal_sum_tile(pairs, y0, paint, gaussian, rows, alpha, error, cost):
-    """Change of the summed squared error if a pair's Gaussian alone were taken away.
+@tile_kernel
+def removal_additive_tile(order, first, end, y0, opacity_color, gaussian, rows, alpha, error, cost):
+    """Change of the summed squared error if a pair's Gaussian alone were removed.
 
     Its pixels change by d = -a c, the sum by d.(d + 2 error). cost (p, 2): that, and the sum of
     a^2, written; error (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image.
     """
     zero = splat(0.0, error)
     row = 0
-    for k in range(pairs.shape[0]):
-        p = pairs[k]
+    for k in range(first, end):
+        p = order[k]
         i = gaussian[p]
         change = zero
         mass = zero
@@ -115,7 +123,7 @@ def removal_sum_tile(pairs, y0, paint, gaussian, rows, alpha, error, cost):
             row += TILE_WIDTH
             mass = mass + a * a
             for channel in range(3):
-                d = a * splat(-paint[i, 1 + channel], error)
+                d = a * splat(-opacity_color[i, 1 + channel], error)
                 e = load(error, channel * PLANE + y * TILE_WIDTH)
                 change = change + d * (d + e + e)
         cost[p, 0] = total(change)

@@ -1,0 +1,123 @@
+"""Adam's step of all Gaussians at once, against the same step of one after the other."""
+
+import math
+
+import numpy as np
+import pytest
+
+from gauss2svg.fit import adam
+from gauss2svg.fit.adam import (
+    EPSILON,
+    FIRST_DECAY,
+    LEAST_RAW_BETA,
+    SECOND_DECAY,
+    Limits,
+    Rates,
+)
+from gauss2svg.fit.state import PARAMETERS, State
+from gauss2svg.scene.falloff import RIM_WIDTH
+
+LIMITS = Limits(0.35, 40.0, most_aspect=10.0)
+NAMES = ("mean", "factor", "raw_opacity", "color", "raw_beta", "first", "second", "age")
+
+
+def random_state(count: int, seed: int) -> State:
+    rng = np.random.default_rng(seed)
+    factor = np.column_stack(
+        [rng.uniform(0.4, 9, count), rng.normal(0, 3, count), rng.uniform(0.4, 9, count)]
+    )
+    raw_beta = np.where(rng.random(count) < 0.3, 0.0, rng.uniform(0, 3, count))
+    return State.empty().append(
+        rng.random((count, 2)) * 50, factor, rng.normal(0, 4, count), rng.random((count, 3)),
+        raw_beta, 0,
+    )  # fmt: skip
+
+
+def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
+    """The slow twin of adam.step: one Gaussian after the other, by linear algebra."""
+    sizes = [rates.shift] * 2 + [rates.stretch, rates.shear, rates.stretch, rates.opacity]
+    sizes += [rates.color] * 3 + [rates.beta]
+    finite = True
+    for i in range(len(state)):
+        if not np.isfinite(gradient[i]).all():
+            state.first[i], state.second[i], state.age[i] = 0, 0, 0
+            finite = False
+            continue
+        state.age[i] += 1
+        d = []
+        for k in range(PARAMETERS):
+            g = gradient[i, k]
+            state.first[i, k] += (1 - FIRST_DECAY) * (g - state.first[i, k])
+            state.second[i, k] += (1 - SECOND_DECAY) * (g * g - state.second[i, k])
+            first = state.first[i, k] / (1 - FIRST_DECAY ** state.age[i])
+            root = math.sqrt(state.second[i, k]) + EPSILON
+            unbiased = root / math.sqrt(1 - SECOND_DECAY ** state.age[i])
+            d.append(-rate * sizes[k] * first / unbiased)
+        l11, l21, l22 = state.factor[i]
+        lower = np.array([[l11, 0], [l21, l22]])
+        state.mean[i] += lower @ d[:2]
+        a = np.array([[d[2], d[3]], [d[3], d[4]]])
+        u, axes, _ = np.linalg.svd(lower @ (np.eye(2) + a + a @ a / 2))
+        minor = np.clip(axes[1], limits.least_sigma, limits.most_sigma)
+        major = np.clip(axes[0], limits.least_sigma, limits.most_sigma)
+        major = min(major, limits.most_aspect * minor)
+        shape = np.linalg.cholesky(u @ np.diag([major**2, minor**2]) @ u.T)
+        state.factor[i] = shape[0, 0], shape[1, 0], shape[1, 1]
+        state.raw_opacity[i] = np.clip(state.raw_opacity[i] + d[5], -8, 12)
+        color = state.color[i] + d[6:9]
+        state.color[i] = np.clip(color, limits.least_color, limits.most_color)
+        if state.raw_beta[i] != 0:
+            sharpest = math.log(max(RIM_WIDTH / limits.least_rim * minor, 1e-300))
+            sharpest = min(max(sharpest, LEAST_RAW_BETA), math.log(limits.most_beta))
+            moved = max(state.raw_beta[i] + d[9], LEAST_RAW_BETA)
+            state.raw_beta[i] = min(moved, sharpest)
+    return finite
+
+
+@pytest.mark.parametrize("rate", [0.02, 1.0, 5.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_all_at_once_step_as_one_after_the_other(seed, rate):
+    fast, rng = random_state(300, seed), np.random.default_rng(seed)
+    slow = fast.copy()
+    for _ in range(4):
+        gradient = rng.normal(size=(300, PARAMETERS)) * 10.0 ** rng.integers(-6, 6, (300, 1))
+        assert adam.step(fast, gradient, Rates(), LIMITS, rate)
+        assert step_one_by_one(slow, gradient, Rates(), LIMITS, rate)
+        for name in NAMES:
+            np.testing.assert_allclose(
+                getattr(fast, name), getattr(slow, name), rtol=1e-7, atol=1e-7, err_msg=name
+            )
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e200])
+def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
+    state = random_state(20, 1)
+    gradient = np.random.default_rng(2).normal(size=(20, PARAMETERS))
+    adam.step(state, gradient, Rates(), LIMITS, 0.1)
+    before, good = state.copy(), state.copy()
+    adam.step(good, gradient, Rates(), LIMITS, 0.1)
+    for k in range(PARAMETERS):
+        spoilt, moved = gradient.copy(), before.copy()
+        spoilt[7, k] = bad
+        assert not adam.step(moved, spoilt, Rates(), LIMITS, 0.1)
+        for name in NAMES:
+            array, kept = getattr(moved, name), getattr(before, name)
+            np.testing.assert_array_equal(
+                array[7], 0 if name in ("first", "second", "age") else kept[7]
+            )
+            others = np.arange(20) != 7
+            np.testing.assert_array_equal(array[others], getattr(good, name)[others])
+
+
+def test_blocks_change_no_bit(monkeypatch):
+    whole, gradient = random_state(50, 3), np.random.default_rng(4).normal(size=(50, PARAMETERS))
+    parts = whole.copy()
+    adam.step(whole, gradient, Rates(), LIMITS, 0.5)
+    monkeypatch.setattr(adam, "_BLOCK", 7)
+    adam.step(parts, gradient, Rates(), LIMITS, 0.5)
+    for name in NAMES:
+        assert getattr(whole, name).tobytes() == getattr(parts, name).tobytes()
+
+
+def test_no_gaussians_take_a_step():
+    assert adam.step(State.empty(), np.zeros((0, PARAMETERS)), Rates(), LIMITS, 1.0)

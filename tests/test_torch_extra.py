@@ -1,0 +1,51 @@
+"""PyTorch is optional: photos are vectorised without it, and what needs it says how to get it."""
+
+import subprocess
+import sys
+
+import pytest
+
+# As if it were not installed.
+WITHOUT = "import sys; sys.modules['torch'] = None\n"
+ADVICE = "needs PyTorch. Try pip install 'gauss2svg[torch]'"
+
+
+def printed(code: str) -> str:
+    run = subprocess.run(
+        [sys.executable, "-c", WITHOUT + code], capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    return run.stdout
+
+
+def test_photos_are_vectorised_without_it():
+    code = (
+        "import numpy as np, gauss2svg\n"
+        "from gauss2svg import FitOptions\n"
+        "photo = np.random.default_rng(0).random((20, 20, 3))\n"
+        "result = gauss2svg.vectorize(photo, gaussians=9, fit=FitOptions(iterations=9))\n"
+        "print(result.svg.count('<circle'))"
+    )
+    assert printed(code).strip() == "9"
+
+
+@pytest.mark.parametrize("module", ["autograd", "reference", "domain"])
+def test_a_module_that_needs_it_says_so(module):
+    code = (
+        f"try:\n    import gauss2svg.render.{module}\n"
+        "except ImportError as error:\n    print(type(error).__name__, error)"
+    )
+    expected = f"TorchMissingError the differentiable renderer {ADVICE}"
+    assert printed(code).strip() == expected
+
+
+def test_a_loss_that_needs_it_says_so():
+    code = (
+        "import numpy as np\n"
+        "from gauss2svg.errors import InputError\n"
+        "from gauss2svg.fit.losses import image_gradient\n"
+        "image = np.zeros((3, 20, 20), np.float32)\n"
+        "try:\n    image_gradient('mse+ssim', image, image)\n"
+        "except InputError as error:\n    print(error)"
+    )
+    assert printed(code).strip() == f"loss 'mse+ssim' {ADVICE}"
