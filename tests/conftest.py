@@ -91,7 +91,7 @@ def pytest_configure(config) -> None:
 
     All tests are those without a choice of markers, as by `-m ""`.
     """
-    examples = 10 if config.getoption("markexpr") else 30
+    examples = 10 if config.getoption("markexpr") else 40
     settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=examples)
     settings.load_profile("repeatable")
 
@@ -173,6 +173,20 @@ def renderer(request) -> str:
     if request.param not in ("resvg", "cairo"):
         needs(request.param)
     return request.param
+
+
+_NOT_INSTALLED_WITH_US = {"chromium", "firefox", "inkscape", "librsvg"}
+
+
+def pytest_collection_modifyitems(items) -> None:
+    """Tests that need a browser or another program to render are of the lane `browser`."""
+    for item in items:
+        given = getattr(item, "callspec", None)
+        values = [] if given is None else given.params.values()
+        renderers = {value for value in values if isinstance(value, str)}
+        needed = {"browser", "headless", "visit"} & set(item.fixturenames)
+        if needed or renderers & _NOT_INSTALLED_WITH_US:
+            item.add_marker(pytest.mark.browser)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import random_sum
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import SceneError
@@ -48,7 +48,6 @@ def tensors_of(scene: Scene, dtype: torch.dtype = torch.float64) -> list[torch.T
 
 
 @in_both
-@settings(max_examples=40)
 @given(seeds, st.integers(0, 30), st.integers(1, 50), st.integers(1, 40))
 def test_both_renderers_add_as_the_oracle_does(dtype, seed, count, width, height):
     scene = random_sum(count, width, height, seed)
@@ -69,7 +68,6 @@ def test_additive_renders_are_clipped_once_at_the_end(dtype):
     np.testing.assert_allclose(render_reference(scene).numpy(), np.clip(oracle, 0, 1), atol=1e-9)
 
 
-@settings(max_examples=25)
 @given(seeds)
 def test_order_does_not_matter_in_additive_blending(seed):
     scene = random_sum(20, 33, 17, seed).replace(round_index=None)
@@ -78,7 +76,6 @@ def test_order_does_not_matter_in_additive_blending(seed):
 
 
 @in_both
-@settings(max_examples=25)
 @given(seeds, st.integers(1, 12))
 def test_gradients_of_both_renderers_agree_for_any_loss(dtype, seed, count):
     scene = random_sum(count, 37, 21, seed)

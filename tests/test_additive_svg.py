@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import random_sum
 from flat import fit_config
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError, RendererError
@@ -89,7 +89,6 @@ def drawn_within(scene: Scene, width: int | None = None, height: int | None = No
     return psnr(rasterize(write_svg(scene, EXACT), width, height), model)
 
 
-@settings(max_examples=12)
 @given(seeds, st.sampled_from([0.1, 1.0, 4.0]))
 def test_a_file_s_numbers_sum_up_to_the_model(seed, strength):
     scene = scene_with(seed)
@@ -117,7 +116,6 @@ def test_resvg_draws_sums_of_one_sign_and_of_both(background, sign):
     assert drawn_within(scene) > 40
 
 
-@settings(max_examples=10)
 @given(seeds)
 def test_resvg_draws_what_the_model_is(seed):
     scene = scene_with(seed)

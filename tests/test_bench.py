@@ -22,6 +22,8 @@ from gauss2svg.bench.runner import run_bench
 from gauss2svg.bench.summary import summarise
 from gauss2svg.cli.main import main
 
+pytestmark = pytest.mark.process
+
 PROMISED = {
     "key", "tool", "image", "width", "height", "settings", "used", "gaussians", "rounds",
     "stop_reason", "psnr_model", "psnr_svg", "ssim_svg", "psnr_roundtrip", "bytes_raw",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import needs, random_scene
 from flat import vectorize
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 
@@ -95,7 +95,6 @@ def test_ratios_that_no_profile_is_like_are_refused(ratio):
         blur_of(ratio)
 
 
-@settings(max_examples=20)
 @given(st.integers(0, 10**6), FORM, st.sampled_from([0, 12]))
 def test_quantized_scenes_stay_as_they_are(seed, form, palette):
     scene = quantize(large_scene(20, seed), form, palette)
@@ -110,7 +109,6 @@ def test_quantized_scenes_stay_as_they_are(seed, form, palette):
     assert np.abs(render(again) - render(scene)).max() < 0.1
 
 
-@settings(max_examples=40)
 @given(st.integers(0, 10**6))
 def test_blurred_shapes_are_large_and_as_opaque_as_a_disc_can_be(seed):
     scene = large_scene(40, seed)
@@ -154,7 +152,6 @@ def test_what_a_disc_cannot_draw_keeps_its_gradient(beta, opacity, blurred):
     assert (chosen_blurs(one_shape(20, beta, opacity), BLUR)[0] >= 0) == blurred
 
 
-@settings(max_examples=20)
 @given(st.integers(0, 10**6), st.sampled_from([0, 12]))
 def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette):
     scene = large_scene(30, seed)
@@ -171,7 +168,6 @@ def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette
         assert svg.count("<radialGradient") <= palette
 
 
-@settings(max_examples=20)
 @given(st.integers(0, 10**6))
 def test_scene_of_blurred_shapes_comes_back_within_the_rounding(seed):
     # Twice: a shape whose first exponent becomes one that a disc draws is blurred as well.

@@ -254,6 +254,7 @@ def test_too_low_a_psnr_is_status_one_and_the_files_are_there(fitted, tmp_path, 
     assert json.loads(report.read_text())["psnr_svg"] < 60
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("which", [0, 1])
 def test_standard_input_is_a_stream(which, fitted):
     paths = [str(path) for path in fitted[:2]]

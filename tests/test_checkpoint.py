@@ -48,6 +48,7 @@ def kept(monkeypatch, small, options, stop=None) -> tuple[str, list[bytes]]:
     return svg, files
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("name", RUNS)
 def test_fit_continues_to_the_same_bits_from_any_step(name, small, monkeypatch, tmp_path):
     options = RUNS[name]
@@ -105,6 +106,7 @@ def test_checkpoint_of_another_photo_is_refused(small, checkpoints, tmp_path):
         vectorize(other, resume=tmp_path / "fit", **RUNS["count"])
 
 
+@pytest.mark.sweep
 def test_every_damage_is_refused(small, checkpoints, tmp_path):
     good = checkpoints[3]
     rng = np.random.default_rng(0)

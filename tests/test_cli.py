@@ -68,6 +68,7 @@ def test_report_has_the_time_limit_that_was_asked_for(picture, tmp_path):
     assert json.loads(report.read_text())["time_limit"] == 1.5
 
 
+@pytest.mark.process
 def test_standard_input_and_output_are_streams(picture, tmp_path):
     done = run("-", "-o", "-", *QUICK, "--quiet", input=picture.read_bytes())
     assert (done.returncode, done.stderr) == (0, b"")
@@ -173,6 +174,7 @@ def test_any_file_name_is_written_and_shown_as_it_is(name, picture, tmp_path, mo
     assert name in capsys.readouterr().err
 
 
+@pytest.mark.process
 def test_broken_streams_are_one_line_and_status_two(picture):
     with open("/dev/full", "wb") as full:
         done = run(picture, "-o", "-", *QUICK, "--quiet", stdout=full, stderr=subprocess.PIPE)

@@ -12,6 +12,8 @@ from PIL import Image
 
 from gauss2svg.errors import RendererError
 
+pytestmark = pytest.mark.example
+
 
 @pytest.fixture(autouse=True)
 def on_the_path(monkeypatch):

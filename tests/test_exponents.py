@@ -230,6 +230,7 @@ def test_shapes_thinner_than_any_pixel_are_left_out_not_refused():
     assert "<circle" not in write_svg(scene, SvgFormat(precision=0.001))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("renderer", ["resvg", "cairo"])
 @pytest.mark.parametrize("beta", [1.7, 6.0, 16.0, 64.0])
 def test_rims_are_drawn_as_the_model_has_them_at_every_size(renderer, beta):

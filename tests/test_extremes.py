@@ -31,6 +31,8 @@ from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import outline_svg, write_svg
 
+pytestmark = pytest.mark.sweep
+
 CASES = list(extremes().cases())
 MANY = 1000  # from which on the reference is too slow for more than pictures
 each_case = pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)

@@ -18,6 +18,8 @@ from gauss2svg import files
 from gauss2svg.cli.main import main
 from gauss2svg.pipeline.checkpoint import unpacked
 
+pytestmark = pytest.mark.process
+
 OUTPUTS = ("o.svg", "r.json", "p.png", "s.npz", "l.svg")
 FAULTS = {
     "EIO": OSError(errno.EIO, os.strerror(errno.EIO)),

@@ -279,6 +279,7 @@ def test_names_that_differ_by_case_are_one_where_the_file_system_says_so(
         assert {"o.svg", "O.SVG"} <= set(content(tmp_path))
 
 
+@pytest.mark.process
 def test_svg_may_come_through_a_pipe_and_a_photo_says_how_to(picture, svg, tmp_path):
     photo = shlex.quote(str(picture))
     done = shell(
@@ -293,6 +294,7 @@ def test_svg_may_come_through_a_pipe_and_a_photo_says_how_to(picture, svg, tmp_p
         assert main([str(word) for word in command]) == 2
 
 
+@pytest.mark.process
 def test_closed_and_broken_streams_are_one_line_and_status_two(picture, tmp_path):
     photo, report = shlex.quote(str(picture)), shlex.quote(str(tmp_path / "r.json"))
     tiny = " ".join(TINY)
@@ -311,6 +313,7 @@ def test_closed_and_broken_streams_are_one_line_and_status_two(picture, tmp_path
         assert content(tmp_path) == before
 
 
+@pytest.mark.process
 def test_closed_streams_do_not_get_into_files(picture, tmp_path):
     out, report = tmp_path / "o.svg", tmp_path / "r.json"
     limit = " --target-psnr 99"  # is reported on standard error in spite of --quiet

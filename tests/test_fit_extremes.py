@@ -12,6 +12,8 @@ from gauss2svg.measure import metrics
 from gauss2svg.photo.alpha import stacked
 from gauss2svg.render import render, render_rgba
 
+pytestmark = pytest.mark.sweep
+
 RNG = np.random.default_rng(0)
 
 

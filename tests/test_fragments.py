@@ -17,6 +17,8 @@ from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import outline_svg, write_svg
 
+pytestmark = pytest.mark.browser
+
 SCENE = random_scene(30, 60, 45, 7, (2, 9))
 OPTIONS = SvgFormat()
 LABELS = np.arange(12).reshape(3, 4)

@@ -20,6 +20,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from svg_fuzzing import svg_seeds
 
+pytestmark = pytest.mark.sweep
+
 SEEDED = st.integers(0, 2**32 - 1).map(Random)
 FEW = settings(max_examples=250, suppress_health_check=list(HealthCheck))
 

@@ -22,6 +22,8 @@ from gauss2svg.gallery.records import NUMBERS
 from gauss2svg.gallery.worker import answer_to
 from gauss2svg.photo.load import load_image
 
+pytestmark = pytest.mark.process
+
 NASTY = "<script>alert(1)<img src=x onerror=alert(2)>&amp;\"'{{7*7}}{%if%}\u202e.png"
 UNDECODABLE = "\udcff.png"
 SECRET = "Ada of Nowhere"

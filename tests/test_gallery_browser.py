@@ -10,6 +10,8 @@ from gallery_site import COUNTS, HOSTILE, PHONE, WIDE, box, pages_of, shot
 
 from gauss2svg.bench import numbers
 
+pytestmark = pytest.mark.browser
+
 GRAVE = ("serious", "critical")
 SLUGS = [f"gaussians-{count}" for count in COUNTS]
 KEYS = ("photo", "psnr_svg", "ssim_svg", "svg_bytes", "gaussians", "total_s")

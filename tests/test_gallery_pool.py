@@ -15,6 +15,8 @@ from gauss2svg.gallery import pool as pool_module
 from gauss2svg.gallery import worker
 from gauss2svg.gallery.pool import WorkerPool
 
+pytestmark = pytest.mark.process
+
 # As gauss2svg.gallery.worker, but without its imports, and with requests that misbehave.
 _WORKER = """
 import json, os, signal, sys, time

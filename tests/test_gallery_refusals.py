@@ -31,6 +31,7 @@ TEXTS = [
 ]
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("text", TEXTS)
 def test_nothing_of_a_name_is_rendered_as_html(text, two, tmp_path, asked, monkeypatch):
     given = []
@@ -64,6 +65,7 @@ def test_nothing_of_a_name_is_rendered_as_html(text, two, tmp_path, asked, monke
         assert any("plainword" in part for part in shown_texts)
 
 
+@pytest.mark.process
 def test_peer_is_measured_or_fails_or_is_stopped_on_one_line(
     photo, tmp_path, monkeypatch, capsys, asked
 ):
@@ -251,6 +253,7 @@ def test_gallery_of_bad_photos_alone_has_an_index_that_says_so(tmp_path, asked, 
     assert lines[1:] == [f"gauss2svg: 0 SVGs; 1 failed; open {out}/index.html"]
 
 
+@pytest.mark.process
 def test_pages_of_photos_that_are_left_out_stay_where_they_were(two, tmp_path, asked):
     out = tmp_path / "out"
     build_gallery(two, out, counts=[5])
@@ -269,6 +272,7 @@ def test_exact_svgs_are_charted_and_shown_as_equal(two, tmp_path, asked):
     assert Page(out / "trade-off.html").texts.count("equal") >= 3
 
 
+@pytest.mark.process
 def test_main_command_loads_no_gallery_and_a_worker_no_pages():
     code = (
         "import sys; from gauss2svg.cli.main import main; main(['no.png', '-o', 'x.svg']);"

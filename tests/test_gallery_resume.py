@@ -24,6 +24,8 @@ from gauss2svg.gallery.artifacts import (
     THUMBNAIL,
 )
 
+pytestmark = pytest.mark.process
+
 
 def test_finished_work_is_kept_until_what_it_depends_on_changes(
     two, photo, tmp_path, asked, monkeypatch

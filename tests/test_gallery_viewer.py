@@ -15,6 +15,8 @@ from gauss2svg.photo.alpha import over, pixels_of
 from gauss2svg.photo.load import load_image
 from gauss2svg.raster import rasterize
 
+pytestmark = pytest.mark.browser
+
 MAIN = f"gaussians-{COUNTS[1]}"
 OTHER = f"gaussians-{COUNTS[0]}"
 NAME = f"{COUNTS[0]} Gaussians"

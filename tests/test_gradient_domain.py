@@ -1,5 +1,7 @@
 """Gradients against finite differences of another arithmetic, over all of the domain.
 
+pytestmark = pytest.mark.sweep
+
 Differences are taken of the formula in whitened coordinates z, where each natural step of a shape
 (extremes.natural) is a smooth change, so that nothing cancels however thin it is: with
 k = sqrt(1 - rho^2) and a step t

@@ -289,6 +289,7 @@ def test_proportions_of_pixels_in_no_unit_are_noted():
     assert any(note.startswith("pixels are 3 times as wide") for note in notes)
 
 
+@pytest.mark.sweep
 def test_nothing_of_the_file_reaches_the_svg(tmp_path):
     words = b"</svg><script>alert(1)</script>&\x1b[31m"
     text = b"".join(chunk(b"tEXt", key + b"\0" + words) for key in (b"Title", b"Description"))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import random_sum
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
@@ -56,7 +56,6 @@ def single(sigma, rho=0.0, color=(1.0, -0.5, 0.25), mean=(25.5, 20.5)):
     )  # fmt: skip
 
 
-@settings(max_examples=25)
 @given(seeds, sizes)
 def test_windows_agree_where_no_sigma_is_above_two_units(seed, kernel_size):
     scene = random_sum(12, WIDTH, HEIGHT, seed)
@@ -65,7 +64,6 @@ def test_windows_agree_where_no_sigma_is_above_two_units(seed, kernel_size):
     np.testing.assert_array_equal(fixed, adaptive)
 
 
-@settings(max_examples=25)
 @given(seeds, sizes)
 def test_an_adaptive_window_leaves_out_no_more_than_the_tail_beyond_2_5_sigma(seed, kernel_size):
     scene = random_sum(12, WIDTH, HEIGHT, seed).replace(round_index=None)
@@ -74,7 +72,6 @@ def test_an_adaptive_window_leaves_out_no_more_than_the_tail_beyond_2_5_sigma(se
     assert (edge_values(torch.tensor(scene.sigma), kernel_size, True) <= AT_2_5_SIGMA + 1e-12).all()
 
 
-@settings(max_examples=25)
 @given(sizes, st.floats(0.5, 40), st.floats(0.5, 40), st.floats(-0.9, 0.9))
 def test_a_fixed_window_is_the_bell_inside_and_nothing_outside(kernel_size, sx, sy, rho):
     scene = single((sx, sy), rho, mean=(24.2, 20.9))
@@ -119,7 +116,6 @@ def test_the_jump_in_the_picture_is_that_of_the_edge():
     assert jump == pytest.approx(expected, rel=1e-6)
 
 
-@settings(max_examples=15)
 @given(seeds, sizes, st.booleans())
 def test_a_sum_is_the_sum_of_its_parts_in_any_order(seed, kernel_size, adaptive):
     scene = random_sum(8, WIDTH, HEIGHT, seed).replace(round_index=None)

@@ -44,7 +44,6 @@ def allowed(scene: Scene, dtype: type) -> float:
 
 
 @in_both
-@settings(max_examples=60)
 @given(st.data(), blends)
 def test_pictures_and_gradients_are_finite(dtype, data, blend):
     scene = data.draw(extreme_scenes(blend))
@@ -75,7 +74,6 @@ def test_pictures_and_gradients_are_finite(dtype, data, blend):
 
 
 @in_both
-@settings(max_examples=60)
 @given(st.data())
 def test_values_lie_between_the_darkest_and_the_brightest_colour(dtype, data):
     scene = data.draw(extreme_scenes())
@@ -87,7 +85,6 @@ def test_values_lie_between_the_darkest_and_the_brightest_colour(dtype, data):
 
 
 @in_both
-@settings(max_examples=40)
 @given(st.data())
 def test_opacity_zero_changes_no_pixel(dtype, data):
     scene, ghost = (data.draw(extreme_scenes(least=1)) for _ in range(2))
@@ -102,7 +99,6 @@ def test_opacity_zero_changes_no_pixel(dtype, data):
 
 
 @in_both
-@settings(max_examples=40)
 @given(st.data())
 def test_order_of_disjoint_gaussians_does_not_matter(dtype, data):
     scene = data.draw(extreme_scenes(most=8, least=2))
@@ -122,7 +118,6 @@ def test_order_of_disjoint_gaussians_does_not_matter(dtype, data):
 
 
 @in_both
-@settings(max_examples=60)
 @given(st.data(), blends, st.integers(-9, 9), st.integers(-9, 9))
 def test_translation_by_whole_pixels_translates_the_picture(dtype, data, blend, right, down):
     scene = data.draw(extreme_scenes(blend))
@@ -140,7 +135,6 @@ def test_translation_by_whole_pixels_translates_the_picture(dtype, data, blend, 
 
 
 @in_both
-@settings(max_examples=60)
 @given(st.data(), blends)
 def test_a_scaled_scene_is_the_scene_rendered_larger(dtype, data, blend):
     scene = data.draw(extreme_scenes(blend, size=(14, 12)))
@@ -156,7 +150,6 @@ def test_a_scaled_scene_is_the_scene_rendered_larger(dtype, data, blend):
 
 
 @in_both
-@settings(max_examples=30)
 @given(st.data(), blends)
 def test_thread_count_changes_no_bit(dtype, data, blend):
     scene = data.draw(extreme_scenes(blend, size=(70, 50)))
@@ -176,7 +169,6 @@ def test_thread_count_changes_no_bit(dtype, data, blend):
 
 
 @in_both
-@settings(max_examples=30)
 @given(st.data(), blends)
 def test_a_saved_and_loaded_scene_renders_to_the_same_bits(dtype, data, blend):
     scene = data.draw(extreme_scenes(blend))
@@ -191,7 +183,6 @@ def test_a_saved_and_loaded_scene_renders_to_the_same_bits(dtype, data, blend):
     assert one.tobytes() == other.tobytes()
 
 
-@settings(max_examples=60)
 @given(st.data(), blends)
 def test_both_renderers_draw_the_same(data, blend):
     scene = data.draw(extreme_scenes(blend))
@@ -245,7 +236,6 @@ def levels(text: str) -> NDArray:
     return np.array([int(digits[k : k + 2], 16) for k in (0, 2, 4)])
 
 
-@settings(max_examples=80)
 @given(st.data(), st.sampled_from([0.2, 0.04, 0.001]))
 def test_the_file_gives_the_scene_back_within_the_rounding(data, precision):
     scene = data.draw(extreme_scenes(betas=(1.0, 1.0, 1.7, 6.0, 64.0), most=8))
@@ -289,7 +279,7 @@ def is_shape(circle: dict, scene: Scene, factor: NDArray, i: int, step: float) -
     )
 
 
-@settings(max_examples=25)
+@pytest.mark.sweep
 @given(st.data())
 def test_the_file_of_an_additive_scene_holds_finite_numbers_or_is_refused(data):
     scene = data.draw(extreme_scenes(ADD))

@@ -75,6 +75,7 @@ def measured(width, height, folder, gaussians):
     return int(done.stdout) * 1024
 
 
+@pytest.mark.process
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_estimate_is_over_what_a_process_takes_but_not_by_far(tmp_path):
     compile_kernels()

@@ -81,6 +81,7 @@ def test_exact_fit_has_a_report_that_json_knows():
     json.dumps(report, allow_nan=False)
 
 
+@pytest.mark.process
 def test_warming_up_compiles_all_that_a_run_needs():
     code = (
         "import numpy as np; from gauss2svg import FitOptions, vectorize; "
@@ -211,6 +212,7 @@ def test_import_is_light():
     assert run.stdout.strip() == "[]"
 
 
+@pytest.mark.process
 def test_default_fit_needs_no_torch():
     code = (
         "import sys, numpy as np; from gauss2svg import FitOptions, vectorize; "

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from conftest import random_scene
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from svg_texts import AS_PATH, CIRCLE, assert_same, document, gradient
 
@@ -34,7 +34,6 @@ def drawn(scene: Scene, svg_format: SvgFormat) -> Scene:
     return scene.select(large & (scene.opacity > 10.0**-svg_format.opacity_decimals))
 
 
-@settings(max_examples=40)
 @given(
     st.integers(0, 10**6),
     st.sampled_from([0.001, 0.01]),

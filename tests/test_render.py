@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import random_scene
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
@@ -63,7 +63,6 @@ def composite_by_numpy(scene: Scene) -> np.ndarray:
 
 
 @in_both
-@settings(max_examples=40)
 @given(seeds, st.integers(0, 30), st.integers(1, 50), st.integers(1, 40))
 def test_reference_and_fast_renderer_draw_the_oracle(dtype, seed, count, width, height):
     scene = random_scene(count, width, height, seed)
@@ -86,7 +85,6 @@ def test_one_gaussian_is_drawn_as_its_profile_and_not_beyond_its_cut(dtype):
 
 
 @in_both
-@settings(max_examples=25)
 @given(seeds, st.integers(1, 12))
 def test_gradients_of_both_renderers_agree_for_any_loss(dtype, seed, count):
     scene = random_scene(count, 37, 21, seed)
@@ -193,7 +191,6 @@ def test_removal_mass_is_the_curvature_of_the_error_in_the_colour(dtype):
         assert mass[k] == pytest.approx(expected, rel=GRADIENT_OFF[dtype], abs=0.1 * OFF[dtype])
 
 
-@settings(max_examples=30)
 @given(seeds, st.integers(1, 20), st.integers(1, 70), st.integers(1, 70))
 def test_pairs_are_exactly_the_rows_that_a_gaussian_reaches(seed, count, width, height):
     scene = random_scene(count, width, height, seed)

@@ -191,6 +191,7 @@ def test_a_browser_that_ended_is_started_again(browser):
     assert (rasterize(GREEN, 8, 6, "chromium") == [0, 1, 0]).all()
 
 
+@pytest.mark.sweep
 def test_a_large_file_is_drawn_by_chromium(browser):
     comment = "<!--" + "x" * 10_000_000 + "-->"
     svg = SVG.format(f'>{comment}<rect width="40" height="30" fill="#0f0"/>')

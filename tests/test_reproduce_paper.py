@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+pytestmark = pytest.mark.example
+
 pytest.importorskip("matplotlib")
 pytest.importorskip("jinja2")
 

@@ -26,6 +26,7 @@ def test_stops_of_gaussians_err_as_stated(count):
     assert largest < STATED_ERRORS[count][1]
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(("count", "beta"), ALL)
 def test_sharper_profiles_err_no_more_than_gaussians_do(count, beta):
     allowed = error_of(*gradient_stops(count), beta=1.0)[0]

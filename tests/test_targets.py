@@ -137,6 +137,7 @@ def test_auto_is_the_default_and_repeats_itself(photo):
     assert vectorize(photo, quality="draft", threads=1).svg == plain.svg
 
 
+@pytest.mark.sweep
 def test_better_qualities_are_more_accurate_and_larger(photo):
     reports = [vectorize(photo, quality=q).report for q in ("draft", "fast", "balanced", "high")]
     for key in ("psnr_svg", "svg_bytes"):

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from extreme_scenes import extreme_scenes, rounding_of
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -34,7 +34,6 @@ def shown_over(rgba: NDArray, backdrop: float) -> NDArray:
 
 
 @in_both
-@settings(max_examples=60)
 @given(clear_scenes)
 def test_colour_and_alpha_are_finite_and_within_their_range(dtype, scene):
     rgba = render_rgba(scene, dtype=dtype)
@@ -46,7 +45,6 @@ def test_colour_and_alpha_are_finite_and_within_their_range(dtype, scene):
 
 
 @in_both
-@settings(max_examples=60)
 @given(clear_scenes)
 def test_over_a_backdrop_it_is_the_scene_on_that_background(dtype, scene):
     rgba, allowed = render_rgba(scene, dtype=dtype), ROUNDING[dtype] + 2 * rounding_of(scene)
@@ -57,14 +55,12 @@ def test_over_a_backdrop_it_is_the_scene_on_that_background(dtype, scene):
         np.testing.assert_allclose(shown_over(rgba, backdrop), oracle, atol=allowed)
 
 
-@settings(max_examples=60)
 @given(clear_scenes, st.tuples(*[st.floats(0, 1)] * 3))
 def test_the_background_changes_neither_colour_nor_alpha(scene, backdrop):
     other = scene.replace(background=np.array(backdrop))
     assert render_rgba(other).tobytes() == render_rgba(scene).tobytes()
 
 
-@settings(max_examples=80)
 @given(extreme_scenes(betas=(1.0, 1.0, 1.7, 6.0, 64.0)), st.sampled_from([0, 6]))
 def test_its_file_has_no_background_and_is_read_back_transparent(scene, palette):
     scene = quantize(scene, palette=palette)

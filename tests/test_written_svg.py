@@ -9,7 +9,7 @@ from xml.parsers import expat
 import numpy as np
 import pytest
 from conftest import random_scene, random_sum
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
@@ -104,7 +104,6 @@ def test_each_text_is_kept_as_it_is(said):
     assert read(write_svg(SCENE, None, Document(title=said, alt=said)))["title"] == said
 
 
-@settings(max_examples=25)
 @given(st.text(max_size=40), st.sampled_from(list(WRITERS)))
 def test_any_text_is_kept_or_refused(said, writer):
     try:
