@@ -20,7 +20,7 @@ STATUS_BAD_INPUT = 2
 STATUS_INTERRUPTED = STATUS_OF_SIGNAL + signal.SIGINT
 STATUS_TERMINATED = STATUS_OF_SIGNAL + signal.SIGTERM
 
-_USAGE = "Usage: gauss2svg PHOTO -o OUT.svg [OPTIONS]     (--help-all lists all of them)"
+_USAGE = "Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all of them)"
 _HELP_ALL = "--help-all"
 
 
@@ -64,6 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         with terminable(), own_standard_error():
             given = sys.argv[1:] if arguments is None else arguments
             app = build_app(everything=_HELP_ALL in given)
+            given = given or ["--help"]
             status = app(given, exit_on_error=False, print_error=False)
     except CycloptsError as error:
         return _refuse(f"{' '.join(str(error).split()).rstrip('.')}; see gauss2svg --help")

@@ -29,7 +29,7 @@ Parameters
 photo
     JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF; - is standard input.
 output
-    SVG to write; - is standard output.
+    SVG to write; photo.svg beside the photo if not given, - is standard output.
 """
 
 
@@ -49,6 +49,9 @@ class OutputFiles:
     save_scene: Path | None = None
     """Save the fitted Gaussians to this file, as NPZ."""
 
+    overwrite: bool = False
+    """Without -o, replace an SVG that another program wrote."""
+
     quiet: bool = False
     """Show neither progress nor summary."""
 
@@ -63,10 +66,10 @@ def vectorize_command(everything: bool) -> Callable[..., int]:
         return Group(name, sort_key=order, show=shown)
 
     def command(
-        photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
-        /,
-        *,
-        output: Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)],
+        *photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        output: Annotated[
+            str | None, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)
+        ] = None,
         goal: Annotated[Goal, Parameter(name="*", group=group("Goal", 1, shown=True))] = Goal(),
         files: Annotated[
             OutputFiles, Parameter(name="*", group=group("Output files", 2, shown=True))
@@ -85,13 +88,33 @@ def vectorize_command(everything: bool) -> Callable[..., int]:
         ] = RunOptions(),
     ) -> int:
         options = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
-        return _run(photo, output, options, files)
+        return _run(_one_photo(photo), output, options, files)
 
     command.__doc__ = HELP + _PARAMETERS
     return command
 
 
-def _run(photo: str, output: str, options: Any, files: OutputFiles) -> int:
+def _one_photo(photos: tuple[str, ...]) -> str:
+    from difflib import get_close_matches
+
+    from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.pipeline.options import option_names
+
+    for name in photos:
+        if name.startswith("--"):  # the name of no option ends up among the photos
+            known = [f"--{option.replace('_', '-')}" for option in option_names()]
+            close = get_close_matches(name, known, 1)
+            advice = close[0] if close else "gauss2svg --help-all"
+            raise InputError(must_be(name, "an option", shown("an unknown one"), advice))
+    if len(photos) != 1:
+        got = shown(", ".join(photos) or "none")
+        advice = "a command for each, or gauss2svg gallery" if photos else "gauss2svg --help"
+        raise InputError(must_be("the photo", "one file", got, advice))
+    return photos[0]
+
+
+def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> int:
+    from gauss2svg.cli.outputs import check_names, check_svg_name, default_output
     from gauss2svg.cli.signals import interruptible
     from gauss2svg.cli.streams import standard_stream
     from gauss2svg.cli.terminal import print_summary, show_progress
@@ -101,7 +124,9 @@ def _run(photo: str, output: str, options: Any, files: OutputFiles) -> int:
     from gauss2svg.scene import ADD
     from gauss2svg.svg.packing import file_bytes, is_svgz
 
-    refuse_option_like(photo, output)
+    refuse_option_like(photo, output or "")
+    if output is None:
+        output = default_output(photo, files.overwrite)
     if files.outline is not None and options.fit.blend == ADD and not options.svg.portable:
         raise InputError(
             "--outline must not be given with --blend add, whose signed colours have no strokes. "
@@ -110,6 +135,16 @@ def _run(photo: str, output: str, options: Any, files: OutputFiles) -> int:
     if is_svgz(output):
         options = options.changed(gzip=True)
     to_stdout = output == STANDARD_STREAM
+    if not to_stdout:
+        check_svg_name("--output", output)
+    check_names(
+        [
+            ("--preview", files.preview, ".png"),
+            ("--report", files.report, ".json"),
+            ("--outline", files.outline, ".svg"),
+            ("--save-scene", files.save_scene, ".npz"),
+        ]
+    )
     _check_files(photo, output, options, files)
 
     source: Any = photo
