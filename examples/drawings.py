@@ -33,7 +33,7 @@ from skimage import data
 from gauss2svg.measure import metrics, vectorize
 from gauss2svg.bench.peers import PEERS
 from gauss2svg.bench.rows import finite
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 from gauss2svg.raster import rasterize
 
 Pixels = NDArray[np.float32]

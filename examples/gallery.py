@@ -2,11 +2,11 @@
 
 python examples/gallery.py site                        # 21 photos, 384 px, 1404 Gaussians
 python examples/gallery.py site --peers splatthis coffee astronaut chelsea
-python examples/gallery.py examples/sample --sample    # the one that the README shows, and
-    --screenshot examples/gallery.jpg                  # its picture, by Chromium: '.[browser]'
+python examples/gallery.py examples/sample --sample    # the gallery that the README shows, and
+    --screenshot examples/gallery.jpg                  # an image of it, by Chromium: '.[browser]'
 
-The size and the count are those of SplatThis' own gallery, whose medians are printed beside ours:
-its photos are these, but for clock_motion, in the place of one that scikit-image does not have.
+Size and count are those of SplatThis' own gallery, whose medians are printed for comparison. The
+photos are the same except for clock_motion, which replaces one that scikit-image does not have.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import Any
 import skimage.data
 
 from gauss2svg import Gallery, GalleryProgress, build_gallery
+from gauss2svg.gallery.options import GalleryOptions
 
 FILES = (
     "astronaut.png", "brick.png", "camera.png", "cell.png", "chelsea.png", "chessboard_GRAY.png",
@@ -28,18 +29,16 @@ FILES = (
     "retina.jpg", "rocket.jpg", "text.png",
 )  # fmt: skip
 PHOTO_PX, GAUSSIANS = 384, 1404
-SAMPLE: dict[str, Any] = {
-    "photos": ("coffee.png", "chelsea.png"), "photo_size": 256,
-    "counts": (100, 800), "title": "Two photos as Gaussians",
-}  # fmt: skip
-# https://github.com/BramAlkema/SplatThis, version 0.3; on the machine of its authors.
+SAMPLE_FILES, SAMPLE_COUNTS = ("coffee.png", "chelsea.png"), (100, 800)
+SAMPLE = GalleryOptions(photo_size=256, title="Two photos as Gaussians")
+# https://github.com/BramAlkema/SplatThis, version 0.3, on the machine of its authors.
 PUBLISHED = {"psnr_svg": 25.6, "ssim_svg": 0.780, "svg_bytes": 1.25e6, "total_s": 401.0}
 SCREEN: Any = {"width": 1000, "height": 900}  # px
 PEER_TIMEOUT_S = 4000.0
 
 
 def main() -> int:
-    """Make the gallery that the arguments ask for; returns 1 if something could not be made."""
+    """Make the gallery of the command line; returns 1 if something failed."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -48,37 +47,33 @@ def main() -> int:
     parser.add_argument("--peers", nargs="*", default=[])
     parser.add_argument("--sample", action="store_true")
     parser.add_argument("--screenshot", type=Path)
-    asked = parser.parse_args()
-    settings: dict[str, Any] = {
-        "photos": tuple(name for name in FILES if not asked.photos or _stem(name) in asked.photos),
-        "photo_size": PHOTO_PX,
-        "counts": (GAUSSIANS,),
-    }
-    if asked.sample:
-        settings = dict(SAMPLE)
-    # Of the package itself: skimage.data_dir is a cache of downloads where pooch is installed.
+    args = parser.parse_args()
+    names = [name for name in FILES if not args.photos or name.partition(".")[0] in args.photos]
+    counts, options = (GAUSSIANS,), GalleryOptions(photo_size=PHOTO_PX, peer_timeout=PEER_TIMEOUT_S)
+    if args.sample:
+        names, counts, options = SAMPLE_FILES, SAMPLE_COUNTS, SAMPLE
+    # The package's own folder: skimage.data_dir is a download cache where pooch is installed.
     shipped = Path(skimage.data.__file__).parent
-    photos = [shipped / name for name in settings.pop("photos")]
     gallery = build_gallery(
-        photos,
-        asked.directory,
-        peers=asked.peers,
-        peer_timeout=PEER_TIMEOUT_S,
+        [shipped / name for name in names],
+        args.directory,
+        counts=counts,
+        peers=args.peers,
+        options=options,
         command=" ".join(["python", *sys.argv]),
-        progress=_tell,
-        **settings,
+        progress=_print_progress,
     )
     print_medians(gallery)
     for failure in gallery.failures:
         print(f"{failure.photo.name}: {failure.error}")
     print(f"open {gallery.index}")
-    if asked.screenshot:
-        screenshot(gallery, asked.screenshot)
+    if args.screenshot:
+        screenshot(gallery, args.screenshot)
     return 1 if gallery.failures else 0
 
 
 def print_medians(gallery: Gallery) -> None:
-    """Each variant's medians, over the photos, beside those that SplatThis publishes."""
+    """The medians of each variant over the photos, and those that SplatThis publishes."""
     print(f"{'median':16} photos  PSNR dB   SSIM  bytes      s")
     rows = [
         (row["variant"], row["photos"], {name: row[f"median_{name}"] for name in PUBLISHED})
@@ -92,12 +87,12 @@ def print_medians(gallery: Gallery) -> None:
 
 
 def screenshot(gallery: Gallery, target: Path) -> None:
-    """A JPEG of the first photo's page, as Chromium shows it."""
+    """Save the first photo's page, as Chromium shows it, as JPEG."""
     from playwright.sync_api import sync_playwright
 
     page_file = gallery.directory / gallery.rows[0]["page"]
     with sync_playwright() as playwright:
-        # Without the sandbox, which the superuser of a container cannot have: the page is ours.
+        # Without the sandbox, which root in a container cannot use: the page is ours.
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox"]
         )
@@ -108,11 +103,7 @@ def screenshot(gallery: Gallery, target: Path) -> None:
         browser.close()
 
 
-def _stem(name: str) -> str:
-    return name.partition(".")[0]
-
-
-def _tell(progress: GalleryProgress) -> None:
+def _print_progress(progress: GalleryProgress) -> None:
     if progress.now:
         print(f"{progress.done}/{progress.total} {'; '.join(progress.now)}", file=sys.stderr)
 

@@ -21,8 +21,8 @@ import sys
 from pathlib import Path
 
 from gauss2svg import vectorize
-from gauss2svg.photo.image import WHITE, load_image
 from gauss2svg.measure.roundtrip import round_trip
+from gauss2svg.photo.load import WHITE, load_image
 
 
 def measure(image: Path, options: argparse.Namespace) -> dict[str, float]:

@@ -36,7 +36,7 @@ from skimage import data
 from gauss2svg import __version__, metrics, vectorize
 from gauss2svg.bench.machine import machine
 from gauss2svg.errors import RendererError
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.vectorize import Result
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS, rasterize, renderer_version

@@ -42,7 +42,7 @@ from gauss2svg.errors import RendererError
 from gauss2svg.scene.falloff import BETA_CLASSES, FALLOFFS, RIM_WIDTH, cut_radius
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.fit import fit
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 from gauss2svg.raster import RENDERERS, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.pipeline.quantize import quantize

@@ -16,7 +16,7 @@ from numba import set_num_threads
 
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.fit import fit
-from gauss2svg.photo.image import WHITE, load_image
+from gauss2svg.photo.load import WHITE, load_image
 
 COUNTS = (1000, 2000, 5000, 10_000, 20_000, 50_000)
 ITERATIONS = 300

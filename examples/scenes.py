@@ -17,7 +17,7 @@ from PIL import Image
 from skimage import data
 
 from gauss2svg import vectorize
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 
 _SIZE = 256  # px, of the pictures that are made here
 _DARK, _LIGHT = np.array([0.10, 0.20, 0.50]), np.array([0.95, 0.75, 0.30])

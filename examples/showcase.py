@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from gauss2svg import vectorize
-from gauss2svg.photo.image import WHITE, load_image
+from gauss2svg.photo.load import WHITE, load_image
 
 COUNTS = (200, 1000, 5000)
 GAP_PX = 6

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from gauss2svg.measure import metrics, vectorize
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.fit import fit
-from gauss2svg.photo.image import WHITE, load_image, shrink
+from gauss2svg.photo.alpha import shrunk
+from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.render import render
 
 RATES = (1e-6, 0.1, 1.0, 10.0, 100.0, 1e3, 1e6)
@@ -111,7 +112,7 @@ def main(path: str) -> None:
     photo = load_image(path, matte=WHITE).pixels
     scale = min(1.0, SIDE / max(photo.shape[:2]))
     height, width = (max(1, round(side * scale)) for side in photo.shape[:2])
-    photo = shrink(photo, height, width)
+    photo = shrunk(photo, height, width)
     for table in (of_rates(photo), of_pictures(), of_resumed(photo)):
         for line in table:
             print(line, flush=True)

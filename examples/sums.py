@@ -20,7 +20,7 @@ import numpy as np
 from numba import get_num_threads, set_num_threads
 
 from gauss2svg import vectorize
-from gauss2svg.photo.image import WHITE, load_image
+from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.scene import Scene

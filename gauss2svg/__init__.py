@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     )
     from gauss2svg.fit.options import DensifyOptions, FitOptions
     from gauss2svg.gallery.build import Gallery, GalleryProgress, build_gallery
+    from gauss2svg.gallery.options import GalleryOptions
     from gauss2svg.measure.check import CheckResult, check
     from gauss2svg.pipeline.options import Goal, RunOptions, SvgOptions
     from gauss2svg.pipeline.quantize import quantize
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "errors": ("Gauss2SvgError", "InputError", "OutputError", "RendererError", "SceneError"),
     "fit.options": ("DensifyOptions", "FitOptions"),
+    "gallery.options": ("GalleryOptions",),
     "gallery.build": ("Gallery", "GalleryProgress", "build_gallery"),
     "measure.check": ("CheckResult", "check"),
     "pipeline.options": ("Goal", "RunOptions", "SvgOptions"),
@@ -51,6 +53,7 @@ __all__ = [
     "Document",
     "FitOptions",
     "Gallery",
+    "GalleryOptions",
     "GalleryProgress",
     "Gauss2SvgError",
     "Goal",

@@ -1,4 +1,4 @@
-"""What can go wrong, as exceptions whose message is one line a person can act on."""
+"""Exceptions, whose messages are one line that says what to try."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class SceneError(Gauss2SvgError, ValueError):
 
 
 class RendererError(Gauss2SvgError, RuntimeError):
-    """A rasteriser that is missing or that failed to draw the file."""
+    """A renderer that is missing, or that failed."""
 
 
 class PeerError(Gauss2SvgError, RuntimeError):
@@ -30,11 +30,11 @@ class PeerError(Gauss2SvgError, RuntimeError):
 
 
 class OutputError(Gauss2SvgError, OSError):
-    """A target that cannot be written."""
+    """An output that cannot be written."""
 
 
 def on_one_line(text: str) -> str:
-    """Text for a terminal: one line, in which nothing of a file or its name steers it."""
+    """Text for a terminal: one line, its control characters escaped."""
     plain = (" " if c.isspace() else c for c in text)
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in plain)
 
@@ -48,11 +48,11 @@ def must_be(name: str, needed: str, got: Any, advice: str = "") -> str:
 
 
 class _AsItIs(str):
-    """Text that an error shows without quotes."""
+    """Text that an error message shows without quotes."""
 
 
 def shown(text: Any) -> str:
-    """What was got, in words rather than as Python writes it."""
+    """The value of an error message as it is, without quotes."""
     return _AsItIs(text)
 
 

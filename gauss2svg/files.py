@@ -1,4 +1,4 @@
-"""Files that are written: whole or not at all, and never over what was read."""
+"""Files: read only if they are regular, written whole or not at all, never over an input."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import os
 import secrets
 import stat
 import tempfile
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
-from gauss2svg.errors import InputError, OutputError
+from gauss2svg.errors import InputError, OutputError, must_be, shown
 
 if TYPE_CHECKING:
     import numpy as np
@@ -21,16 +21,36 @@ if TYPE_CHECKING:
 
 STANDARD_STREAM = "-"
 FileName = str | os.PathLike[str]
+_NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
+
+
+@contextmanager
+def reading(path: FileName, advice: str) -> Iterator[BinaryIO]:
+    """A regular file open for reading; raises InputError, with advice on what to try.
+
+    Pipes and devices are refused unread: a pipe that nobody writes to would block for ever.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | _NOT_BLOCKING | _BINARY)
+    except (OSError, ValueError) as error:
+        raise _cannot_read(path, getattr(error, "strerror", None) or str(error), advice) from error
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        kind = "a folder" if stat.S_ISDIR(mode) else "a pipe or a device"
+        raise _cannot_read(path, f"it is {kind}, not a regular file", advice)
+    with open(descriptor, "rb") as file:
+        yield file
 
 
 def check_writable(path: FileName) -> None:
-    """Raise OutputError if a file could not be written there; touches no existing file."""
+    """Raise OutputError if no file can be written there; changes no existing file."""
     target = Path(path)
     try:
         if target.is_dir():
-            raise OutputError(f"cannot write {target}: it is a folder; give a file name")
+            raise OutputError(f"cannot write {target}: it is a folder. Try a file name")
         if target.exists() and not os.access(target, os.W_OK):
-            raise OutputError(f"cannot write {target}: it is read-only; choose another name")
+            raise OutputError(f"cannot write {target}: it is read-only. Try another name")
         if not target.exists() or target.is_file():
             with tempfile.TemporaryFile(dir=os.path.dirname(os.path.realpath(target))):
                 pass
@@ -41,20 +61,20 @@ def check_writable(path: FileName) -> None:
 
 
 def write_atomically(path: FileName, data: bytes) -> None:
-    """Write beside the target and rename: the old file or the whole new one is there.
+    """Write beside the target and rename, which leaves either the old file or the whole new one.
 
-    Permissions of an existing file are kept, a symbolic link stays one. Of several hard links the
-    others keep the old file. Raises OutputError if it cannot be done.
+    Permissions of an existing file are kept, and a symbolic link stays one; other hard links keep
+    the old file. Raises OutputError if it cannot be written.
     """
     write_all_atomically({path: data})
 
 
 def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
-    """Write each as write_atomically does; none is renamed before all are on the disk.
+    """Write each as write_atomically does, renaming none before all are on the disk.
 
-    A full disk, or an interruption before the renames, thus leaves every old file as it was.
-    Pipes and devices, which cannot be renamed, are written just before these.
-    Raises OutputError, for the first that cannot be written.
+    A full disk, or an interruption before the renames, thus leaves every old file unchanged. Pipes
+    and devices, which cannot be renamed, are written just before that.
+    Raises OutputError for the first that cannot be written.
     """
     for path in files:
         check_writable(path)
@@ -67,9 +87,9 @@ def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
             if target.exists() and not target.is_file():
                 streams.append((target, data))
                 continue
-            real = Path(os.path.realpath(target))  # through a link, so that the link stays
+            real = Path(os.path.realpath(target))  # replaces what a link points to, not the link
             name = f".{real.name[:40]}.{secrets.token_hex(6)}"
-            # Known before it is made, so that no moment is without a name to remove.
+            # Listed before it is made, so that an interruption leaves no temporary file.
             beside.append((real.parent / name, real))
             _write_new(beside[-1][0], data, _mode_of(real))
         for target, data in streams:
@@ -80,7 +100,7 @@ def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
     except (OSError, ValueError) as error:
         raise _cannot_write(target, error) from error
     finally:
-        for made, _ in beside:  # those that were renamed are no longer there
+        for made, _ in beside:  # renamed ones no longer exist
             with suppress(OSError):
                 os.unlink(made)
 
@@ -94,9 +114,9 @@ def _mode_of(target: Path) -> int | None:
 
 
 def _write_new(path: Path, data: bytes, mode: int | None) -> None:
-    """A new file on the disk; with the usual permissions if mode is None."""
-    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
-    # Nobody else reads it before it has the permissions that it is to have.
+    """Create a file on the disk, with the usual permissions if mode is None."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY
+    # Private until it has its final permissions.
     descriptor = os.open(path, flags, 0o666 if mode is None else 0o600)
     try:
         _write_all(descriptor, data)
@@ -114,7 +134,7 @@ def _write_all(descriptor: int, data: bytes) -> None:
 
 
 def folds_case(folder: FileName) -> bool:
-    """Whether names in a folder that differ by case alone are one file; OutputError if unknown."""
+    """Whether the file system of a folder ignores case in names; raises OutputError if unknown."""
     try:
         with tempfile.NamedTemporaryFile(dir=folder, prefix=".aA") as probe:
             place, name = os.path.split(probe.name)
@@ -125,36 +145,40 @@ def folds_case(folder: FileName) -> bool:
 
 def _cannot_write(target: Path, error: Exception) -> OutputError:
     reason = getattr(error, "strerror", None) or str(error)
-    return OutputError(f"cannot write {target}: {reason}; choose another place")
+    return OutputError(f"cannot write {target}: {reason}. Try another folder")
+
+
+def _cannot_read(path: FileName, reason: str, advice: str) -> InputError:
+    return InputError(f"cannot read {os.fsdecode(path)}: {reason}. Try {advice}")
 
 
 def refuse_option_like(*names: str) -> None:
     """Raise InputError for a name that begins with -, unless it is the standard stream."""
     for name in names:
         if name.startswith("-") and name != STANDARD_STREAM:
-            raise InputError(f"{name} reads like an option; for a file of that name give ./{name}")
+            got = shown(f"{name}, which reads like an option")
+            raise InputError(must_be("file", "a name that does not begin with -", got, f"./{name}"))
 
 
 def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
-    """Refuse outputs that could not be written or would overwrite an input or each other.
+    """Refuse outputs that cannot be written or would overwrite an input or each other.
 
-    inputs  what each file that is read is, by its name: {"photo.jpg": "the photo"}
+    inputs  what each input file is, by its name: {"photo.jpg": "the photo"}
     Raises InputError for a clash, OutputError for a target that cannot be written.
     """
     taken = {name: what for name, what in inputs.items() if name != STANDARD_STREAM}
     for target in map(os.fspath, targets):
         for name, what in taken.items():
             if _are_one(name, target):
-                raise InputError(
-                    f"{target} is also {what}; give each its own name so that nothing is lost"
-                )
+                got = shown(f"{target}, which is also {what}")
+                raise InputError(must_be("output", "a file of its own", got, "another name"))
         taken[target] = "another output"
     for target in targets:
-        check_writable(target)  # told now, not after the work
+        check_writable(target)
 
 
 def _are_one(name: str, other: str) -> bool:
-    """Whether two names are one file's: by links of either kind, or by case where it is folded."""
+    """Whether two names are of one file: by links, or by case where the file system ignores it."""
     first, second = (os.path.realpath(path) for path in (name, other))
     if first == second:
         return True
@@ -162,13 +186,13 @@ def _are_one(name: str, other: str) -> bool:
         if os.path.lexists(first) and os.path.lexists(second):
             return os.path.samefile(first, second)
     except (OSError, ValueError):
-        return False  # told where it is read or written
-    # Neither is there, or one alone is: a file system that folds case would know both.
+        return False  # reading or writing it raises the error
+    # At most one exists; a file system that ignores case would find it by both names.
     return first.casefold() == second.casefold() and folds_case(os.path.dirname(second))
 
 
 def as_png(pixels: NDArray[np.floating]) -> bytes:
-    """PNG of a picture (h, w, 3), or (h, w, 4) with alpha, in 0..1, on 8 bits a channel."""
+    """PNG of 8 bits per channel of an image (h, w, 3) or (h, w, 4) in 0..1."""
     import numpy as np
     from PIL import Image
 
@@ -178,5 +202,5 @@ def as_png(pixels: NDArray[np.floating]) -> bytes:
 
 
 def as_json(report: Mapping[str, Any]) -> bytes:
-    """A report as indented JSON; a ValueError where it has an infinity or NaN."""
+    """A report as indented JSON; raises ValueError for infinity and NaN."""
     return (json.dumps(report, indent=2, allow_nan=False) + "\n").encode()

@@ -211,13 +211,13 @@ def has_ended(process_id: int) -> bool:
 
 @pytest.fixture(scope="session")
 def gallery(tmp_path_factory):
-    """A small gallery, for looking at: no test changes it."""
+    """A small gallery that no test changes."""
     return gallery_site.build(tmp_path_factory.mktemp("gallery"))
 
 
 @pytest.fixture(scope="module")
 def headless(request, tmp_path_factory):
-    """A browser before that gallery."""
+    """A browser for that gallery."""
     needs("chromium")
     site = request.getfixturevalue("gallery").directory
     with chromium._playwright().sync_playwright() as playwright:
@@ -228,7 +228,7 @@ def headless(request, tmp_path_factory):
 
 @pytest.fixture
 def visit(headless):
-    """Opens visits, at whose end none may have gone wrong."""
+    """Opens visits, each of which must end without errors."""
     visits = []
 
     def open_one(**options):
@@ -249,7 +249,7 @@ def random_sum(count: int, width: int, height: int, seed: int) -> Scene:
 
 @pytest.fixture
 def asked(monkeypatch):
-    """Works that were asked for, done here: photos in truth, SVGs as above."""
+    """The requests of a gallery, answered in this process: SVGs by `galleries.canned`."""
     import galleries
 
     from gauss2svg.gallery import build
@@ -267,15 +267,12 @@ def asked(monkeypatch):
         def __exit__(self, *_):
             pass
 
-        def run(self, works):
-            for index, work in enumerate(works):
+        def run(self, requests):
+            for index, request in enumerate(requests):
                 yield index, None
-                folder = work["folder"].rpartition("/photos/")[2]
-                found.append((work["kind"], folder))
-                yield (
-                    index,
-                    galleries.canned(work) if work["kind"] == "variant" else answer_to(work),
-                )
+                found.append((request["kind"], request["folder"].rpartition("/photos/")[2]))
+                answer = galleries.canned if request["kind"] == "variant" else answer_to
+                yield index, answer(request)
 
     monkeypatch.setattr(build, "WorkerPool", Here)
     return found

@@ -1,4 +1,4 @@
-"""Scenes from all of the domain of a scene, and what they look like by another arithmetic."""
+"""Scenes from all of the domain of a scene, and their render by another arithmetic."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def whitened(scene: Scene) -> NDArray[np.float64]:
 
 
 def picture(scene: Scene, z: NDArray[np.float64], **changed: NDArray[np.float64]) -> NDArray:
-    """(h, w, 3) the formula once more, from whitened offsets; not clipped where it is a sum.
+    """(h, w, 3) the formula once more, from whitened offsets; not clipped where it is additive.
 
     changed  colours and the like in place of the scene's, whatever their range
     """

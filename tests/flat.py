@@ -6,8 +6,8 @@ from typing import Any
 
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions
 from gauss2svg.gallery.options import GalleryOptions
-from gauss2svg.options import fields_of
-from gauss2svg.pipeline.options import Options
+from gauss2svg.options import field_named, fields_of
+from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.vectorize import vectorize_by
 
@@ -27,6 +27,13 @@ def fit_config(gaussians: int = 5000, iterations: int | None = 200, **given: Any
         for name, kind in {"fit": FitOptions, "densify": DensifyOptions}.items()
     }
     return FitConfig(gaussians=gaussians, iterations=iterations, **groups, **given)
+
+
+def choices(name: str) -> tuple[Any, ...]:
+    """All values of an option that has only a few."""
+    found = field_named(GROUPS, name)
+    assert found is not None
+    return found[1].choices
 
 
 def build_gallery(photos: Any, directory: Any, **given: Any) -> Any:

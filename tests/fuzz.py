@@ -1,11 +1,10 @@
 """The long form of tests/test_fuzz.py: `python tests/fuzz.py --inputs 200000 --jobs 2 loader`.
 
-Inputs are made of a seed and their number, so that each can be made again. A worker process
-reads them one after the other, with room for 1 GB more than it has after it has read every
-whole picture or SVG once, and for 5 s of CPU time (60 s of any) an input, after which it is
-ended by a signal. What it was at, and what raised anything but a refusal, is a finding: its
-bytes are stored, and the run goes on. Python warnings are findings as well, but for those that
-Pillow gives itself, which are counted apart.
+Inputs follow from a seed and their number, so that each can be reproduced. A worker process reads
+them one after the other, with 1 GB more memory than it takes to read every whole image or SVG
+once, and 5 s of CPU time (60 s of wall time) per input, after which a signal ends it. An input that
+does so, or raises anything but a refusal, is a finding: its bytes are stored, and the run
+continues. Python warnings are findings as well, except those of Pillow, which are counted apart.
 """
 
 from __future__ import annotations
@@ -53,9 +52,9 @@ def work(target: str, seed: int, first: int, last: int, place: str) -> None:
             data = made(target, seed, number)
             signal.setitimer(signal.ITIMER_PROF, CPU_S)
             signal.setitimer(signal.ITIMER_REAL, WALL_S)
-            findings, told = [], []
+            findings, of_pillow = [], []
             try:
-                said, warned, told = outcome(target, data)
+                said, warned, of_pillow = outcome(target, data)
                 findings = [f"warning {message_class(w)}" for w in warned]
                 kind = "accepted" if said == "accepted" else message_class(said)
             except BaseException as error:
@@ -66,8 +65,8 @@ def work(target: str, seed: int, first: int, last: int, place: str) -> None:
                 findings = [kind]
             signal.setitimer(signal.ITIMER_PROF, 0)
             signal.setitimer(signal.ITIMER_REAL, 0)
-            told = [message_class(w) for w in told]
-            print(json.dumps([number, kind, findings, told]), flush=True)
+            of_pillow = [message_class(w) for w in of_pillow]
+            print(json.dumps([number, kind, findings, of_pillow]), flush=True)
 
 
 def _size() -> int:

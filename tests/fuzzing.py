@@ -1,4 +1,4 @@
-"""Broken pictures and SVGs made of whole ones, and what must be true of whatever is read.
+"""Broken images and SVGs made of whole ones, and laws of whatever is read.
 
 A mutation is a function of random numbers and bytes, so that hypothesis can draw them in
 tests/test_fuzz.py, and a seeded generator by the hundred thousand in tests/fuzz.py.
@@ -25,7 +25,7 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.frame import frame_of
 from gauss2svg.measure.source import svg_source
 from gauss2svg.measure.survey import survey
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.svg.reader.read import read_svg
@@ -220,9 +220,9 @@ def broken_svg(rng: Random) -> bytes:
 
 
 def read_photo(data: bytes) -> None:
-    """What the loader accepts is a picture; raises InputError for the rest.
+    """Load a photo and check it; raises InputError for anything else.
 
-    The limit of memory is one of pixels: what is decoded takes some 24 bytes for each.
+    The limit of memory is one of pixels: decoding takes about 24 bytes for each.
     """
     photo = load_image(data, max_pixels=_MOST_PIXELS)
     height, width, channels = photo.pixels.shape
@@ -236,9 +236,9 @@ def read_photo(data: bytes) -> None:
 
 
 def check_svg(data: bytes) -> None:
-    """All that `gauss2svg check` does with an SVG before another process draws it.
+    """All that `gauss2svg check` does with an SVG before another process rasterises it.
 
-    What is drawn has the elements that were surveyed. Raises InputError or RendererError.
+    The rasterised text has the elements of the survey. Raises InputError or RendererError.
     """
     _, text = svg_source(data, _MOST_SVG_BYTES)
     surveyed = survey(text, _MOST_ELEMENTS)
@@ -254,7 +254,7 @@ def check_svg(data: bytes) -> None:
 
 
 def read_scene(data: bytes) -> None:
-    """What read_svg accepts is a valid scene, by its own checks; raises InputError for the rest."""
+    """Read a scene, whose constructor checks it; raises InputError for anything else."""
     read_svg(data)
 
 
@@ -268,8 +268,7 @@ TARGETS: dict[str, tuple[Callable[[Random], bytes], Callable[[bytes], None]]] = 
 def outcome(target: str, data: bytes) -> tuple[str, list[str], list[str]]:
     """ "accepted" or the refusal, warnings, and those of Pillow; other errors are let through.
 
-    A refusal must be one line that says something. Pillow warns of what it leaves out, which is
-    its right, and shows in the picture or as an error.
+    A refusal must be one line with text. Pillow warns of what it ignores, which is not an error.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

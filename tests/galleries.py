@@ -1,4 +1,4 @@
-"""Photos, pages and stand-ins that the tests of the gallery share."""
+"""Photos, parsers of pages and stand-ins for workers that the tests of the gallery share."""
 
 from html.parser import HTMLParser
 
@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image
 
 from gauss2svg.files import as_json
-from gauss2svg.gallery.work import (
+from gauss2svg.gallery.artifacts import (
     ERRORS,
     OUTLINES,
     PICTURE,
@@ -23,8 +23,8 @@ def save(pixels, path, **options):
     return path
 
 
-class Document(HTMLParser):
-    """The elements of a page with their attributes, and its texts, in their order."""
+class Page(HTMLParser):
+    """The elements of a page with their attributes, and its texts, in order."""
 
     def __init__(self, path):
         super().__init__()
@@ -42,7 +42,7 @@ class Document(HTMLParser):
 
 
 class Table(HTMLParser):
-    """Cells of the table of a class on a page, row by row."""
+    """The cells of the tables of a page, row by row."""
 
     def __init__(self, path):
         super().__init__()
@@ -66,7 +66,7 @@ class Table(HTMLParser):
 
 
 class Asked(list):
-    """The works that a gallery asked for, as (kind, photo's folder, settings)."""
+    """The requests of a gallery, as (kind, folder)."""
 
     def take(self):
         found = sorted(self, key=str)
@@ -81,21 +81,21 @@ ORIGIN = {
 CROP = {"x": 0, "y": 0, "width": 5, "height": 5, "psnr": None}
 
 
-def canned(work):
-    """What make_variant leaves, at once and of no content."""
-    count = work["settings"].get("gaussians", 100)
+def canned(request):
+    """Stands in for make_variant: files without content, at once."""
+    count = request["settings"].get("gaussians", 100)
     if count == 13:
         return {"error": "un\nlucky \udcff"}
     report = {
         "gaussians": count, "svg_bytes": 100 * count, "svgz_bytes": 10 * count, "fit_s": 0.1,
-        "total_s": 0.1 * count, "psnr_svg": None if count == 7 else 20.0 + work["seed"],
-        "ssim_svg": 0.5, "renderer": "resvg 1", "seed": work["seed"], "notes": [],
+        "total_s": 0.1 * count, "psnr_svg": None if count == 7 else 20.0 + request["seed"],
+        "ssim_svg": 0.5, "renderer": "resvg 1", "seed": request["seed"], "notes": [],
     }  # fmt: skip
     files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
     extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1, "origin": ORIGIN}
-    return {"record": _finish(work, files | {REPORT: as_json(report)}, extra)}
+    return {"record": _finish(request, files | {REPORT: as_json(report)}, extra)}
 
 
-def all_works(photos, variants):
-    works = [("photo", photo) for photo in photos]
-    return sorted(works + [("variant", f"{p}/{v}") for p in photos for v in variants])
+def all_requests(photos, variants):
+    found = [("photo", photo) for photo in photos]
+    return sorted(found + [("variant", f"{p}/{v}") for p in photos for v in variants])

@@ -1,4 +1,4 @@
-"""A small gallery and a browser that watches what its pages do, for the tests of both."""
+"""A small gallery, and a browser that records what its pages do."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Box = dict[str, float]  # x, y, width, height
 
 
 def build(folder: Path) -> Gallery:
-    """Four photos, of which one is upright, one transparent and one badly named, and no photo."""
+    """Four photos, one of them upright, one transparent, one badly named, and a broken file."""
     photos = folder / "photos"
     photos.mkdir()
     coffee = _resized(data.coffee(), 120, 80)
@@ -52,13 +52,13 @@ def _resized(pixels: NDArray[np.uint8], width: int, height: int) -> NDArray[np.u
 
 
 def pages_of(site: Path) -> list[str]:
-    """All pages, the photos' last, relative to the site."""
+    """All pages relative to the site, those of photos last."""
     found = [path.relative_to(site).as_posix() for path in site.rglob("*.html")]
     return sorted(found, key=lambda name: (name.count("/"), name))
 
 
 class Visit:
-    """A page of the site that is open, and all that goes wrong on it."""
+    """A browser tab on the site, and everything that goes wrong in it."""
 
     def __init__(self, browser: Any, site: Path, **options: Any) -> None:
         self.site = site
@@ -75,7 +75,7 @@ class Visit:
         self.page.on("dialog", self._refuse)
 
     def go(self, name: str) -> Any:
-        """The page, loaded; name: relative to the site, with its fragment."""
+        """The loaded page; name: relative to the site, with its fragment."""
         self.page.goto(f"{self.site.as_uri()}/{name}")
         return self.page
 
@@ -88,12 +88,12 @@ class Visit:
         self._protocol.send("Input.dispatchTouchEvent", event)
 
     def strays(self) -> list[str]:
-        """What was asked for beyond the site's own files."""
+        """Requests for anything but the site's own files."""
         root = self.site.as_uri() + "/"
         return [url for url in self.requests if not url.startswith((root, "data:"))]
 
     def close(self) -> None:
-        """Close it; fails where a console message, an error or a request was not to be."""
+        """Close it; fails on a console message, an error or a request that should not be."""
         self._context.close()
         assert not self.complaints, self.complaints
         assert not self.strays(), self.strays()
@@ -111,7 +111,7 @@ class Visit:
 
 
 class Headless:
-    """The browser that draws for the renderer chromium, for visits of a site."""
+    """The browser of the renderer chromium, for visits to a site."""
 
     def __init__(self, playwright: Any, site: Path, scratch: Path) -> None:
         self.site = site
@@ -120,11 +120,11 @@ class Headless:
         self._bare = self._browser.new_page()
 
     def visit(self, **options: Any) -> Visit:
-        """A visit in a browser's context with these options."""
+        """A visit in a browser context with these options."""
         return Visit(self._browser, self.site, **options)
 
     def alone(self, source: str, place: Box, part: Box, style: str = "") -> NDArray[np.float64]:
-        """A part of a screen that shows one picture stretched over a place, and nothing else."""
+        """A part of a screen that shows one image, stretched over a place, and nothing else."""
         at = ";".join(f"{side}:{place[key]}px" for side, key in _CSS.items())
         self._alone.write_text(
             '<!doctype html><body style="margin:0;overflow:hidden">'
@@ -146,7 +146,7 @@ def box(page: Any, selector: str) -> Box:
 
 
 def shot(page: Any, part: Box) -> NDArray[np.float64]:
-    """Pixels (h, w, 3), 0..255, of a part of the screen, which begins and ends at whole ones."""
+    """Pixels (h, w, 3), 0..255, of a part of the screen, rounded to whole pixels."""
     left, top = round(part["x"]), round(part["y"])
     right, bottom = round(part["x"] + part["width"]), round(part["y"] + part["height"])
     screen = page.viewport_size

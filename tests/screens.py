@@ -1,11 +1,11 @@
-"""Screenshots of a page that a busy machine is asked for."""
+"""Screenshots of a page on a busy machine."""
 
 _REFUSED = "Unable to capture screenshot"
 _TRIES, _PAUSE_MS = 5, 200
 
 
 def captured(page, **options) -> bytes:
-    """The PNG of a page; asked for again where Chromium says that it cannot take one just then."""
+    """The PNG of a page; retried if Chromium is too busy to take one."""
     for _ in range(_TRIES - 1):
         try:
             return page.screenshot(**options)

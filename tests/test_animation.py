@@ -1,4 +1,4 @@
-"""Laws of animated files: they end as the still one, and renderers show that end."""
+"""Laws of animated files: they end as the still one, which renderers show."""
 
 import io
 import re
@@ -107,6 +107,6 @@ def test_browser_fades_rounds_in_and_ends_with_the_still_picture(browser):
     assert np.abs(halfway - ended).max() > 50
 
 
-def test_whoever_wants_less_motion_sees_the_end_at_once(browser):
+def test_reduced_motion_shows_the_end_at_once(browser):
     still = _Page("reduce").screenshots(STILL, [0])[0]
     assert _Page("reduce").screenshots(MOVING, [0])[0] == still

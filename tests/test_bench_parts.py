@@ -1,9 +1,10 @@
-"""The parts of a benchmark that need no run: its grid, its fronts, its store, its table."""
+"""The parts of a benchmark that need no run: its grid, its fronts, its store, its tables."""
 
 import csv
 import json
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,14 +15,13 @@ from gauss2svg.bench.rows import RowStore, csv_text
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.raster import DRAW_TURNED_BLURS, RENDERERS
-from gauss2svg.svg.blur import FORMS
 
 points = st.lists(
     st.tuples(*[st.integers(0, 6).map(float)] * 3), min_size=1, max_size=12
 )  # few values, so that equals are common
 
 
-def test_later_row_of_a_key_counts_and_rubbish_does_not(tmp_path):
+def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
     path = tmp_path / "rows.jsonl"
     row = dict.fromkeys(("label", "tool", "tool_version", "image", "settings", "machine"), 1)
     first, last = ({"key": "a", **row, **change} for change in ({"error": "x"}, {"n": 2}))
@@ -42,11 +42,33 @@ def test_default_grid_is_the_presets_and_counts_by_iterations():
     assert len(settings) == len(crossed) + len(PRESETS)
 
 
-@pytest.mark.parametrize("name", AXES)
+WITHOUT_VALUES = {"time_limit", "matte"}
+# Axes that are valid only beside another option.
+WITH = {
+    "ssim_weight": {"loss": ("mse+ssim",)}, "portable": {"blend": ("add",)},
+    "per_round": {"gaussians": (200,)}, "round_iterations": {"gaussians": (200,)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", sorted(AXES.keys() - WITHOUT_VALUES))
 def test_default_values_of_an_axis_are_values_of_it(name):
     values = parse_axes([name])[name]
     assert parse_axes([f"{name}={','.join(map(str, values))}"]) == {name: values}
-    assert [dict(s) for s in settings_of({name: values})] == [{name: v} for v in values]
+    found = [dict(s) for s in settings_of({name: values} | WITH.get(name, {}))]
+    assert [settings[name] for settings in found] == list(values)
+    if name not in WITH:
+        assert all(settings.keys() == {name} for settings in found)
+
+
+@pytest.mark.parametrize("name", sorted(WITHOUT_VALUES))
+def test_axis_without_default_values_is_refused_unless_they_are_given(name):
+    with pytest.raises(InputError, match=f"axis {name} must be given with values.*Try --axis"):
+        parse_axes([name])
+
+
+def test_axes_are_the_options_that_change_the_file():
+    assert AXES.keys() >= {"gaussians", "quality", "loss", "blend", "init", "relocate", "form"}
+    assert not AXES.keys() & {"seed", "threads", "checkpoint", "max_memory", "title"}
 
 
 def test_axes_span_their_product_whatever_their_order():
@@ -55,22 +77,26 @@ def test_axes_span_their_product_whatever_their_order():
     assert len(found) == 4
     assert set(found) == set(settings_of(dict(reversed(axes.items()))))
     assert (("gaussians", "auto"), ("max_size", 32)) in found
+    assert settings_of({"palette": list(np.array([8, 16]))}) == [
+        (("palette", 8),),
+        (("palette", 16),),
+    ]
     for bad in ({"loss": "mse"}, {"loss": ()}, {"loss": ["l3"]}, {"speed": [1]}):
         with pytest.raises(InputError):
             settings_of(bad)
 
 
 @pytest.mark.parametrize("renderer", RENDERERS)
-@pytest.mark.parametrize("form", FORMS)
-def test_forms_that_a_renderer_does_not_draw_are_refused_before_any_run(form, renderer):
+@pytest.mark.parametrize("form", AXES["form"].choices)
+def test_forms_that_a_renderer_does_not_support_are_refused_before_any_run(form, renderer):
     axes = parse_axes([f"form=gradient,{form}", f"renderer=chromium,{renderer}"])
     if form == "gradient" or renderer in DRAW_TURNED_BLURS:
         assert settings_of(axes)
     else:
-        with pytest.raises(InputError, match=f"form {form} drawn by {renderer}.*axis renderer="):
+        with pytest.raises(InputError, match=f"form must be gradient with the renderer {renderer}"):
             settings_of(axes)
     if form != "gradient":
-        with pytest.raises(InputError, match="drawn by resvg"):
+        with pytest.raises(InputError, match="with the renderer resvg"):
             settings_of({"form": [form]})
 
 

@@ -247,7 +247,7 @@ def test_too_low_a_psnr_is_status_one_and_the_files_are_there(fitted, tmp_path, 
     assert capsys.readouterr().err == ""
     report.unlink()
     assert main([*arguments, "60"]) == 1
-    assert capsys.readouterr().err.count("under the 60 dB asked for\n") == 1
+    assert capsys.readouterr().err.count("below --min-psnr 60\n") == 1
     assert json.loads(report.read_text())["psnr_svg"] < 60
 
 
@@ -264,16 +264,16 @@ def test_standard_input_is_a_stream(which, fitted):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["-", "-"], "both the photo and the svg are -"),
+        (["-", "-"], "photo and svg must not both be -"),
         (["no.png", "SVG"], "cannot read no.png"),
         (["PHOTO", "no.svg"], "cannot read no.svg"),
         (["PHOTO", "PHOTO"], "no text in utf-8"),
-        (["SVG", "SVG"], "no picture that can be read"),
+        (["SVG", "SVG"], "must be a supported image"),
         (["PHOTO", "SVG", "--report", "SVG"], "is also the svg"),
         (["PHOTO", "SVG", "--heatmap", "PHOTO"], "is also the photo"),
         (["PHOTO", "SVG", "--heatmap", "X", "--preview", "X"], "is also another output"),
         (["PHOTO", "SVG", "--heatmap", "no/such/folder/x"], "cannot write"),
-        (["PHOTO", "SVG", "--min-psnr", "nan"], "min_psnr is nan"),
+        (["PHOTO", "SVG", "--min-psnr", "nan"], "min_psnr must be a number above 0"),
         (["PHOTO", "SVG", "--max-svg-bytes", "9k"], "more than 9000 bytes; raise --max-svg-bytes"),
         (["PHOTO", "SVG", "--max-elements", "9"], "more than 9 elements; raise --max-elements"),
         (["PHOTO", "SVG", "--draw-timeout", "0"], "draw_timeout is 0"),

@@ -1,4 +1,4 @@
-"""Fits that are taken up again end at the same bits, and nothing else is taken for one."""
+"""Fits that continue from a checkpoint end at the same bits; anything else is refused."""
 
 import io
 import os
@@ -16,14 +16,14 @@ from gauss2svg.pipeline.checkpoint import packed, unpacked
 
 RUNS = {
     "count": {"gaussians": 60, "iterations": 30},
-    "scene decides": {"quality": "draft", "iterations": 40},
-    "sum": {"gaussians": 40, "iterations": 25, "blend": "add"},
+    "adaptive count": {"quality": "draft", "iterations": 40},
+    "additive": {"gaussians": 40, "iterations": 25, "blend": "add"},
     "portable": {"quality": "draft", "iterations": 25, "blend": "add", "portable": True},
     "segments": {"gaussians": 60, "iterations": 30, "segments": 6},
     "target": {"target_psnr": 24.0, "quality": "fast", "iterations": 40},
     "bytes": {"max_bytes": "6k", "quality": "high", "iterations": 40},
-    "ran away": {"gaussians": 60, "iterations": 30, "learning_rate": 1e4},
-    "double, by error": {"gaussians": 40, "iterations": 20, "dtype": "float64", "init": "error"},
+    "diverged": {"gaussians": 60, "iterations": 30, "learning_rate": 1e4},
+    "by error": {"gaussians": 40, "iterations": 20, "init": "error"},
 }
 
 
@@ -49,7 +49,7 @@ def kept(monkeypatch, small, options, stop=None) -> tuple[str, list[bytes]]:
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_fit_goes_on_to_the_same_bits_from_any_step(name, small, monkeypatch, tmp_path):
+def test_fit_continues_to_the_same_bits_from_any_step(name, small, monkeypatch, tmp_path):
     options = RUNS[name]
     svg, files = kept(monkeypatch, small, options)
     assert svg == vectorize(small, **options).svg
@@ -60,7 +60,7 @@ def test_fit_goes_on_to_the_same_bits_from_any_step(name, small, monkeypatch, tm
 
 
 @pytest.mark.parametrize("step", [1, 7, 26])
-def test_interrupted_fit_goes_on_to_the_same_bits(step, small, monkeypatch, tmp_path):
+def test_interrupted_fit_continues_to_the_same_bits(step, small, monkeypatch, tmp_path):
     asked = iter(range(1000))  # once before the first step
     early, files = kept(monkeypatch, small, RUNS["count"], stop=lambda: next(asked) >= step)
     assert len(files) == step
@@ -72,23 +72,23 @@ def test_interrupted_fit_goes_on_to_the_same_bits(step, small, monkeypatch, tmp_
     assert again.report["iterations"] == whole.report["iterations"]
 
 
-def test_costs_of_both_parts_are_told(small, checkpoints, tmp_path):
+def test_costs_of_both_parts_are_reported(small, checkpoints, tmp_path):
     files = checkpoints
     (tmp_path / "fit").write_bytes(files[20])
     whole = vectorize(small, **RUNS["count"]).report
     again = vectorize(small, resume=tmp_path / "fit", **RUNS["count"]).report
     assert again["pixel_pairs"] == whole["pixel_pairs"]
-    assert again["fit_s"] > unpacked(io.BytesIO(files[20]))["memory"]["fit"]["wall_s"] > 0
+    assert again["fit_s"] > unpacked(io.BytesIO(files[20]))["state"]["fit"]["wall_s"] > 0
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"gaussians": 61}, "its gaussians was 60, now 61"),
-        ({"seed": 1}, "its seed was 0, now 1"),
-        ({"loss": "l1"}, "its loss was 'mse', now 'l1'"),
-        ({"segments": 4}, "its photo was another"),
-        ({"target_psnr": 30.0}, "its targets was"),
+        ({"gaussians": 61}, "with gaussians 61; got one with gaussians 60"),
+        ({"seed": 1}, "with seed 1; got one with seed 0"),
+        ({"loss": "l1"}, "with loss 'l1'; got one with loss 'mse'"),
+        ({"segments": 4}, "of this photo; got one of another photo"),
+        ({"target_psnr": 30.0}, "with target_psnr 30.0; got one with target_psnr None"),
     ],
 )
 def test_checkpoint_of_another_run_is_refused(change, message, small, checkpoints, tmp_path):
@@ -101,7 +101,7 @@ def test_checkpoint_of_another_photo_is_refused(small, checkpoints, tmp_path):
     (tmp_path / "fit").write_bytes(checkpoints[3])
     other = small.copy()
     other[5, 6, 0] += 0.001
-    with pytest.raises(InputError, match="its photo was another"):
+    with pytest.raises(InputError, match="of this photo; got one of another photo"):
         vectorize(other, resume=tmp_path / "fit", **RUNS["count"])
 
 
@@ -122,20 +122,21 @@ def test_every_damage_is_refused(small, checkpoints, tmp_path):
 
 
 def forged(good: bytes, change) -> bytes:
-    """A checkpoint with another memory, as whole as the good one."""
+    """A checkpoint with another state, as whole as the good one."""
     stored = unpacked(io.BytesIO(good))
-    change(stored["memory"])
+    change(stored["state"])
     return packed(stored)
 
 
 def put(*path_and_value):
-    """A change of a memory: another value at a path of keys."""
+    """A change of a state: another value at a path of keys that it has."""
     *path, key, value = path_and_value
 
-    def change(memory):
+    def change(state):
         for step in path:
-            memory = memory[step]
-        memory[key] = value(memory[key]) if callable(value) else value
+            state = state[step]
+        assert key in state
+        state[key] = value(state[key]) if callable(value) else value
 
     return change
 
@@ -167,10 +168,10 @@ FORGERIES = {
     "rate": put("fit", "guard", "rate", float("nan")),
     "errors": put("fit", "errors", ["a", -1]),
     "bytes of each": put("bytes_each", 0),
-    "bounds": put("most", []),
-    "sum": put("sum", {"a": 1}),
+    "bounds": put("limit", []),
+    "additive": put("additive", {"a": 1}),
     "which fit": put("stage", "nothing"),
-    "the other fit": put("stage", "sum"),
+    "the other fit": put("stage", "additive"),
     "nothing": dict.clear,
 }
 
@@ -196,13 +197,13 @@ def test_pipes_and_devices_hold_no_checkpoint(small, tmp_path):
     for name in (tmp_path / "pipe", "/dev/zero"):
         with pytest.raises(InputError, match="pipe or a device"):
             vectorize(small, resume=name, **RUNS["count"])
-        with pytest.raises(InputError, match="no regular file"):
+        with pytest.raises(InputError, match="not a regular file"):
             vectorize(small, checkpoint=name, **RUNS["count"])
 
 
 def test_checkpoint_that_cannot_be_written_costs_nothing_but_itself(small, monkeypatch, tmp_path):
     def full(*_):
-        raise OutputError("cannot write fit: No space left on device; choose another place")
+        raise OutputError("cannot write fit: No space left on device; Try another folder")
 
     whole = vectorize(small, **RUNS["count"])
     monkeypatch.setattr(checkpoint_module, "write_atomically", full)
@@ -214,7 +215,7 @@ def test_checkpoint_that_cannot_be_written_costs_nothing_but_itself(small, monke
 
 def test_run_against_the_clock_has_no_checkpoint(small, tmp_path):
     for name in ("checkpoint", "resume"):
-        with pytest.raises(InputError, match=f"{name} and time_limit are both given"):
+        with pytest.raises(InputError, match=f"time_limit must not be given with {name}"):
             vectorize(small, time_limit=1.0, **{name: tmp_path / "fit"})
 
 
@@ -224,7 +225,7 @@ def test_seconds_between_checkpoints_have_a_domain(every, small, tmp_path):
         vectorize(small, gaussians=1, checkpoint=tmp_path / "fit", checkpoint_every=every)
 
 
-def test_command_goes_on_from_its_checkpoint_and_keeps_it(tmp_path):
+def test_command_continues_from_its_checkpoint_and_keeps_it(tmp_path):
     from PIL import Image
     from skimage import data
 
@@ -244,7 +245,7 @@ def test_checkpoint_overwrites_nothing_else(taken, tmp_path, capsys):
     (tmp_path / "photo.png").write_bytes(b"precious")
     photo, svg = str(tmp_path / "photo.png"), str(tmp_path / "out.svg")
     assert main([photo, "-o", svg, "--checkpoint", str(tmp_path / taken)]) == 2
-    assert "each its own name" in capsys.readouterr().err
+    assert "must be a file of its own" in capsys.readouterr().err
     assert (tmp_path / "photo.png").read_bytes() == b"precious"
 
 

@@ -1,4 +1,4 @@
-"""Laws of the rules that decide how many Gaussians a scene is worth."""
+"""Laws of the densification policies, which decide how many Gaussians a fit has."""
 
 import itertools
 import math
@@ -21,12 +21,11 @@ from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost
 
-# A doubling buys `slope` dB: an ideal scene, settled at once.
 KILOBYTES = 0.1
 
 
 def grown(psnr_at, limits, revise=None):
-    """Counts and reason when growth is asked against PSNR as a function of the count."""
+    """Counts and stop reason of a growth whose PSNR is a function of the count."""
     policy = AdaptiveCount(limits, revise) if revise else AdaptiveCount(limits)
     counts = [0]
     while True:
@@ -38,19 +37,20 @@ def grown(psnr_at, limits, revise=None):
 
 
 def power_law(slope, start=10.0):
+    """A doubling gains `slope` dB: an ideal scene that converges at once."""
     return lambda count: start + slope * math.log2(count) if count else start - slope
 
 
-def test_growth_stops_where_a_kilobyte_buys_the_gain():
+def test_growth_stops_where_a_kilobyte_gains_no_more_than_the_limit():
     for gain in (0.2, 0.05, 0.0125):
         counts, reason = grown(power_law(0.5), GrowthLimits(gain, KILOBYTES, math.inf, 10**6))
-        # s / (n ln 2 kilobytes) = gain, with the s that the policy takes for settled
+        # s / (n ln 2 kilobytes) = gain, with the s that the policy extrapolates
         worth = 0.5 / 0.72 / (math.log(2) * KILOBYTES * gain)
         assert reason == "gain"
         assert worth / 1.15 < counts[-1] <= worth + 1
 
 
-def test_half_the_gain_buys_twice_the_gaussians():
+def test_half_the_gain_allows_twice_the_gaussians():
     ends = [
         grown(power_law(1.0), GrowthLimits(g, KILOBYTES, math.inf, 10**6))[0][-1]
         for g in (0.02, 0.01)
@@ -81,14 +81,14 @@ def test_scene_that_is_exact_gets_none():
     assert grown(lambda _: math.inf, GrowthLimits(0.0, KILOBYTES, 40.0, 100)) == ([], "enough")
 
 
-def test_what_buys_nothing_is_tried_with_a_leap_and_taken_back():
+def test_rounds_that_gain_nothing_lead_to_a_leap_that_is_rolled_back():
     counts, reason = grown(lambda _: 12.0, GrowthLimits(0.01, KILOBYTES, 40.0, 8000))
     assert counts == [8, 2000, 8]
     assert reason == "gain"
 
 
-def test_growth_goes_on_where_the_error_would_be_gone_before_the_cap():
-    # 2000 equal squares, of which each Gaussian mends one: next to nothing at first, all at last
+def test_growth_continues_where_the_error_would_vanish_before_the_cap():
+    # 2000 equal squares, each fitted by one Gaussian: next to nothing at first, all at last
     def squares(count):
         return 6 - 10 * math.log10(max(1 - count / 2000, 1e-4))
 
@@ -105,7 +105,7 @@ def test_growth_goes_on_where_the_error_would_be_gone_before_the_cap():
     assert total > 512
 
 
-def test_demand_is_revised_at_every_question():
+def test_limits_are_revised_at_every_decision():
     seen = []
 
     def tighter(limits, now):
@@ -140,11 +140,11 @@ def test_fixed_count_follows_its_schedule_and_keeps_all():
     assert policy.least_gain() == -math.inf
 
 
-def run_of(pixels, limits, iterations=60) -> FitSession:
-    run = FitSession(pixels, fit_config(0, iterations), AdaptiveCount(limits))
-    run.fit()
-    assert run.result().stop_reason in STOP_REASONS
-    return run
+def fitted(pixels, limits, iterations=60) -> FitSession:
+    session = FitSession(pixels, fit_config(0, iterations), AdaptiveCount(limits))
+    session.fit()
+    assert session.result().stop_reason in STOP_REASONS
+    return session
 
 
 def ramp() -> np.ndarray:
@@ -157,36 +157,36 @@ def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
     balanced = GrowthLimits(0.006, 0.12, 36.0, 8000)
     flat = np.full((64, 96, 3), 0.4, np.float32)
     noise = np.random.default_rng(0).random((64, 96, 3)).astype(np.float32)
-    counts = [len(run_of(p, balanced).state) for p in (flat, ramp(), photo)]
+    counts = [len(fitted(p, balanced).state) for p in (flat, ramp(), photo)]
     assert counts[0] == 0
     assert 1 <= counts[1] <= 30
     assert counts[2] > 300
-    assert len(run_of(noise, GrowthLimits(0.5, 0.12, 36.0, 2000)).state) < 10
+    assert len(fitted(noise, GrowthLimits(0.5, 0.12, 36.0, 2000)).state) < 10
 
 
 def test_enough_is_about_what_the_fit_ends_at(photo):
-    run = run_of(photo, GrowthLimits(0.0, 0.12, 28.0, 5000), 150)
-    assert metrics.psnr(render(run.scene()), photo) == pytest.approx(28.0, abs=1.0)
+    session = fitted(photo, GrowthLimits(0.0, 0.12, 28.0, 5000), 150)
+    assert metrics.psnr(render(session.scene()), photo) == pytest.approx(28.0, abs=1.0)
 
 
-def test_gaussians_that_nothing_would_miss_are_removed_before_the_last_steps(photo):
+def test_gaussians_that_gain_too_little_are_pruned_before_the_last_steps(photo):
     dear, cheap = (GrowthLimits(g, 0.12, 60.0, 600) for g in (0.5, 0.0))
-    kept = run_of(photo, dear)
+    kept = fitted(photo, dear)
     target = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
     image, cost = removal_cost(kept.state.splats(kept.population.background), target)
     error = np.sum((image - target) ** 2, dtype=np.float64)
     worth = 10 * np.log10(1 + np.maximum(cost[:, 0], 0) / error)
     assert np.median(worth) > dear.gain * dear.kilobytes
-    assert len(kept.state) < len(run_of(photo, cheap).state)
+    assert len(kept.state) < len(fitted(photo, cheap).state)
 
 
 def test_resized_fit_has_the_count_and_stays_a_good_fit(photo):
-    run = run_of(photo, GrowthLimits(0.0, 0.12, 60.0, 400), 100)
-    before = metrics.psnr(render(run.scene()), photo)
-    run.resize(200, 40)
-    fewer = metrics.psnr(render(run.scene()), photo)
-    run.resize(400, 40)
-    again = metrics.psnr(render(run.scene()), photo)
+    session = fitted(photo, GrowthLimits(0.0, 0.12, 60.0, 400), 100)
+    before = metrics.psnr(render(session.scene()), photo)
+    session.resize(200, 40)
+    fewer = metrics.psnr(render(session.scene()), photo)
+    session.resize(400, 40)
+    again = metrics.psnr(render(session.scene()), photo)
     assert fewer < before - 0.5
     assert again > max(before - 1, fewer + 1)
 
@@ -198,25 +198,25 @@ def test_clock_goes_by_whichever_is_further():
     assert clock.round_is_over(0)
     assert not clock.round_is_over(1)
     clock.iteration = 30
-    clock.refine(70, 0.3)
-    assert clock.refining() == pytest.approx(0.3)
+    clock.begin_refinement(70, 0.3)
+    assert clock.refinement_progress() == pytest.approx(0.3)
     clock.iteration = 65
-    assert clock.refining() == pytest.approx(0.65)
+    assert clock.refinement_progress() == pytest.approx(0.65)
     assert not clock.out_of_time
     clock.deadline = time.perf_counter() - 1
-    assert clock.refining() == 1
+    assert clock.refinement_progress() == 1
     assert clock.out_of_time
 
 
-def test_fit_without_time_ends_at_once_with_what_it_has(photo):
+def test_fit_without_time_ends_at_once(photo):
     policy = AdaptiveCount(GrowthLimits(0.0, 0.12, 60.0, 400))
-    run = FitSession(photo, fit_config(0, None), policy, deadline=time.perf_counter() - 1)
-    run.fit()
-    assert run.result().stop_reason == "time_limit"
-    assert run.result().iterations == 0
+    session = FitSession(photo, fit_config(0, None), policy, deadline=time.perf_counter() - 1)
+    session.fit()
+    assert session.result().stop_reason == "time_limit"
+    assert session.result().iterations == 0
 
 
-def test_fit_takes_the_time_that_there_is_and_no_more(photo, monkeypatch):
+def test_fit_takes_the_time_until_its_deadline_and_no_more(photo, monkeypatch):
     ticks = itertools.count()
     # A clock that counts how often it is read, so that no machine is too slow or too fast.
     monkeypatch.setattr(time, "perf_counter", lambda: float(next(ticks)))
@@ -224,11 +224,11 @@ def test_fit_takes_the_time_that_there_is_and_no_more(photo, monkeypatch):
     def steps(limit: int) -> int:
         begun = next(ticks)
         policy = FixedCount("exponential", 60, None)
-        run = FitSession(photo, fit_config(60, None), policy, deadline=float(begun + limit))
-        run.fit()
-        assert run.result().stop_reason == "time_limit"
-        assert len(run.state) == 60
+        session = FitSession(photo, fit_config(60, None), policy, deadline=float(begun + limit))
+        session.fit()
+        assert session.result().stop_reason == "time_limit"
+        assert len(session.state) == 60
         assert next(ticks) - begun < limit + 20
-        return run.result().iterations
+        return session.result().iterations
 
     assert steps(300) * 1.5 < steps(900)

@@ -1,18 +1,18 @@
-"""A fit that runs away goes back, takes smaller steps, and ends no worse than its best."""
+"""A fit that diverges rolls back, takes smaller steps, and ends no worse than its best state."""
 
 import numpy as np
 import pytest
-from flat import fit_config
+from flat import fit_config, vectorize
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
-from gauss2svg.fit import run as run_module
+from gauss2svg.fit import session as session_module
 from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.session import LEAST_SIGMA, FitSession
 from gauss2svg.fit.state import PARAMETERS, State
-from gauss2svg.measure import metrics, vectorize
+from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.scene import BLENDS
 
@@ -31,18 +31,18 @@ def psnr_of(scene, pixels) -> float:
 @pytest.mark.parametrize("blend", BLENDS)
 @pytest.mark.parametrize(("rate", "lost"), [(30.0, 2.5), (1e6, 6.0)])
 def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate, lost):
-    run = FitSession(
+    session = FitSession(
         photo,
         fit_config(150, 80, blend=blend, learning_rate=rate),
         FixedCount("exponential", 150, 80),
         progress=lambda now: seen.append(
-            (now.psnr, all(np.isfinite(a).all() for a in run.state.state_dict().values()))
+            (now.psnr, all(np.isfinite(a).all() for a in session.state.state_dict().values()))
         ),
     )
     seen: list = []
-    run.fit()
+    session.fit()
     assert all(finite for _, finite in seen)
-    result = run.result()
+    result = session.result()
     assert result.rollbacks > 0
     assert result.rate < rate
     assert psnr_of(result.scene, photo) > max(psnr for psnr, _ in seen) - 0.05
@@ -50,22 +50,22 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate, lost):
     assert psnr_of(result.scene, photo) > psnr_of(usual, photo) - lost
 
 
-def test_usual_rates_never_go_back_on_a_photo(photo):
+def test_usual_rates_never_roll_back_on_a_photo(photo):
     assert fit(photo, fit_config(300, 80)).rollbacks == 0
 
 
-def test_report_says_that_steps_were_lowered(photo):
-    told = vectorize(photo[:48, :48], gaussians=30, iterations=30, learning_rate=1e5).report
-    assert told["rollbacks"] > 0
-    assert any("ran away" in note and "smaller steps" in note for note in told["notes"])
+def test_report_notes_rollbacks(photo):
+    report = vectorize(photo[:48, :48], gaussians=30, iterations=30, learning_rate=1e5).report
+    assert report["rollbacks"] > 0
+    assert any("diverged" in note and "rolled back" in note for note in report["notes"])
     calm = vectorize(photo[:48, :48], gaussians=30, iterations=30).report
     assert calm["rollbacks"] == 0
-    assert not any("ran away" in note for note in calm["notes"])
+    assert not any("diverged" in note for note in calm["notes"])
 
 
-def test_worse_last_steps_are_taken_back(photo, monkeypatch):
+def test_worse_last_steps_are_rolled_back(photo, monkeypatch):
     # Far too large at the very end, where nothing would make up for it.
-    monkeypatch.setattr(run_module, "rate", lambda done: 1.0 if done < 0.98 else 40.0)
+    monkeypatch.setattr(session_module, "rate", lambda done: 1.0 if done < 0.98 else 40.0)
     seen: list[float] = []
     scene = fit(photo, fit_config(100, 60), progress=lambda now: seen.append(now.psnr)).scene
     assert psnr_of(scene, photo) > max(seen) - 0.02
@@ -77,13 +77,13 @@ def test_rates_outside_of_their_domain_are_refused(rate):
         fit_config(1, learning_rate=rate)
 
 
-def test_guard_goes_back_to_the_best_it_was_shown():
+def test_guard_rolls_back_to_the_best_state():
     guard, good, bad = DivergenceGuard(), one_shape(color=0.2), one_shape(color=0.9)
     assert guard.accepts(1.0, 0.1, good, None)
     good.color[:] = 0.4  # steps are taken in place
     assert guard.accepts(1.5, 0.15, bad, None)
     assert not guard.accepts(2.1, 0.21, bad, None)
-    best = guard.back()
+    best = guard.roll_back()
     assert best is not None
     assert (best[0].color == 0.2).all()
     assert guard.rate < 1
@@ -91,21 +91,21 @@ def test_guard_goes_back_to_the_best_it_was_shown():
 
 
 @pytest.mark.parametrize("loss", [np.nan, np.inf])
-def test_guard_never_accepts_what_is_no_number(loss):
+def test_guard_never_accepts_a_loss_that_is_not_finite(loss):
     assert not DivergenceGuard().accepts(loss, loss, one_shape(), None)
 
 
-def test_guard_lets_a_loss_rise_after_relocation_and_under_what_can_be_seen():
+def test_guard_allows_a_larger_loss_after_relocation_and_where_it_is_invisible():
     guard = DivergenceGuard()
     assert guard.accepts(1.0, 0.1, one_shape(), None)
-    guard.moved()
+    guard.relocated()
     assert guard.accepts(5.0, 0.5, one_shape(), None)
     invisible = DivergenceGuard()
     assert invisible.accepts(1e-9, 1e-10, one_shape(), None)
     assert invisible.accepts(1e-6, 1e-7, one_shape(), None)
 
 
-def test_guard_goes_back_where_nothing_gets_better():
+def test_guard_rejects_a_loss_that_stalls():
     guard, steps = DivergenceGuard(), 0
     assert guard.accepts(1.0, 0.1, one_shape(), None)
     while guard.accepts(1.6, 0.16, one_shape(), None):
@@ -115,7 +115,7 @@ def test_guard_goes_back_where_nothing_gets_better():
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
-def test_gradient_that_is_no_number_leaves_its_gaussian_alone(bad):
+def test_gradient_that_is_not_finite_leaves_its_gaussian_unchanged(bad):
     state, before = one_shape(count=3), one_shape(count=3)
     gradient = np.full((3, PARAMETERS), 0.1)
     gradient[1, 3] = bad
@@ -150,7 +150,7 @@ def test_every_bound_is_kept_and_left_at_once(name):
     outward, inward = start.copy(), start.copy()
     gradient = np.zeros((1, PARAMETERS))
     gradient[0, column] = -sign
-    for _ in range(20):  # so that the optimiser's memory points outward as well
+    for _ in range(20):  # so that Adam's moments point outward as well
         adam.step(outward, gradient, adam.Rates(), limits, 1.0)
     assert value(outward) == pytest.approx(value(start), abs=1e-9)
     adam.step(inward, -gradient, adam.Rates(), limits, 1.0)

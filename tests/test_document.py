@@ -1,4 +1,4 @@
-"""Laws of how a document presents its picture: names, physical size, parts, packing."""
+"""Laws of the document: names, physical size, parts, packing."""
 
 import gzip
 import io
@@ -9,13 +9,13 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import random_scene
-from svg_texts import assert_same
 from flat import vectorize
 from PIL import Image
+from svg_texts import assert_same
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import DEFAULT_TITLE, Document
@@ -43,13 +43,13 @@ def picture(photo, tmp_path):
 
 @pytest.mark.parametrize("text", ["a <b> & 'c' \"d\"", "]]> --> &amp; </title>", "Größe 写真 🌄"])
 def test_names_are_the_text_whatever_is_in_it(text):
-    root = parse(write_svg(SCENE, page=Document(title=text, alt=text)))
+    root = parse(write_svg(SCENE, document=Document(title=text, alt=text)))
     assert [child.tag for child in root][:2] == [SVG + "title", SVG + "desc"]
     assert [root[0].text, root[1].text] == [text, text]
     assert root.get("role") == "img"
 
 
-def test_usual_names_tell_how_many_there_are():
+def test_default_names_include_the_count():
     root = parse(write_svg(SCENE))
     assert root[0].text == DEFAULT_TITLE
     assert (root[1].text or "").startswith("30 Gaussians, fitted and written by gauss2svg ")
@@ -67,7 +67,7 @@ def test_background_and_rounds_have_ids_of_their_own():
 
 def test_rounds_that_draw_nothing_have_no_group_and_change_no_other_id():
     scene = SCENE.replace(opacity=np.where(SCENE.rounds == 1, 0.0, SCENE.opacity))
-    root = parse(write_svg(scene, page=Document(animate=2)))
+    root = parse(write_svg(scene, document=Document(animate=2)))
     assert [g.get("id") for g in root.findall(SVG + "g")] == ["round-1", "round-3"]
     assert re.findall(r"#(round-\d)\{", root.findtext(SVG + "style") or "") == [
         "round-1", "round-3",
@@ -86,8 +86,8 @@ def test_rounds_that_draw_nothing_have_no_group_and_change_no_other_id():
     ],
 )
 def test_size_has_its_unit_and_the_proportions(size, width, height):
-    page = Document(size=size, aspect="xMinYMid slice")
-    text = write_svg(SCENE, page=page)
+    document = Document(size=size, aspect="xMinYMid slice")
+    text = write_svg(SCENE, document=document)
     root = parse(text)
     assert (root.get("width"), root.get("height")) == (width, height)
     assert root.get("preserveAspectRatio") == "xMinYMid slice"
@@ -95,52 +95,58 @@ def test_size_has_its_unit_and_the_proportions(size, width, height):
     assert_same(read_svg(text), read_svg(write_svg(SCENE)))
 
 
-def test_canvas_is_told_in_px_only_where_the_size_does_not_tell_it():
+def test_canvas_is_given_in_px_only_where_the_size_does_not_give_it():
     assert "data-canvas" not in write_svg(SCENE)
-    assert 'data-canvas="60 45"' in write_svg(SCENE, page=Document(size="9cm"))
+    assert 'data-canvas="60 45"' in write_svg(SCENE, document=Document(size="9cm"))
     assert "preserveAspectRatio" not in write_svg(SCENE)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"title": ""}, "title is ''"),
-        ({"title": "a\x0bb"}, "control characters"),
-        ({"title": "\udcff"}, "control characters"),
-        ({"alt": " "}, "alt is ' '"),
-        ({"alt": "a\nb"}, "control characters"),
-        ({"size": "120"}, "size is '120'"),
-        ({"size": "0mm"}, "size is '0mm'"),
-        ({"size": "-3in"}, "size is '-3in'"),
-        ({"size": "1e3mm"}, "size is '1e3mm'"),
-        ({"size": "9999999mm"}, "size is"),
-        ({"size": "3em"}, "size is '3em'"),
-        ({"size": 3}, "size is 3"),
-        ({"size": ".00001mm"}, "needed is a larger one"),
-        ({"aspect": "xMidYMid cover"}, "aspect is"),
-        ({"aspect": "xmidymid"}, "aspect is"),
-        ({"aspect": 'none" onload="'}, "aspect is"),
-        ({"animate": 0}, "animate is 0"),
-        ({"animate": -1}, "animate is -1"),
-        ({"animate": float("nan")}, "animate is nan"),
-        ({"animate": float("inf")}, "animate is inf"),
-        ({"animate": True}, "animate is True"),
-        ({"fragments": 1}, "fragments is 1"),
-        ({"fragments": None}, "fragments is None"),
-        ({"segments": np.zeros((2, 2))}, "of type float64"),
-        ({"segments": np.zeros((2, 2, 3), int)}, "of shape"),
-        ({"segments": np.array([[-1]])}, r"in -1\.\.-1"),
-        ({"segments": "labels.png"}, "needed is an array"),
+        ({"title": ""}, "title must be text that is not empty; got ''"),
+        ({"title": "a\x0bb"}, "title must be text without control characters"),
+        ({"title": "\udcff"}, "title must be text without control characters"),
+        ({"alt": " "}, "alt must be .*; got ' '"),
+        ({"alt": "a\nb"}, "alt must be text without control characters"),
+        ({"size": "120"}, "size must be .*; got '120'"),
+        ({"size": "0mm"}, "size must be .*; got '0mm'"),
+        ({"size": "-3in"}, "size must be .*; got '-3in'"),
+        ({"size": "1e3mm"}, "size must be .*; got '1e3mm'"),
+        ({"size": "9999999mm"}, "size must be .*; got '9999999mm'"),
+        ({"size": "3em"}, "size must be .*; got '3em'"),
+        ({"size": 3}, "size must be .*; got 3"),
+        ({"aspect": "xMidYMid cover"}, "aspect must be .*; got 'xMidYMid cover'"),
+        ({"aspect": "xmidymid"}, "aspect must be .*; got 'xmidymid'"),
+        ({"aspect": 'none" onload="'}, "aspect must be .*; got 'none"),
+        ({"animate": 0}, "animate must be a number above 0 .*; got 0"),
+        ({"animate": -1}, "animate must be a number above 0 .*; got -1"),
+        ({"animate": float("nan")}, "animate must be .*; got nan"),
+        ({"animate": float("inf")}, "animate must be .*; got inf"),
+        ({"animate": True}, "animate must be .*; got True"),
+        ({"fragments": 1}, "fragments must be True or False; got 1"),
+        ({"fragments": None}, "fragments must be True or False; got None"),
+        ({"segments": np.zeros((2, 2))}, "segments must be whole numbers; got type float64"),
+        ({"segments": np.zeros((2, 2, 3), int)}, r"segments must be .*; got shape \(2, 2, 3\)"),
+        ({"segments": np.array([[-1]])}, r"segments must be .*; got -1\.\.-1"),
     ],
 )
-def test_page_that_cannot_be_is_refused(change, message):
+def test_document_that_cannot_be_is_refused(change, message):
     with pytest.raises(InputError, match=message):
         Document(**change)
 
 
 def test_size_at_which_a_side_vanishes_is_refused():
-    with pytest.raises(InputError, match=r"3000x1 px would be 0\.1000 by 0\.0000mm"):
-        write_svg(Scene(3000, 1), page=Document(size="0.1mm"))
+    with pytest.raises(InputError, match=r"size must be larger; .*3000x1 px 0\.1000 by 0\.0000mm"):
+        write_svg(Scene(3000, 1), document=Document(size="0.1mm"))
+    with pytest.raises(InputError, match="size must be larger"):
+        write_svg(Scene(40, 30), document=Document(size=".00001mm"))
+
+
+@pytest.mark.parametrize("segments", ["labels.png", 5])
+def test_labels_that_are_yet_to_be_found_are_refused_by_the_writer(segments):
+    with pytest.raises(InputError, match=r"segments must be an array .*; got"):
+        write_svg(SCENE, document=Document(segments=segments))
 
 
 @pytest.mark.parametrize(
@@ -168,7 +174,7 @@ def test_physical_size_is_that_of_the_photos_tag(name, photo):
     result = vectorize(stream.getvalue(), size="photo", **QUICK)
     root = parse(result.svg)
     assert float(root.get("width", "").removesuffix("mm")) == pytest.approx(width / 5, abs=0.002)
-    assert result.report["size"] == result.page.size == root.get("width")
+    assert result.report["size"] == result.document.size == root.get("width")
 
 
 @pytest.mark.parametrize("form", ["PNG", "JPEG", "TIFF", "WEBP", "BMP", "exif"])
@@ -183,7 +189,7 @@ def test_photo_without_a_resolution_has_no_physical_size(form, photo):
         data[38:46] = bytes(8)  # Pillow writes 96 dpi by itself
         stream = io.BytesIO(bytes(data))
     assert load_image(stream.getvalue()).dpi is None
-    with pytest.raises(InputError, match="says no resolution"):
+    with pytest.raises(InputError, match=r"size must be .* resolution; got 'photo'"):
         vectorize(stream.getvalue(), size="photo", **QUICK)
 
 
@@ -207,7 +213,9 @@ def test_pixels_that_are_not_square_have_no_physical_size(photo):
 
 
 def test_bytes_by_part_are_those_of_the_elements_and_sum_to_all():
-    text = write_svg(SCENE, page=Document(title="<circle r='1'/> größe <defs></defs>", animate=3))
+    text = write_svg(
+        SCENE, document=Document(title="<circle r='1'/> größe <defs></defs>", animate=3)
+    )
     parts = bytes_by_part(text)
     assert sum(parts.values()) == len(text.encode())
     less = write_svg(SCENE.select(slice(0, 29)), SvgFormat())
@@ -220,27 +228,31 @@ def test_bytes_by_part_are_those_of_the_elements_and_sum_to_all():
     assert bytes_by_part(write_svg(Scene(4, 4)))["geometry"] == 0
 
 
-def test_options_of_the_page_reach_the_file_and_its_report(picture, tmp_path):
+def test_options_of_the_document_reach_the_file_and_its_report(picture, tmp_path):
     out, report = tmp_path / "o.svg", tmp_path / "r.json"
     options = ["--title", "T & U", "--alt", "what is seen", "--size", "photo", "--animate", "4"]
     options += ["--aspect", "none", "--fragments", "--report", str(report)]
     assert main([str(picture), "-o", str(out), *options, *QUICK_OPTIONS]) == 0
-    root, told = parse(out.read_text()), json.loads(report.read_text())
-    assert [root[0].text, root[1].text] == ["T & U", "what is seen"] == [told["title"], told["alt"]]
-    assert root.get("preserveAspectRatio") == told["aspect"] == "none"
+    root, written = parse(out.read_text()), json.loads(report.read_text())
+    assert (
+        [root[0].text, root[1].text]
+        == ["T & U", "what is seen"]
+        == [written["title"], written["alt"]]
+    )
+    assert root.get("preserveAspectRatio") == written["aspect"] == "none"
     assert float(root.get("width", "")[:-2]) == pytest.approx(64 / 96 * 25.4, abs=0.01)
     assert "@keyframes" in root.findtext(SVG + "style", "")
     assert ":target" in root.findtext(SVG + "style", "")
-    assert (told["animate"], told["fragments"]) == (4, True)
-    assert told["bytes_by_part"] == bytes_by_part(out.read_text())
-    assert (told["segments"], told["gzip"]) == (None, False)
+    assert (written["animate"], written["fragments"]) == (4, True)
+    assert written["bytes_by_part"] == bytes_by_part(out.read_text())
+    assert (written["segments"], written["gzip"]) == (None, False)
 
 
-def test_page_changes_no_shape(photo):
+def test_document_changes_no_shape(photo):
     plain = vectorize(photo, seed=0, **QUICK)
-    page = {"title": "x", "alt": "y", "size": "9cm", "aspect": "none", "animate": 2.0}
-    page["fragments"] = True
-    other = vectorize(photo, seed=0, **QUICK, **page)
+    document = {"title": "x", "alt": "y", "size": "9cm", "aspect": "none", "animate": 2.0}
+    document["fragments"] = True
+    other = vectorize(photo, seed=0, **QUICK, **document)
     circles = [re.findall("<circle[^>]*>", result.svg) for result in (plain, other)]
     assert circles[0] == circles[1]
     assert (plain.raster == other.raster).all()
@@ -249,8 +261,8 @@ def test_page_changes_no_shape(photo):
 @pytest.mark.parametrize("name", ["o.svgz", "o.SVGZ"])
 def test_extension_gzips_without_a_date(name, picture, tmp_path, drawn_here):
     out, plain, report = tmp_path / name, tmp_path / "p.svg", tmp_path / "r.json"
-    told = ["--report", str(report)]
-    assert main([str(picture), "-o", str(out), *QUICK_OPTIONS, *told]) == 0
+    reported = ["--report", str(report)]
+    assert main([str(picture), "-o", str(out), *QUICK_OPTIONS, *reported]) == 0
     assert main([str(picture), "-o", str(plain), *QUICK_OPTIONS]) == 0
     data = out.read_bytes()
     assert gzip.decompress(data) == plain.read_bytes()
@@ -267,7 +279,7 @@ def test_gzip_is_an_option_too_and_of_streams(picture, tmp_path, capfdbinary):
     assert (tmp_path / "o.svg").read_bytes()[:2] == b"\x1f\x8b"
 
 
-def test_result_is_saved_as_its_name_says_or_as_told(photo, tmp_path):
+def test_result_is_saved_by_its_extension_or_as_given(photo, tmp_path):
     result = vectorize(photo, **QUICK)
     plain, packed = (file_bytes(result.svg, gzipped) for gzipped in (False, True))
     for name, given, expected in (
@@ -279,7 +291,7 @@ def test_result_is_saved_as_its_name_says_or_as_told(photo, tmp_path):
     assert len(packed) == result.report["svgz_bytes"]
 
 
-def test_most_bytes_are_those_of_the_gzipped_file(photo, tmp_path):
+def test_maximum_size_is_that_of_the_gzipped_file(photo, tmp_path):
     result = vectorize(photo, max_bytes=9000, gzip=True, iterations=60)
     result.save(tmp_path / "o.svg")
     assert 7500 < (tmp_path / "o.svg").stat().st_size == result.report["svgz_bytes"] <= 9000
@@ -291,22 +303,24 @@ def test_most_bytes_are_those_of_the_gzipped_file(photo, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--size", "12"], "size is '12'"),
-        (["--size", "12mm", "--aspect", "middle"], "aspect is 'middle'"),
-        (["--title", ""], "title is ''"),
-        (["--animate", "0"], "animate is 0"),
-        (["--animate", "nan"], "animate is nan"),
+        (["--size", "12"], "size must be a width above 0 with its unit"),
+        (["--size", "12mm", "--aspect", "middle"], "aspect must be none or such as xMidYMid"),
+        (["--title", ""], "title must be text that is not empty; got ''"),
+        (["--animate", "0"], "animate must be a number above 0 and at most 3600; got 0"),
+        (["--animate", "nan"], "animate must be a number above 0 and at most 3600; got nan"),
         (["--animate", "soon"], "soon"),
         (["--outline", "OUT"], "is also another output"),
         (["--outline", "PHOTO"], "is also the photo"),
-        (["--segments", "0"], "segments is 0"),
-        (["--segments", "-4"], "segments is -4"),
+        (["--segments", "0"], "segments must be a whole number in 1..10000; got 0"),
+        (["--segments", "-4"], "segments must be a whole number in 1..10000; got -4"),
         (["--segments", "no.png"], "cannot read no.png"),
-        (["--segments", "LABELS"], "labels.png has 30x20 px and the photo 64x48"),
+        (["--segments", "LABELS"], "30x20 px"),
         (["--segments", "LABELS", "--preview", "LABELS"], "is also the label image"),
     ],
 )
-def test_bad_page_is_one_line_status_two_and_no_file(options, message, picture, tmp_path, capsys):
+def test_bad_document_is_one_line_status_two_and_no_file(
+    options, message, picture, tmp_path, capsys
+):
     Image.fromarray(np.zeros((20, 30), np.uint8)).save(tmp_path / "labels.png")
     before = sorted(tmp_path.iterdir())
     names = {"PHOTO": picture, "OUT": tmp_path / "o.svg", "LABELS": tmp_path / "labels.png"}
@@ -318,8 +332,8 @@ def test_bad_page_is_one_line_status_two_and_no_file(options, message, picture, 
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_help_names_the_options_of_the_page(capsys):
-    assert main(["--help"]) == 0
+def test_help_names_the_options_of_the_document(capsys):
+    assert main(["--help-all"]) == 0
     text = capsys.readouterr().out
     for option in (
         "title", "alt", "size", "aspect", "segments", "animate", "fragments", "outline", "gzip",

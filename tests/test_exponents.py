@@ -1,19 +1,19 @@
-"""Laws of the falloff exponent: extremes, what a fit does with it, what a file makes of it."""
+"""Laws of the falloff exponent: at its limits, in a fit, in a file."""
 
 import numpy as np
 import pytest
 import torch
 from conftest import random_scene
-from flat import fit_config
+from flat import fit_config, vectorize
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
 from gauss2svg.fit.adam import LEAST_RAW_BETA, Limits, Rates
-from gauss2svg.fit.densification import FixedCount
-from gauss2svg.fit.fit import fit
+from gauss2svg.fit.fit import fit, fixed_count
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
-from gauss2svg.measure import metrics, vectorize
+from gauss2svg.measure import metrics
+from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
@@ -90,7 +90,7 @@ def test_smooth_scene_keeps_its_gaussians():
     assert shares[0] >= 0.5 > shares[1]
 
 
-def test_price_of_leaving_one_keeps_shapes_there(photo, monkeypatch):
+def test_price_of_an_exponent_keeps_shapes_gaussian(photo, monkeypatch):
     shares = []
     for price in (0.0, 0.06, 1.0):
         monkeypatch.setattr("gauss2svg.fit.session._BETA_PRICE", price)
@@ -129,7 +129,7 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
     shaded = ~is_plain(scene)
     nearest = np.abs(scene.betas[shaded, None] / np.array(BETA_CLASSES) - 1).min(axis=1)
     assert (nearest < 1e-12).all()
-    again = quantized(scene, SvgFormat())
+    again = quantize(scene)
     np.testing.assert_allclose(again.color, scene.color, atol=0.5 / 255)
     np.testing.assert_allclose(again.betas, scene.betas, rtol=1e-12)
     keys = np.column_stack([scene.betas, np.round(scene.color * 255)])[shaded]
@@ -140,10 +140,9 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
     assert result.report["psnr_roundtrip"] > 44
 
 
-def test_settling_changes_nothing_but_exponents_extents_and_colours():
+def test_quantization_changes_nothing_but_exponents_extents_and_colours():
     scene = random_scene(60, 120, 90, 7, sigma=(1.0, 20.0))
-    options = SvgOptions(palette=12)
-    once = quantized(scene, options)
+    once = quantize(scene, palette=12)
     for name in ("mean", "rho", "opacity", "rounds"):
         assert (getattr(once, name) == getattr(scene, name)).all()
     shaded = ~is_plain(scene)
@@ -159,11 +158,11 @@ def test_colours_of_different_exponents_share_no_gradient():
         color=np.tile([[0.2, 0.4, 0.6]], (40, 1)), beta=np.resize([1.0, 3.0], 40)
     )
     for palette, gradients in ((0, 2), (2, 2), (1, 1)):
-        svg = write_svg(scene, SvgOptions(palette=palette))
+        svg = write_svg(quantize(scene, palette=palette))
         assert svg.count("<radialGradient") == gradients
 
 
-# The last steps, before which exponents and colours settle, may not come.
+# The last steps, before which exponents and colours are quantized, may not come.
 @pytest.mark.parametrize(
     "limits",
     [
@@ -181,26 +180,30 @@ def test_palette_holds_however_short_the_fit(photo, limits, falloff):
         assert (result.scene.betas == 1).all()
     classes = np.array(BETA_CLASSES)
     assert np.isin(result.scene.betas[~is_plain(result.scene)], classes).all()
-    assert (quantized(result.scene, SvgFormat()).color == result.scene.color).all()
+    assert (quantize(result.scene).color == result.scene.color).all()
 
 
-def test_palette_of_the_scenes_own_choice_holds_however_short_the_time(photo):
-    result = vectorize(photo, quality="fast", time_limit=0.3)
+def test_adaptive_palette_holds_however_short_the_time(photo):
+    for limit in (0.3, 1.0, 3.0, 9.0):  # a busy machine places too few in a short time
+        result = vectorize(photo, quality="fast", time_limit=limit)
+        if len(result.scene) >= 50:
+            break
+    assert len(result.scene) >= 50
     assert result.svg.count("<radialGradient") < 0.6 * result.report["gaussians"]
 
 
-def test_exponents_stay_and_colours_stay_shared_once_they_have_settled(photo):
+def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
     seen = []
 
     def as_written(scene, psnr):
-        seen.append(quantized(scene, SvgOptions(palette=8)))
+        seen.append(quantize(scene, palette=8))
         return seen[-1]
 
-    policy = FixedCount("exponential", 60, 80)
-    run = FitSession(photo, fit_config(60, 80), policy, as_written=as_written)
-    run.fit()
+    config = fit_config(60, 80)
+    session = FitSession(photo, config, fixed_count(config), as_written=as_written)
+    session.fit()
     assert len(seen) == 1
-    last = run.scene()
+    last = session.scene()
     pairs = [
         np.unique(np.column_stack([scene.betas, scene.color]).round(9), axis=0)
         for scene in (seen[0], last)
@@ -224,8 +227,7 @@ def test_shapes_too_large_to_be_crisp_are_never_plain(beta):
 
 def test_shapes_thinner_than_any_pixel_are_left_out_not_refused():
     scene = Scene(100, 100, [[50, 50]], [[2e-6, 2e-6]], [0.0], np.zeros((1, 3)), [1.0], beta=[64.0])
-    assert "<circle" not in write_svg(scene, SvgOptions(precision=0.001))
-    write_svg(scene, SvgOptions(precision=0.001))
+    assert "<circle" not in write_svg(scene, SvgFormat(precision=0.001))
 
 
 @pytest.mark.parametrize("renderer", ["resvg", "cairo"])
@@ -280,5 +282,5 @@ def test_plain_are_crisp_shapes_and_no_others():
 
 
 def test_unknown_falloff_is_refused_with_the_known_ones(photo):
-    with pytest.raises(InputError, match="falloff is 'box'; needed is one of gaussian, adaptive"):
+    with pytest.raises(InputError, match="falloff must be one of gaussian, adaptive; got 'box'"):
         vectorize(photo, falloff="box")

@@ -1,4 +1,4 @@
-"""Laws of a run in which one call fails: every file is the old one or the whole new one.
+"""Laws of a run in which one call fails: every file is the old one or the complete new one.
 
 Every read and write of the run's own files is a place where a fault is put, one after the other:
 an error of the device, a full disk, or a Ctrl-C just before or just after it.
@@ -158,7 +158,7 @@ def same(name, data, other):
 def test_each_file_is_the_old_one_or_the_whole_new_one(
     command, name, tmp_path, monkeypatch, capsys
 ):
-    if command is checking:  # drawn in a process of its own, which is none of these calls
+    if command is checking:  # it rasterises in another process
         pixels = np.ones((16, 16, 3), np.float32)
         monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: pixels)
     wholes, counts = [], []
@@ -197,7 +197,7 @@ def test_each_file_is_the_old_one_or_the_whole_new_one(
 
 @pytest.mark.parametrize("name", ["EIO", "ENOSPC"])
 def test_the_checkpoint_is_the_old_one_or_a_whole_one(name, tmp_path, monkeypatch):
-    # Whether a run goes on without its checkpoint, or ends for want of a file it was asked for.
+    # Whether the run continues without its checkpoint, or ends because a file cannot be written.
     def command(folder):
         return [*fitting(folder), "--checkpoint", str(folder / "c.npz"), "--checkpoint-every", "0"]
 
@@ -228,7 +228,7 @@ def test_the_checkpoint_is_the_old_one_or_a_whole_one(name, tmp_path, monkeypatc
         assert set(content(folder)) <= files, at  # no temporary file
         data = (folder / "c.npz").read_bytes()
         if data != b"old checkpoint":  # unpacking reads all of it, and compares checksums
-            assert set(unpacked(io.BytesIO(data))) == {"run", "memory"}, at
+            assert set(unpacked(io.BytesIO(data))) == {"run", "state"}, at
 
 
 def test_fault_at_every_rename_is_tried(tmp_path, monkeypatch):

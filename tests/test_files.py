@@ -17,7 +17,7 @@ from gauss2svg.errors import OutputError
 from gauss2svg.files import write_all_atomically, write_atomically
 from gauss2svg.scene import Scene
 
-# Of files, not of drawings; the commands in a shell of their own draw in a process of their own.
+# These tests are of files; only commands in a shell rasterise in a process of their own.
 pytestmark = pytest.mark.usefixtures("drawn_here")
 
 TINY = ["--gaussians", "3", "--iterations", "2", "--quiet"]
@@ -52,7 +52,7 @@ def shell(command, **options):
 
 
 def refused(arguments, capsys):
-    """The one line that a command says before it ends with status 2."""
+    """The one line of a command that ends with status 2."""
     assert main([str(argument) for argument in arguments]) == 2
     out, err = capsys.readouterr()
     assert out == ""
@@ -115,7 +115,7 @@ def test_limit_of_a_files_size_is_a_full_disk(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", code, first, second], capture_output=True, check=False
     )
-    assert b"second: File too large; choose another place" in done.stderr
+    assert b"second: File too large. Try another folder" in done.stderr
     assert content(tmp_path) == {"first": b"old"}
 
 
@@ -223,8 +223,8 @@ def test_any_name_is_read_and_written(name, picture, tmp_path, monkeypatch, caps
     assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".svg", ".json", ".map"}
     assert {path.stem for path in tmp_path.iterdir()} == {name}
     if name.startswith("-"):
-        assert "give ./-" in refused([f"{name}.png", "-o", out, *TINY], capsys)
-        assert "give ./-" in refused(["check", photo, f"{name}.svg"], capsys)
+        assert "Try ./-" in refused([f"{name}.png", "-o", out, *TINY], capsys)
+        assert "Try ./-" in refused(["check", photo, f"{name}.svg"], capsys)
 
 
 @pytest.mark.parametrize("link", ["hard", "symbolic", "spelling", "folder"])
@@ -251,15 +251,15 @@ def test_output_that_is_the_photo_or_another_output_is_refused(
     out = [] if option == "-o" else ["-o", tmp_path / "o.svg"]
     same = other_name(picture)
     err = refused([picture, *out, option, same, *TINY], capsys)
-    assert "is also the photo; give each its own name" in err
+    assert "which is also the photo. Try another name" in err
     if option in ("--report", "--preview"):
         err = refused(["check", picture, svg, option, same], capsys)
-        assert "is also the photo; give each its own name" in err
+        assert "which is also the photo. Try another name" in err
     if option != "-o":
         target = tmp_path / "target"
         target.write_bytes(b"old")
         err = refused([picture, "-o", target, option, target, *TINY], capsys)
-        assert "is also another output; give each its own name" in err
+        assert "which is also another output. Try another name" in err
         target.unlink()
     for path in (tmp_path / f"other-{picture.name}", tmp_path / "there"):
         path.unlink(missing_ok=True)
@@ -272,7 +272,7 @@ def test_names_that_differ_by_case_are_one_where_the_file_system_says_so(
     command = [picture, "-o", tmp_path / "o.svg", "--outline", tmp_path / "O.SVG", *TINY]
     folds = files.folds_case(tmp_path)
     monkeypatch.setattr(files, "folds_case", lambda folder: True)
-    assert "O.SVG is also another output" in refused(command, capsys)
+    assert "O.SVG, which is also another output" in refused(command, capsys)
     monkeypatch.undo()
     if not folds:
         assert main([str(word) for word in command]) == 0
@@ -298,8 +298,8 @@ def test_closed_and_broken_streams_are_one_line_and_status_two(picture, tmp_path
     tiny = " ".join(TINY)
     before = content(tmp_path)
     for command, said in {
-        f"GAUSS2SVG {photo} -o - {tiny} --report {report} >&-": "standard output is closed",
-        f"GAUSS2SVG check {photo} - --report {report} <&-": "standard input is closed",
+        f"GAUSS2SVG {photo} -o - {tiny} --report {report} >&-": "standard output must be open",
+        f"GAUSS2SVG check {photo} - --report {report} <&-": "standard input must be open",
         # Its reader is gone long before it writes.
         f"set -o pipefail; GAUSS2SVG {photo} -o - {tiny} --report {report} | true": "Broken pipe",
     }.items():
@@ -313,7 +313,7 @@ def test_closed_and_broken_streams_are_one_line_and_status_two(picture, tmp_path
 
 def test_closed_streams_do_not_get_into_files(picture, tmp_path):
     out, report = tmp_path / "o.svg", tmp_path / "r.json"
-    limit = " --target-psnr 99"  # is told on standard error also where it is quiet
+    limit = " --target-psnr 99"  # is reported on standard error in spite of --quiet
     names = " ".join(shlex.quote(str(path)) for path in (picture, "-o", out, "--report", report))
     done = shell(f"GAUSS2SVG {names} {' '.join(TINY)}{limit} <&- >&- 2>&-")
     assert done.returncode == 0

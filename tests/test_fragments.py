@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 from conftest import needs, random_scene
-from svg_texts import assert_same
 from screens import captured
+from svg_texts import assert_same
 
 from gauss2svg import check
 from gauss2svg.errors import InputError
@@ -20,7 +20,7 @@ from gauss2svg.svg.write import outline_svg, write_svg
 SCENE = random_scene(30, 60, 45, 7, (2, 9))
 OPTIONS = SvgFormat()
 LABELS = np.arange(12).reshape(3, 4)
-BACKDROPS = {
+KINDS = {
     "plain": {},
     "segments": {"segments": LABELS},
     "animated": {"animate": 4.0},
@@ -31,7 +31,7 @@ SHEET = re.compile("<style.*?</style>", re.DOTALL)
 def written(kind: str, rounds: int | None = None, fragments: bool = False) -> str:
     """The file of the first rounds, or of all."""
     scene = SCENE if rounds is None else SCENE.select(SCENE.rounds < rounds)
-    return write_svg(scene, OPTIONS, Document(**BACKDROPS[kind], fragments=fragments))
+    return write_svg(scene, OPTIONS, Document(**KINDS[kind], fragments=fragments))
 
 
 def screenshots(folder, motion: str, files: dict[str, str], addresses: list[str]) -> list[bytes]:
@@ -119,7 +119,7 @@ def test_outlines_have_fragments_too(browser, tmp_path):
     assert part == shown != whole
 
 
-@pytest.mark.parametrize("kind", BACKDROPS)
+@pytest.mark.parametrize("kind", KINDS)
 def test_scene_is_read_back_from_a_file_with_fragments(kind):
     assert_same(read_svg(written(kind, fragments=True)), read_svg(written(kind)), atol=0)
 
@@ -155,5 +155,5 @@ def test_rule_that_hides_more_is_refused(sheet):
         read_svg(written("plain").replace("<g ", f"<style><![CDATA[{sheet}]]></style><g ", 1))
 
 
-def test_check_has_nothing_to_say_about_fragments(photo):
+def test_check_has_no_notes_about_fragments(photo):
     assert check(photo[:45, :60], written("animated", fragments=True)).notes == ()

@@ -1,6 +1,6 @@
-"""Laws of whatever is read: mutated pictures and SVGs are accepted or refused in one error.
+"""Laws of reading: mutated images and SVGs are accepted or refused by one error.
 
-The short form of tests/fuzz.py, of which README.md says what the long one came to.
+The short form of tests/fuzz.py.
 """
 
 from random import Random
@@ -30,7 +30,7 @@ def test_whole_pictures_are_accepted(index):
 
 
 @pytest.mark.parametrize("index", range(len(svg_seeds())))
-def test_whole_svgs_are_drawn_or_refused_by_what_they_use(index):
+def test_whole_svgs_are_rasterised_or_refused_by_what_they_use(index):
     said = outcome("svg", svg_seeds()[index])[0]
     assert said == "accepted" or "what the SVG uses" in said
 

@@ -1,4 +1,4 @@
-"""A real gallery: what is made, shown and told, and that all its numbers are the reports'."""
+"""A real gallery: its files and pages, and that all its numbers are those of the reports."""
 
 import csv
 import dataclasses
@@ -8,18 +8,19 @@ import sys
 
 import numpy as np
 import pytest
+from flat import build_gallery
 from galleries import Page, Table, save
 from PIL import Image, PngImagePlugin
 
+from gauss2svg.bench import numbers
 from gauss2svg.bench.rows import flat
 from gauss2svg.cli.main import main
 from gauss2svg.errors import on_one_line
-from gauss2svg.gallery import build, numbers
-from gauss2svg.gallery.build import build_gallery
+from gauss2svg.gallery import build
 from gauss2svg.gallery.photos import slug_of
 from gauss2svg.gallery.records import NUMBERS
 from gauss2svg.gallery.worker import answer_to
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 
 NASTY = "<script>alert(1)<img src=x onerror=alert(2)>&amp;\"'{{7*7}}{%if%}\u202e.png"
 UNDECODABLE = "\udcff.png"
@@ -85,7 +86,7 @@ class Site:
         return [row for row in self.document["rows"] if row["photo"] == name]
 
 
-def test_bad_photos_are_told_and_the_rest_is_made(site):
+def test_bad_photos_are_failures_and_the_rest_is_made(site):
     assert site.status == 1
     assert [row["variant"] for row in site.document["rows"]] == ["20 Gaussians", "40 Gaussians"] * 4
     names = [on_one_line(path.name) for path in site.good.values()]
@@ -98,7 +99,7 @@ def test_bad_photos_are_told_and_the_rest_is_made(site):
         assert reason in failure["error"]
         assert "\n" not in failure["error"]
         assert f"<strong>{failure['photo']}</strong>" in page
-    assert f"Not made: {len(site.bad)}" in page
+    assert f"Failed: {len(site.bad)}" in page
 
 
 def test_numbers_of_data_table_and_reports_agree(site):
@@ -127,7 +128,7 @@ def test_numbers_of_data_table_and_reports_agree(site):
 
 
 def test_numbers_of_the_pages_are_those_of_the_data(site):
-    def told(row, prefix=""):
+    def quality(row, prefix=""):
         return [
             numbers.decibels(row[prefix + "psnr_svg"]), numbers.ratio(row[prefix + "ssim_svg"]),
         ]  # fmt: skip
@@ -138,20 +139,20 @@ def test_numbers_of_the_pages_are_those_of_the_data(site):
         assert row == [
             summary["variant"], "4", numbers.whole(summary["median_gaussians"]),
             numbers.size(summary["median_svg_bytes"]), numbers.size(summary["median_svgz_bytes"]),
-            numbers.seconds(summary["median_total_s"]), *told(summary, "median_"),
+            numbers.seconds(summary["median_total_s"]), *quality(summary, "median_"),
             numbers.size(summary["total_svg_bytes"]), numbers.seconds(summary["total_total_s"]),
         ]  # fmt: skip
     _, *rows = Table(site.out / "trade-off.html").rows
     for cells, row in zip(rows, site.document["rows"], strict=True):
         assert cells == [
-            row["photo"], row["variant"], *told(row), numbers.whole(row["gaussians"]),
+            row["photo"], row["variant"], *quality(row), numbers.whole(row["gaussians"]),
             numbers.size(row["svg_bytes"]), numbers.size(row["svgz_bytes"]),
             numbers.seconds(row["total_s"]),
         ]  # fmt: skip
     for at, row in enumerate(site.document["rows"]):
         cells = Table(site.out / row["page"]).rows[1 + at % 2]
         assert cells[:8] == [
-            row["variant"], numbers.whole(row["gaussians"]), *told(row),
+            row["variant"], numbers.whole(row["gaussians"]), *quality(row),
             numbers.size(row["svg_bytes"]), numbers.size(row["svgz_bytes"]),
             numbers.seconds(row["total_s"]), numbers.seconds(row["cpu_s"]),
         ]  # fmt: skip
@@ -186,7 +187,7 @@ def test_svg_and_report_are_those_of_the_command_line(name, site, tmp_path):
     one, other = (json.loads(p.read_text()) for p in (tmp_path / "x.json", made["report"]))
     assert one.keys() == other.keys()
     assert {key for key in one if one[key] != other[key]} <= {
-        "compile_s", "fit_s", "fit_cpu_s", "total_s", "threads",
+        "compile_s", "fit_s", "fit_cpu_s", "total_s", "threads", "max_memory", "max_pixels",
     }  # fmt: skip
 
 
@@ -202,7 +203,7 @@ def test_photos_are_shown_without_loss(site):
             assert np.array_equal(pixels[:, :, 3], np.round(wanted.alpha * 255))
 
 
-def test_shrunk_photo_is_shown_as_it_is_fitted(photo, tmp_path, asked):
+def test_resized_photo_is_shown_as_it_is_fitted(photo, tmp_path, asked):
     alpha = np.linspace(0, 1, 128 * 128).reshape(128, 128, 1)
     paths = [save(photo, tmp_path / "a.png"), save(np.dstack([photo, alpha]), tmp_path / "b.png")]
     build_gallery(paths, tmp_path / "out", counts=[5], photo_size=32)
@@ -248,7 +249,7 @@ def test_names_are_shown_as_text_and_folders_are_safe(site):
     assert "{{7*7}}" in text
 
 
-def test_flat_picture_is_equal_and_told_so(site):
+def test_flat_photo_is_shown_as_equal(site):
     for row in site.rows("flat.png"):
         assert row["psnr_svg"] is None
     texts = Page(site.out / site.rows("flat.png")[0]["page"]).texts
@@ -257,7 +258,7 @@ def test_flat_picture_is_equal_and_told_so(site):
 
 
 class WorkerPool:
-    """Asked for nothing."""
+    """Expects no request but those for bad photos."""
 
     def __init__(self, jobs):
         pass
@@ -268,12 +269,12 @@ class WorkerPool:
     def __exit__(self, *_):
         pass
 
-    def run(self, works):
-        # A bad photo is looked at again.
-        assert [work["kind"] for work in works] in ([], ["photo"] * 2)
-        for index, work in enumerate(works):
+    def run(self, requests):
+        # Bad photos are read again.
+        assert [request["kind"] for request in requests] in ([], ["photo"] * 2)
+        for index, request in enumerate(requests):
             yield index, None
-            yield index, answer_to(work)
+            yield index, answer_to(request)
 
 
 def test_second_build_makes_nothing_and_says_the_same(site, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""Laws of a gallery's pages in a browser: whole, quiet, within reach, with or without scripts."""
+"""Laws of a gallery's pages in a browser: complete, accessible, with and without scripts."""
 
 import json
 import re
@@ -8,7 +8,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 from gallery_site import COUNTS, HOSTILE, PHONE, WIDE, box, pages_of, shot
 
-from gauss2svg.gallery import numbers
+from gauss2svg.bench import numbers
 
 GRAVE = ("serious", "critical")
 SLUGS = [f"gaussians-{count}" for count in COUNTS]
@@ -26,7 +26,7 @@ CONTROLS = "input, select, button, textarea, output, [role=slider], .handle, .ba
 
 
 def names(page):
-    """The photos of the cards that are to be seen, in their order."""
+    """The photos of the visible cards, in order."""
     return page.locator(".card:visible .name").all_text_contents()
 
 
@@ -72,8 +72,8 @@ def test_pages_are_there(gallery):
 
 
 @pytest.mark.parametrize("at", range(5))
-def test_no_page_has_a_grave_fault_of_access_or_is_wider_than_its_screen(gallery, visit, at):
-    check_access(visit().go(pages_of(gallery.directory)[at]))  # two photos' are enough
+def test_no_page_has_a_grave_accessibility_fault_or_is_wider_than_its_screen(gallery, visit, at):
+    check_access(visit().go(pages_of(gallery.directory)[at]))  # the pages of two photos are enough
 
 
 def test_nor_has_a_photo_page_that_shows_errors_and_outlines(gallery, visit):
@@ -163,11 +163,11 @@ def test_index_shows_what_fits_and_counts_it(gallery, visit):
         ]
         assert names(page) == fitting
         assert len(fitting) == by_hand
-        told = f"{by_hand} of {len(rows)} shown" if by_hand else "No photo is like that"
+        told = f"{by_hand} of {len(rows)} shown" if by_hand else "No photo matches"
         assert page.locator("#count").text_content() == told
 
 
-def test_index_tells_and_links_the_variant_that_is_chosen(gallery, visit):
+def test_index_shows_and_links_the_chosen_variant(gallery, visit):
     page = visit().go("index.html")
     for variant in SLUGS:
         page.locator("#variant").select_option(variant)
@@ -185,7 +185,7 @@ def test_index_tells_and_links_the_variant_that_is_chosen(gallery, visit):
             assert card.locator("a").get_attribute("href") == f"{row['page']}#{variant}"
 
 
-def test_whoever_comes_back_finds_cards_and_controls_in_agreement(visit):
+def test_cards_and_controls_agree_after_navigating_back(visit):
     page = visit().go("index.html")
     page.locator("#variant").select_option(SLUGS[0])
     page.locator("#sort").select_option("psnr_svg")
@@ -194,7 +194,7 @@ def test_whoever_comes_back_finds_cards_and_controls_in_agreement(visit):
     page.wait_for_selector("#viewer")
     page.go_back()
     page.wait_for_selector("#cards")
-    page.wait_for_timeout(300)  # a browser puts in again what was chosen
+    page.wait_for_timeout(300)  # a browser restores the controls
     chosen = page.locator("#variant").input_value()
     labels = set(page.locator(".card:not([hidden]) .variant").all_text_contents())
     assert labels == {page.locator(f"#variant option[value={chosen}]").text_content().strip()}
@@ -203,22 +203,22 @@ def test_whoever_comes_back_finds_cards_and_controls_in_agreement(visit):
     assert page.locator("#sort").input_value() != "psnr_svg" or psnrs == sorted(psnrs)
 
 
-def test_svgs_are_drawn_on_demand_only(gallery, visit):
+def test_svgs_are_loaded_on_demand_only(gallery, visit):
     one = visit()
     page = one.go("index.html")
     assert not [url for url in one.requests if url.endswith(".svg")]
     small = shot(page, box(page, ".card .frame"))
-    page.get_by_label("Draw the SVGs live").check()
+    page.get_by_label("Show the SVGs themselves").check()
     page.wait_for_function("[...document.images].every((one) => one.complete)")
     asked = {url.removeprefix(one.site.as_uri() + "/") for url in one.requests}
     wanted = [row["files"]["SVG"] for row in rows_of(gallery, SLUGS[1])]
     assert {url for url in asked if url.endswith(".svg")} == set(wanted)
     shown = page.locator(".card img").evaluate_all("all => all.map((e) => e.getAttribute('src'))")
     assert shown == wanted
-    # The same picture, but sharper than a thumbnail that is stretched.
+    # The same image, but sharper than a stretched thumbnail.
     difference = abs(shot(page, box(page, ".card .frame")) - small).mean()
     assert 0.3 < difference < 12
-    page.get_by_label("Draw the SVGs live").uncheck()
+    page.get_by_label("Show the SVGs themselves").uncheck()
     assert page.locator(".card img[src$='.png']").count() == len(wanted)
 
 
@@ -230,10 +230,10 @@ def test_cards_show_the_whole_picture(gallery, visit):
         assert image == pytest.approx(frame, abs=1)  # the picture is fitted into its box
 
 
-def test_index_tells_what_could_not_be_made(gallery, visit):
+def test_index_lists_failures(gallery, visit):
     told = visit().go("index.html").locator(".failures").inner_text()
     assert gallery.failures[0].photo.name == "broken.png"
-    assert "Not made: 1" in told
+    assert "Failed: 1" in told
     assert gallery.failures[0].error in told
 
 
@@ -268,7 +268,7 @@ def test_each_point_of_the_trade_off_opens_its_svg(gallery, visit):
         one.go(address)
         chosen = page.locator("[name=variant]:checked").get_attribute("value")
         assert chosen == address.partition("#")[2]
-        assert page.locator("#drawn").get_attribute("src") == f"{chosen}/picture.svg"
+        assert page.locator("#svg").get_attribute("src") == f"{chosen}/picture.svg"
 
 
 def test_without_scripts_pictures_and_links_are_there_and_no_dead_control(gallery, visit):
@@ -283,7 +283,7 @@ def test_without_scripts_pictures_and_links_are_there_and_no_dead_control(galler
     ]
     for row in rows_of(gallery, SLUGS[1]):
         page = one.go(row["page"])
-        photo, drawn = box(page, "#photo"), box(page, "#drawn")
+        photo, drawn = box(page, "#photo"), box(page, "#svg")
         assert photo["width"] == drawn["width"] > 300
         assert photo["height"] == pytest.approx(
             photo["width"] * row["height"] / row["width"], abs=0.1

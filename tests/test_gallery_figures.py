@@ -1,4 +1,4 @@
-"""Crops, charts and numbers of a gallery, against searches and tables."""
+"""Crops, charts and numbers of a gallery, against exhaustive searches and tables."""
 
 import math
 import statistics
@@ -9,8 +9,8 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gauss2svg.gallery import numbers
-from gauss2svg.gallery.chart import HEIGHT, WIDTH, Point, scatter
+from gauss2svg.bench import numbers
+from gauss2svg.bench.chart import HEIGHT, WIDTH, Point, scatter
 from gauss2svg.gallery.crops import worst_and_typical
 
 
@@ -76,7 +76,6 @@ points = st.lists(
         psnr=st.none() | st.floats(-5, 120) | st.sampled_from([30.0, 35.0]),
         series=st.integers(0, 3),
         group=st.none() | st.integers(0, 2),
-        href=st.just("#"),
         text=st.just(""),
     ),
     min_size=1,
@@ -85,9 +84,9 @@ points = st.lists(
 
 
 @given(points)
-@example([Point(1.27, 30.0, 0, None, "", "")])
-@example([Point(7.0, None, 0, 0, "", "")] * 2)
-@example([Point(1.0, 30.0, 0, 0, "", ""), Point(1.0, 30.0, 1, 0, "", "")])
+@example([Point(1.27, 30.0, 0, None, "")])
+@example([Point(7.0, None, 0, 0, "")] * 2)
+@example([Point(1.0, 30.0, 0, 0, ""), Point(1.0, 30.0, 1, 0, "")])
 def test_points_and_ticks_lie_in_the_frame_in_their_order(given_points):
     chart = scatter(given_points, lambda cost: f"{cost:g}")
     assert (chart.width, chart.height) == (WIDTH, HEIGHT)
@@ -134,7 +133,7 @@ def test_points_of_a_group_are_joined_by_their_cost(given_points):
 
 
 def test_point_lies_at_the_tick_of_its_value():
-    given_points = [Point(cost, psnr, 0, None, "", "") for cost, psnr in ((10, 30), (1000, 36))]
+    given_points = [Point(cost, psnr, 0, None, "") for cost, psnr in ((10, 30), (1000, 36))]
     chart = scatter(given_points, lambda cost: f"{cost:g}")
     by_text = {text: x for x, text in chart.x_ticks}
     assert [placed.x for placed in chart.points] == [by_text["10"], by_text["1000"]]
@@ -148,7 +147,7 @@ NARROW = "\N{NARROW NO-BREAK SPACE}"
 
 
 @pytest.mark.parametrize(
-    ("tell", "value", "text"),
+    ("show", "value", "text"),
     [
         (numbers.size, 0, "0 B"), (numbers.size, 999, "999 B"), (numbers.size, 999.4, "999 B"),
         (numbers.size, 999.5, "1.00 kB"), (numbers.size, 1000, "1.00 kB"),
@@ -171,13 +170,13 @@ NARROW = "\N{NARROW NO-BREAK SPACE}"
         (numbers.short_seconds, 0.5, "0.5 s"), (numbers.short_seconds, 20.0, "20 s"),
     ],
 )  # fmt: skip
-def test_numbers_are_told_so(tell, value, text):
-    assert tell(value).replace(NARROW, " ") == text
-    assert " " not in tell(value)  # they are not broken in two
+def test_numbers_are_shown_so(show, value, text):
+    assert show(value).replace(NARROW, " ") == text
+    assert " " not in show(value)  # no line break separates the unit
 
 
 @given(st.floats(1, 1e9))
-def test_sizes_have_three_digits_and_are_true_to_them(count):
+def test_sizes_have_three_digits_and_are_right_to_them(count):
     text, unit = numbers.size(count).split(NARROW)[-2:]
     value = float("".join(numbers.size(count).split(NARROW)[:-1]))
     assert value * {"B": 1, "kB": 1e3, "MB": 1e6}[unit] == pytest.approx(

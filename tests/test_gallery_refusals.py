@@ -1,4 +1,4 @@
-"""Mistakes, bad photos, odd names and other tools: what a gallery refuses, tells and escapes."""
+"""Mistakes, bad photos, odd names and other tools: what a gallery refuses, reports and escapes."""
 
 import dataclasses
 import json
@@ -8,16 +8,16 @@ import sys
 
 import numpy as np
 import pytest
+from flat import build_gallery
 from galleries import Page, Table, save
 
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.gallery import build
-from gauss2svg.gallery.build import build_gallery
 from gauss2svg.gallery.pages import write_pages
 from gauss2svg.gallery.worker import answer_to
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="48" height="40"/>'
 
@@ -33,10 +33,10 @@ TEXTS = [
 
 @pytest.mark.parametrize("text", TEXTS)
 def test_nothing_of_a_name_is_rendered_as_html(text, two, tmp_path, asked, monkeypatch):
-    told = []
-    monkeypatch.setattr(build, "write_pages", lambda *arguments: told.extend(arguments))
+    given = []
+    monkeypatch.setattr(build, "write_pages", lambda *arguments: given.extend(arguments))
     build_gallery([*two, "none.png"], tmp_path / "out", counts=[5, 7, 13])
-    root, story, variants, shown, failures = told
+    root, provenance, variants, results, failures = given
 
     def pages(word):
         def photo_of(one):
@@ -44,9 +44,9 @@ def test_nothing_of_a_name_is_rendered_as_html(text, two, tmp_path, asked, monke
 
         write_pages(
             root,
-            dataclasses.replace(story, title=word, command=word, absent=(word,)),
+            dataclasses.replace(provenance, title=word, command=word, absent=(word,)),
             variants,
-            [dataclasses.replace(one, photo=photo_of(one), notes=(word,)) for one in shown],
+            [dataclasses.replace(one, photo=photo_of(one), notes=(word,)) for one in results],
             [dataclasses.replace(one, photo=photo_of(one), error=word) for one in failures],
         )
         return {path: Page(path) for path in sorted(root.rglob("*.html"))}
@@ -95,7 +95,7 @@ def test_peer_is_measured_or_fails_or_is_stopped_on_one_line(
     assert set(row["files"]) == {"SVG", "report"}
     for folder in ("primitive-100", "primitive-500"):
         left = {path.name for path in (out / "photos" / "good" / folder).iterdir()}
-        assert not left & {"input.png", "drawn.svg"}
+        assert not left & {"input.png", "output.svg"}
     text = (out / "photos" / "good" / "primitive-100" / "report.json").read_text()
     assert str(tmp_path) not in text
 
@@ -105,11 +105,11 @@ def test_peer_is_measured_or_fails_or_is_stopped_on_one_line(
     assert asked == [("photo", "slow"), ("variant", "slow/primitive-100")]
     err = capsys.readouterr().err
     assert err == (
-        "gauss2svg: failed: slow.png, primitive 100: timed out after 0.5 s; give a longer "
+        "gauss2svg: failed: slow.png, primitive 100: timed out after 0.5 s. Try a longer "
         "--peer-timeout\n"
     )
     page = (out / "photos" / "slow" / "index.html").read_text()
-    assert "Nothing could be made of this photo" in page
+    assert "No SVG of this photo could be made" in page
 
 
 def test_absent_peer_is_named_on_the_page_and_in_the_summary(
@@ -119,34 +119,40 @@ def test_absent_peer_is_named_on_the_page_and_in_the_summary(
     out = tmp_path / "out"
     arguments = ["gallery", *map(str, two), "-o", str(out), "--counts", "5"]
     assert main([*arguments, "--peers", "primitive"]) == 0
-    assert "not installed, left out: primitive\n" in capsys.readouterr().err
+    assert "skipped, not installed: primitive\n" in capsys.readouterr().err
     assert "not installed: primitive" in (out / "how.html").read_text()
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--variants", "", "--counts", ""], "got no variant"),
-        (["--variants", "quick"], "variant is 'quick'; needed is one of draft, fast"),
-        (["--counts", "many"], "count is 'many'; needed are whole numbers by commas"),
-        (["--counts", "2.5"], "count is '2.5'"),
-        (["--counts=-5"], "count is '-5'"),
-        (["--counts", "1" * 5000], "count is '111"),
-        (["--counts", "999999999999"], "count is 999999999999; needed is a whole number in 0"),
-        (["--peers", "jpeg"], "peer is 'jpeg'; needed is one of vtracer"),
-        (["--peers", "vtracer:best"], "peer is 'vtracer:best'"),
-        (["--jobs", "0"], "jobs is 0; needed is a whole number in 1..256"),
+        (
+            ["--variants", "", "--counts", ""],
+            "at least one preset, count or peer; got none",
+        ),
+        (["--variants", "quick"], "variant must be one of draft, fast"),
+        (["--counts", "many"], "counts must be whole numbers separated by commas; got 'many'"),
+        (["--counts", "2.5"], "counts must be whole numbers separated by commas; got '2.5'"),
+        (["--counts=-5"], "counts must be whole numbers separated by commas; got '-5'"),
+        (["--counts", "1" * 5000], "counts must be whole numbers separated by commas; got '111"),
+        (
+            ["--counts", "999999999999"],
+            "a whole number in 0..10000000; got 999999999999",
+        ),
+        (["--peers", "jpeg"], "peer must be one of vtracer"),
+        (["--peers", "vtracer:best"], "got 'vtracer:best'"),
+        (["--jobs", "0"], "jobs must be a whole number in 1..256; got 0"),
         (["--jobs", "many"], "jobs"),
-        (["--threads", "0"], "threads is 0"),
+        (["--threads", "0"], "threads must be"),
         (["--seed", "-1"], "seed"),
-        (["--photo-size", "0"], "photo_size is 0"),
-        (["--max-pixels", "0"], "max_pixels is 0"),
-        (["--peer-timeout", "0"], "peer_timeout is 0"),
-        (["--peer-timeout", "nan"], "peer_timeout is nan"),
-        (["--title", " "], "title is ' '; needed is text"),
-        (["-o", "PHOTO"], "cannot make"),
-        (["-o", "PHOTO/x"], "cannot make"),
-        (["-o", "/proc/x/y"], "cannot make"),
+        (["--photo-size", "0"], "photo_size must be"),
+        (["--max-pixels", "0"], "max_pixels must be"),
+        (["--peer-timeout", "0"], "peer_timeout must be a number in 0.001..1e+06; got 0"),
+        (["--peer-timeout", "nan"], "peer_timeout must be a number in 0.001..1e+06; got nan"),
+        (["--title", " "], "title must be a text that is not empty; got ' '"),
+        (["-o", "PHOTO"], "cannot create"),
+        (["-o", "PHOTO/x"], "cannot create"),
+        (["-o", "/proc/x/y"], "cannot create"),
     ],
 )
 def test_mistake_is_one_line_and_status_two_before_any_work(
@@ -169,12 +175,12 @@ def test_file_of_no_gallery_is_kept_untouched(name, content, two, tmp_path, aske
     path.parent.mkdir()
     path.write_text(content)
     assert main(["gallery", str(two[0]), "-o", str(path.parent)]) == 2
-    assert capsys.readouterr().err.endswith("choose another folder, so that it is kept\n")
+    assert capsys.readouterr().err.endswith("so it is kept. Try another folder\n")
     assert path.read_text() == content
     assert (asked, list(path.parent.iterdir())) == ([], [path])
 
 
-def test_what_cannot_be_written_is_told_before_any_work(two, tmp_path, asked, capsys):
+def test_what_cannot_be_written_is_an_error_before_any_work(two, tmp_path, asked, capsys):
     out = tmp_path / "out"
     build_gallery(two, out, counts=[5])
     arguments = ["gallery", str(two[0]), "-o", str(out), "--counts", "6"]
@@ -192,13 +198,13 @@ def test_what_cannot_be_written_is_told_before_any_work(two, tmp_path, asked, ca
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser can write to a read-only folder")
-def test_read_only_folder_is_told_before_any_work(two, tmp_path, asked, capsys):
+def test_read_only_folder_is_an_error_before_any_work(two, tmp_path, asked, capsys):
     (tmp_path / "out").mkdir(mode=0o500)
     assert main(["gallery", str(two[0]), "-o", str(tmp_path / "out")]) == 2
     assert (asked, capsys.readouterr().err.count("\n")) == ([], 1)
 
 
-def test_photo_among_the_pictures_of_the_gallery_is_refused(two, tmp_path, asked, capsys):
+def test_photo_among_the_images_of_the_gallery_is_refused(two, tmp_path, asked, capsys):
     out = tmp_path / "out"
     build_gallery(two, out, counts=[5])
     asked.clear()
@@ -206,7 +212,7 @@ def test_photo_among_the_pictures_of_the_gallery_is_refused(two, tmp_path, asked
     link.symlink_to(out / "photos" / "a" / "thumbnail.png")
     for path in (out / "photos" / "a" / "thumbnail.png", link):
         assert main(["gallery", str(path), "-o", str(out), "--counts", "5"]) == 2
-        assert "lies where the gallery keeps its own pictures" in capsys.readouterr().err
+        assert "must not be among the gallery's own images" in capsys.readouterr().err
     assert asked == []
 
 
@@ -220,9 +226,9 @@ def test_photo_among_the_pictures_of_the_gallery_is_refused(two, tmp_path, asked
 )  # fmt: skip
 def test_wrong_arguments_are_refused_on_one_line(wrong, two, tmp_path, asked):
     arguments = {"photos": two, "directory": tmp_path / "out"} | wrong
-    with pytest.raises(Gauss2SvgError) as told:
+    with pytest.raises(Gauss2SvgError) as error:
         build_gallery(arguments.pop("photos"), arguments.pop("directory"), **arguments)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
     assert not (tmp_path / "out").exists()
 
 
@@ -238,7 +244,7 @@ def test_gallery_of_bad_photos_alone_has_an_index_that_says_so(tmp_path, asked, 
         "a\\x00b",
     ]
     assert gallery.rows == []
-    assert "Not made: 3" in gallery.index.read_text()
+    assert "Failed: 3" in gallery.index.read_text()
     assert main(["gallery", str(bad), "-o", str(out), "--counts", "5"]) == 1
     lines = capsys.readouterr().err.splitlines()
     assert lines[0].startswith("gauss2svg: failed: bad.png: ")
@@ -255,7 +261,7 @@ def test_pages_of_photos_that_are_left_out_stay_where_they_were(two, tmp_path, a
     assert asked == []
 
 
-def test_equal_pictures_are_charted_and_told(two, tmp_path, asked):
+def test_exact_svgs_are_charted_and_shown_as_equal(two, tmp_path, asked):
     out = tmp_path / "out"
     gallery = build_gallery(two, out, counts=[7])
     assert [row["psnr_svg"] for row in gallery.rows] == [None, None]
@@ -273,7 +279,7 @@ def test_main_command_loads_no_gallery_and_a_worker_no_pages():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert done.returncode == 0
-    assert gauss2svg.build_gallery is build_gallery
+    assert gauss2svg.build_gallery is build.build_gallery
 
 
 @pytest.mark.parametrize("name", ["photos/holidays/a.jpg", "photos/a.jpg", "assets/gallery.css"])

@@ -1,4 +1,4 @@
-"""What a gallery keeps, what it makes again, and what is left of it after an interruption."""
+"""What a gallery keeps, what it makes again, and what an interruption leaves."""
 
 import json
 import os
@@ -12,12 +12,12 @@ import numpy as np
 import psutil
 import pytest
 from conftest import has_ended
-from galleries import Page, all_works, save
+from flat import build_gallery
+from galleries import Page, all_requests, save
 
 from gauss2svg.cli.main import main
-from gauss2svg.gallery import plan
-from gauss2svg.gallery.build import build_gallery
-from gauss2svg.gallery.work import (
+from gauss2svg.gallery import tasks
+from gauss2svg.gallery.artifacts import (
     OUTLINES,
     PICTURE,
     REPORT,
@@ -37,28 +37,28 @@ def test_finished_work_is_kept_until_what_it_depends_on_changes(
         return asked.take(), gallery
 
     slugs = ["draft", "gaussians-5", "gaussians-7"]
-    everything = all_works("ab", slugs)
-    works, first = made()
-    assert (works, first.kept) == (everything, 0)
-    works, second = made(threads=1, jobs=3, peer_timeout=5, title="other", max_pixels=10**6)
-    assert (works, second.kept, second.rows) == ([], 6, first.rows)
+    everything = all_requests("ab", slugs)
+    found, first = made()
+    assert (found, first.kept) == (everything, 0)
+    found, second = made(threads=1, jobs=3, peer_timeout=5, title="other", max_pixels=10**6)
+    assert (found, second.kept, second.rows) == ([], 6, first.rows)
     assert made(photos=two[::-1])[0] == []
-    works, third = made(counts=[7, 9, 5])
-    assert works == [("variant", "a/gaussians-9"), ("variant", "b/gaussians-9")]
+    found, third = made(counts=[7, 9, 5])
+    assert found == [("variant", "a/gaussians-9"), ("variant", "b/gaussians-9")]
     assert [row for row in third.rows if row["variant"] != "9 Gaussians"] != []
     assert {str(row) for row in first.rows} < {str(row) for row in third.rows}
     added = save(photo[:5, :5], tmp_path / "c.png")
-    assert made(photos=[added, *two])[0] == all_works("c", slugs)
+    assert made(photos=[added, *two])[0] == all_requests("c", slugs)
 
-    seeded = [work for work in everything if work[0] == "variant"]
+    seeded = [request for request in everything if request[0] == "variant"]
     assert made(seed=1)[0] == seeded
     assert made(seed=0)[0] == seeded
     assert made(photo_size=7)[0] == everything
     assert made(photo_size=6)[0] == everything
     assert made()[0] == everything
     save(photo[:8, :8], two[0])
-    assert made()[0] == all_works("a", slugs)
-    monkeypatch.setattr(plan, "code_digest", lambda: "other code")
+    assert made()[0] == all_requests("a", slugs)
+    monkeypatch.setattr(tasks, "code_digest", lambda: "other code")
     assert made()[0] == everything
 
 
@@ -118,10 +118,10 @@ def test_failed_svg_is_tried_again_and_the_others_are_kept(two, tmp_path, asked,
     asked.clear()
     assert main([*arguments, "--quiet"]) == 1
     assert asked == [("variant", "a/gaussians-13"), ("variant", "b/gaussians-13")]
-    assert len(capsys.readouterr().err.splitlines()) == 2  # bad news is told all the same
+    assert len(capsys.readouterr().err.splitlines()) == 2  # failures are reported even so
 
 
-def test_progress_tells_what_is_done_of_all_and_what_is_made_now(two, tmp_path, asked):
+def test_progress_counts_finished_steps_and_names_the_current_ones(two, tmp_path, asked):
     seen = []
     paths = [*two, tmp_path / "none.png"]
     build_gallery(paths, tmp_path / "out", counts=[5, 13], progress=seen.append)
@@ -157,7 +157,7 @@ def interrupted_at(count):
 
 
 @pytest.mark.parametrize("count", [1, 2, 6, 7, 12])
-def test_interrupted_gallery_shows_what_is_finished_and_goes_on(count, two, tmp_path, asked):
+def test_interrupted_gallery_shows_what_is_finished_and_continues(count, two, tmp_path, asked):
     out = tmp_path / "out"
     with pytest.raises(KeyboardInterrupt):
         build_gallery(two, out, counts=[5, 7], progress=interrupted_at(count))
@@ -172,7 +172,7 @@ def test_interrupted_gallery_shows_what_is_finished_and_goes_on(count, two, tmp_
     gallery = build_gallery(two, out, counts=[5, 7])
     assert len(gallery.rows) == 4
     assert "Not finished." not in Page(out / "index.html").texts
-    assert sorted(asked + done) == all_works("ab", ["gaussians-5", "gaussians-7"])
+    assert sorted(asked + done) == all_requests("ab", ["gaussians-5", "gaussians-7"])
 
 
 def test_gallery_interrupted_at_a_new_photo_still_shows_the_old_ones(
@@ -186,7 +186,7 @@ def test_gallery_interrupted_at_a_new_photo_still_shows_the_old_ones(
     assert json.loads((out / "gallery.json").read_text())["rows"] == first.rows
 
 
-def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_goes_on(photo, tmp_path, asked):
+def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(photo, tmp_path, asked):
     picture, out = save(photo, tmp_path / "a.png"), tmp_path / "out"
     arguments = ["gallery", str(picture), "-o", str(out), "--counts", "20,60000"]
     command = [sys.executable, "-m", "gauss2svg", *arguments, "--jobs", "2"]
@@ -214,10 +214,10 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_goes_on(photo,
 
 
 def test_full_disk_ends_all_at_once(two, tmp_path, monkeypatch, capsys):
-    def fill(self, works):
+    def fill(self, requests):
         yield 0, None
         yield 0, {"error": "cannot write x: No space left on device", "fatal": True}
-        pytest.fail("went on")
+        pytest.fail("continued")
 
     monkeypatch.setattr("gauss2svg.gallery.pool.WorkerPool.run", fill)
     assert main(["gallery", *map(str, two), "-o", str(tmp_path / "out"), "--counts", "5"]) == 2

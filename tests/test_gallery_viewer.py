@@ -1,4 +1,4 @@
-"""Laws of a gallery's photo pages in a browser: what is on the screen is what the files are."""
+"""Laws of a gallery's photo pages in a browser: the screen shows what is in the files."""
 
 import json
 import re
@@ -9,10 +9,10 @@ from gallery_site import COUNTS, PHONE, WIDE, box, shot
 from PIL import Image
 from scipy.ndimage import binary_dilation
 
-from gauss2svg.gallery import numbers
+from gauss2svg.bench import numbers
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.alpha import over, pixels_of
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 from gauss2svg.raster import rasterize
 
 MAIN = f"gaussians-{COUNTS[1]}"
@@ -24,16 +24,16 @@ ZOOMS = {1: "1:1", 2: f"2{TIMES}", 4: f"4{TIMES}", 8: f"8{TIMES}"}
 SIZE = {"x": 120, "y": 90}
 SCREEN = {"width": 600, "height": 900}  # with a stage of 552 x 414 px
 SAME = 9.0  # levels of 255: a layer of its own is dithered otherwise, by fractions of a pixel
-# What lies over the picture is taken away, so that the picture can be compared.
+# Overlays are hidden, so that the image can be compared.
 BARE = ".badge, .handle { visibility: hidden !important } .slider { --divider-width: 0 !important;"
 BARE += " --divider-shadow: none !important } .stage { border-radius: 0 !important }"
-DRAWN = "() => Promise.all([...document.querySelectorAll('.layer[src]')].map((e) => e.decode()))"
+DECODED = "() => Promise.all([...document.querySelectorAll('.layer[src]')].map((e) => e.decode()))"
 
 
 def opened(visit, name=f"{PAGE}/index.html", **options):
     page = visit(**({"viewport": SCREEN} | options)).go(name)
     page.add_style_tag(content=BARE)
-    page.evaluate(DRAWN)
+    page.evaluate(DECODED)
     return page
 
 
@@ -56,7 +56,7 @@ def alike(one, other):
 
 
 def check_halves(page, headless, at, left="photo.webp", right=f"{MAIN}/picture.svg"):
-    """Left of the divider is the one picture, right of it the other."""
+    """Left of the divider is one image, right of it the other."""
     stage, place = box(page, "#stage"), box(page, "#photo")
     screen = shot(page, stage)
     pictures = [headless.alone(f"{PAGE}/{name}", place, stage) for name in (left, right)]
@@ -102,14 +102,14 @@ def test_a_finger_moves_the_picture_that_is_zoomed(visit):
     one = visit(has_touch=True, viewport=SCREEN)
     page = one.go(f"{PAGE}/index.html")
     page.get_by_label(ZOOMS[8]).check()
-    stage, before = box(page, "#stage"), box(page, "#drawn")
+    stage, before = box(page, "#stage"), box(page, "#svg")
     x, y = stage["x"] + 200, stage["y"] + 200
     one.touch("Start", (x, y))
     one.touch("Move", (x - 20, y + 10))
     one.touch("Move", (x - 40, y + 20))
     one.touch("End")
     assert share(page) == 50
-    after = box(page, "#drawn")
+    after = box(page, "#svg")
     assert (after["x"] - before["x"], after["y"] - before["y"]) == (-40, 20)
     assert box(page, "#photo") == after
 
@@ -149,7 +149,7 @@ def test_photo_hides_what_is_behind_it_where_it_is_transparent(visit):
     pictures = [shot(page, stage)]
     for name in (NAME, "Error map"):
         page.get_by_role("radio", name=name).check()
-        page.evaluate(DRAWN)
+        page.evaluate(DECODED)
         pictures.append(shot(page, stage))
     assert alike(pictures[0], pictures[1])
     assert alike(pictures[0], pictures[2])
@@ -164,7 +164,7 @@ def test_zoom_is_exact_and_both_sides_move_in_step(visit, headless, zoom):
 
     def check_layout():
         place = box(page, "#photo")
-        assert box(page, "#drawn") == place == box(page, "#outlines")
+        assert box(page, "#svg") == place == box(page, "#outlines")
         assert (place["width"], place["height"]) == (SIZE["x"] * zoom, SIZE["y"] * zoom)
         return place
 
@@ -204,7 +204,7 @@ def test_zoom_is_exact_and_both_sides_move_in_step(visit, headless, zoom):
 
 
 def _over_tint(page, headless, place, stage):
-    """The stage as it is to be: the SVG itself, drawn at this size, on the stage's own colour."""
+    """The expected stage: the SVG rasterised at this size, on the stage's own colour."""
     wanted = headless.alone(f"{PAGE}/{MAIN}/picture.svg", place, stage)
     tint = page.evaluate("getComputedStyle(document.getElementById('stage')).backgroundColor")
     left, top = (round(place[axis]) - round(stage[axis]) for axis in "xy")
@@ -219,9 +219,9 @@ def test_enlarged_the_svg_stays_sharp(visit):
     slide_to(page, "Home")
     stage = box(page, "#stage")
     page.get_by_label(ZOOMS[1]).check()
-    small = shot(page, box(page, "#drawn"))
+    small = shot(page, box(page, "#svg"))
     page.get_by_label(ZOOMS[8]).check()
-    place, screen = box(page, "#drawn"), shot(page, stage)
+    place, screen = box(page, "#svg"), shot(page, stage)
     blown_up = Image.fromarray(small.astype(np.uint8)).resize((960, 720), Image.Resampling.BICUBIC)
     left, top = round(stage["x"] - place["x"]), round(stage["y"] - place["y"])
     part = np.asarray(blown_up, float)[top : top + len(screen), left : left + screen.shape[1]]
@@ -250,7 +250,7 @@ def test_layout_follows_the_window(visit):
             page.set_viewport_size(size)
             page.wait_for_timeout(60)  # of the observer of sizes
             stage, place = box(page, "#stage"), box(page, "#photo")
-            assert box(page, "#drawn") == place
+            assert box(page, "#svg") == place
             centre = [place[a] + place[b] / 2 for a, b in (("x", "width"), ("y", "height"))]
             assert centre == pytest.approx(
                 [stage[a] + stage[b] / 2 for a, b in (("x", "width"), ("y", "height"))], abs=1
@@ -274,7 +274,7 @@ def test_rounds_are_those_of_the_file(gallery, visit, headless, variant):
     distances = []
     for at, (number, count) in enumerate(known, 1):
         rounds.fill(str(at))
-        page.evaluate(DRAWN)
+        page.evaluate(DECODED)
         wanted = headless.alone(f"{picture}#round-{number}", stage, stage)
         assert alike(shot(page, stage), wanted)
         distances.append(np.abs(wanted - whole).mean())
@@ -299,23 +299,23 @@ def test_error_map_is_that_of_the_two_pictures(gallery, visit):
     assert page.locator("#rounds").is_disabled()
     page.get_by_label(ZOOMS[4]).check()
     slide_to(page, "Home")
-    page.evaluate(DRAWN)
-    assert page.locator("#drawn").get_attribute("src") == f"{MAIN}/errors.png"
+    page.evaluate(DECODED)
+    assert page.locator("#svg").get_attribute("src") == f"{MAIN}/errors.png"
     folder = gallery.directory / PAGE
     photo = over(pixels_of(load_image(folder / "photo.webp")))
-    drawn = over(rasterize((folder / MAIN / "picture.svg").read_text(), *SIZE.values()))
-    wanted = np.asarray(error_map(drawn, photo).convert("RGB"), float)
+    rendered = over(rasterize((folder / MAIN / "picture.svg").read_text(), *SIZE.values()))
+    wanted = np.asarray(error_map(rendered, photo).convert("RGB"), float)
     with Image.open(folder / MAIN / "errors.png") as file:
         np.testing.assert_array_equal(np.asarray(file.convert("RGB")), wanted)
     assert len(np.unique(wanted.reshape(-1, 3), axis=0)) > 20
     # Every pixel of it is a square of one colour.
-    screen = shot(page, box(page, "#drawn"))
+    screen = shot(page, box(page, "#svg"))
     assert alike(screen, wanted.repeat(4, 0).repeat(4, 1))
     page.get_by_label("SVG", exact=True).check()
     assert not legend.is_visible()
 
 
-def test_divider_tells_what_is_beside_the_photo(visit):
+def test_divider_names_what_is_beside_the_photo(visit):
     page = opened(visit)
     assert "% SVG" in page.locator("#slider").get_attribute("aria-valuetext")
     page.get_by_label("Error map").check()
@@ -328,7 +328,7 @@ def test_outlines_lie_over_both_sides(visit, headless):
     stage = box(page, "#stage")
     plain = shot(page, stage)
     page.get_by_label("Outlines").check()
-    page.evaluate(DRAWN)
+    page.evaluate(DECODED)
     changed = np.abs(shot(page, stage) - plain).max(axis=2) > 10
     file = f"{PAGE}/{MAIN}/outlines.svg"
     on_white = headless.alone(file, stage, stage).min(axis=2) < 250
@@ -350,7 +350,7 @@ def test_a_variant_is_chosen_everywhere(gallery, visit, headless, by_hand):
     else:
         page = opened(visit, f"{PAGE}/index.html#{OTHER}")
         assert page.get_by_role("radio", name=NAME).is_checked()
-    page.evaluate(DRAWN)
+    page.evaluate(DECODED)
     assert page.locator("#badge").text_content() == f"SVG, {NAME}"
     assert set(page.locator("[data-chosen]").all_text_contents()) == {NAME}
     found = record(gallery, OTHER)
@@ -361,15 +361,15 @@ def test_a_variant_is_chosen_everywhere(gallery, visit, headless, by_hand):
         assert picture.get_attribute("src") == f"{OTHER}/errors.png"
     check_halves(page, headless, 0.5, right=f"{OTHER}/picture.svg")
     page.get_by_label("Error map").check()
-    assert page.locator("#drawn").get_attribute("src") == f"{OTHER}/errors.png"
+    assert page.locator("#svg").get_attribute("src") == f"{OTHER}/errors.png"
     assert page.locator("#badge").text_content() == f"Errors, {NAME}"
     page.get_by_label("Outlines").check()
     assert page.locator("#outlines").get_attribute("src") == f"{OTHER}/outlines.svg"
 
 
-@pytest.mark.parametrize(("variant", "drawn"), [(MAIN, "worst"), (OTHER, "typical")])
+@pytest.mark.parametrize(("variant", "compared"), [(MAIN, "worst"), (OTHER, "typical")])
 def test_crops_are_those_of_the_record_three_times_as_large(
-    gallery, visit, headless, variant, drawn
+    gallery, visit, headless, variant, compared
 ):
     # Tall, so that all of it is on the screen.
     page = opened(visit, f"{PAGE}/index.html#{variant}", viewport={"width": 1280, "height": 2200})
@@ -386,7 +386,7 @@ def test_crops_are_those_of_the_record_three_times_as_large(
                 "x": tile["x"] - 3 * crop["x"], "y": tile["y"] - 3 * crop["y"],
                 "width": 3 * SIZE["x"], "height": 3 * SIZE["y"],
             }  # fmt: skip
-            if kind == drawn:
+            if kind == compared:
                 style = "image-rendering:pixelated" if "errors" in file else ""
                 wanted = headless.alone(f"{PAGE}/{file}", place, tile, style)
                 inside = np.s_[6:-6, 6:-6]  # of the round corners

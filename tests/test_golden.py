@@ -2,7 +2,7 @@
 
     python -m pytest tests/test_golden.py --rewrite-golden
 
-writes them anew from the scenes in tests/golden. The oracle composes the Gaussians in
+rewrites them from the scenes in tests/golden. The oracle composes the Gaussians in
 float64, one pixel and one Gaussian at a time, from the formula in the scene's docs.
 """
 

@@ -10,14 +10,14 @@ import tifffile
 from pictures import chunk, encoded, png, srgb_curve
 from PIL import Image, ImageCms
 
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
 SRGB = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
-CONVERTED = "converted from its embedded colour profile to sRGB"
-UNREADABLE = "embedded colour profile unreadable, taken as sRGB"
-OTHER = "embedded colour profile is of another kind of colours, taken as sRGB"
+CONVERTED = "converted from its embedded ICC profile to sRGB"
+UNREADABLE = "embedded ICC profile unreadable; sRGB assumed"
+OTHER = "embedded ICC profile is for another colour space; sRGB assumed"
 
 
 def fixed(*values: float) -> bytes:
@@ -114,7 +114,7 @@ def test_sixteen_bits_with_a_profile_are_reduced_and_noted():
     icc = chunk(b"iCCP", b"x\0\0" + zlib.compress(matrix_profile(1.8)))
     photo = load_image(png(wide, icc, bits=16))
     np.testing.assert_allclose(photo.pixels, srgb_curve((wide / 65535) ** 1.8), atol=3 / 255)
-    assert photo.notes == ("reduced to 8 bits a channel for its colour profile", CONVERTED)
+    assert photo.notes == ("reduced to 8 bits per channel to apply its ICC profile", CONVERTED)
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_primaries_that_are_none_are_noted(primaries):
     file = png(BYTES, chunk(b"gAMA", struct.pack(">I", 45455)), chunk(b"cHRM", data))
     photo = load_image(file)
     np.testing.assert_allclose(photo.pixels, BYTES / 255, atol=1e-7)
-    assert photo.notes == ("cHRM unusable, taken as sRGB",)
+    assert photo.notes == ("cHRM unusable; sRGB primaries assumed",)
 
 
 @pytest.mark.parametrize("gamma", [0, 1, 2**31])
@@ -188,7 +188,7 @@ def test_gamma_that_is_none_is_noted(gamma):
     assert "unusable" in photo.notes[0]
 
 
-def test_profile_and_srgb_go_before_gamma_and_cicp_before_all():
+def test_profile_and_srgb_take_precedence_over_gamma_and_cicp_over_all():
     linear = chunk(b"gAMA", struct.pack(">I", 100000))
     icc = chunk(b"iCCP", b"x\0\0" + zlib.compress(matrix_profile(1.8)))
     broken = chunk(b"iCCP", b"x\0\0" + zlib.compress(b"nonsense"))
@@ -204,7 +204,7 @@ def test_profile_and_srgb_go_before_gamma_and_cicp_before_all():
     ):
         photo = load_image(png(BYTES, *chunks))
         np.testing.assert_allclose(photo.pixels, expected, atol=3 / 255)
-        assert ("cICP of primaries 9 and transfer 16 not converted" in photo.notes) == (
+        assert ("cICP with primaries 9 and transfer 16 not supported; ignored" in photo.notes) == (
             is_pq in chunks
         )
 
@@ -226,7 +226,7 @@ def test_ink_without_a_profile_of_ink_covers_paper(name, profile):
     seen = photo.pixels[8, 8::16]
     expected = (1 - INKS[:, :3] / 255) * (1 - INKS[:, 3:] / 255)
     np.testing.assert_allclose(seen, expected, atol=4 / 255)
-    assert "CMYK without a usable colour profile, converted by the plain formula" in photo.notes
+    assert "CMYK without a usable ICC profile; converted by the naive formula" in photo.notes
     assert len(photo.notes) == 1 + bool(profile)
 
 

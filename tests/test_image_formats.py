@@ -10,7 +10,7 @@ from flat import vectorize
 from pictures import chunk, encoded, png
 from PIL import Image, features
 
-from gauss2svg.photo.image import load_image
+from gauss2svg.photo.load import load_image
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
@@ -133,7 +133,7 @@ SEEN = {
 
 @pytest.mark.parametrize("orientation", SEEN)
 @pytest.mark.parametrize("name", ["JPEG", "PNG", "WEBP", "TIFF"])
-def test_picture_is_turned_as_its_orientation_says(name, orientation):
+def test_orientation_is_applied(name, orientation):
     exif = Image.Exif()
     exif[0x0112] = orientation
     blocks = np.kron(STORED, np.ones((16, 16), np.uint8))  # so that JPEG keeps them
@@ -141,7 +141,7 @@ def test_picture_is_turned_as_its_orientation_says(name, orientation):
     photo = load_image(encoded(Image.fromarray(blocks), name, exif=exif, **options))
     seen = np.round(photo.pixels[8::16, 8::16, 0] * 255)
     np.testing.assert_allclose(seen, SEEN[orientation], atol=1)
-    assert ("turned as its EXIF orientation says" in photo.notes) == (orientation != 1)
+    assert ("EXIF orientation applied" in photo.notes) == (orientation != 1)
 
 
 def exif_of(kind: int, count: int, value: bytes) -> bytes:
@@ -186,7 +186,7 @@ def test_orientation_turns_sixteen_bits_and_floats_as_well():
 def test_broken_exif_is_noted_not_fatal(data):
     photo = load_image(encoded(Image.fromarray(STORED), "PNG", exif=b"Exif\0\0" + data))
     np.testing.assert_allclose(photo.pixels[:, :, 0] * 255, STORED, atol=1e-4)
-    assert photo.notes == ("EXIF data broken, left out",)
+    assert photo.notes == ("EXIF data broken; ignored",)
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -228,7 +228,7 @@ def test_tiff_of_float_rgba_has_its_alpha(planar):
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.float32])
-def test_tiff_whose_white_is_zero_is_turned_over(kind):
+def test_white_is_zero_tiffs_are_inverted(kind):
     top = 1 if kind is np.float32 else np.iinfo(kind).max
     levels = (RNG.random((5, 7)) * top).astype(kind)
     photo = load_image(tiff(levels, photometric="miniswhite"))

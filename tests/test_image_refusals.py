@@ -1,4 +1,4 @@
-"""Whatever is no photo, or broken, or too large, is one line and exit status 2."""
+"""Whatever is not a photo, or broken, or too large, gives one line and exit status 2."""
 
 import io
 import os
@@ -15,8 +15,9 @@ from PIL import Image, features
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.photo.files import FORMATS
-from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS, Photo, load_image
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, FORMATS, MOST_PIXELS
+from gauss2svg.photo.load import load_image
+from gauss2svg.photo.photo import Photo
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (12, 19, 3), dtype=np.uint8)
@@ -83,18 +84,18 @@ def test_bomb_is_refused_before_it_is_decoded(name, tmp_path, capsys):
     line = capsys.readouterr().err
     assert line.count("\n") == 1
     assert "2000000000" in line
-    assert f"at most {DEFAULT_MAX_PIXELS} (--max-pixels)" in line
-    assert line.endswith("(--max-pixels): shrink it\n")  # no limit is so high
+    assert f"at most {DEFAULT_MAX_PIXELS} px (--max-pixels)" in line
+    assert line.endswith("px. Try shrinking it\n")  # no limit is so high
 
 
 def test_animated_bomb_is_refused_as_well():
-    with pytest.raises(InputError, match=r"too large to decode|broken"):
+    with pytest.raises(InputError, match=r"must be at most 89478485 px|broken"):
         load_image(webp_head(16000, 16000))
     frames = [Image.new("RGB", (40, 30), (level, 0, 0)) for level in (200, 100)]
     for name in ("GIF", "WEBP", "PNG", "TIFF"):
         file = encoded(frames[0], name, save_all=True, append_images=frames[1:])
         assert load_image(file, max_pixels=1200).width == 40
-        with pytest.raises(InputError, match="40x30 px, 1200; needed are at most 1199"):
+        with pytest.raises(InputError, match=r"must be at most 1199 px .*; got 40x30 = 1200 px"):
             load_image(file, max_pixels=1199)
 
 
@@ -102,7 +103,7 @@ def test_animated_bomb_is_refused_as_well():
 def test_limit_of_pixels_holds_for_every_format(name):
     file = encoded(Image.fromarray(BYTES), name)
     assert load_image(file, max_pixels=228).height == 12
-    with pytest.raises(InputError, match=r"19x12 px, 228; needed are at most 227 \(--max-pixels\)"):
+    with pytest.raises(InputError, match=r"at most 227 px \(--max-pixels\); got 19x12 = 228 px"):
         load_image(file, max_pixels=227)
 
 
@@ -113,16 +114,16 @@ def test_limit_of_pixels_is_heeded_by_both_commands(tmp_path, capsys):
     result.save(svg)
     before = svg.read_bytes()
     few = ["--quiet", "--max-pixels", "227"]
-    advice = f"raise --max-pixels, up to {MOST_PIXELS}"
+    advice = f"raising --max-pixels, up to {MOST_PIXELS}"
     assert main([str(path), "-o", str(svg), *few]) == 2
     assert main(["check", str(path), str(svg), *few]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert lines[0] == lines[1]
     assert advice in lines[0]
-    assert "19x12 px, 228; needed are at most 227 (--max-pixels)" in lines[0]
+    assert "at most 227 px (--max-pixels); got 19x12 = 228 px" in lines[0]
     assert svg.read_bytes() == before
     assert main(["check", str(path), str(svg), "--quiet", "--max-pixels", "228"]) == 0
-    for command in (["--help"], ["check", "--help"]):
+    for command in (["--help-all"], ["check", "--help"]):
         assert main(command) == 0
         assert f"{DEFAULT_MAX_PIXELS}" in capsys.readouterr().out
 
@@ -148,34 +149,35 @@ def test_chunk_that_unpacks_to_too_much_is_one_line(kind):
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"", "is empty, no picture that can be read; needed is one of JPEG, PNG"),
-        (b"hello, this is a text", "is no picture that can be read"),
-        (b'<svg xmlns="http://www.w3.org/2000/svg"/>', "is an SVG or other XML, no picture"),
-        (b'<?xml version="1.0"?><svg/>', "is an SVG or other XML, no picture"),
-        (b"<!DOCTYPE html><html></html>", "is a web page, no picture"),
-        (b"%PDF-1.7\n", "is a PDF, no picture"),
-        (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "is PostScript, no picture"),
-        (b"8BPS\0\1" + bytes(20), "is a Photoshop file, no picture"),
-        (b"\0\0\0\x18ftypheic" + bytes(20), "is HEIC, no picture"),
-        (b"\0\0\0\x0cjP  \r\n\x87\n", "is JPEG 2000, no picture"),
-        (b"\x1f\x8b\x08" + bytes(20), "is gzipped, no picture"),
-        (b"P6 2 2 255\n" + bytes(12), "is a Netpbm file, no picture"),
-        (b"\0\0\1\0\1\0" + bytes(20), "is an icon, no picture"),
-        (b"\x89PNG\r\n\x1a\n", "is broken"),
-        (b"\xff\xd8\xff\xe0", "is broken"),
-        (b"RIFF\0\0\0\0WEBPVP8 ", "is broken"),
-        (b"II*\0\x08\0\0\0", "is broken or cut off: it has no page"),
-        (b"II*\0\x10\0\0\0CR\2\0" + bytes(20), "is a camera's raw file"),
+        (b"", "must be a supported image (JPEG, PNG, WEBP, TIFF, GIF, BMP"),
+        (b"", "got an empty file"),
+        (b"hello, this is a text", "got an unknown format. Try converting it"),
+        (b'<svg xmlns="http://www.w3.org/2000/svg"/>', "got an SVG or other XML"),
+        (b'<?xml version="1.0"?><svg/>', "got an SVG or other XML"),
+        (b"<!DOCTYPE html><html></html>", "got a web page"),
+        (b"%PDF-1.7\n", "got a PDF"),
+        (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "got a PostScript file"),
+        (b"8BPS\0\1" + bytes(20), "got a Photoshop file"),
+        (b"\0\0\0\x18ftypheic" + bytes(20), "got a HEIC file"),
+        (b"\0\0\0\x0cjP  \r\n\x87\n", "got a JPEG 2000 file"),
+        (b"\x1f\x8b\x08" + bytes(20), "got a gzipped file"),
+        (b"P6 2 2 255\n" + bytes(12), "got a Netpbm file"),
+        (b"\0\0\1\0\1\0" + bytes(20), "got an icon"),
+        (b"\x89PNG\r\n\x1a\n", "must be a complete image; got a broken"),
+        (b"\xff\xd8\xff\xe0", "must be a complete image; got a broken"),
+        (b"RIFF\0\0\0\0WEBPVP8 ", "must be a complete image; got a broken"),
+        (b"II*\0\x08\0\0\0", "got a broken or truncated one: it has no page. Try re-saving it"),
+        (b"II*\0\x10\0\0\0CR\2\0" + bytes(20), "got a camera's raw file. Try converting it"),
         (tiff_of((254, 4, 1), (256, 3, 2), (257, 3, 2), (258, 3, 8), (262, 3, 1), (273, 4, 8)),
-         "is a camera's raw file, or begins with a preview"),
-        (png(np.zeros((0, 4, 3), np.uint8)), "its header gives no size"),
-        (float_tiff(np.float32([[0, 1.5]])), "is 1.5 at row 0, column 1, channel 0"),
-        (float_tiff(np.full((2, 3, 3), np.nan, np.float32)), "is nan at row 0, column 0"),
-        (float_tiff(np.int32([[-5, 7]])), "grey levels -5..7"),
-        (float_tiff(np.zeros((4, 4), np.complex64)), "is a TIFF of complex64 samples"),
+         "must be a developed photo; got a camera's raw file, or one that"),
+        (png(np.zeros((0, 4, 3), np.uint8)), "its header has no size"),
+        (float_tiff(np.float32([[0, 1.5]])), "must be finite and in 0..1; got 1.5 at row 0"),
+        (float_tiff(np.full((2, 3, 3), np.nan, np.float32)), "got nan at row 0, column 0"),
+        (float_tiff(np.int32([[-5, 7]])), "must be in 0..65535; got -5..7"),
+        (float_tiff(np.zeros((4, 4), np.complex64)), "got complex64 samples, 1 per pixel"),
     ],
 )  # fmt: skip
-def test_what_is_no_photo_is_told_by_its_name(data, message, tmp_path, capsys):
+def test_file_that_is_no_photo_is_refused_by_what_it_is(data, message, tmp_path, capsys):
     path = tmp_path / "x.jpg"
     path.write_bytes(data)
     assert main([str(path), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
@@ -186,7 +188,7 @@ def test_what_is_no_photo_is_told_by_its_name(data, message, tmp_path, capsys):
     assert sorted(tmp_path.iterdir()) == [path]
 
 
-def test_places_that_are_no_files_are_refused_unread(tmp_path, capsys):
+def test_folders_pipes_and_devices_are_refused_unread(tmp_path, capsys):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     places = {
@@ -231,7 +233,7 @@ def test_colours_without_their_palette_are_refused():
     data = whole.getvalue()
     at = data.index(b"PLTE") - 4
     length = int.from_bytes(data[at : at + 4], "big") + 12
-    with pytest.raises(InputError, match="its colours have no palette"):
+    with pytest.raises(InputError, match="its palette is missing"):
         load_image(data[:at] + data[at + length :])
 
 
@@ -305,7 +307,7 @@ def test_label_image_is_read_with_the_same_care(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     for path, data, message in (
-        (labels, BOMBS["PNG"], "too large to decode"),
+        (labels, BOMBS["PNG"], "at most"),
         (labels, encoded(Image.fromarray(BYTES), "PNG")[:80], "broken"),
         (labels, b"%!PS-Adobe-3.0 EPSF-3.0\n", "PostScript"),
         (pipe, None, "it is a pipe"),
@@ -316,7 +318,7 @@ def test_label_image_is_read_with_the_same_care(tmp_path):
             vectorize(photo, gaussians=2, iterations=1, segments=path)
 
 
-def test_label_image_is_turned_as_its_orientation_says(tmp_path):
+def test_orientation_of_a_label_image_is_applied(tmp_path):
     exif = Image.Exif()
     exif[0x0112] = 6
     for name in ("PNG", "TIFF"):
@@ -324,4 +326,4 @@ def test_label_image_is_turned_as_its_orientation_says(tmp_path):
         stored = np.uint8([[1, 2, 3], [4, 5, 6]])
         path.write_bytes(encoded(Image.fromarray(stored), name, exif=exif))
         result = vectorize(np.zeros((3, 2, 3), np.uint8), gaussians=1, iterations=1, segments=path)
-        np.testing.assert_array_equal(result.page.segments, np.rot90(stored, -1))
+        np.testing.assert_array_equal(result.document.segments, np.rot90(stored, -1))

@@ -1,5 +1,6 @@
-"""Signals: the first ends a fit with the best so far, the second everything, at once."""
+"""Signals: the first ends a fit with the best result so far, the second quits at once."""
 
+import itertools
 import json
 import signal
 
@@ -8,7 +9,7 @@ from PIL import Image
 from skimage import data
 
 from gauss2svg.cli.main import main
-from gauss2svg.fit.session import FitSession
+from gauss2svg.cli.signals import Interruption
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
@@ -34,17 +35,17 @@ def command(tmp_path):
 
 @pytest.fixture
 def after(monkeypatch):
-    """Have a signal come after these steps of a fit."""
+    """Have signals come after these steps of a fit."""
 
     def arrange(number, *steps):
-        tell = FitSession._tell
+        asked, calls = Interruption.asked, itertools.count()  # once before the first step
 
-        def and_a_signal(run, done):
-            if run.clock.iteration in steps:
+        def and_a_signal(interruption):
+            for _ in range(steps.count(next(calls))):
                 signal.raise_signal(number)
-            tell(run, done)
+            return asked(interruption)
 
-        monkeypatch.setattr(FitSession, "_tell", and_a_signal)
+        monkeypatch.setattr(Interruption, "asked", and_a_signal)
 
     return arrange
 
@@ -57,26 +58,21 @@ def test_first_signal_ends_the_fit_with_the_best_so_far(
     after(number, step)
     assert main(command) == STATUS[number]
     said = capfd.readouterr().err.splitlines()
-    assert "once more ends at once" in said[0]
+    assert "interrupt again to quit at once" in said[0]
     assert f"interrupted after {step} iterations; the best so far is in" in said[-1]
-    told = json.loads((tmp_path / "report.json").read_text())
-    assert (told["iterations"], told["stop_reason"]) == (step, "interrupted")
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert (report["iterations"], report["stop_reason"]) == (step, "interrupted")
     assert (tmp_path / "out.svg").read_text().startswith("<?xml")
-    assert told["svg_bytes"] == (tmp_path / "out.svg").stat().st_size
-    assert told["gaussians"] > 0
+    assert report["svg_bytes"] == (tmp_path / "out.svg").stat().st_size
+    assert report["gaussians"] > 0
 
 
 @pytest.mark.parametrize("number", STATUS)
 def test_second_signal_ends_everything_and_leaves_the_old_file(
     number, command, after, tmp_path, capsys
 ):
-    def again(run, done):
-        for _ in range(2):
-            signal.raise_signal(number)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(FitSession, "_tell", again)
-        assert main(command) == STATUS[number]
+    after(number, 4, 4)
+    assert main(command) == STATUS[number]
     assert "every file is whole or untouched" in capsys.readouterr().err
     assert (tmp_path / "out.svg").read_text() == "old"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["out.svg", "photo.png"]
@@ -93,12 +89,12 @@ def test_signal_before_the_fit_ends_everything(number, command, tmp_path, monkey
     assert (tmp_path / "out.svg").read_text() == "old"
 
 
-def test_targets_are_not_pursued_any_further(command, after, tmp_path):
+def test_interrupted_search_makes_no_corrections(command, after, tmp_path):
     after(signal.SIGINT, 10)
     assert main([*command, "--target-psnr", "60"]) == 130
-    told = json.loads((tmp_path / "report.json").read_text())
-    assert told["corrections"] == 0
-    assert told["iterations"] == 10
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["corrections"] == 0
+    assert report["iterations"] == 10
 
 
 def test_limit_of_bytes_holds_for_what_an_interruption_leaves(command, after, tmp_path):
@@ -107,23 +103,13 @@ def test_limit_of_bytes_holds_for_what_an_interruption_leaves(command, after, tm
     assert (tmp_path / "out.svg").stat().st_size <= 3000
 
 
-def test_checkpoint_of_an_interrupted_run_leads_to_the_same_file(
-    command, after, tmp_path, monkeypatch, capsys
-):
+def test_checkpoint_of_an_interrupted_run_leads_to_the_same_file(command, after, tmp_path, capsys):
     fit = str(tmp_path / "fit")
     assert main(command) == 0
     whole = (tmp_path / "out.svg").read_bytes()
-    with pytest.MonkeyPatch.context() as patch:
-        tell = FitSession._tell
-
-        def and_a_signal(run, done):
-            if run.clock.iteration == 23:
-                signal.raise_signal(signal.SIGTERM)
-            tell(run, done)
-
-        patch.setattr(FitSession, "_tell", and_a_signal)
-        assert main([*command, "--checkpoint", fit]) == 143
-    assert f"go on with --resume {fit}" in capsys.readouterr().err
+    after(signal.SIGTERM, 23)
+    assert main([*command, "--checkpoint", fit]) == 143
+    assert f"continue with --resume {fit}" in capsys.readouterr().err
     assert (tmp_path / "out.svg").read_bytes() != whole
     assert main([*command, "--resume", fit]) == 0
     assert (tmp_path / "out.svg").read_bytes() == whole

@@ -291,7 +291,7 @@ def is_shape(circle: dict, scene: Scene, factor: NDArray, i: int, step: float) -
 
 @settings(max_examples=25)
 @given(st.data())
-def test_the_file_of_a_sum_holds_finite_numbers_or_is_refused(data):
+def test_the_file_of_an_additive_scene_holds_finite_numbers_or_is_refused(data):
     scene = data.draw(extreme_scenes(ADD))
     try:
         text = write_svg(scene, SvgFormat())

@@ -79,10 +79,17 @@ def test_width_is_the_same_however_thin_the_ellipse():
     assert end == pytest.approx(1, abs=0.1)
 
 
-def test_page_is_that_of_the_picture():
-    page = Document("<t>", "a & b", "9cm", "xMaxYMid meet", np.array([[1, 2]]), 3)
+def test_document_is_that_of_the_picture():
+    document = Document(
+        title="<t>",
+        alt="a & b",
+        size="9cm",
+        aspect="xMaxYMid meet",
+        segments=np.array([[1, 2]]),
+        animate=3,
+    )
     scene = random_scene(30, seed=2)
-    root = parse(outline_svg(scene, page))
+    root = parse(outline_svg(scene, document))
     assert [root[0].text, root[1].text] == ["<t>", "a & b"]
     assert (root.get("width"), root.get("height")) == ("9cm", "6.75cm")
     assert root.get("preserveAspectRatio") == "xMaxYMid meet"
@@ -100,7 +107,7 @@ def test_shapes_that_are_not_drawn_have_no_stroke():
 
 @pytest.mark.parametrize("width", [0, -1, float("nan"), 1e9, "thin"])
 def test_stroke_of_no_width_is_refused(width):
-    with pytest.raises(InputError, match="stroke_width is"):
+    with pytest.raises(InputError, match="stroke_width must be"):
         outline_svg(Scene(5, 4), stroke_width=width)
 
 

@@ -1,23 +1,25 @@
-"""What the paper names: sums, its beginnings, its schedules, its losses' weights."""
+"""The paper's modes: additive blending, its initialisations, its schedules, its losses."""
 
 import itertools
 
 import numpy as np
 import pytest
+import torch
 from conftest import random_sum
-from flat import fit_config
+from flat import choices, fit_config
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit.blending import blending
-from gauss2svg.fit.densification import FixedCount
-from gauss2svg.fit.fit import fit
-from gauss2svg.fit.losses import image_gradient
-from gauss2svg.fit.placement import PLACEMENTS, Target, place
-from gauss2svg.fit.schedule import SCHEDULES, totals
+from gauss2svg.fit.fit import convert_additive, fit, fixed_count
+from gauss2svg.fit.losses import image_gradient, structural_similarity
+from gauss2svg.fit.placement import place
+from gauss2svg.fit.schedule import totals
 from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 
+PLACEMENTS, SCHEDULES = choices("init"), choices("schedule")
 BOTH = pytest.mark.parametrize("blend", ["over", "add"])
 
 
@@ -27,12 +29,14 @@ def quality_of(pixels, **options) -> float:
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 @pytest.mark.parametrize("schedule", SCHEDULES)
-def test_sums_fit_the_photo_by_every_placement_and_schedule(photo, placement, schedule):
-    options = {"gaussians": 200, "iterations": 60, "placement": placement, "schedule": schedule}
+def test_additive_gaussians_fit_the_photo_by_every_placement_and_schedule(
+    photo, placement, schedule
+):
+    options = {"gaussians": 200, "iterations": 60, "init": placement, "schedule": schedule}
     assert quality_of(photo, blend="add", **options) > 20
 
 
-def test_a_fitted_sum_is_a_sum_of_eight_parameters(photo):
+def test_a_fitted_additive_gaussian_has_eight_parameters(photo):
     scene = fit(photo, fit_config(100, 60, blend="add")).scene
     assert scene.blend == "add"
     assert (scene.opacity == 1).all()
@@ -41,7 +45,7 @@ def test_a_fitted_sum_is_a_sum_of_eight_parameters(photo):
     assert np.abs(scene.color).max() <= blending("add").most_color
 
 
-def test_more_gaussians_make_a_truer_sum(photo):
+def test_more_additive_gaussians_raise_psnr(photo):
     few, some, many = (
         quality_of(photo, gaussians=n, iterations=100, blend="add") for n in (20, 100, 500)
     )
@@ -49,16 +53,16 @@ def test_more_gaussians_make_a_truer_sum(photo):
     assert some + 1.5 < many
 
 
-def test_a_sum_of_a_sum_is_found_again():
+def test_an_additive_scene_is_recovered_from_its_render():
     scene = random_sum(3, 48, 40, 1)
     target = render(scene.replace(color=np.abs(scene.color) * 0.5, background=np.full(3, 0.2)))
     assert quality_of(target, gaussians=12, iterations=300, blend="add") > 45
 
 
-def test_the_same_seed_gives_the_same_sum_and_another_seed_another(photo):
+def test_the_same_seed_gives_the_same_additive_scene_and_another_seed_another(photo):
     def scene(seed: int):
         return fit(
-            photo, fit_config(50, 40, blend="add", placement="random", seed=seed)
+            photo, fit_config(50, 40, blend="add", init="random", seed=seed)
         ).scene  # fmt: skip
 
     one, again, other = scene(3), scene(3), scene(4)
@@ -67,18 +71,15 @@ def test_the_same_seed_gives_the_same_sum_and_another_seed_another(photo):
     assert not np.isin(one.mean, other.mean).all()
 
 
-def test_new_gaussians_of_a_sum_share_what_is_missing(photo):
-    # All at one bright place: if each added all of it, the sum would be many times too much.
+def test_new_additive_gaussians_share_the_residual():
+    # All at one bright place: if each added all of it, they would overshoot many times.
     pixels = np.zeros((64, 64, 3), np.float32)
     pixels[28:36, 28:36] = 1.0
-    run = FitSession(
-        pixels,
-        fit_config(60, 10, blend="add", placement="error"),
-        FixedCount("exponential", 60, 10),
-    )
-    run.population.background = np.zeros(3)
-    run.population._add(np.zeros((3, 64, 64), np.float32), 60, 60)
-    assert 0.7 < run.population.rendered().max() < 1.5
+    config = fit_config(60, 10, blend="add", init="error")
+    population = FitSession(pixels, config, fixed_count(config)).population
+    population.background = np.zeros(3)
+    population._add(np.zeros((3, 64, 64), np.float32), 60, 60)
+    assert 0.7 < population.rendered().max() < 1.5
 
 
 def blank(target: Target) -> np.ndarray:
@@ -86,7 +87,7 @@ def blank(target: Target) -> np.ndarray:
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
-def test_new_gaussians_have_the_missing_colour_in_a_sum_and_the_target_s_over_it(placement):
+def test_new_additive_gaussians_have_the_residuals_colour_and_others_the_targets(placement):
     planar = np.zeros((3, 40, 60), np.float32)
     planar += np.array([1.0, 0.5, 0.0], np.float32)[:, None, None]
     target = Target(planar)
@@ -114,7 +115,7 @@ def test_live_begins_on_the_largest_components_as_the_paper_says(blend):
     assert len(np.unique(new.mean[2:], axis=0)) == 4
 
 
-def test_live_tells_bins_of_the_difference_apart():
+def test_live_separates_bins_of_the_residual():
     planar = np.full((3, 40, 40), 0.25, np.float32)
     planar[:, 5:35, 5:35] = 0.6  # a frame of one bin around a square of another
     planar[:, 15:25, 15:25] = 1.0
@@ -157,7 +158,7 @@ def test_random_begins_anywhere_with_every_shape():
         ("exponential", 0, 4, []),
     ],
 )
-def test_rounds_add_what_the_paper_s_schedules_say(schedule, gaussians, per_round, expected):
+def test_rounds_add_as_the_papers_schedules_do(schedule, gaussians, per_round, expected):
     assert totals(schedule, gaussians, 300, per_round) == expected
     assert fit_config(gaussians, 300, schedule=schedule, per_round=per_round).totals == expected
 
@@ -181,63 +182,70 @@ def test_no_step_is_added_where_rounds_take_all(photo, schedule):
     assert fit(photo, options).iterations == 40
 
 
-def test_paint_converts_a_sum_to_what_it_shows(photo):
-    summed = fit(photo, fit_config(80, 60, blend="add")).scene
-    shown = render(summed)
-    painted = convert_additive(summed, options=fit_config(iterations=80)).scene
-    assert painted.blend == "over"
-    assert len(painted) <= 80
-    assert metrics.psnr(render(painted), shown) > 28
-    by_photo = convert_additive(summed, photo, fit_config(iterations=80)).scene
+def test_conversion_keeps_the_render_of_an_additive_scene(photo):
+    additive = fit(photo, fit_config(80, 60, blend="add")).scene
+    shown = render(additive)
+    composited = convert_additive(additive, config=fit_config(iterations=80)).scene
+    assert composited.blend == "over"
+    assert len(composited) <= 80
+    assert metrics.psnr(render(composited), shown) > 28
+    by_photo = convert_additive(additive, photo, fit_config(iterations=80)).scene
     of_the_photo = metrics.psnr(render(by_photo), photo)
     assert of_the_photo > quality_of(photo, gaussians=80, iterations=80) - 0.3
     assert of_the_photo > metrics.psnr(shown, photo)
 
 
-def test_paint_refuses_what_is_no_sum(photo):
-    painted = fit(photo, fit_config(5, 5)).scene
-    with pytest.raises(InputError, match="scene blends as over; needed is a sum"):
-        convert_additive(painted)
-    with pytest.raises(InputError, match="options have blend add"):
-        convert_additive(random_sum(3, 20, 20, 1), options=fit_config(blend="add"))
+def test_conversion_refuses_scenes_and_configs_of_the_other_blending(photo):
+    composited = fit(photo, fit_config(5, 5)).scene
+    with pytest.raises(InputError, match=r"scene\.blend must be 'add'; got 'over'"):
+        convert_additive(composited)
+    with pytest.raises(InputError, match=r"^blend must be 'over'; got 'add'"):
+        convert_additive(random_sum(3, 20, 20, 1), config=fit_config(blend="add"))
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"blend": "screen"}, "blend is 'screen'; needed is one of over, add"),
-        ({"blend": "add", "falloff": "adaptive"}, "eight parameters"),
-        ({"per_round": 0}, "per_round is 0"),
-        ({"round_iterations": 0}, "round_iterations is 0"),
-        ({"per_round": 4, "schedule": "all-at-once"}, "all Gaussians at once"),
-        ({"per_round": 1, "schedule": "linear"}, "5000 rounds of 1 iterations or more .* room for"),
-        ({"round_iterations": 40}, "6 rounds of 40 iterations .* room for 200"),
-        ({"ssim_weight": 1.5, "loss": "l1+ssim"}, "ssim_weight is 1.5"),
-        (
-            {"ssim_weight": 0.5},
-            "ssim_weight is 0.5 with the loss mse, which has no",
-        ),
+        ({"blend": "screen"}, "blend must be one of over, add; got 'screen'"),
+        ({"blend": "add", "falloff": "adaptive"}, "gaussian with additive blending; got 'adapt"),
+        ({"per_round": 0}, "per_round must be a whole number in .*; got 0"),
+        ({"round_iterations": 0}, "round_iterations must be a whole number in .*; got 0"),
+        ({"per_round": 4, "schedule": "all-at-once"}, "exponential or linear .*; got 'all-at-once"),
+        ({"per_round": 1, "schedule": "linear"}, "room for 5000 rounds of 1 or more; got 60"),
+        ({"round_iterations": 40}, "room for 6 rounds of 40 or more; got 200"),
+        ({"ssim_weight": 1.5, "loss": "l1+ssim"}, r"ssim_weight must be .* 0\.\.1; got 1\.5"),
+        ({"ssim_weight": 0.5}, "loss must be one with ssim where ssim_weight is given; got 'mse'"),
     ],
 )
-def test_what_cannot_be_is_refused_with_its_name(change, message):
+def test_bad_options_are_refused_with_their_name(change, message):
     with pytest.raises(InputError, match=message):
         fit_config(**change)
 
 
+def test_losses_without_torch_are_refused_with_the_extra_to_install(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"loss must be mse .*; got 'l1'. Try pip install"):
+        fit_config(loss="l1")
+    assert fit_config(loss="mse").fit.loss == "mse"
+
+
 def test_falloff_follows_the_blending():
-    assert fit_config().falloff == "adaptive"
-    assert fit_config(blend="add").falloff == "gaussian"
+    assert fit_config().fit.learned_falloff
+    assert not fit_config(blend="add").fit.learned_falloff
+    assert not fit_config(falloff="gaussian").fit.learned_falloff
 
 
-def test_without_relocation_none_is_placed_anew(photo):
+def test_without_relocation_no_gaussian_is_replaced(photo):
     def moved(relocate: bool) -> int:
         ages = []
-        options = fit_config(60, 80, blend="add", relocate=relocate)
-        policy = FixedCount(options.schedule, options.gaussians, options.iterations)
-        run = FitSession(
-            photo, options, policy, progress=lambda _: ages.append(run.state.age.copy())
+        config = fit_config(60, 80, blend="add", relocate=relocate)
+        session = FitSession(
+            photo,
+            config,
+            fixed_count(config),
+            progress=lambda _: ages.append(session.state.age.copy()),
         )
-        run.fit()
+        session.fit()
         full = [age for age in ages if len(age) == 60]
         return sum(int((b < a).sum()) for a, b in itertools.pairwise(full))
 
@@ -246,7 +254,7 @@ def test_without_relocation_none_is_placed_anew(photo):
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.3, 1.0])
-def test_losses_weigh_ssim_as_they_are_told(weight):
+def test_losses_weight_ssim_by_their_option(weight):
     rng = np.random.default_rng(0)
     rendered, target = rng.random((2, 3, 20, 24))
     pixel, by_pixel = image_gradient("l1", rendered, target)
@@ -258,15 +266,17 @@ def test_losses_weigh_ssim_as_they_are_told(weight):
     )
 
 
-def test_rounds_run_on_the_full_picture_where_that_is_asked_for(photo):
+def test_rounds_run_at_full_size_without_reduce(photo):
     def sizes(reduce: bool) -> set[int]:
         seen = set()
-        options = fit_config(64, 40, blend="add", reduce=reduce)
-        policy = FixedCount(options.schedule, options.gaussians, options.iterations)
-        run = FitSession(
-            photo, options, policy, progress=lambda _: seen.add(run.population.target.width)
+        config = fit_config(64, 40, blend="add", reduce=reduce)
+        session = FitSession(
+            photo,
+            config,
+            fixed_count(config),
+            progress=lambda _: seen.add(session.population.target.width),
         )
-        run.fit()
+        session.fit()
         return seen
 
     assert sizes(False) == {128}
@@ -282,3 +292,33 @@ def test_a_heavier_ssim_keeps_more_structure(photo):
     (psnr, ssim), (psnr_structure, ssim_structure) = scores
     assert ssim_structure > ssim + 0.01
     assert psnr_structure < psnr
+
+
+@pytest.mark.parametrize("loss", choices("loss"))
+def test_loss_gradient_is_that_of_finite_differences(loss):
+    rng = np.random.default_rng(0)
+    rendered, target = (rng.random((3, 12, 13)).astype(np.float32) for _ in range(2))
+    _, gradient = image_gradient(loss, rendered, target)
+    direction = rng.normal(size=rendered.shape).astype(np.float32)
+    values = [image_gradient(loss, rendered + s * direction, target)[0] for s in (1e-3, -1e-3)]
+    slope = (values[0] - values[1]) / 2e-3 * rendered.size
+    name = "l1" if loss.startswith("l1") else "mse"
+    pixel = {"l1": np.abs(rendered - target), "mse": (rendered - target) ** 2}[name].mean()
+    value = image_gradient(loss, rendered, target)[0]
+    assert value == pytest.approx(pixel, rel=1e-5) if loss == name else value > 0.8 * pixel
+    # |r - t| has kinks, which a difference steps over
+    assert np.sum(gradient * direction) == pytest.approx(slope, rel=0.06)
+
+
+def test_torch_ssim_is_that_of_scikit_image_inside(photo):
+    from skimage.metrics import structural_similarity as oracle
+
+    other = np.clip(photo + np.random.default_rng(0).normal(0, 0.1, photo.shape), 0, 1)
+    other = other.astype(np.float32)
+    full = oracle(
+        photo, other, data_range=1.0, channel_axis=-1, gaussian_weights=True, sigma=1.5,
+        use_sample_covariance=False, full=True,
+    )[1]  # fmt: skip
+    planes = (torch.from_numpy(np.moveaxis(p, -1, 0).copy()) for p in (photo, other))
+    value = structural_similarity(*planes).item()
+    assert value == pytest.approx(full[5:-5, 5:-5].mean(), abs=2e-3)

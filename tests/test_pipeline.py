@@ -7,11 +7,13 @@ import sys
 
 import numpy as np
 import pytest
+from flat import vectorize
 from numba import get_num_threads
 from PIL import Image
 
+from gauss2svg import quantize
 from gauss2svg.errors import InputError, OutputError, RendererError
-from gauss2svg.measure import metrics, vectorize
+from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
 from gauss2svg.svg.write import write_svg
 
@@ -28,7 +30,7 @@ def result(photo):
     return vectorize(photo, seed=0, **QUICK)
 
 
-def test_svg_is_true_to_the_photo_and_to_the_model(result):
+def test_svg_matches_the_photo_and_the_model(result):
     assert result.report["psnr_svg"] > 22
     assert result.report["psnr_svg"] > result.report["psnr_model"] - 0.5
     assert result.report["psnr_roundtrip"] > 38
@@ -81,11 +83,12 @@ def test_exact_fit_has_a_report_that_json_knows():
 
 def test_warming_up_compiles_all_that_a_run_needs():
     code = (
-        "import numpy as np; from flat import vectorize; "
+        "import numpy as np; from gauss2svg import FitOptions, vectorize; "
         "from gauss2svg.pipeline.kernels import compile_kernels; compile_kernels(); "
         "from gauss2svg.render.walk import walk_tiles; "
         "from gauss2svg.render.tiles import find_pairs; "
-        "vectorize(np.random.default_rng(0).random((20, 20, 3)), gaussians=9, iterations=9); "
+        "vectorize(np.random.default_rng(0).random((20, 20, 3)), "
+        "gaussians=9, fit=FitOptions(iterations=9)); "
         "print(len(find_pairs.signatures), len(walk_tiles.signatures))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -136,7 +139,7 @@ def test_cairo_measures_too(photo):
     assert report["psnr_roundtrip"] > 38
 
 
-def test_missing_renderer_is_told_before_the_fit(photo, monkeypatch):
+def test_missing_renderer_is_reported_before_the_fit(photo, monkeypatch):
     from gauss2svg.raster import cairo
 
     def missing():
@@ -147,7 +150,7 @@ def test_missing_renderer_is_told_before_the_fit(photo, monkeypatch):
         vectorize(photo, renderer="cairo", progress=lambda p: pytest.fail(p.phase), **QUICK)
 
 
-def test_palette_trades_bytes_for_truth(photo):
+def test_palette_trades_bytes_for_accuracy(photo):
     few, many = (vectorize(photo, palette=n, **QUICK).report for n in (16, 0))
     assert few["svg_bytes"] < 0.6 * many["svg_bytes"]
     assert few["psnr_svg"] < many["psnr_svg"]
@@ -170,12 +173,15 @@ def test_no_gaussians_give_the_mean_colour(photo):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"quality": "best"}, "quality is 'best'"),
-        ({"gaussians": -5}, "gaussians is -5"),
-        ({"max_size": 0}, "max_size is 0"),
-        ({"palette": -1}, "palette is -1"),
-        ({"threads": 0}, "threads is 0"),
-        ({"renderer": "word"}, "renderer is 'word'"),
+        (
+            {"quality": "best"},
+            "quality must be one of draft, fast, .*; got 'best'",
+        ),
+        ({"gaussians": -5}, "gaussians must be a whole number in 0.*; got -5"),
+        ({"max_size": 0}, "max_size must be a whole number in 1.*; got 0"),
+        ({"palette": -1}, "palette must be a whole number in 0.*; got -1"),
+        ({"threads": 0}, "threads must be a whole number in 1.*; got 0"),
+        ({"renderer": "word"}, "renderer must be one of resvg, cairo.*; got 'word'"),
     ],
 )
 def test_bad_argument_is_refused_before_the_fit(photo, change, message):
@@ -193,11 +199,8 @@ def test_file_object_is_read(photo):
 def test_saved_scene_writes_the_same_file(result, tmp_path):
     result.scene.save(tmp_path / "scene.npz")
     again = type(result.scene).load(tmp_path / "scene.npz")
-    options = {"svg_bytes": result.report["svg_bytes"]}
-    from gauss2svg import SvgOptions
-
-    text = write_svg(again, SvgOptions(palette=result.report["palette"]))
-    assert len(text.encode()) == options["svg_bytes"]
+    text = write_svg(quantize(again, palette=result.report["palette"]))
+    assert len(text.encode()) == result.report["svg_bytes"]
     assert text == result.svg
 
 
@@ -209,8 +212,9 @@ def test_import_is_light():
 
 def test_default_fit_needs_no_torch():
     code = (
-        "import sys, numpy as np; from flat import vectorize; "
-        "vectorize(np.zeros((8, 8, 3)), gaussians=2, iterations=2); print('torch' in sys.modules)"
+        "import sys, numpy as np; from gauss2svg import FitOptions, vectorize; "
+        "vectorize(np.zeros((8, 8, 3)), gaussians=2, fit=FitOptions(iterations=2)); "
+        "print('torch' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "False"

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 from conftest import random_scene
-from svg_texts import AS_PATH, CIRCLE, assert_same, document, gradient
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from svg_texts import AS_PATH, CIRCLE, assert_same, document, gradient
 
 from gauss2svg.errors import InputError
 from gauss2svg.measure import metrics

@@ -8,22 +8,21 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import random_scene
-from flat import fit_config
+from flat import fit_config, vectorize
 from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits
+from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits, as_given
 from gauss2svg.fit.order import SegmentOrder
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
-from gauss2svg.measure import metrics, vectorize
+from gauss2svg.measure import metrics
 from gauss2svg.photo.segments import MOST_SEGMENTS, labels_of, superpixels
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.layers import grouped_by_segment, segment_at
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
@@ -96,11 +95,11 @@ def test_fit_makes_up_for_the_order(result, photo):
 def test_finished_fit_has_the_order_already(photo):
     labels = np.random.default_rng(0).integers(0, 9, (32, 32))
     options = fit_config(gaussians=300, iterations=60)
-    policy = AdaptiveCount(GrowthLimits(0.0, 1.0, math.inf, 300), lambda demand, now: demand)
-    run = FitSession(photo, options, policy, segment_at=partial(segment_at, labels))
-    for change in (run.fit, lambda: run.resize(200, 20)):
+    policy = AdaptiveCount(GrowthLimits(0.0, 1.0, math.inf, 300), as_given)
+    session = FitSession(photo, options, policy, segment_at=partial(segment_at, labels))
+    for change in (session.fit, lambda: session.resize(200, 20)):
         change()
-        scene = run.scene()
+        scene = session.scene()
         assert len(np.unique(scene.rounds)) > 2
         np.testing.assert_array_equal(grouped_by_segment(scene, labels).mean, scene.mean)
 
@@ -148,10 +147,9 @@ def test_order_is_by_round_and_segment_and_otherwise_kept(seed, rows, columns):
 
 
 def test_segments_change_no_shape_and_nothing_of_a_scene_that_has_their_order():
-    options = SvgFormat()
     labels = np.arange(6).reshape(2, 3)
     scene = grouped_by_segment(random_scene(50, seed=4), labels)
-    grouped, plain = write_svg(scene, options, Document(segments=labels)), write_svg(scene, options)
+    grouped, plain = write_svg(scene, document=Document(segments=labels)), write_svg(scene)
     circles = [re.findall("<circle[^>]*>", text) for text in (grouped, plain)]
     assert circles[0] == circles[1]
     assert (rasterize(grouped, 40, 30) == rasterize(plain, 40, 30)).all()
@@ -161,7 +159,9 @@ def test_shapes_that_are_not_drawn_leave_empty_segments_out():
     labels = np.array([[1, 2]])
     scene = random_scene(30, seed=5)
     faint = scene.mean[:, 0] >= 20
-    text = write_svg(scene.replace(opacity=np.where(faint, 0, 1)), page=Document(segments=labels))
+    text = write_svg(
+        scene.replace(opacity=np.where(faint, 0, 1)), document=Document(segments=labels)
+    )
     assert {segment for _, segment, _ in groups_of(text)} == {1}
     assert sum(len(at) for _, _, at in groups_of(text)) == (~faint).sum()
 
@@ -182,11 +182,11 @@ def test_centres_that_leave_their_segment_go_back_no_further_than_they_came():
         )  # fmt: skip
 
     order = SegmentOrder(below)
-    settled = order.settle(state(home), 100, 100)
-    assert (np.diff(below(settled.mean)) >= 0).all()
+    fixed = order.fix(state(home), 100, 100)
+    assert (np.diff(below(fixed.mean)) >= 0).all()
     kept = order.kept(state(away), 100, 100)
-    np.testing.assert_array_equal(below(kept.mean), below(settled.mean))
-    stayed = below(away) == below(settled.mean)
+    np.testing.assert_array_equal(below(kept.mean), below(fixed.mean))
+    stayed = below(away) == below(fixed.mean)
     np.testing.assert_array_equal(kept.mean[stayed], away[stayed])
     to_border = np.abs(np.diff(kept.mean[~stayed], axis=1))
     assert to_border.max() < 150 / 2**8
@@ -252,19 +252,19 @@ def test_tiny_pictures_have_segments(shape):
 @pytest.mark.parametrize(
     ("segments", "message"),
     [
-        (0, "segments is 0"),
-        (MOST_SEGMENTS + 1, "segments is 10001"),
-        (2.5, r"segments is 2\.5"),
-        (True, "segments is True"),
-        (np.zeros((4, 5), int), r"5x4 px and the photo 128x128; needed is the same size"),
-        (np.zeros((128, 128)), "of type float64"),
-        (np.full((128, 128), -2), r"in -2\.\.-2"),
-        (np.zeros((128, 128, 3), int), "needed is an array"),
-        (np.arange(128 * 128).reshape(128, 128), "16384 different labels"),
+        (0, r"segments must be a whole number in 1\.\.10000; got 0"),
+        (MOST_SEGMENTS + 1, r"segments must be a whole number in 1\.\.10000; got 10001"),
+        (2.5, r"segments must be a whole number in 1\.\.10000; got 2\.5"),
+        (True, r"segments must be a whole number in 1\.\.10000; got True"),
+        (np.zeros((4, 5), int), "photo, 128x128 px; got 5x4 px"),
+        (np.zeros((128, 128)), "segments must be whole numbers; got type float64"),
+        (np.full((128, 128), -2), r"segments must be whole numbers in 0\.\..*; got -2\.\.-2"),
+        (np.zeros((128, 128, 3), int), r"segments must be an array .*; got shape \(128, 128, 3\)"),
+        (np.arange(128 * 128).reshape(128, 128), "at most 10000; got 16384"),
         ("no such file.png", "cannot read no such file"),
-        ("text.png", "no picture that can be read"),
-        ("float.tif", "values of type float32"),
-        ("photo.png", "different labels; needed are at most 10000"),
+        ("text.png", r"text\.png must be"),
+        ("float.tif", "type float32"),
+        ("photo.png", r"photo\.png .*at most 10000"),
     ],
 )
 def test_segments_that_cannot_be_are_refused_before_the_fit(

@@ -7,10 +7,11 @@ from flat import fit_config
 
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.blending import blending
-from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import COLOR, State
+from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.render.cpu import removal_cost, squared_error
 
 COUNT = 60
@@ -33,7 +34,7 @@ def state_of(scene) -> State:
 @pytest.fixture
 def shared_state():
     scene = random_scene(COUNT, 60, 45, 5, (1, 8), (1, 8))
-    return state_of(quantized(scene, SvgOptions(palette=12)))
+    return state_of(quantize(scene, palette=12))
 
 
 @pytest.fixture
@@ -85,29 +86,28 @@ def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, t
 
 def test_exchange_never_makes_the_picture_worse_and_helps_this_one(shared_state, target):
     pixels = np.ascontiguousarray(np.moveaxis(target, 0, -1))
-    run = FitSession(pixels, fit_config(COUNT, 10), FixedCount("exponential", COUNT, 10))
-    run.population.state = shared_state
-    shared = SharedColors(run.state, blending("over"))
-    errors = [squared_error(run.state.splats(run.population.background), target)[1]]
+    config = fit_config(COUNT, 10)
+    session = FitSession(pixels, config, fixed_count(config))
+    session.population.state = shared_state
+    shared = SharedColors(session.state, blending("over"))
+    errors = [squared_error(session.state.splats(session.population.background), target)[1]]
     rng = np.random.default_rng(0)
     for _ in range(4):
-        shared.exchange(run.state, run.population.splats, run.population.target, rng)
-        errors.append(squared_error(run.state.splats(run.population.background), target)[1])
+        shared.exchange(session.state, session.population.splats, session.population.target, rng)
+        errors.append(squared_error(session.state.splats(session.population.background), target)[1])
     assert (np.diff(errors) <= 1e-6).all()
     assert errors[-1] < errors[0]
 
 
-def test_nearly_opaque_shapes_become_opaque_when_they_settle(photo):
+def test_nearly_opaque_shapes_become_opaque_at_quantization(photo):
     seen = []
 
     def as_written(scene, _):
         seen.append(scene.opacity)
-        return quantized(scene, SvgOptions(palette=50))
+        return quantize(scene, palette=50)
 
-    run = FitSession(
-        photo, fit_config(150, 60), FixedCount("exponential", 150, 60), as_written=as_written
-    )
-    run.fit()
+    config = fit_config(150, 60)
+    FitSession(photo, config, fixed_count(config), as_written=as_written).fit()
     opacity = seen[0]
     assert not ((opacity > 0.954) & (opacity < 0.9999)).any()
     assert (opacity > 0.9999).any()

@@ -1,4 +1,4 @@
-"""Sums as an option of the whole job, and their portable form."""
+"""Additive blending as an option of the whole job, and its portable form."""
 
 import re
 
@@ -9,16 +9,20 @@ from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.fit.convert import painted
+from gauss2svg.fit.convert import composited
+from gauss2svg.fit.fit import fit
+from gauss2svg.fit.options import DTYPES
 from gauss2svg.fit.target import target_of
+from gauss2svg.measure import metrics
 from gauss2svg.raster import DRAW_BLENDS
+from gauss2svg.render import render
 from gauss2svg.scene import ADD, OVER
 
 QUICK = {"gaussians": 150, "iterations": 60}
 
 
 @pytest.fixture(scope="module")
-def summed(photo):
+def additive(photo):
     return vectorize(photo, blend=ADD, **QUICK)
 
 
@@ -27,22 +31,22 @@ def portable(photo):
     return vectorize(photo, blend=ADD, portable=True, **QUICK)
 
 
-def test_a_sum_comes_back_from_its_file(summed):
-    report = summed.report
-    assert summed.scene.blend == ADD
+def test_an_additive_scene_is_rasterised_from_its_file(additive):
+    report = additive.report
+    assert additive.scene.blend == ADD
     assert report["blend"] == ADD
     assert report["falloff"] == "gaussian"
-    assert report["gaussians"] == len(summed.scene) == 150
-    assert "mix-blend-mode" in summed.svg
+    assert report["gaussians"] == len(additive.scene) == 150
+    assert "mix-blend-mode" in additive.svg
     assert report["psnr_roundtrip"] > 42
     assert abs(report["psnr_svg"] - report["psnr_model"]) < 0.2
 
 
-def test_the_same_sum_is_the_same_file_whatever_the_threads(photo, summed):
-    assert vectorize(photo, blend=ADD, threads=1, **QUICK).svg == summed.svg
+def test_the_additive_file_does_not_depend_on_the_threads(photo, additive):
+    assert vectorize(photo, blend=ADD, threads=1, **QUICK).svg == additive.svg
 
 
-def test_the_portable_form_is_painted_and_drawn_by_all(photo, portable):
+def test_the_portable_form_is_composited_and_drawn_by_all(photo, portable):
     assert portable.scene.blend == OVER
     assert portable.report["blend"] == ADD
     assert portable.report["portable"] is True
@@ -52,40 +56,40 @@ def test_the_portable_form_is_painted_and_drawn_by_all(photo, portable):
     assert again.report["psnr_roundtrip"] > 44
 
 
-def test_the_portable_form_is_as_true_as_one_painted_from_the_start(photo, portable):
-    painted_only = vectorize(photo, **QUICK)
-    assert portable.report["psnr_model"] > painted_only.report["psnr_model"] - 0.3
+def test_the_portable_form_matches_a_fit_composited_from_the_start(photo, portable):
+    composited_only = vectorize(photo, **QUICK)
+    assert portable.report["psnr_model"] > composited_only.report["psnr_model"] - 0.3
 
 
-def test_the_portable_form_costs_both_fits(summed, portable):
-    assert portable.report["iterations"] == 2 * summed.report["iterations"]
-    assert portable.report["pixel_pairs"] > 1.5 * summed.report["pixel_pairs"]
+def test_the_portable_form_costs_both_fits(additive, portable):
+    assert portable.report["iterations"] == 2 * additive.report["iterations"]
+    assert portable.report["pixel_pairs"] > 1.5 * additive.report["pixel_pairs"]
 
 
-def test_painting_begins_with_the_sum_s_shapes_largest_first(photo, summed):
-    state = painted(summed.scene, target_of(photo, np.float32), fit_config(150))
-    back = state.scene(summed.scene.background, summed.scene.width, summed.scene.height)
+def test_conversion_begins_with_the_additive_shapes_largest_first(photo, additive):
+    state = composited(additive.scene, target_of(photo, np.float32), fit_config(150).fit)
+    back = state.scene(additive.scene.background, additive.scene.width, additive.scene.height)
     area = np.sqrt(np.linalg.det(back.covariance))
     assert (np.diff(area) <= 1e-9).all()
-    before = np.sqrt(np.linalg.det(summed.scene.covariance))
+    before = np.sqrt(np.linalg.det(additive.scene.covariance))
     np.testing.assert_allclose(np.sort(area), np.sort(before), rtol=1e-6)
     assert (np.diff(back.rounds) >= 0).all()
     assert len(np.unique(back.rounds)) == 6
 
 
 @pytest.mark.parametrize("portable_form", [False, True])
-def test_targets_hold_for_sums(photo, portable_form):
+def test_targets_hold_for_additive_blending(photo, portable_form):
     options = {"blend": ADD, "portable": portable_form, "quality": "draft"}
     small = vectorize(photo, max_bytes="20k", **options)
     assert len(small.svg.encode()) <= 20_000
     assert len(small.scene) > 50
-    true = vectorize(photo, target_psnr=24, **options)
-    assert 23.95 <= true.report["psnr_svg"] < 26
-    assert true.report["stop_reason"] == "target_psnr"
+    close = vectorize(photo, target_psnr=24, **options)
+    assert 23.95 <= close.report["psnr_svg"] < 26
+    assert close.report["stop_reason"] == "target_psnr"
 
 
 @pytest.mark.parametrize("portable_form", [False, True])
-def test_the_scene_decides_on_sums_too(photo, portable_form):
+def test_the_adaptive_count_holds_for_additive_blending(photo, portable_form):
     few = vectorize(photo, blend=ADD, portable=portable_form, quality="draft")
     many = vectorize(photo, blend=ADD, portable=portable_form, quality="balanced")
     assert 20 < len(few.scene) < len(many.scene)
@@ -94,21 +98,22 @@ def test_the_scene_decides_on_sums_too(photo, portable_form):
     assert flat.report["psnr_svg"] > 48
 
 
-def test_sums_are_fitted_in_float64_too(photo):
-    # Without relocation rounding decides nothing: what is left of it is small, but not nothing.
+def test_additive_gaussians_are_fitted_in_float64_too(photo):
+    # Without relocation rounding decides nothing: its effect is small, but not zero.
     single, double = (
-        vectorize(photo, blend=ADD, dtype=dtype, relocate=False, gaussians=40, iterations=20)
-        for dtype in ("float32", "float64")
+        fit(photo, fit_config(40, 20, blend=ADD, dtype=dtype, relocate=False)).scene
+        for dtype in DTYPES
     )
-    assert single.report["psnr_model"] != double.report["psnr_model"]
-    assert single.report["psnr_model"] == pytest.approx(double.report["psnr_model"], abs=0.05)
+    assert (single.mean != double.mean).any()
+    psnr = [metrics.psnr(render(scene), photo) for scene in (single, double)]
+    assert psnr[0] == pytest.approx(psnr[1], abs=0.05)
 
 
 def test_the_portable_form_has_as_many_as_were_asked_for(photo):
-    # Sums lose some that nobody would see: others take their place.
+    # Additive fits lose some invisible Gaussians: others replace them.
     pixels = photo[:64, :80]
-    sum_of_them = vectorize(pixels, blend=ADD, gaussians=300, iterations=30, init="random")
-    assert len(sum_of_them.scene) < 300
+    additive_only = vectorize(pixels, blend=ADD, gaussians=300, iterations=30, init="random")
+    assert len(additive_only.scene) < 300
     result = vectorize(
         pixels, blend=ADD, portable=True, gaussians=300, iterations=30, init="random"
     )
@@ -117,18 +122,18 @@ def test_the_portable_form_has_as_many_as_were_asked_for(photo):
     assert result.report["rounds"] == 6
 
 
-def test_the_portable_form_promises_what_the_quality_does(photo):
-    painted_only, portable_form = (
+def test_the_portable_form_meets_the_preset(photo):
+    composited_only, portable_form = (
         vectorize(photo, quality="fast", **options)
         for options in ({}, {"blend": ADD, "portable": True})
     )
-    assert 0.6 < len(portable_form.scene) / len(painted_only.scene) < 1.5
-    assert abs(portable_form.report["psnr_svg"] - painted_only.report["psnr_svg"]) < 1.5
+    assert 0.6 < len(portable_form.scene) / len(composited_only.scene) < 1.5
+    assert abs(portable_form.report["psnr_svg"] - composited_only.report["psnr_svg"]) < 1.5
 
 
-def test_a_renderer_that_draws_no_sum_is_refused_before_the_fit(photo):
+def test_a_renderer_without_additive_blending_is_refused_before_the_fit(photo):
     phases = []
-    with pytest.raises(RendererError, match="needed is one of " + ", ".join(DRAW_BLENDS)):
+    with pytest.raises(RendererError, match="renderer must be one of " + ", ".join(DRAW_BLENDS)):
         vectorize(photo, blend=ADD, renderer="cairo", progress=phases.append)
     assert not phases
 
@@ -136,28 +141,27 @@ def test_a_renderer_that_draws_no_sum_is_refused_before_the_fit(photo):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"blend": "screen"}, "blend is 'screen'"),
-        ({"blend": OVER, "portable": True}, "portable is asked for with blend over"),
-        ({"finish": "resvg"}, "finish resvg is asked for with blend add.*--portable"),
-        ({"animate": 3.0}, "animate is asked for with blend add"),
-        ({"fragments": True}, "fragments is asked for with blend add"),
-        ({"segments": 20}, "segments is asked for with blend add"),
-        ({"falloff": "adaptive"}, "eight parameters"),
-        ({"portable": 1}, "portable is 1; needed is True or False"),
-        ({"relocate": "no"}, "relocate is 'no'"),
-        ({"gaussians": "auto", "per_round": 4}, "per_round is 4, of a schedule to a given count"),
-        ({"target_psnr": 20, "round_iterations": 4}, "round_iterations is 4, of a schedule"),
-        ({"ssim_weight": -1, "loss": "l1+ssim"}, "ssim_weight is -1"),
-        ({"ssim_weight": 0.3}, "ssim_weight is 0.3 with the loss mse"),
+        ({"blend": "screen"}, "blend must be one of over, add; got 'screen'"),
+        ({"blend": OVER, "portable": True}, "blend must be add with portable; got 'over'"),
+        ({"animate": 3.0}, "animate must not be given with additive blending.*--portable"),
+        ({"fragments": True}, "fragments must not be given with additive blending"),
+        ({"segments": 20}, "segments must not be given with additive blending"),
+        ({"falloff": "adaptive"}, "falloff must be gaussian with additive blending"),
+        ({"portable": 1}, "portable must be True or False; got 1"),
+        ({"relocate": "no"}, "relocate must be True or False; got 'no'"),
+        ({"gaussians": "auto", "per_round": 4}, "per_round must not be given .*; got 4"),
+        ({"target_psnr": 20, "round_iterations": 4}, "round_iterations must not be given"),
+        ({"ssim_weight": -1, "loss": "l1+ssim"}, "ssim_weight must be .*; got -1"),
+        ({"ssim_weight": 0.3}, "loss must be one with ssim .*; got 'mse'"),
     ],
 )
-def test_what_a_sum_cannot_have_is_refused_with_its_name(photo, change, message):
+def test_what_additive_blending_excludes_is_refused_with_its_name(photo, change, message):
     options = {"blend": ADD, **QUICK, **change}
     with pytest.raises(InputError, match=message):
         vectorize(photo, **options)
 
 
-def test_a_form_of_blurs_is_refused_for_a_sum(photo):
+def test_a_form_of_blurs_is_refused_for_additive_blending(photo):
     with pytest.raises((InputError, RendererError)):
         vectorize(photo, blend=ADD, form="blur", **QUICK)
 
@@ -176,20 +180,20 @@ def test_rounds_of_the_paper_reach_the_report(photo):
     assert {name: report[name] for name in wanted} == wanted
 
 
-def test_the_command_writes_sums_and_their_portable_form(photo, tmp_path, capsys):
+def test_the_command_writes_additive_files_and_their_portable_form(photo, tmp_path, capsys):
     out, photo_file = tmp_path / "out.svg", tmp_path / "photo.png"
     Image.fromarray(np.round(photo[:48, :64] * 255).astype(np.uint8)).save(photo_file)
     quick = ["--gaussians", "40", "--iterations", "20", "--blend", "add"]
     assert main([str(photo_file), "-o", str(out), *quick]) == 0
     assert "mix-blend-mode" in out.read_text()
-    assert re.search(r"against model\s+PSNR", capsys.readouterr().err)
+    assert re.search(r"fit\s+PSNR", capsys.readouterr().err)
     assert main([str(photo_file), "-o", str(out), *quick, "--portable", "--no-relocate"]) == 0
     assert "mix-blend-mode" not in out.read_text()
     before = out.read_text()
     outline = ["--outline", str(tmp_path / "outline.svg")]
     assert main([str(photo_file), "-o", str(out), *quick, *outline]) == 2
     assert out.read_text() == before
-    assert "--outline is asked for with --blend add" in capsys.readouterr().err
+    assert "--outline must not be given with --blend add" in capsys.readouterr().err
     assert main([str(photo_file), "-o", str(out), *quick, *outline, "--portable"]) == 0
     assert main([str(photo_file), "-o", str(out), *quick, "--renderer", "cairo"]) == 2
     assert "--portable" in capsys.readouterr().err

@@ -1,13 +1,17 @@
-"""Laws of the targets: what is asked for of the drawn SVG is met, or told."""
+"""Laws of the targets: what is asked of the rasterised SVG is met, or reported as missed."""
 
 import numpy as np
 import pytest
-from gauss2svg.pipeline.request import LARGEST_COLOR_ERROR
+from flat import vectorize
 
 from gauss2svg.errors import InputError
-from gauss2svg.measure import metrics, vectorize
+from gauss2svg.measure import metrics
+from gauss2svg.options import byte_size
 from gauss2svg.pipeline.candidate import Candidate, pruned_to_size
-from gauss2svg.pipeline.targets import Targets, size_in_bytes
+from gauss2svg.pipeline.options import Goal
+from gauss2svg.pipeline.plan import LARGEST_COLOR_ERROR
+from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.targets import unreached
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.svg.document import Document
@@ -25,29 +29,31 @@ QUICK = {"iterations": 80}
     ],
 )  # fmt: skip
 def test_sizes_are_decimal(given, size):
-    assert size_in_bytes(given) == size
+    assert byte_size("max_bytes", given) == size
+    assert Goal(max_bytes=given).max_bytes == size
 
 
 @pytest.mark.parametrize("given", [0, -1, "0", "", "k", "1e3", "-5k", "5 kg", "1.2.3", 1.5, True])
-def test_what_is_no_size_is_refused(given):
-    with pytest.raises(InputError, match="max_bytes is"):
-        size_in_bytes(given)
+def test_invalid_size_is_refused(given):
+    with pytest.raises(InputError, match="max_bytes must be a size of at least 1 byte; got "):
+        Goal(max_bytes=given)
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        {"psnr": 0}, {"psnr": -3.0}, {"psnr": 101}, {"psnr": float("nan")},
-        {"time_limit_s": 0}, {"time_limit_s": float("inf")}, {"time_limit_s": float("nan")},
+        {"target_psnr": 0}, {"target_psnr": -3.0}, {"target_psnr": 101},
+        {"target_psnr": float("nan")},
+        {"time_limit": 0}, {"time_limit": float("inf")}, {"time_limit": float("nan")},
     ],
 )  # fmt: skip
 def test_bad_target_is_refused(change):
-    with pytest.raises(InputError, match="needed are"):
-        Targets(**change)
+    with pytest.raises(InputError, match=f"{next(iter(change))} must be a number above 0"):
+        Goal(**change)
 
 
 @pytest.mark.parametrize("target", [20.0, 24.0, 28.0])
-def test_target_psnr_is_met_by_the_drawn_file(photo, target):
+def test_target_psnr_is_met_by_the_rasterised_file(photo, target):
     report = vectorize(photo, target_psnr=target, **QUICK).report
     assert target - 0.05 <= report["psnr_svg"] <= target + 0.4
     assert report["stop_reason"] == "target_psnr"
@@ -92,17 +98,17 @@ def test_the_first_bound_that_binds_is_named(photo):
     assert by_psnr["stop_reason"] == "target_psnr"
 
 
-def test_given_count_is_the_most_there_may_be(photo):
+def test_given_count_is_the_largest(photo):
     report = vectorize(photo, gaussians=50, target_psnr=35, **QUICK).report
     assert report["gaussians"] <= 50
     assert report["stop_reason"] == "gaussians"
     assert "35 dB not reached" in report["unreached"][0]
 
 
-def test_file_that_cannot_be_so_small_is_written_bare_and_told(photo):
+def test_file_that_cannot_be_so_small_is_written_without_gaussians_and_reported(photo):
     result = vectorize(photo, max_bytes=100, **QUICK)
     assert result.report["gaussians"] == 0
-    assert "limit of 100 bytes not reached" in result.report["unreached"][0]
+    assert "limit of 100 bytes exceeded" in result.report["unreached"][0]
     assert "<rect" in result.svg
 
 
@@ -110,7 +116,7 @@ def test_no_time_at_all_still_gives_a_file_measured_small(photo):
     result = vectorize(photo, time_limit=1e-6, max_size=64)
     report = result.report
     assert report["stop_reason"] == "time_limit"
-    assert report["notes"] == ["measured at 64x64 px for want of time"]
+    assert report["notes"] == ["measured at 64x64 px to meet the time limit"]
     assert result.raster.shape == (64, 64, 3)
     assert (rasterize(result.svg, 64, 64) == result.raster).all()
     assert 'height="128"' in result.svg
@@ -131,7 +137,7 @@ def test_auto_is_the_default_and_repeats_itself(photo):
     assert vectorize(photo, quality="draft", threads=1).svg == plain.svg
 
 
-def test_better_qualities_are_truer_and_larger(photo):
+def test_better_qualities_are_more_accurate_and_larger(photo):
     reports = [vectorize(photo, quality=q).report for q in ("draft", "fast", "balanced", "high")]
     for key in ("psnr_svg", "svg_bytes"):
         values = [r[key] for r in reports]
@@ -139,13 +145,13 @@ def test_better_qualities_are_truer_and_larger(photo):
 
 
 def test_only_auto_is_a_word_for_a_count(photo):
-    with pytest.raises(InputError, match="gaussians is 'many'"):
+    with pytest.raises(InputError, match=r"gaussians must be .*; got 'many'"):
         vectorize(photo, gaussians="many")
 
 
 def test_numpy_counts_are_counts(photo):
     assert vectorize(photo, gaussians=np.int64(7), **QUICK).report["gaussians"] <= 7
-    with pytest.raises(InputError, match="gaussians is True"):
+    with pytest.raises(InputError, match=r"gaussians must be .*; got True"):
         vectorize(photo, gaussians=True)
 
 
@@ -156,7 +162,7 @@ def test_numpy_counts_are_counts(photo):
         {"target_psnr": 25, "max_size": 20}, {"target_psnr": 25, "time_limit": 60},
     ],
 )  # fmt: skip
-def test_target_is_named_if_and_only_if_the_drawn_file_has_it(photo, asked):
+def test_target_is_the_stop_reason_if_and_only_if_the_file_has_it(photo, asked):
     report = vectorize(photo[:64, 40:104], iterations=40, **asked).report
     reached = report["psnr_svg"] >= asked["target_psnr"] - 0.05
     assert (report["stop_reason"] == "target_psnr") == reached
@@ -175,14 +181,15 @@ def test_bytes_that_do_not_bind_change_nothing(photo):
     assert bound.svg == free.svg
 
 
-def test_what_is_too_large_is_trimmed_of_what_is_missed_least(photo):
+def test_too_large_file_loses_its_least_useful_gaussians(photo):
     result = vectorize(photo, gaussians=60, palette=0, **QUICK)
-    few = write_svg(result.scene, SvgOptions(palette=5))
-    attempt = Candidate(result.scene, few, SvgOptions(palette=5), Document(), False, 20.0, 0.01)
-    less = pruned_to_size(attempt, len(few) // 2, photo)
+    scene, form = quantize(result.scene, palette=5), SvgFormat()
+    few = write_svg(scene, form)
+    candidate = Candidate(scene, few, form, Document(), False, 20.0, 0.01)
+    less = pruned_to_size(candidate, len(few) // 2, photo)
     assert len(few) // 3 < less.size <= len(few) // 2
     kept = metrics.psnr(render(less.scene), photo)
-    first = metrics.psnr(render(result.scene.select(np.arange(len(less.scene)))), photo)
+    first = metrics.psnr(render(scene.select(np.arange(len(less.scene)))), photo)
     assert kept > first
 
 
@@ -193,6 +200,6 @@ def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
 
 
 def test_late_run_says_so():
-    lines = Targets(time_limit_s=2.0).unreached(30.0, 1, 3.5, "time_limit")
-    assert lines == ["time limit of 2 s not kept: 3.5 s; try a lower --quality"]
-    assert Targets(time_limit_s=2.0).unreached(30.0, 1, 2.2, "time_limit") == []
+    lines = unreached(Goal(time_limit=2.0), 30.0, 1, 3.5, "time_limit")
+    assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a lower --quality"]
+    assert unreached(Goal(time_limit=2.0), 30.0, 1, 2.2, "time_limit") == []

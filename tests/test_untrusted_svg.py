@@ -10,8 +10,8 @@ import zlib
 
 import numpy as np
 import pytest
-from svg_texts import gradient
 from PIL import Image
+from svg_texts import gradient
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from skimage import data
 
-from gauss2svg.photo.image import load_image, shrink
+from gauss2svg.photo.alpha import shrunk
+from gauss2svg.photo.load import load_image
 
 Pixels = NDArray[np.float32]
 
@@ -25,7 +26,7 @@ def photo(name: str, side: int) -> Pixels:
     pixels = load_image(getattr(data, name)()).pixels
     share = side / max(pixels.shape[:2])
     height, width = (round(s * share) for s in pixels.shape[:2])
-    return (np.round(shrink(pixels, height, width) * _LEVELS) / _LEVELS).astype(np.float32)
+    return (np.round(shrunk(pixels, height, width) * _LEVELS) / _LEVELS).astype(np.float32)
 
 
 def steep(pixels: Pixels) -> NDArray[np.bool_]:

@@ -1,15 +1,15 @@
-"""Pareto fronts: the most PSNR for the least of one or more costs; pure functions."""
+"""Pareto fronts of PSNR over one or more costs."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
-TOLERANCE = 0.1  # dB: less below a front counts as on it
+TOLERANCE = 0.1  # dB below a front that still count as on it
 
 
 def front(psnr: Sequence[float], cost: Sequence[float]) -> list[int]:
-    """Indices of what nothing beats in both, from the cheapest on; of equals the first."""
+    """Indices of the Pareto front, from the cheapest on; of equal entries the first."""
     best, found = -math.inf, []
     for index in sorted(range(len(psnr)), key=lambda i: (cost[i], -psnr[i], i)):
         if psnr[index] > best:
@@ -19,7 +19,7 @@ def front(psnr: Sequence[float], cost: Sequence[float]) -> list[int]:
 
 
 def distance_below(psnr: Sequence[float], *costs: Sequence[float]) -> list[float]:
-    """How many dB each is below the best of those that cost no more in any way; >= 0."""
+    """Distance (dB, >= 0) of each below the best that costs no more in any respect."""
     return [
         _gap(max(p for p, row in zip(psnr, prices, strict=True) if _no_more(row, own)), mine)
         for prices in [list(zip(*costs, strict=True))]

@@ -1,36 +1,36 @@
-"""What a benchmark varies: any options of `vectorize`, and the settings that they span."""
+"""The axes of a benchmark, which are options of `vectorize`, and the settings that they span."""
 
 from __future__ import annotations
 
 import hashlib
 import itertools
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from gauss2svg.bench.rows import TOOL
-from gauss2svg.errors import Gauss2SvgError, InputError, must_be
+from gauss2svg.errors import Gauss2SvgError, InputError, must_be, shown
 from gauss2svg.options import Field, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.version import __version__
 
-Settings = tuple[tuple[str, Any], ...]  # options of `vectorize` and values, sorted by name
+Settings = tuple[tuple[str, Any], ...]  # option names and values, sorted by name
 
-_VARIED = ("goal", "fit", "densify", "svg")  # groups all of whose options may be varied
-_ALSO = ("renderer", "max_size")
-_OWN_OPTIONS = ("seed",)  # of the command itself
+_VARIED = ("goal", "fit", "densify", "svg")  # groups whose options are all axes
+_ALSO = ("renderer", "max_size")  # of the other groups
+_OWN_OPTIONS = ("seed",)  # these are options of the command itself
 AXES: dict[str, Field] = {
     field.name: field
     for key, group in GROUPS.items()
     for field in fields_of(group)
     if (key in _VARIED or field.name in _ALSO) and field.name not in _OWN_OPTIONS
 }
-# What is tried where no values are given, of options that are not one of a few.
+# Default values of axes other than those with a few choices.
 VALUES: dict[str, tuple[Any, ...]] = {
     "gaussians": (500, 1000, 2000, 4000, 8000),
     "iterations": (50, 100, 200, 400),
@@ -43,12 +43,12 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "max_size": (256, 512, 1024),
     "max_bytes": (20_000, 100_000, 500_000),
     "target_psnr": (28.0, 32.0, 36.0),
-    "form": ("gradient",),  # the default renderer draws no other
-    "renderer": ("resvg", "cairo"),  # the others may be missing
+    "form": ("gradient",),  # the only one that the default renderer supports
+    "renderer": ("resvg", "cairo"),  # the others may not be installed
 }
 
-# Without any axis: the presets, then counts by iterations at the default preset. About a
-# minute a photo of half a megapixel on two cores.
+# Without any axis: the presets, then counts and iterations with the default preset. It takes
+# about a minute for a photo of half a megapixel on two cores.
 DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
     {"quality": tuple(PRESETS)},
     {"gaussians": (500, 2000, 8000), "iterations": (100, 300)},
@@ -56,61 +56,61 @@ DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
 
 
 def values_of(axis: Field) -> tuple[Any, ...]:
-    """What an axis tries where no values are given; raises InputError where these are needed."""
+    """The default values of an axis; raises InputError for an axis without."""
     values = VALUES.get(axis.name, axis.choices)
     if not values:
-        raise InputError(
-            f"axis {axis.name} must have values; got none. Try --axis {axis.name}=VALUE,VALUE"
-        )
+        advice = f"--axis {axis.name}=VALUE,VALUE"
+        raise InputError(must_be(f"axis {axis.name}", "given with values", shown("none"), advice))
     return values
 
 
 def parse_axis(text: str) -> tuple[str, tuple[Any, ...]]:
-    """Option and values of NAME or NAME=v1,v2; raises InputError for an unknown one."""
+    """(option, values) of the text NAME or NAME=v1,v2; raises InputError for an unknown one."""
     name, given, values = text.partition("=")
     axis = _axis(name.strip())
     if not given:
         return axis.name, values_of(axis)
-    return axis.name, tuple(_parsed(axis, value.strip()) for value in values.split(","))
+    return axis.name, tuple(_checked(axis.parsed, value.strip()) for value in values.split(","))
 
 
 def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
-    """The axes of a command line, by option; raises InputError for one given twice."""
+    """Values by option, of the axes of a command line; raises InputError for a repeated one."""
     axes: dict[str, tuple[Any, ...]] = {}
     for text in texts:
         name, values = parse_axis(text)
         if name in axes:
-            raise InputError(f"axis {name} must be given once; got it twice. Try all values in one")
+            needed, advice = "given once", f"--axis {name}=VALUE,VALUE"
+            raise InputError(must_be(f"axis {name}", needed, shown("two"), advice))
         axes[name] = values
     return axes
 
 
 def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
-    """Every combination of the values of the axes, each once; DEFAULT_GRID if there are none.
+    """Every combination of the axes' values, each once; those of DEFAULT_GRID without axes.
 
-    Raises InputError for an unknown axis, an impossible value or no value, and for options that
-    exclude each other.
+    Raises InputError for an unknown axis, an invalid value, an axis without values, and options
+    that exclude each other.
     """
-    found: dict[Settings, None] = {}  # a set that keeps the order
+    found: dict[Settings, None] = {}  # an ordered set
     for grid in [axes] if axes else DEFAULT_GRID:
         columns = []
         for name, values in grid.items():
             axis = _axis(name)
             if isinstance(values, str) or not values:
                 raise InputError(must_be(f"axis {name}", "a sequence of values", values))
-            columns.append([(axis.name, _parsed(axis, str(value))) for value in values])
+            columns.append([(axis.name, _checked(axis.normalized, v)) for v in values])
         found |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
     for settings in found:
         try:
             Plan(Options.from_flat(dict(settings)))
-        except Gauss2SvgError as error:  # every run would fail
+        except Gauss2SvgError as error:  # as every run with them would
             raise InputError(f"axes: {error}") from error
     return list(found)
 
 
-def _parsed(axis: Field, text: str) -> Any:
+def _checked(check: Callable[[Any], Any], value: Any) -> Any:
     try:
-        return axis.parsed(text)
+        return check(value)
     except InputError as error:
         raise InputError(f"axis {error}") from error
 
@@ -124,7 +124,7 @@ def _axis(name: str) -> Field:
 
 @cache
 def code_digest() -> str:
-    """SHA-256 of the package's source files: a row of other code is no row of this one."""
+    """SHA-256 of the package's source files; work of other code does not count as finished."""
     package = Path(__file__).parent.parent
     digest = hashlib.sha256()
     for source in sorted(package.rglob("*.py")):
@@ -134,12 +134,12 @@ def code_digest() -> str:
 
 @dataclass(frozen=True)
 class BenchRun:
-    """One row to be: a picture, what makes an SVG of it, and how.
+    """One run: a photo, a tool and its settings.
 
-    image     path; name: what tables call it; digest: SHA-256 of the file's bytes
+    image     path; name: in the tables; digest: SHA-256 of the file's bytes
     tool      gauss2svg or a peer; version: of the tool
-    settings  keywords and values, sorted
-    seed, threads  of gauss2svg; None threads: one a core
+    settings  options and values, sorted by name
+    seed, threads  of gauss2svg; threads None: one per core
     """
 
     image: str
@@ -153,19 +153,19 @@ class BenchRun:
 
     @property
     def key(self) -> str:
-        """The same for the same work by the same code, whatever the picture's path."""
-        work = [self.digest, self.tool, self.version, code_digest(), self.settings]
-        work += [self.seed, self.threads]
-        return hashlib.sha256(json.dumps(work).encode()).hexdigest()[:24]
+        """A hash of all that the row depends on, the package's code among it but not the path."""
+        parts = [self.digest, self.tool, self.version, code_digest(), self.settings]
+        parts += [self.seed, self.threads]
+        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
 
     @property
     def label(self) -> str:
-        """The settings in a few words."""
+        """A short name of the settings."""
         return label_of(self.tool, dict(self.settings))
 
 
 def label_of(tool: str, settings: Mapping[str, Any]) -> str:
-    """Settings in a few words: a preset by its name, a peer by its own and its settings."""
+    """A short name of settings: a preset's name, or a peer's name and values."""
     if tool == TOOL and settings.keys() == {"quality"}:
         return str(settings["quality"])
     if tool != TOOL:

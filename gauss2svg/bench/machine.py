@@ -1,4 +1,4 @@
-"""What a run costs this process and which machine it ran on; light to import."""
+"""Time and memory of a run, and the machine it runs on; imports nothing heavy."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from typing import Any
 
 
 class Stopwatch:
-    """Started where it is made."""
+    """Starts when it is created."""
 
     def __init__(self) -> None:
         self._wall, self._own, self._all = time.perf_counter(), _cpu_seconds(), _busy_seconds()
 
     def read(self) -> dict[str, float | None]:
-        """Seconds since: total_s by the clock, cpu_s of this process and its children.
+        """Seconds since the start: wall clock, and CPU time of this process and its children.
 
-        other_cpu_s is what everything else on the machine used meanwhile, None if unknown:
-        threads that wait for each other take much longer where others take their cores.
+        other_cpu_s is the CPU time of everything else on the machine, None if unknown: threads
+        that wait for each other take much longer where other programs occupy their cores.
         """
         cpu_s, busy_s = _cpu_seconds() - self._own, _busy_seconds()
         others = None
@@ -48,7 +48,7 @@ def _busy_seconds() -> float | None:
 
 
 def peak_bytes() -> int | None:
-    """Most memory that this process, or one that it waited for, held; None if unknown."""
+    """Peak memory of this process or a child that it waited for; None if unknown."""
     try:
         import resource
     except ImportError:  # Windows
@@ -65,7 +65,7 @@ def peak_bytes() -> int | None:
 
 
 def machine() -> dict[str, Any]:
-    """CPU model, cores that may be used, platform."""
+    """CPU model, number of usable cores, platform."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on macOS
     cores = len(affinity(0)) if affinity else os.cpu_count() or 1
     return {"cpu": _cpu_model(), "cores": cores, "platform": platform.platform()}

@@ -1,6 +1,6 @@
-"""Other ways from a photo to a small file. One table; add a peer here to have it everywhere.
+"""Other tools that turn a photo into a small file: one table for the benchmark and the gallery.
 
-Only what a peer needs is imported, and only in the process that runs it.
+A peer's package is imported only in the process that runs it.
 """
 
 from __future__ import annotations
@@ -15,24 +15,24 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import InputError, PeerError
+from gauss2svg.errors import InputError, PeerError, must_be
 
-Work = Callable[[], object]
+Conversion = Callable[[], object]
 
 
 @dataclass(frozen=True)
 class Peer:
     """Another tool.
 
-    version   of what is installed, None where it is not
-    prepare   imports the tool and reads the PNG, and returns the work that is timed: to
-              write the file
-    suffix    of the file: .svg is drawn to be scored, anything else is read as a picture
-    settings  what is tried: keywords of prepare
+    version   installed version; None where the tool is not installed
+    prepare   imports the tool, reads the PNG, and returns the function whose time is measured:
+              it writes the file
+    suffix    of the file; an .svg is rasterised to be scored, others are read as images
+    settings  keywords of prepare that the benchmark tries
     """
 
     version: Callable[[], str | None]
-    prepare: Callable[..., Work]
+    prepare: Callable[..., Conversion]
     suffix: str
     settings: tuple[dict[str, Any], ...]
 
@@ -47,11 +47,11 @@ def _package(name: str) -> Callable[[], str | None]:
     return find
 
 
-def _vtracer(png: Path, drawn: Path, style: str, **changes: Any) -> Work:
+def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Conversion:
     import vtracer  # pyright: ignore[reportMissingImports]
 
     options = _VTRACER_STYLES[style] | changes
-    return lambda: vtracer.convert_image_to_svg_py(str(png), str(drawn), **options)
+    return lambda: vtracer.convert_image_to_svg_py(str(png), str(output), **options)
 
 
 _VTRACER_STYLES: dict[str, dict[str, Any]] = {
@@ -63,23 +63,23 @@ _VTRACER_STYLES: dict[str, dict[str, Any]] = {
 }  # fmt: skip
 
 
-def _splatthis(png: Path, drawn: Path, style: str) -> Work:
+def _splatthis(png: Path, output: Path, style: str) -> Conversion:
     from PIL import Image
     from splatthis import SplatConverter  # pyright: ignore[reportMissingImports]
 
     options = dict(_SPLATTHIS_STYLES[style])
     if side := options.pop("side", None):
-        with Image.open(png) as picture:
-            shrunk = min(1.0, side / max(picture.size))
-            options["target_size"] = tuple(max(1, round(s * shrunk)) for s in picture.size)
+        with Image.open(png) as image:
+            shrunk = min(1.0, side / max(image.size))
+            options["target_size"] = tuple(max(1, round(s * shrunk)) for s in image.size)
     converter = SplatConverter(device="cpu", seed=0, **options)
-    return lambda: converter.convert(str(png), str(drawn), output_format="svg")
+    return lambda: converter.convert(str(png), str(output), output_format="svg")
 
 
 _SPLATTHIS_STYLES: dict[str, dict[str, Any]] = {
-    # At 160 px it took 125 CPU seconds: larger pictures would only time out.
+    # 160 px took 125 CPU seconds: larger images would only time out.
     "fast": {"max_splats": 500, "stages": [60, 40], "quality_profile": "fast", "side": 128},
-    # What its command line does without options.
+    # The defaults of its command line.
     "default": {
         "max_splats": 2000, "stages": [200, 150, 100, 50], "quality_profile": "max-fidelity",
     },
@@ -87,37 +87,37 @@ _SPLATTHIS_STYLES: dict[str, dict[str, Any]] = {
 
 
 def _primitive_version() -> str | None:
-    """First digits of the binary's hash: it does not know its own version."""
+    """First digits of the binary's hash, for it does not report a version."""
     found = shutil.which("primitive")
     return found and hashlib.sha256(Path(found).read_bytes()).hexdigest()[:8]
 
 
-def _primitive(png: Path, drawn: Path, shapes: int) -> Work:
+def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
     from PIL import Image
 
-    with Image.open(png) as picture:
-        side = max(picture.size)
-    # Mode 7 is rotated ellipses; the output is scaled to 1024 px unless told.
-    command = ["primitive", "-i", str(png), "-o", str(drawn), "-n", str(shapes), "-m", "7"]
+    with Image.open(png) as image:
+        side = max(image.size)
+    # Mode 7 is rotated ellipses; without -s the output is scaled to 1024 px.
+    command = ["primitive", "-i", str(png), "-o", str(output), "-n", str(shapes), "-m", "7"]
     command += ["-s", str(side)]
 
-    def work() -> None:
+    def convert() -> None:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise PeerError(f"primitive ended with status {done.returncode}: {done.stderr}")
 
-    return work
+    return convert
 
 
-def _pillow(format_name: str) -> Callable[..., Work]:
-    def prepare(png: Path, drawn: Path, quality: int) -> Work:
+def _pillow(format_name: str) -> Callable[..., Conversion]:
+    def prepare(png: Path, output: Path, quality: int) -> Conversion:
         from PIL import Image
 
-        with Image.open(png) as picture:
-            pixels = picture.convert("RGB")
+        with Image.open(png) as image:
+            pixels = image.convert("RGB")
         pixels.save(io.BytesIO(), format_name, quality=quality)  # loads the codec
 
-        return lambda: pixels.save(drawn, format_name, quality=quality)
+        return lambda: pixels.save(output, format_name, quality=quality)
 
     return prepare
 
@@ -138,13 +138,10 @@ PEERS: dict[str, Peer] = {
 
 
 def check_peers(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Those of the names that are installed and those that are not, each once.
-
-    Raises InputError for a name that is no peer's.
-    """
+    """Installed and absent ones of these peers, each once; InputError for an unknown one."""
     wanted = list(dict.fromkeys(names))
     for name in wanted:
         if name not in PEERS:
-            raise InputError(f"peer is {name!r}; needed is one of {', '.join(PEERS)}")
+            raise InputError(must_be("peer", f"one of {', '.join(PEERS)}", name))
     absent = [name for name in wanted if PEERS[name].version() is None]
     return [name for name in wanted if name not in absent], absent

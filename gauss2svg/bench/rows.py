@@ -1,4 +1,4 @@
-"""The finished rows of a benchmark: kept one a line, and written as JSON and CSV."""
+"""The rows of a benchmark: a file of one JSON object per line, and tables as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from gauss2svg.errors import OutputError
 from gauss2svg.files import write_atomically
 
 Row = dict[str, Any]
-TOOL = "gauss2svg"  # of a row that is not another tool's
+TOOL = "gauss2svg"  # the tool of all rows that are not a peer's
 
 
 class RowStore:
-    """Rows by key in a file of one JSON object a line; what a line holds is on disk.
+    """Rows by key, in a file of one JSON object per line.
 
-    A last line that a kill cut short is dropped, and so is any line that is no row. Of two
-    rows of a key the later counts. Raises OutputError if the file cannot be read or written.
+    A last line that a kill truncated is dropped, as are lines that are not rows. Of two rows with
+    one key the later counts. Raises OutputError if the file cannot be read or written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -41,12 +41,12 @@ class RowStore:
             write_atomically(path, whole)
 
     def finished(self, key: str) -> Row | None:
-        """The row of a key if there is one without error."""
+        """The row with this key and without error; None if there is none."""
         row = self._rows.get(key)
         return None if row is None or "error" in row else row
 
     def append(self, row: Row) -> None:
-        """Keep a row, on disk before this returns."""
+        """Add a row and flush it to the disk."""
         line = json.dumps(row, allow_nan=False) + "\n"
         try:
             with self._path.open("ab") as stream:
@@ -58,8 +58,8 @@ class RowStore:
         self._rows[row["key"]] = row
 
 
-# Without these a row is a damaged one, and is measured again.
-_NEEDED = {"key", "label", "tool", "tool_version", "image", "settings", "machine"}
+# A row without these is damaged, and is measured again.
+_REQUIRED = {"key", "label", "tool", "tool_version", "image", "settings", "machine"}
 
 
 def _row(line: bytes) -> Row | None:
@@ -67,7 +67,7 @@ def _row(line: bytes) -> Row | None:
         row = json.loads(line)
     except ValueError:
         return None
-    return row if isinstance(row, dict) and row.keys() >= _NEEDED else None
+    return row if isinstance(row, dict) and row.keys() >= _REQUIRED else None
 
 
 def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -81,7 +81,7 @@ def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
-    """A table with a column for every name that any row has; null is an empty cell."""
+    """CSV with a column for every name in any row; null is an empty cell."""
     flattened = [flat(row) for row in rows]
     columns = list(dict.fromkeys(name for row in flattened for name in row))
     stream = io.StringIO()
@@ -92,17 +92,17 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
 
 
 def json_text(value: Any) -> str:
-    """JSON as a person can read it."""
+    """Indented JSON."""
     return json.dumps(value, indent=2, allow_nan=False) + "\n"
 
 
 def one_line(text: str) -> str:
-    """Text without line ends and of bearable length."""
+    """Text on one line, truncated to 400 characters."""
     return " ".join(text.split())[:400]
 
 
 def finite(value: Any) -> Any:
-    """The value with None in place of every infinity and NaN, which JSON does not have."""
+    """The value with None for every infinity and NaN, which JSON does not have."""
     if isinstance(value, dict):
         return {name: finite(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):

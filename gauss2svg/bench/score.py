@@ -1,4 +1,4 @@
-"""What a peer drew, measured as our own files are."""
+"""Scores of a peer's file, measured as those of our own files."""
 
 from __future__ import annotations
 
@@ -8,22 +8,20 @@ from typing import Any
 
 from gauss2svg.errors import RendererError
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.photo.image import WHITE, load_image
+from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize, renderer_version
 
-_WHITE = (1.0, 1.0, 1.0)  # peers are compared as a page shows them
 
+def score(output: Path, image: str) -> dict[str, Any]:
+    """Size (bytes), PSNR (dB) and SSIM of an SVG or an image against the photo.
 
-def score(drawn: Path, image: str) -> dict[str, Any]:
-    """Size of an SVG or a picture in bytes, PSNR in dB and SSIM against the photo.
-
-    An SVG is drawn at the photo's size. Raises RendererError for one that cannot be drawn
-    and for a picture of another size.
+    An SVG is rasterised at the photo's size. Raises RendererError for one that cannot be
+    rasterised and for an image of another size.
     """
     photo = load_image(image, matte=WHITE).pixels
     height, width = photo.shape[:2]
-    data = drawn.read_bytes()
-    if drawn.suffix == ".svg":
+    data = output.read_bytes()
+    if output.suffix == ".svg":
         renderer = renderer_version(DEFAULT_RENDERER)
         raster = rasterize(data.decode(), width, height)
     else:
@@ -31,7 +29,7 @@ def score(drawn: Path, image: str) -> dict[str, Any]:
         raster = load_image(data, matte=WHITE).pixels
         if raster.shape != photo.shape:
             raise RendererError(
-                f"picture is {raster.shape[1]}x{raster.shape[0]} px; needed is {width}x{height}"
+                f"image must be {width}x{height} px; got {raster.shape[1]}x{raster.shape[0]}"
             )
     measured = measure_pixels(raster, photo)
     return {

@@ -1,4 +1,4 @@
-"""Means over the pictures: what settings cost, what they give, how far below the fronts."""
+"""Means over the photos: cost and quality of each setting, and its distance below the fronts."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from gauss2svg.bench.rows import TOOL, finite
 Row = dict[str, Any]
 
 SECONDS = "cpu_s"
-BYTES = "bytes_gzipped"  # what a web server sends; a raster's are its own
+BYTES = "bytes_gzipped"  # what a web server sends; a raster image has no smaller form
 _MEANS = (
     "psnr_svg", "ssim_svg", "psnr_model", "cpu_s", "total_s", "bytes_raw", "bytes_gzipped",
     "gaussians",
 )  # fmt: skip
-_DISTURBED = 0.1  # of the machine's CPU time used by others, from which on a row is named
+_DISTURBED = 0.1  # share of the CPU used by other programs, above which a run is reported
 _LEAST_DISTURBANCE_S = 0.1
 _DISTANCES = {
     "below_seconds_dB": (SECONDS,),
@@ -28,11 +28,11 @@ _DISTANCES = {
 
 
 def summarise(rows: Iterable[Row], images: int) -> list[Row]:
-    """One row a setting that is finished for that many pictures; those of a tool together.
+    """One row per setting that has finished for all photos.
 
-    Means over the pictures, peak_bytes the largest. below_*_dB is how far the mean PSNR is
-    below the best of our settings that cost no more, in CPU seconds, in gzipped bytes and
-    in both at once; None for peers, of which there is no front.
+    Values are means over the photos; peak_bytes is the largest. below_*_dB is how far the mean
+    PSNR is below the best setting of gauss2svg that costs no more in CPU seconds, in gzipped
+    bytes, and in both at once; None for peers, which have no front.
     """
     groups: dict[str, list[Row]] = {}
     for row in rows:
@@ -40,7 +40,7 @@ def summarise(rows: Iterable[Row], images: int) -> list[Row]:
             name = json.dumps([row["tool"], row["tool_version"], row["settings"]], sort_keys=True)
             groups.setdefault(name, []).append(row)
     summary = [_mean(group) for group in groups.values() if len(group) == images]
-    # Where one picture came out exact the mean is infinite and says nothing.
+    # With one exact result the mean PSNR is infinite and says nothing.
     own = [row for row in summary if row["tool"] == TOOL and row["psnr_svg"] is not None]
     for name, costs in _DISTANCES.items():
         columns = [[row[cost] for row in own] for cost in costs]
@@ -63,7 +63,7 @@ def _mean(group: Sequence[Row]) -> Row:
 
 
 def _mean_of(values: Sequence[float | None]) -> float | None:
-    # One null makes the mean null: an infinite PSNR, or something a peer does not have.
+    # None among the values, an infinite PSNR or one that a peer lacks, makes the mean None.
     known = [value for value in values if value is not None]
     return statistics.fmean(known) if len(known) == len(values) else None
 
@@ -83,11 +83,11 @@ _COLUMNS: dict[str, tuple[str, str, float]] = {
 
 
 def markdown(summary: Sequence[Row], rows: Sequence[Row], images: Sequence[str]) -> str:
-    """The summary as a Markdown table, with the pictures, the machines and what failed."""
+    """The summary as a Markdown table, with the photos, the machines and the failed runs."""
     lines = [
         "# Benchmark",
         "",
-        f"Means over {_count(len(images), 'picture')}: {', '.join(images)}. Measured on",
+        f"Means over {_count(len(images), 'photo')}: {', '.join(images)}. Measured on",
         "; ".join(dict.fromkeys(_machine(row["machine"]) for row in rows)) + ".",
         "",
         "| settings | " + " | ".join(_COLUMNS) + " |",
@@ -101,17 +101,17 @@ def markdown(summary: Sequence[Row], rows: Sequence[Row], images: Sequence[str])
         lines.append(f"| {' | '.join(cells)} |")
     lines += [
         "",
-        f"In bold: on the front of CPU seconds, gzipped bytes and PSNR within {TOLERANCE} dB,",
-        "which is that no other row of gauss2svg has no more seconds, no more bytes and a PSNR",
-        "higher by more.",
+        f"Rows in bold are within {TOLERANCE} dB of the Pareto front: no other setting of",
+        "gauss2svg takes as few CPU seconds and gzipped bytes and has a PSNR higher by more.",
     ]
     disturbed = sum(_disturbed(row) for row in rows)
     if disturbed:
         lines += [
             "",
-            f"{disturbed} of {_count(len(rows), 'run')} shared the machine with other work, which",
-            f"took over {_DISTURBED:.0%} of it (other_cpu_s in bench.csv): their seconds are too",
-            "many. Delete their lines of rows.jsonl and run again to measure them anew.",
+            f"During {disturbed} of {_count(len(rows), 'run')} other programs used over "
+            f"{_DISTURBED:.0%} of the CPU (other_cpu_s in bench.csv),",
+            "so their times are too long. Delete their lines from rows.jsonl and run again to "
+            "repeat them.",
         ]
     failed = [row for row in rows if "error" in row]
     if failed:
@@ -122,7 +122,7 @@ def markdown(summary: Sequence[Row], rows: Sequence[Row], images: Sequence[str])
 
 def _disturbed(row: Row) -> bool:
     others = row.get("other_cpu_s")
-    # Counted in hundredths of a second: too coarse for a run of a blink.
+    # Counted in hundredths of a second: too coarse for very short runs.
     if others is None or others < _LEAST_DISTURBANCE_S:
         return False
     return others > _DISTURBED * row["total_s"] * row["machine"]["cores"]

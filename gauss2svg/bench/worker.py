@@ -1,8 +1,8 @@
 """One run in a process of its own: `python -m gauss2svg.bench.worker`.
 
-The job comes as JSON on standard input and its row goes as JSON to standard output, so
-that CPU seconds and peak memory are of this run alone. Nothing heavy is imported at the
-top: a peer's memory is to be the peer's.
+It reads a request as JSON from standard input and writes the row as JSON to standard output, so
+that CPU time and peak memory are those of this run alone. It imports heavy modules only where
+needed, or they would count as a peer's memory.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ _FROM_REPORT = (
 )  # fmt: skip
 
 
-def run_job(job: dict[str, Any]) -> dict[str, Any]:
-    """The measured part of a row; a failure is a row with error, one line."""
+def answer_to(request: dict[str, Any]) -> dict[str, Any]:
+    """The measured part of a row; of a run that fails it is "error", one line."""
     try:
-        return _run_own(job) if job["tool"] == TOOL else _run_peer(job)
+        return _run_own(request) if request["tool"] == TOOL else _run_peer(request)
     except MemoryError as error:
-        return {"error": f"out of memory ({error}); try fewer gaussians or a smaller max_size"}
-    except Exception as error:  # a peer raises what it likes, and the other runs go on
+        return {"error": f"out of memory ({error}). Try fewer gaussians or a smaller max_size"}
+    except Exception as error:  # a peer may raise anything, and the other runs continue
         return {"error": one_line(f"{type(error).__name__}: {error}")}
 
 
-def _run_own(job: dict[str, Any]) -> dict[str, Any]:
+def _run_own(request: dict[str, Any]) -> dict[str, Any]:
     import numpy as np
 
     from gauss2svg.bench.grid import AXES
@@ -44,19 +44,19 @@ def _run_own(job: dict[str, Any]) -> dict[str, Any]:
     from gauss2svg.pipeline.options import Options
     from gauss2svg.pipeline.vectorize import vectorize_by
 
-    given = {**job["settings"], "seed": job["seed"], "threads": job["threads"]}
+    given = {**request["settings"], "seed": request["seed"], "threads": request["threads"]}
     options = Options.from_flat(given)
     warming = time.perf_counter()
     compile_kernels()
-    # With the same options, so that no import and no code path is new to the clock.
+    # With the same options, so that no import or code path runs for the first time.
     noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
     vectorize_by(Options.from_flat(given | _WARM_UP), noise)
     warmup_s = time.perf_counter() - warming
     watch = Stopwatch()
-    report = vectorize_by(options, job["image"]).report
+    report = vectorize_by(options, request["image"]).report
     clocks = watch.read()
     return {
-        "used": job["settings"] | {name: report[name] for name in AXES if name in report},
+        "used": request["settings"] | {name: report[name] for name in AXES if name in report},
         **{name: report[name] for name in _FROM_REPORT},
         **clocks,
         "warmup_s": warmup_s,
@@ -67,31 +67,31 @@ def _run_own(job: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _run_peer(job: dict[str, Any]) -> dict[str, Any]:
+def _run_peer(request: dict[str, Any]) -> dict[str, Any]:
     from gauss2svg.bench.peers import PEERS
 
-    peer = PEERS[job["tool"]]
-    drawn = Path(job["folder"]) / f"drawn{peer.suffix}"
-    work = peer.prepare(Path(job["png"]), drawn, **job["settings"])
+    peer = PEERS[request["tool"]]
+    output = Path(request["folder"]) / f"output{peer.suffix}"
+    convert = peer.prepare(Path(request["png"]), output, **request["settings"])
     watch = Stopwatch()
-    work()
+    convert()
     clocks = watch.read()
-    peak = peak_bytes()  # now, before what scores is loaded
+    peak = peak_bytes()  # before the modules that score are imported
 
-    row = {"used": job["settings"], "peak_bytes": peak, **clocks}
-    if not job.get("scored", True):
+    row = {"used": request["settings"], "peak_bytes": peak, **clocks}
+    if not request.get("scored", True):
         return row
     from gauss2svg.bench.score import score
 
-    return row | score(drawn, job["image"])
+    return row | score(output, request["image"])
 
 
 def main() -> None:
-    """Read the job, do it, write the row."""
-    job = json.load(sys.stdin)
+    """Read the request, run it, write the row."""
+    request = json.load(sys.stdin)
     answer = os.dup(1)
-    os.dup2(2, 1)  # a peer may chat; the row is all that goes to standard output
-    row = json.dumps(finite(run_job(job)), allow_nan=False)
+    os.dup2(2, 1)  # output of a peer goes to standard error
+    row = json.dumps(finite(answer_to(request)), allow_nan=False)
     with os.fdopen(answer, "w") as stream:
         stream.write(row + "\n")
 

@@ -1,4 +1,4 @@
-"""The command `gauss2svg bench`; the command line loads it only when it is asked for."""
+"""The command `gauss2svg bench`, imported only where it is run."""
 
 from __future__ import annotations
 
@@ -25,33 +25,32 @@ def bench_command(
     threads: int | None = None,
     quiet: Annotated[bool, Parameter(negative="")] = False,
 ) -> int:
-    """Vectorise photos by many settings, and write tables and plots of what each costs and gives.
+    """Vectorise photos with many settings; write tables and plots of cost and quality.
 
     Parameters
     ----------
     images
-        The photos.
+        Photos.
     output
-        The folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. Run again
-        after an interruption: finished rows are kept.
+        Folder for rows.jsonl, bench.json, bench.csv, summary.md and the plots. Run the command
+        again to continue an interrupted benchmark: finished runs are kept.
     axis
-        What to vary: NAME or NAME=VALUE,VALUE, where NAME is an option of the main command that
-        changes the file, such as gaussians, iterations, quality, loss or palette. Several span a
-        grid; without any the presets and a small grid are run.
+        Option to vary, as NAME or NAME=VALUE,VALUE: an option of the main command that changes
+        the file, such as gaussians, iterations, quality, loss or palette. Several axes span a
+        grid; without any, the presets and a small grid are run.
     peers
-        Other tools to measure, by commas, where installed: vtracer, splatthis, primitive, jpeg,
-        webp. Their SVGs are drawn by resvg, whatever the axis renderer says.
+        Other tools to measure, separated by commas, where installed: vtracer, splatthis,
+        primitive, jpeg, webp. Their SVGs are rasterised by resvg.
     peer_timeout
-        Seconds that a run of a peer may take.
+        Time limit (s) of a peer's run.
     seed
-        As of the main command.
+        Seed; the same seed gives the same file.
     threads
         CPU threads of gauss2svg; one for each core if not given.
     quiet
-        No progress and no summary.
+        Show neither progress nor summary.
 
     """
-    from gauss2svg.bench import plots
     from gauss2svg.bench.grid import parse_axes
     from gauss2svg.bench.peers import check_peers
     from gauss2svg.bench.runner import run_bench
@@ -61,7 +60,7 @@ def bench_command(
     axes = parse_axes(axis or ())
     absent = check_peers(names)[1]
     if absent:
-        _tell(f"not installed, left out: {', '.join(absent)}")
+        _print(f"skipped, not installed: {', '.join(absent)}")
     last: list[BenchProgress] = []
     with counting_bar(quiet) as update:
 
@@ -79,16 +78,14 @@ def bench_command(
             peer_timeout=peer_timeout,
             progress=progress,
         )
-    if not plots.available():
-        _tell(f"no plots without matplotlib; for them {plots.INSTALL}")
     failed = [row for row in rows if "error" in row]
     if not quiet:
         kept = f", {last[-1].kept} of them kept from before" if last[-1].kept else ""
-        _tell(f"{len(rows)} runs{kept}; {len(failed)} failed; see {output / 'summary.md'}")
+        _print(f"{len(rows)} runs{kept}; {len(failed)} failed; see {output / 'summary.md'}")
     for row in failed:
-        _tell(f"failed: {row['label']} on {row['image']}: {row['error']}")
+        _print(f"failed: {row['label']} on {row['image']}: {row['error']}")
     return STATUS_RUN_FAILED if failed else 0
 
 
-def _tell(line: str) -> None:
+def _print(line: str) -> None:
     print(f"gauss2svg: {' '.join(line.split())}", file=sys.stderr)

@@ -1,69 +1,84 @@
-"""The command `gauss2svg check`; the command line loads it only when it is asked for."""
+"""The command `gauss2svg check`, imported only where it is run."""
 
-from __future__ import annotations
-
-import math
+import dataclasses
 import os
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from gauss2svg.options import Number, OptionGroup, Whole, byte_size
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
+
 STATUS_UNDER = 1
 
 
+@dataclass(frozen=True, kw_only=True)
+class CheckOptions(OptionGroup):
+    """How an SVG is measured: keywords of `gauss2svg.check`."""
+
+    renderer: Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"] = "resvg"
+    """Renderer that rasterises the SVG; the last four must be installed."""
+
+    max_svg_bytes: Annotated[int | str, byte_size] = "256M"
+    """Maximum size of the SVG, decompressed: 150000, 150k or 1.5M."""
+
+    max_elements: Annotated[int, Whole(1)] = 1_000_000
+    """Maximum number of elements of the SVG."""
+
+    draw_timeout: float = 300.0
+    """Time limit (s) of rasterising, at most 86400; the last four renderers stop after 300."""
+
+    max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
+    """Maximum number of pixels of the photo, checked before it is decoded."""
+
+    matte: str | None = None
+    """Background colour to composite a transparent photo over: white, black, #fa0 or #ffaa00. If
+    not given, alpha is compared as well."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckOutput(OptionGroup):
+    """Files that are written, what is shown, and the exit status."""
+
+    heatmap: Path | None = None
+    """Save a map of the errors to this file, as PNG: the largest difference of any channel, from
+    black for none to pale yellow for 64 or more of 255 levels."""
+
+    preview: Path | None = None
+    """Save the rasterised SVG to this file, as PNG."""
+
+    report: Path | None = None
+    """Save all numbers to this file, as JSON."""
+
+    min_psnr: Annotated[float | None, Number(0, 1e9, above=True)] = None
+    """PSNR (dB) below which the exit status is 1; a transparent photo must reach it over white
+    and over black. The files are written in any case."""
+
+    quiet: bool = False
+    """Show no summary."""
+
+
 def check_command(
-    photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
-    svg: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    photo: Annotated[
+        str, Parameter(allow_leading_hyphen=True, help="Photo; - reads standard input.")
+    ],
+    svg: Annotated[
+        str,
+        Parameter(
+            allow_leading_hyphen=True,
+            help="SVG, also gzipped; - reads standard input. It is stretched to the photo's size.",
+        ),
+    ],
     *,
-    renderer: Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"] = "resvg",
-    heatmap: Path | None = None,
-    preview: Path | None = None,
-    report: Path | None = None,
-    min_psnr: float | None = None,
-    max_svg_bytes: str = "256M",
-    max_elements: int = 1_000_000,
-    draw_timeout: float = 300.0,
-    max_pixels: int = 89_478_485,
-    matte: str | None = None,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    options: Annotated[CheckOptions, Parameter(name="*", group="Measuring")] = CheckOptions(),
+    output: Annotated[
+        CheckOutput, Parameter(name="*", group="Output", negative=())
+    ] = CheckOutput(),
 ) -> int:
-    """Measure how true any SVG is to a photo.
-
-    Parameters
-    ----------
-    photo
-        The photo; - reads standard input.
-    svg
-        The SVG, gzipped or not; - reads standard input. It is stretched to the photo's size.
-    renderer
-        Which renderer draws the SVG; the last four if they are installed.
-    heatmap
-        Write a map of the errors there, as PNG: the largest difference of any channel, black
-        for none, pale yellow for 64 and more levels of 255.
-    preview
-        Write what the renderer drew there, as PNG.
-    report
-        Write all numbers there, as JSON.
-    min_psnr
-        Decibels under which the exit status is 1, over black too where the photo is transparent;
-        the files are written all the same.
-    max_svg_bytes
-        Most bytes of the SVG, gunzipped: 150000, 150k, 1.5M.
-    max_elements
-        Most elements of the SVG.
-    draw_timeout
-        Seconds that the drawing may take, up to 86400; the last four renderers end after 300.
-    max_pixels
-        Most pixels of the photo, told by its header before it is decoded.
-    matte
-        Colour over which a transparent photo is shown first: white, black, #fa0 or #ffaa00; its
-        alpha is compared as well if not given.
-    quiet
-        No summary.
-
-    """
+    """Measure how closely any SVG matches a photo."""
     from gauss2svg.cli.streams import standard_stream
     from gauss2svg.cli.terminal import print_check
     from gauss2svg.errors import InputError
@@ -79,42 +94,31 @@ def check_command(
 
     refuse_option_like(photo, svg)
     if photo == svg == STANDARD_STREAM:
-        raise InputError("both the photo and the SVG are -; give a file name for one of them")
-    if min_psnr is not None and not 0 < min_psnr < math.inf:
-        raise InputError(f"min_psnr is {min_psnr}; needed are finite dB above 0")
-    targets = [path for path in (heatmap, preview, report) if path is not None]
-    check_outputs({photo: "the photo", svg: "the SVG"}, targets)
+        raise InputError("photo and SVG must not both be -. Try a file name for one of them")
+    paths = [path for path in (output.heatmap, output.preview, output.report) if path is not None]
+    check_outputs({photo: "the photo", svg: "the SVG"}, paths)
 
-    picture: Any = photo
+    photo_source: Any = photo
     if photo == STANDARD_STREAM:
-        picture = standard_stream(sys.stdin, "input").read()
-    drawing: Any = Path(svg)  # a name, also where it begins with <
+        photo_source = standard_stream(sys.stdin, "input").read()
+    svg_source: Any = Path(svg)  # a path, also where it begins with <
     if svg == STANDARD_STREAM:
-        drawing = standard_stream(sys.stdin, "input")
-    result = check(
-        picture,
-        drawing,
-        renderer=renderer,
-        max_svg_bytes=max_svg_bytes,
-        max_elements=max_elements,
-        draw_timeout=draw_timeout,
-        max_pixels=max_pixels,
-        matte=matte,
-    )
+        svg_source = standard_stream(sys.stdin, "input")
+    result = check(photo_source, svg_source, **dataclasses.asdict(options))
     files: dict[str | os.PathLike[str], bytes] = {}
-    if heatmap is not None:
-        files[heatmap] = result.heatmap()
-    if preview is not None:
-        files[preview] = as_png(result.raster)
-    if report is not None:
-        files[report] = as_json(result.report)
+    if output.heatmap is not None:
+        files[output.heatmap] = result.heatmap()
+    if output.preview is not None:
+        files[output.preview] = as_png(result.raster)
+    if output.report is not None:
+        files[output.report] = as_json(result.report)
     write_all_atomically(files)
-    if not quiet:
+    if not output.quiet:
         print_check(result.report, None if svg == STANDARD_STREAM else svg)
     lowest = result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)
-    if min_psnr is not None and lowest < min_psnr:
+    if output.min_psnr is not None and lowest < output.min_psnr:
         print(
-            f"gauss2svg: PSNR is {lowest:.2f} dB, under the {min_psnr:g} dB asked for",
+            f"gauss2svg: PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}",
             file=sys.stderr,
         )
         return STATUS_UNDER

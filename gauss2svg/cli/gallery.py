@@ -1,4 +1,4 @@
-"""The command `gauss2svg gallery`; the command line loads it only when it is asked for."""
+"""The command `gauss2svg gallery`, imported only where it is run."""
 
 import re
 import shlex
@@ -11,39 +11,44 @@ from cyclopts import Parameter
 from gauss2svg.gallery.options import GalleryOptions
 
 STATUS_SOME_FAILED = 1
+_DEFAULTS = GalleryOptions()
 
 
 def gallery_command(
-    photos: Annotated[list[str], Parameter(negative="")],
+    photos: Annotated[list[str], Parameter(negative="", help="Photos.")],
     *,
-    output: Annotated[Path, Parameter(name=["--output", "-o"])],
-    variants: str | None = None,
-    counts: str | None = None,
-    peers: str = "",
-    options: Annotated[GalleryOptions, Parameter(name="*", group="Gallery")] = GalleryOptions(),
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    output: Annotated[
+        Path,
+        Parameter(
+            name=["--output", "-o"],
+            help="Folder for the pages; open its index.html. Run the command again to continue "
+            "after an interruption or to add photos or variants: finished SVGs are kept.",
+        ),
+    ],
+    variants: Annotated[
+        str | None,
+        Parameter(
+            help="Presets to compare, separated by commas: draft, fast, balanced, high, max. If "
+            "neither this nor --counts is given: draft,balanced,high."
+        ),
+    ] = None,
+    counts: Annotated[
+        str | None,
+        Parameter(help="Numbers of Gaussians to compare, separated by commas: 500,2000,8000."),
+    ] = None,
+    peers: Annotated[
+        str,
+        Parameter(
+            help="Other tools to compare, separated by commas, where installed: vtracer, "
+            "splatthis, primitive, also with other settings of theirs, such as vtracer:detailed."
+        ),
+    ] = "",
+    options: Annotated[GalleryOptions, Parameter(name="*", group="Gallery")] = _DEFAULTS,
+    quiet: Annotated[
+        bool, Parameter(negative="", help="Show neither progress nor summary.")
+    ] = False,
 ) -> int:
-    """Write a gallery: pages that show what becomes of photos, to be opened from the disk.
-
-    Parameters
-    ----------
-    photos
-        The photos.
-    output
-        The folder for the pages; open its index.html. Run again after an interruption, or with
-        more photos or variants: what is finished is kept.
-    variants
-        Presets to show, by commas: draft, fast, balanced, high, max. Without --counts too,
-        draft,balanced,high.
-    counts
-        Numbers of Gaussians to show, by commas: 500,2000,8000.
-    peers
-        Other tools to show, by commas, where installed: vtracer, splatthis, primitive; or in
-        another style of theirs, such as vtracer:detailed.
-    quiet
-        Show neither progress nor summary.
-
-    """
+    """Write web pages that compare the results for photos; they open from the disk."""
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.gallery.build import build_gallery
 
@@ -59,14 +64,14 @@ def gallery_command(
             progress=lambda at: update("; ".join(at.now), at.done, at.total),
         )
     if gallery.absent:
-        _tell(f"not installed, left out: {', '.join(gallery.absent)}")
+        _print(f"skipped, not installed: {', '.join(gallery.absent)}")
     for failure in gallery.failures:
         named = failure.photo.name + (f", {failure.variant.name}" if failure.variant else "")
-        _tell(f"failed: {named}: {failure.error}")
+        _print(f"failed: {named}: {failure.error}")
     if not quiet:
         count = len(gallery.rows)
         kept = f", {gallery.kept} of them kept from before" if gallery.kept else ""
-        _tell(
+        _print(
             f"{count} SVG{'s' if count != 1 else ''}{kept}; {len(gallery.failures)} failed; "
             f"open {gallery.index}"
         )
@@ -78,14 +83,14 @@ def _words(text: str) -> list[str]:
 
 
 def _whole(word: str) -> int:
-    from gauss2svg.errors import InputError
+    from gauss2svg.errors import InputError, must_be
 
     if not re.fullmatch("[0-9]{1,18}", word):
-        raise InputError(f"count is {word!r}; needed are whole numbers by commas: 500,2000,8000")
+        raise InputError(must_be("counts", "whole numbers separated by commas", word, "500,2000"))
     return int(word)
 
 
-def _tell(line: str) -> None:
+def _print(line: str) -> None:
     from gauss2svg.errors import on_one_line
 
     print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)

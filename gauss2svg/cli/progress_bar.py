@@ -1,4 +1,4 @@
-"""A bar at the terminal for work of many pieces; on standard error."""
+"""A progress bar for a known number of steps, on standard error."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def counting_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
-    """A function of what is done now, and of how many pieces of how many are done.
+    """Yields update(current step, finished steps, total steps).
 
-    Nothing is shown where quiet is true or standard error is no terminal.
+    Nothing is shown if quiet or if standard error is not a terminal.
     """
     from rich.console import Console
     from rich.markup import escape
@@ -34,7 +34,7 @@ def counting_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
         task = bar.add_task("reading the photos", total=None)
 
         def update(now: str, done: int, total: int) -> None:
-            # A file name may look like markup.
+            # A file name may contain markup.
             bar.update(task, description=escape(now), completed=done, total=total)
 
         yield update

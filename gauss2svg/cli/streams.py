@@ -1,4 +1,4 @@
-"""The standard streams of a process: some may be closed, and some break."""
+"""The standard streams of a process, which may be closed or break."""
 
 from __future__ import annotations
 
@@ -7,34 +7,35 @@ import sys
 from contextlib import suppress
 from typing import Any
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 
 
 def standard_stream(stream: Any, name: str) -> Any:
     """The binary side of sys.stdin or sys.stdout; raises InputError if it is closed."""
-    if stream is None:  # what Python makes of a closed descriptor
-        raise InputError(f"standard {name} is closed; give a file name instead of -")
+    if stream is None:  # Python's value for a closed descriptor
+        got = shown("a closed stream")
+        raise InputError(must_be(f"standard {name}", "open", got, "a file name instead of -"))
     return stream.buffer
 
 
 def hold_closed_descriptors() -> None:
-    """Give standard descriptors that are closed to the null device.
+    """Open the null device for standard descriptors that are closed.
 
-    The next file that is opened would get their number, and what a library says there would go
-    into it. sys.stdin and sys.stdout stay None, by which standard_stream knows; sys.stderr
-    becomes the null device, for print would take standard output in place of None.
+    Otherwise the next file that is opened would get their number, and messages of libraries would
+    be written into it. sys.stdin and sys.stdout stay None, which standard_stream detects;
+    sys.stderr becomes the null device, because print writes to standard output in place of None.
     """
     for descriptor in (0, 1, 2):
         try:
             os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the least number that is free
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free number
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115 (for as long as the process runs)
 
 
 def drop_output() -> None:
-    """Let go of what a broken standard output does not take: the exit would complain once more."""
+    """Discard what a broken standard output does not accept, which would fail again at exit."""
     if sys.stdout is None:
         return
     try:

@@ -1,4 +1,4 @@
-"""What a person sees at the terminal: a progress bar, then a summary; on standard error."""
+"""The progress bar and the summary of a run, on standard error."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from gauss2svg.errors import on_one_line
+from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.report import decibels
 from gauss2svg.pipeline.result import Progress, ProgressCallback
 
@@ -23,29 +24,24 @@ _PHASES = {
     "write": "writing the SVG",
     "measure": "rasterising and measuring the SVG",
 }
-_NAMED = {
-    "additive": "fitting additively",
-    "correct": "correcting",
-}  # with numbers as a fit has them
-
-
+_FITS = {"additive": "fitting additively", "correct": "correcting the number of Gaussians"}
 _STOPPED = {
-    "iterations": "iterations done",
-    "gaussians": "no Gaussians were asked for",
-    "gain": "more would improve it too little for their bytes",
+    "iterations": "all iterations done",
+    "gaussians": "requested number of Gaussians reached",
+    "gain": "more Gaussians would improve it too little for their size",
     "enough": "quality target reached",
-    "cap": "the preset's maximum count reached",
+    "cap": "the preset's maximum number of Gaussians reached",
     "target_psnr": "target PSNR reached",
     "max_bytes": "maximum file size reached",
     "time_limit": "time limit reached",
     "interrupted": "interrupted",
 }
-_MOST_TAGS = 6  # of a checked SVG, the commonest
+_MOST_TAGS = 6  # of a checked SVG, the most frequent
 
 
 @contextmanager
 def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
-    """A callback for `vectorize` that keeps a progress bar; None if quiet or no terminal."""
+    """A callback for `vectorize` that updates a progress bar; None if quiet or no terminal."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield None
@@ -66,7 +62,7 @@ def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
                 return
             bar.update(
                 task,
-                description=_NAMED.get(progress.phase, f"round {now.round}"),
+                description=_FITS.get(progress.phase, f"fitting, round {now.round}"),
                 completed=now.done,
                 total=1.0,
                 state=(
@@ -78,52 +74,60 @@ def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
 
 
 def print_summary(report: dict[str, Any], output: str | None) -> None:
-    """A few lines: what was written, how large it is, how closely it matches, how long it took."""
+    """What was written, how large it is, how closely it matches the photo, how long it took."""
+    compiled = report["compile_s"] > COMPILED_S
     rows = {
-        "SVG": f"{output or 'standard output'}, {report['width']}x{report['height']} px",
-        "Gaussians": f"{report['gaussians']} in {report['rounds']} rounds, "
-        f"{report['iterations']} iterations; {_STOPPED[report['stop_reason']]}",
-        "bytes": f"{report['svg_bytes']:,} raw, {report['svgz_bytes']:,} gzipped; "
-        f"{report['bytes_by_part']['gradients'] / report['svg_bytes']:.0%} for gradients",
-        "seconds": f"{report['fit_s']:.1f} to fit, {report['total_s']:.1f} in all"
-        + (f", {report['compile_s']:.0f} to compile once" if report["compile_s"] > 2 else ""),
-        "against photo": f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])}, "
-        f"rasterised by {report['renderer']}",
+        "file": f"{output or 'standard output'}, {report['width']}x{report['height']} px",
+        "size": f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped; gradients are "
+        f"{report['bytes_by_part']['gradients'] / report['svg_bytes']:.0%} of it",
+        "Gaussians": f"{report['gaussians']:,}, fitted in {report['iterations']} iterations",
+        "match": f"{_match(report)}, rasterised by {report['renderer']}",
         **_of_alpha(report),
-        "against model": f"PSNR {decibels(report['psnr_roundtrip'])}, "
-        f"bias {report['bias_roundtrip']:+.2f} of 255; "
-        f"the model itself has {decibels(report['psnr_model'])}",
+        "fit": f"PSNR {decibels(report['psnr_model'])} before writing, which the SVG reproduces at "
+        f"{decibels(report['psnr_roundtrip'])}, {report['bias_roundtrip']:+.2f} of 255 on average",
+        "time": f"{report['total_s']:.1f} s, of which {report['fit_s']:.1f} s for the fit"
+        + (f" and {report['compile_s']:.0f} s for a compilation, only once" if compiled else ""),
+        "finished": _STOPPED[report["stop_reason"]],
     }
-    lines = [*rows.items(), *(("not reached", line) for line in report["unreached"])]
-    _print_table([*lines, *(("note", note) for note in report["notes"])])
+    missed = [("not reached", line) for line in report["unreached"]]
+    _print_table([*rows.items(), *missed, *_notes(report)])
 
 
 def print_check(report: dict[str, Any], svg: str | None) -> None:
-    """A few lines: what an SVG has, how large it is, how closely it matches."""
+    """What an SVG contains, how large it is, how closely it matches the photo."""
     tags = [
         f"{count:,} {tag.rpartition('}')[2]}" for tag, count in report["elements_by_tag"].items()
     ]
     others = f", {len(tags) - _MOST_TAGS} other tags" if len(tags) > _MOST_TAGS else ""
     rows = {
-        "SVG": f"{svg or 'standard input'}, {report['svg_width']:g}x{report['svg_height']:g} px",
+        "file": f"{svg or 'standard input'}, {report['svg_width']:g}x{report['svg_height']:g} px",
+        "size": f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped",
         "elements": f"{report['elements']:,}: {', '.join(tags[:_MOST_TAGS])}{others}",
-        "bytes": f"{report['svg_bytes']:,} raw, {report['svgz_bytes']:,} gzipped",
-        "against photo": f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])}, "
-        f"MS-SSIM {_ssim(report['ms_ssim_svg'], 176)}, rasterised by {report['renderer']} at "
-        f"{report['width']}x{report['height']} px",
+        "match": f"{_match(report)}, MS-SSIM {_ssim(report['ms_ssim_svg'], 176)}, rasterised by "
+        f"{report['renderer']} at {report['width']}x{report['height']} px",
         **_of_alpha(report),
-        "errors": f"largest {report['largest_error_svg']:.0f}, "
-        f"bias {report['bias_svg']:+.2f} of 255",
+        "errors": f"{report['largest_error_svg']:.0f} of 255 at most, "
+        f"{report['bias_svg']:+.2f} of 255 on average",
     }
-    _print_table([*rows.items(), *(("note", note) for note in report["notes"])])
+    _print_table([*rows.items(), *_notes(report)])
+
+
+def _match(report: dict[str, Any]) -> str:
+    return (
+        f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])} against the photo"
+    )
+
+
+def _notes(report: dict[str, Any]) -> list[tuple[str, str]]:
+    return [("note", note) for note in report["notes"]]
 
 
 def _of_alpha(report: dict[str, Any]) -> dict[str, str]:
-    """A line for a transparent photo: the PSNR above is over white."""
+    """A row for a transparent photo, whose match is that over white."""
     if not report["transparent"]:
         return {}
     return {
-        "transparent": f"PSNR {decibels(report['psnr_svg'])} over white, "
+        "transparency": f"PSNR {decibels(report['psnr_svg'])} over white, "
         f"{decibels(report['psnr_svg_black'])} over black, "
         f"{decibels(report['psnr_svg_alpha'])} of alpha"
     }
@@ -134,7 +138,7 @@ def _print_table(rows: list[tuple[str, str]]) -> None:
     table.add_column(style="dim")
     table.add_column()
     for name, text in rows:
-        # No markup, and no escapes: a file name may look like either.
+        # Text without markup or escapes, which a file name may contain.
         table.add_row(name, Text(on_one_line(text)))
     Console(stderr=True, highlight=False).print(table)
 

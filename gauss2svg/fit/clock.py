@@ -1,4 +1,4 @@
-"""How much of a fit is over: by iterations or by the wall clock, whichever is further."""
+"""Progress of a fit, by iterations or by the wall clock, whichever is further."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from typing import Any
 from gauss2svg.errors import number_within, whole_number
 from gauss2svg.fit.schedule import GROWTH_SHARE
 
-# Where only time is limited, a round of growth takes no more steps than this: what is left
-# is better spent where all Gaussians are there.
+# Where only time is limited, a round of growth takes at most this many steps: the rest of the time
+# is better spent once all Gaussians exist.
 _MOST_STEPS_A_ROUND = 30
 _MOST_STEPS = 10**9
 
 
 class Clock:
-    """Two stages: growth, in at most `rounds` rounds, is 0..GROWTH_SHARE; refinement the rest.
+    """Progress in 0..1: growth, in at most `rounds` rounds, is 0..GROWTH_SHARE, then refinement.
 
-    iterations  of both stages, or None for as many as the time allows
-    deadline    as time.perf_counter() counts, in s, or None; may be moved
-    round_iterations  of each round of growth; None: growth has GROWTH_SHARE of all
-    stop        asked at every question; once it is True all is over
+    iterations        of both stages, or None for as many as the time allows
+    deadline          in s of time.perf_counter(), or None; may be moved
+    round_iterations  of each round of growth; None: growth takes GROWTH_SHARE of the iterations
+    stop              polled at every step; once it returns True the fit ends
     """
 
     def __init__(
@@ -47,17 +47,17 @@ class Clock:
 
     @property
     def elapsed_s(self) -> float:
-        """Wall-clock seconds since the beginning."""
+        """Wall-clock seconds since the start of the fit."""
         return time.perf_counter() - self._begun
 
     @property
     def stopped(self) -> bool:
-        """Whether whoever runs the fit wants it to end."""
+        """Whether the caller has asked the fit to stop."""
         self._stopped = self._stopped or self._stop()
         return self._stopped
 
     def round_is_over(self, index: int) -> bool:
-        """Whether round `index` (0, 1, ...) of growth has had its steps or its time."""
+        """Whether round `index` (0, 1, ...) of growth has used its steps or its time."""
         share = (index + 1) / self._rounds
         steps = _MOST_STEPS_A_ROUND * (index + 1)
         if self._round_iterations is not None:
@@ -69,20 +69,20 @@ class Clock:
 
     @property
     def growth_is_late(self) -> bool:
-        """Whether growth has had all its time."""
+        """Whether growth has used its share of the time."""
         return self._time_share() >= GROWTH_SHARE
 
-    def growing(self, index: int) -> float:
-        """Share done, in 0..GROWTH_SHARE, at the end of round `index`."""
+    def growth_progress(self, index: int) -> float:
+        """Progress in 0..GROWTH_SHARE at the end of round `index`."""
         return GROWTH_SHARE * min((index + 1) / self._rounds, 1.0)
 
-    def refine(self, steps: int | None, done: float) -> None:
-        """From here on `steps` iterations, or the time left, take `done` to 1."""
+    def begin_refinement(self, steps: int | None, progress: float) -> None:
+        """From here on `steps` iterations, or the time left, take `progress` to 1."""
         self._stage_first, self._stage_steps = self.iteration, steps
-        self._stage_begun, self._from = time.perf_counter(), done
+        self._stage_begun, self._from = time.perf_counter(), progress
 
-    def refining(self) -> float:
-        """Share done, in `done`..1; 1 ends the fit."""
+    def refinement_progress(self) -> float:
+        """Progress of the fit during refinement; 1 ends it."""
         if self.stopped:
             return 1.0
         by_steps = 0.0
@@ -98,7 +98,7 @@ class Clock:
         return self._from + (1 - self._from) * min(max(by_steps, by_time), 1.0)
 
     def state_dict(self) -> dict[str, Any]:
-        """What `load_state_dict` needs; a deadline is not part of it."""
+        """The clock's state for `load_state_dict`, without the deadline."""
         return {
             "iteration": self.iteration,
             "stage_first": self._stage_first,
@@ -107,15 +107,15 @@ class Clock:
             "elapsed_s": self.elapsed_s,
         }
 
-    def load_state_dict(self, memory: dict[str, Any]) -> None:
-        """Go on as a clock does that gave this memory; InputError for one that none can give."""
+    def load_state_dict(self, saved: dict[str, Any]) -> None:
+        """Restore a saved state; raises InputError for values out of range."""
         most = _MOST_STEPS if self.iterations is None else self.iterations
-        self.iteration = whole_number("iteration", memory["iteration"], 0, most)
-        self._from = number_within("from", memory["from"], 0, 1)
-        self._stage_first = whole_number("stage_first", memory["stage_first"], 0, self.iteration)
-        steps = memory["stage_steps"]
+        self.iteration = whole_number("iteration", saved["iteration"], 0, most)
+        self._from = number_within("from", saved["from"], 0, 1)
+        self._stage_first = whole_number("stage_first", saved["stage_first"], 0, self.iteration)
+        steps = saved["stage_steps"]
         self._stage_steps = None if steps is None else whole_number("stage_steps", steps, 0, most)
-        self._begun = time.perf_counter() - number_within("elapsed", memory["elapsed_s"], 0, 1e9)
+        self._begun = time.perf_counter() - number_within("elapsed", saved["elapsed_s"], 0, 1e9)
 
     def _time_share(self) -> float:
         if self.deadline is None:

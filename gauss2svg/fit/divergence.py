@@ -1,10 +1,7 @@
-"""What keeps a fit from running away: it goes back to its best state with smaller steps.
+"""Guard against divergence: a fit rolls back to its best state and continues in smaller steps.
 
-Photos of many details do not need it: at the usual rates, on Kodak 04, 13 and 20 with 300, 1000
-and 3000 shapes, the squared error never grew by more than 1.6 times over the least since the last
-change, save for one sum of 18 fits (2.4 times, once). Smooth pictures and those of few pixels do,
-where a step can undo nearly all that was reached. `python examples/stability.py` prints what fits
-reach by the size of their steps; the README has the table.
+Detailed photos do not need it; smooth images and those of few pixels do, where a single step can
+undo nearly all progress. docs/decisions/divergence.md has the measurements.
 """
 
 from __future__ import annotations
@@ -17,28 +14,28 @@ from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
 
-# A loss that is so many times the least since the last change has run away; so has one that
-# is so many times the least of all after so many steps that brought nothing better, and one
-# that is so many times the least when a stage ends.
-_RUN_AWAY = 2.0
-_LOST, _LOST_STEPS = 1.5, 25
-_LEFT_BEHIND = 1.2
+# A loss has diverged when it is this many times the least since the last change, when it has
+# stalled for this many steps at this many times the least of all, or when a stage ends at this
+# many times the least.
+_DIVERGED = 2.0
+_STALLED, _STALLED_STEPS = 1.5, 25
+_WORSE_AT_END = 1.2
 _ROUNDING = 1 + 1e-6  # of a loss that is summed in another order
-# Mean squared error under which nothing does: 50 dB.
+# Mean squared error under which a fit cannot diverge: 50 dB.
 _NEGLIGIBLE = 1e-5
-# After going back steps begin at a quarter of those that ran away and grow to half of them: one
-# bad step among many good ones, such as the first of shapes that overlap, costs little then.
-# Where the next few steps run away as well, they become a tenth.
+# After a rollback steps begin at a quarter of those that diverged and grow to half of them, so one
+# bad step among many good ones costs little. Where the next few steps diverge as well, they grow
+# to a tenth only.
 _CEILING, _LOWERED, _GROWTH = 0.5, 0.5, 1.1
 _AGAIN, _CEILING_AGAIN = 3, 0.1
 
 
 class DivergenceGuard:
-    """The best state of a fit so far, and how much smaller its steps have become.
+    """The best state of a fit so far, and how far its learning rate has been lowered.
 
-    A change of the problem (another picture, another number of Gaussians, colours that are
-    shared) begins anew; a relocation is a change of the state alone. learning_rate is what steps
-    are asked to be, as a multiple of the usual ones, rate what they are, as a share of that.
+    `reset` belongs to changes of the problem (another size or number of Gaussians, shared colours),
+    `relocated` to changes of the state alone. learning_rate is that of FitOptions; rate is the
+    share of it that is in use, least the loss of the best state.
     """
 
     def __init__(self, learning_rate: float = 1.0) -> None:
@@ -46,47 +43,48 @@ class DivergenceGuard:
         self.rate = self._ceiling = 1.0
         self.rollbacks = 0
         self._best: tuple[State, SharedColors | None] | None = None
-        self._least = self._recent = math.inf
+        self.least = self._recent = math.inf
         self._since = 0  # steps since the best state
-        self._accepted = 0  # since going back
+        self._accepted = 0  # steps since the last rollback
 
-    def begin(self) -> None:
-        """Forget the best state: losses to come are not comparable, and steps may be larger."""
+    def reset(self) -> None:
+        """Forget the best state, for later losses are not comparable; steps may grow again."""
         self._ceiling = max(self._ceiling, min(self._ceiling / _CEILING, self._usual))
-        self._best, self._least, self._recent, self._since = None, math.inf, math.inf, 0
+        self._best, self.least, self._recent, self._since = None, math.inf, math.inf, 0
 
-    def moved(self) -> None:
-        """Gaussians were relocated: the next loss may be larger."""
+    def relocated(self) -> None:
+        """Allow a larger loss after a relocation."""
         self._recent = math.inf
 
     def accepts(self, loss: float, error: float, state: State, shared: SharedColors | None) -> bool:
-        """Whether to go on from a state of this loss and mean squared error; keeps it if best."""
+        """Whether a state of this loss and mean squared error is sound; keeps the best one."""
         if not math.isfinite(loss):
             return False
         self._since += 1
         self._accepted += 1
-        is_lost = loss > _LOST * self._least and self._since > _LOST_STEPS
-        if error > _NEGLIGIBLE and (loss > _RUN_AWAY * self._recent or is_lost):
+        stalled = loss > _STALLED * self.least and self._since > _STALLED_STEPS
+        if error > _NEGLIGIBLE and (loss > _DIVERGED * self._recent or stalled):
             return False
         self._recent = min(self._recent, loss)
         self.rate = min(self.rate * _GROWTH, self._ceiling)
-        if loss < self._least:
-            self._least, self._since = loss, 0
+        if loss < self.least:
+            self.least, self._since = loss, 0
             self._best = state.copy(), None if shared is None else shared.copy()
         return True
 
-    def is_worse(self, loss: float, far: bool) -> bool:
-        """Whether a stage should not end at this loss, but at its best state; far: by a fifth.
+    def ends_worse(self, loss: float, tolerant: bool) -> bool:
+        """Whether a stage that ends at this loss should return to its best state.
 
-        Where steps were too large before, it is one more time that the fit ran away.
+        tolerant: only where the loss is a fifth larger. Where steps were too large before, that
+        counts as another rollback.
         """
-        left_behind = not loss <= _LEFT_BEHIND * self._least
-        if left_behind and (self._usual < 1 or self.rollbacks > 0):
-            self.back()
-        return left_behind if far else not loss <= self._least * _ROUNDING
+        diverged = not loss <= _WORSE_AT_END * self.least
+        if diverged and (self._usual < 1 or self.rollbacks > 0):
+            self.roll_back()
+        return diverged if tolerant else not loss <= self.least * _ROUNDING
 
-    def back(self) -> tuple[State, SharedColors | None] | None:
-        """The best state, from which to go on in smaller steps; None where none was good."""
+    def roll_back(self) -> tuple[State, SharedColors | None] | None:
+        """The best state, from which to continue in smaller steps; None if there is none."""
         self.rollbacks += 1
         again = self._accepted < _AGAIN
         self._ceiling = self.rate * (_CEILING_AGAIN if again and self.rollbacks > 1 else _CEILING)
@@ -96,20 +94,20 @@ class DivergenceGuard:
         return self.best()
 
     def best(self) -> tuple[State, SharedColors | None] | None:
-        """A copy of the best state, with the colours that it shares."""
+        """A copy of the best state and its shared colours."""
         if self._best is None:
             return None
         state, shared = self._best
         return state.copy(), None if shared is None else shared.copy()
 
     def state_dict(self) -> dict[str, Any]:
-        """What `load_state_dict` needs."""
+        """The guard's state for a checkpoint."""
         state, shared = self._best or (None, None)
         return {
             "rate": self.rate,
             "ceiling": self._ceiling,
             "rollbacks": self.rollbacks,
-            "least": self._least,
+            "least": self.least,
             "recent": self._recent,
             "since": self._since,
             "accepted": self._accepted,
@@ -117,24 +115,19 @@ class DivergenceGuard:
             "shared": None if shared is None else shared.state_dict(),
         }
 
-    def load_state_dict(self, memory: dict[str, Any], blending: Blending) -> None:
-        """Become as one was that gave this memory; raises InputError for what none can give."""
-        self.rate = number_within("rate", memory["rate"], 0, 1)
-        self.rollbacks = whole_number("rollbacks", memory["rollbacks"], 0, 10**9)
-        self._ceiling = number_within("ceiling", memory["ceiling"], 0, 1)
-        self._least = number_within("least", memory["least"], -math.inf, math.inf)
-        self._recent = number_within("recent", memory["recent"], -math.inf, math.inf)
-        self._since = whole_number("since", memory["since"], 0, 10**9)
-        self._accepted = whole_number("accepted", memory["accepted"], 0, 10**9)
+    def load_state_dict(self, saved: dict[str, Any], blending: Blending) -> None:
+        """Restore a saved state; raises InputError for values out of range."""
+        self.rate = number_within("rate", saved["rate"], 0, 1)
+        self.rollbacks = whole_number("rollbacks", saved["rollbacks"], 0, 10**9)
+        self._ceiling = number_within("ceiling", saved["ceiling"], 0, 1)
+        self.least = number_within("least", saved["least"], -math.inf, math.inf)
+        self._recent = number_within("recent", saved["recent"], -math.inf, math.inf)
+        self._since = whole_number("since", saved["since"], 0, 10**9)
+        self._accepted = whole_number("accepted", saved["accepted"], 0, 10**9)
         self._best = None
-        if memory["state"] is not None:
-            shared = memory["shared"]
+        if saved["state"] is not None:
+            shared = saved["shared"]
             self._best = (
-                State.from_state_dict(memory["state"]),
+                State.from_state_dict(saved["state"]),
                 None if shared is None else SharedColors.from_state_dict(shared, blending),
             )
-
-    @property
-    def least(self) -> float:
-        """Loss of the best state; infinite where there is none."""
-        return self._least

@@ -1,4 +1,4 @@
-"""What the fit makes small, besides the squared error that the kernels know by heart."""
+"""Losses besides the squared error, whose gradient the kernels compute themselves."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _C1, _C2 = 0.01**2, 0.03**2
 
 
 def has_ssim(loss: str) -> bool:
-    """Whether a loss has a part of 1 - SSIM."""
+    """Whether a loss has an SSIM term."""
     return loss.endswith("+ssim")
 
 
@@ -28,22 +28,22 @@ def image_gradient(
     target: NDArray[np.floating],
     ssim_weight: float | None = None,
 ) -> tuple[float, NDArray[np.floating]]:
-    """Loss value and its gradient (3, h, w) with respect to rendered (3, h, w), by torch.
+    """Loss and its gradient (3, h, w) with respect to rendered (3, h, w), by torch.
 
-    mse: mean (r - t)^2; l1: mean |r - t|; with +ssim: (1 - w) of it + w (1 - SSIM) for w =
-    ssim_weight in 0..1, SSIM_WEIGHT if None. The gradient is times the number of values, so that
-    its scale does not depend on the size.
+    mse: mean (r - t)^2; l1: mean |r - t|; with +ssim: (1 - w) times that + w (1 - SSIM), with
+    w = ssim_weight in 0..1, SSIM_WEIGHT if None. The gradient is multiplied by the number of
+    values, so that its scale does not depend on the size.
     """
     import torch
 
     image = torch.from_numpy(rendered).requires_grad_()
-    wanted = torch.from_numpy(target)
+    reference = torch.from_numpy(target)
     pixel = torch.nn.functional.l1_loss if loss.startswith("l1") else torch.nn.functional.mse_loss
-    value = pixel(image, wanted)
+    value = pixel(image, reference)
     if has_ssim(loss):
         ssim_weight = SSIM_WEIGHT if ssim_weight is None else ssim_weight
-        missing = 1 - structural_similarity(image, wanted)
-        value = (1 - ssim_weight) * value + ssim_weight * missing
+        dissimilarity = 1 - structural_similarity(image, reference)
+        value = (1 - ssim_weight) * value + ssim_weight * dissimilarity
     value.backward()
     assert image.grad is not None  # the loss depends on the image
     return float(value.detach()), (image.grad * image.numel()).numpy()
@@ -52,8 +52,8 @@ def image_gradient(
 def structural_similarity(image, other):
     """Mean SSIM of two torch images (3, h, w) in 0..1, differentiable.
 
-    11 x 11 Gaussian window of sigma 1.5 (Wang et al., 2004), windows inside the image
-    only; a smaller image takes the largest odd window that fits.
+    11 x 11 Gaussian window of sigma 1.5 (Wang et al., 2004), only where it lies inside the
+    image; a smaller image takes the largest odd window that fits.
     """
     import torch
 
@@ -63,7 +63,7 @@ def structural_similarity(image, other):
     taps = list(enumerate((weights / weights.sum()).tolist()))
 
     def blur(planes):
-        # Sums of shifted pictures: three times as fast as conv2d on the CPU.
+        # Sums of shifted images: three times as fast as conv2d on the CPU.
         height, width = (s - side + 1 for s in planes.shape[1:])
         rows = reduce(add, (tap * planes[:, :, k : k + width] for k, tap in taps))
         return reduce(add, (tap * rows[:, k : k + height] for k, tap in taps))

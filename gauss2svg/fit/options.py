@@ -1,22 +1,23 @@
-"""What a fit is asked for, what it says on the way, and what comes out."""
+"""Options, progress and result of a fit."""
 
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, must_be, whole_number
-from gauss2svg.fit.losses import has_ssim
+from gauss2svg.fit.losses import DEFAULT_LOSS, has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, totals
 from gauss2svg.options import Number, OptionGroup, Whole
 from gauss2svg.scene import ADD, OVER, Scene
 from gauss2svg.scene.falloff import ADAPTIVE, GAUSSIAN
 
-# 228 bytes of optimiser state each: over 2 GB.
+# 228 bytes of optimiser state each make over 2 GB.
 MOST_GAUSSIANS = 10_000_000
 
-# What the kernels compute in; docs/decisions/numbers.md has what the wider one buys: nothing.
+# Of the kernels; float64 gains no PSNR (docs/decisions/numbers.md).
 DTYPES = ("float32", "float64")
 DEFAULT_DTYPE = "float32"
 
@@ -26,27 +27,27 @@ class FitOptions(OptionGroup):
     """The model and the optimiser."""
 
     iterations: Annotated[int | None, Whole(1, 10**9)] = None
-    """Optimiser steps; the preset's if not given."""
+    """Number of optimiser steps; the default is the preset's."""
 
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
-    """Loss; those with ssim keep more texture, take longer and need the extra torch."""
+    """Loss; ssim keeps more texture and takes longer, and all but mse need the extra torch."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
-    """Weight of 1 - SSIM in the losses with ssim, 0 to 1; 0.2 if not given."""
+    """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""
 
     learning_rate: Annotated[float, Number(1e-6, 1e6)] = 1.0
     """Learning-rate multiplier."""
 
     blend: Literal["over", "add"] = "over"
-    """over: alpha compositing; add: the paper's additive blending of signed colours, for resvg,
-    browsers, librsvg and Inkscape."""
+    """Alpha compositing (over) or the paper's additive blending of signed colours (add), which
+    CairoSVG does not draw."""
 
     falloff: Literal["gaussian", "adaptive"] | None = None
-    """adaptive: each shape learns how crisp its rim is; gaussian: all are Gaussians, as in the
-    paper. The default is adaptive, and gaussian with additive blending."""
+    """Falloff of the shapes: adaptive learns how crisp each rim is, gaussian keeps Gaussians, as in
+    the paper; the default is adaptive, or gaussian with additive blending."""
 
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
-    """Seed; the same seed gives the same file."""
+    """Random seed; the same seed gives the same file."""
 
     @property
     def learned_falloff(self) -> bool:
@@ -56,21 +57,20 @@ class FitOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class DensifyOptions(OptionGroup):
-    """How Gaussians are added and moved during the fit."""
+    """How Gaussians are added and relocated during the fit."""
 
     init: Literal["selective", "error", "random", "live"] = "selective"
-    """Placement of new Gaussians: on the largest components of the error, in proportion to the
-    squared error, at random, or on components chosen as in LIVE."""
+    """Placement of new Gaussians: on the largest components of the residual (selective), in
+    proportion to the squared error, at random, or as in LIVE."""
 
     schedule: Literal["exponential", "linear", "all-at-once"] = "exponential"
-    """How the rounds grow to a given number of Gaussians."""
+    """Growth of the rounds to a given number of Gaussians."""
 
     per_round: Annotated[int | None, Whole(1, MOST_GAUSSIANS)] = None
-    """Gaussians added in a round: exponential rounds add 1, 2, 4, ... up to this, linear ones
-    this."""
+    """Gaussians added in each round; exponential rounds add 1, 2, 4, ... up to this number."""
 
     round_iterations: Annotated[int | None, Whole(1, 10**9)] = None
-    """Optimiser steps in each round."""
+    """Number of optimiser steps in each round."""
 
     relocate: bool = True
     """Relocate the least useful Gaussians during the fit."""
@@ -78,12 +78,12 @@ class DensifyOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class FitConfig:
-    """All that a fit of one picture goes by.
+    """All settings of a fit.
 
     gaussians   number of Gaussians, >= 0; 0 gives the mean colour
     iterations  optimiser steps, >= 1; None: until the deadline
-    dtype       one of DTYPES, of all that the kernels compute
-    reduce      whether rounds of few Gaussians run on a reduced picture, which is quicker
+    dtype       one of DTYPES, which the kernels compute in
+    reduce      whether rounds of few Gaussians run on a reduced target, which is faster
     """
 
     gaussians: int = 5000
@@ -102,6 +102,10 @@ class FitConfig:
         if self.fit.blend == ADD and self.fit.falloff not in (None, GAUSSIAN):
             needed = f"{GAUSSIAN} with additive blending"
             raise InputError(must_be("falloff", needed, self.fit.falloff, f"--blend {OVER}"))
+        if self.fit.loss != DEFAULT_LOSS and importlib.util.find_spec("torch") is None:
+            needed = f"{DEFAULT_LOSS} without the package torch"
+            advice = "pip install 'gauss2svg[torch]'"
+            raise InputError(must_be("loss", needed, self.fit.loss, advice))
         if self.fit.ssim_weight is not None and not has_ssim(self.fit.loss):
             needed, loss = "one with ssim where ssim_weight is given", self.fit.loss
             raise InputError(must_be("loss", needed, loss, f"--loss {loss}+ssim"))
@@ -109,7 +113,7 @@ class FitConfig:
 
     @property
     def totals(self) -> list[int]:
-        """Ascending totals of the rounds in which the Gaussians asked for are added."""
+        """Ascending numbers of Gaussians after each round."""
         densify = self.densify
         return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
 
@@ -122,15 +126,15 @@ class FitConfig:
         if rounds * (each or 1) > room:
             raise InputError(
                 f"iterations must leave room for {rounds} rounds of {each or 1} or more; got "
-                f"{room} for the rounds. Try more --iterations or a larger --per-round"
+                f"{room} for the rounds. Try more --iterations or fewer rounds"
             )
 
 
 @dataclass(frozen=True)
 class FitProgress:
-    """Where a fit stands: counts so far, PSNR of the model in dB, seconds gone and left.
+    """Progress of a fit: counts so far, PSNR of the model in dB, seconds elapsed and remaining.
 
-    done is the share of the fit that is over, in 0..1, by iterations or by the clock.
+    done is the progress in 0..1, by iterations or by the clock.
     """
 
     round: int
@@ -144,12 +148,13 @@ class FitProgress:
 
 @dataclass(frozen=True)
 class FitResult:
-    """A fitted scene on the working canvas, and how it came about.
+    """A fitted scene on the working canvas, with the costs of the fit.
 
-    cpu_s counts the CPU seconds of all threads, pixel_pairs the pixel-Gaussian pairs
-    of the optimiser's steps, forward and backward counted once. stop_reason is one of
-    gauss2svg.fit.densification.STOP_REASONS. rollbacks is how often the fit ran away and was taken back
-    to its best state, rate what its steps were in the end, as a share of the usual ones.
+    cpu_s        CPU seconds of all threads
+    pixel_pairs  pixel-Gaussian pairs of all optimiser steps, forward and backward counted once
+    stop_reason  one of gauss2svg.fit.densification.STOP_REASONS
+    rollbacks    how often the fit diverged and was rolled back to its best state
+    rate         final learning-rate multiplier
     """
 
     scene: Scene
@@ -163,7 +168,7 @@ class FitResult:
     rate: float = 1.0
 
     def after(self, before: FitResult | None, stop_reason: str) -> FitResult:
-        """With the costs of a fit before it, and another reason of its end."""
+        """The result with the costs of an earlier fit added, and another stop_reason."""
         costs = ("iterations", "wall_s", "cpu_s", "pixel_pairs", "rollbacks")
         changes: dict[str, Any] = {
             name: getattr(self, name) + (getattr(before, name) if before else 0) for name in costs

@@ -1,4 +1,4 @@
-"""Where new Gaussians go, how large they are and how they lie."""
+"""Placement of new Gaussians: position, size and direction (docs/decisions/placement.md)."""
 
 from __future__ import annotations
 
@@ -12,47 +12,41 @@ from scipy.ndimage import gaussian_filter
 from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.target import Target
 
-# ln beta; starting at 1, 1.5, 2.5 or 3, everywhere or only for components, ends within the
-# scatter of +-0.3 dB on drawings and 0.03 dB on photos.
-FIRST_RAW_BETA = 0.1
-_LEAST_SIGMA = 0.8
-_LEAST_MINOR = 0.6
+FIRST_RAW_BETA = 0.1  # ln beta; the start hardly matters
+_LEAST_SIGMA = 0.8  # px
+_LEAST_MINOR = 0.6  # px
 _ELONGATION = 0.5  # along an edge sigma is e^0.5 longer, across it as much shorter
-# selective: differences under this share of the largest are left out, the rest is
-# cut into this many bins of equal width (LIVE uses a similar quantisation).
+# selective: residuals under this share of the largest are left out, the rest is quantised into
+# this many bins of equal width, as in LIVE.
 _REJECTED_SHARE = 0.2
 _BINS = 8
-# A component's axes are lengthened no more than this ratio; round starts lose 0.1 to 0.3 dB
-# on drawings of 32 to 512 shapes and 0.03 dB on photos of 1000.
-_MOST_FIRST_ASPECT = 6.0
-# More paint cannot mend what covers too much: from so much alpha on the difference counts by that
-# share. 300 / 1000 Gaussians on a ramp of alpha 30.30 / 34.52 dB without, 30.98 / 34.90 with it, by
-# a share of 0 30.71 / 34.92; a soft ellipse 29.73 / 35.91, 29.71 / 35.85, 29.71 / 35.86.
-_TOO_COVERED, _MENDS_LESS = 0.03, 0.3
+_MOST_FIRST_ASPECT = 6.0  # of a component; round starts lose PSNR, most of all on drawings
+# New Gaussians cannot repair a pixel that is covered too much: from this surplus of alpha on its
+# residual is weighted by this much.
+_TOO_COVERED, _COVERED_WEIGHT = 0.03, 0.3
 _PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
-# live: sigma = sqrt(A / (r s^2)) of the grid's units for a component of A px and a kernel of
-# s samples; the grid reaches from -5 to 5, so that a unit is s / 10 px and s cancels:
-# sigma = sqrt(A / 7) px, 1.3 times that of a disc of area A.
+# live: sigma = sqrt(A / (r s^2)) grid units for a component of A px and a kernel of s samples; the
+# grid spans -5 to 5, so that a unit is s / 10 px and s cancels: sigma = sqrt(A / 7) px.
 _LIVE_R, _GRID_UNITS = 0.07, 10
 
 
 @dataclass(frozen=True)
-class New:
+class NewGaussians:
     """n Gaussians to add: mean (n, 2), Cholesky factor (n, 3), color (n, 3); float64.
 
-    color is the target's there, or what the target has more than the picture so far.
+    color is the target's at the mean, or with additive blending the residual's.
     """
 
     mean: NDArray[np.float64]
     factor: NDArray[np.float64]
     color: NDArray[np.float64]
 
-    def with_more(self, others: Callable[[int], New], count: int) -> New:
-        """These and as many others as are missing to `count`."""
+    def filled_up(self, others: Callable[[int], NewGaussians], count: int) -> NewGaussians:
+        """These Gaussians and as many others as make `count`."""
         if len(self.mean) == count:
             return self
         more = others(count - len(self.mean))
-        return New(
+        return NewGaussians(
             np.concatenate([self.mean, more.mean]),
             np.concatenate([self.factor, more.factor]),
             np.concatenate([self.color, more.color]),
@@ -67,26 +61,24 @@ def place(
     total: int,
     rng: np.random.Generator,
     blending: Blending,
-) -> New:
-    """New Gaussians, `count` of them, for a scene that has `total` with them.
+) -> NewGaussians:
+    """Place `count` new Gaussians for a scene that then has `total`.
 
-    placement is that of DensifyOptions.init.
-
-    rendered is the scene so far, like target.planar. Where the target has alpha and nothing of
-    it shows, none go: more paint can only make that worse.
+    placement is one of DensifyOptions.init, rendered the scene so far, like target.planar. No
+    Gaussian is placed on invisible pixels of a target with alpha.
     """
-    placing = _Placing(target, rendered, target.spacing(total), rng, blending)
+    placer = _Placer(target, rendered, target.spacing(total), rng, blending)
     if placement == "error":
-        return placing.by_error(count)
+        return placer.by_error(count)
     if placement == "selective":
-        return placing.by_component(count)
+        return placer.by_component(count)
     if placement == "live":
-        return placing.as_in_live(count)
-    return placing.at_random(count)
+        return placer.as_in_live(count)
+    return placer.at_random(count)
 
 
-class _Placing:
-    """What new Gaussians are placed by; spacing in px is the radius of each one's share."""
+class _Placer:
+    """Places Gaussians by the residual; spacing in px is the radius of each one's share."""
 
     def __init__(
         self,
@@ -97,41 +89,41 @@ class _Placing:
         blending: Blending,
     ) -> None:
         self._target = target
-        self._missed = target.planar - rendered
+        self._residual = target.planar - rendered
         if target.visible is not None:
-            self._missed *= target.visible
-            over_white, over_black = self._missed[:3], self._missed[3:]
-            covered = (over_white - over_black).mean(axis=0)  # more than in the target
-            self._missed *= np.where(covered > _TOO_COVERED, _MENDS_LESS, 1.0)
-        self._paint = self._missed if blending.by_residual else target.paint
+            self._residual *= target.visible
+            over_white, over_black = self._residual[:3], self._residual[3:]
+            surplus = (over_white - over_black).mean(axis=0)  # of alpha, over the target's
+            self._residual *= np.where(surplus > _TOO_COVERED, _COVERED_WEIGHT, 1.0)
+        self._color = self._residual if blending.color_from_residual else target.source_color
         self._spacing = spacing
         self._rng = rng
-        self._sigma_share = blending.sigma_share
+        self._initial_sigma = blending.initial_sigma
 
-    def by_error(self, count: int) -> New:
-        """Drawn in proportion to the squared error, one from each of `count` equal parts of it."""
-        error = np.square(self._missed).sum(axis=0)
+    def by_error(self, count: int) -> NewGaussians:
+        """In proportion to the squared error, by stratified sampling."""
+        error = np.square(self._residual).sum(axis=0)
         smooth = gaussian_filter(error, min(max(0.5 * self._spacing, 0.5), 4.0))
         if self._target.visible is not None:
             smooth *= self._target.visible
-        chance = np.cumsum(smooth.ravel(), dtype=np.float64)
-        drawn = (np.arange(count) + self._rng.random(count)) / count * chance[-1]
-        pixel = np.minimum(np.searchsorted(chance, drawn), chance.size - 1)
-        if not chance[-1] > 0:  # already exact everywhere
-            pixel = self._rng.integers(chance.size, size=count)
+        total = np.cumsum(smooth.ravel(), dtype=np.float64)
+        sampled = (np.arange(count) + self._rng.random(count)) / count * total[-1]
+        pixel = np.minimum(np.searchsorted(total, sampled), total.size - 1)
+        if not total[-1] > 0:  # already exact everywhere
+            pixel = self._rng.integers(total.size, size=count)
         y, x = np.divmod(pixel, self._target.width)
-        sigma = max(self._spacing * self._sigma_share, _LEAST_SIGMA)
+        sigma = max(self._spacing * self._initial_sigma, _LEAST_SIGMA)
         along, coherence = self._target.edges
         stretch = np.exp(_ELONGATION * coherence[y, x])
         factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
-        return New(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._paint_at(x, y))
+        return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
-    def by_component(self, count: int) -> New:
-        """The largest connected components of the quantised difference, the rest by error.
+    def by_component(self, count: int) -> NewGaussians:
+        """On the largest connected components of the quantised residual, the rest by error.
 
-        As in LIVE, but each proposes its mean colour and the direction and aspect of its second
-        moments too. A disc of area A and a Gaussian agree in variance at sigma =
-        sqrt(A / pi) / 2.
+        As in LIVE, but each has the mean colour of its component, and the direction and aspect of
+        its second moments. A disc of area A and a Gaussian have the same variance at
+        sigma = sqrt(A / pi) / 2.
         """
         parts = self._components(count)
         if parts is None:
@@ -143,17 +135,17 @@ class _Placing:
         stretch = np.sqrt(np.minimum(aspect, _MOST_FIRST_ASPECT))
         angle_rad = 0.5 * np.arctan2(2 * xy, xx - yy)
         minor = np.maximum(sigma / stretch, _LEAST_MINOR)
-        found = New(
+        found = NewGaussians(
             mean=parts.center() + 0.5,
             factor=_oriented(sigma * stretch, minor, angle_rad),
-            color=np.stack([parts.means(c[parts.y, parts.x]) for c in self._paint], axis=1),
+            color=np.stack([parts.means(c[parts.y, parts.x]) for c in self._color], axis=1),
         )
-        return found.with_more(self.by_error, count)
+        return found.filled_up(self.by_error, count)
 
-    def as_in_live(self, count: int) -> New:
-        """The same to the paper's letter: sigma = sqrt(A / (r s^2)), rho = 0, the rest random.
+    def as_in_live(self, count: int) -> NewGaussians:
+        """As the paper has it: sigma = sqrt(A / (r s^2)), rho = 0, the rest at random.
 
-        Colours are what is missing, or the target's, at the centre of mass.
+        Each colour is that at its component's centre of mass.
         """
         parts = self._components(count)
         if parts is None:
@@ -162,10 +154,12 @@ class _Placing:
         center = parts.center()
         x, y = np.round(center).astype(np.intp).T
         factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
-        return New(center + 0.5, factor, self._paint_at(x, y)).with_more(self.at_random, count)
+        return NewGaussians(center + 0.5, factor, self._color_at(x, y)).filled_up(
+            self.at_random, count
+        )
 
-    def at_random(self, count: int) -> New:
-        """Means wherever the target shows, sigma in (0, 1) spacings, rho in (-1, 1)."""
+    def at_random(self, count: int) -> NewGaussians:
+        """Means on any visible pixel, sigma in (0, 1) spacings, rho in (-1, 1)."""
         target, rng = self._target, self._rng
         mean = rng.random((count, 2)) * [target.width, target.height]
         if target.visible is not None:
@@ -176,20 +170,20 @@ class _Placing:
         x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T
         rest = np.sqrt(1 - rho**2)
         factor = np.stack([sigma[:, 0], rho * sigma[:, 1], rest * sigma[:, 1]], axis=1)
-        return New(mean, factor, self._paint_at(x, y))
+        return NewGaussians(mean, factor, self._color_at(x, y))
 
-    def _paint_at(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float64]:
-        return self._paint[:, y, x].T.astype(np.float64)
+    def _color_at(self, x: NDArray[np.intp], y: NDArray[np.intp]) -> NDArray[np.float64]:
+        return self._color[:, y, x].T.astype(np.float64)
 
     def _components(self, count: int) -> _Components | None:
-        """The largest `count` components, or as many as there are; None without any error.
+        """The largest components, at most `count`; None where the residual is zero everywhere.
 
-        The difference is summed over channels, small ones are rejected, the others cut into bins
-        spread evenly between 0 and the largest.
+        The absolute residual is summed over channels; small values are rejected, the others
+        quantised into bins of equal width between 0 and the largest.
         """
         from skimage.measure import label
 
-        difference = np.abs(self._missed).sum(axis=0)
+        difference = np.abs(self._residual).sum(axis=0)
         largest = float(difference.max())
         if largest <= 0:
             return None
@@ -197,7 +191,7 @@ class _Placing:
         bins[difference < _REJECTED_SHARE * largest] = 0
         components = np.asarray(label(bins, background=0, connectivity=2)).ravel()
         area = np.bincount(components)
-        area[0] = 0  # what was rejected
+        area[0] = 0  # the rejected pixels
         order = np.argsort(-area, kind="stable")[: min(count, len(area) - 1)]
         rank = np.full(components.max() + 1, -1)
         rank[order] = np.arange(len(order))
@@ -209,7 +203,7 @@ class _Placing:
 
 @dataclass(frozen=True)
 class _Components:
-    """k connected components: area (k,) in px; pixels x, y and of which component, rank (p,)."""
+    """k connected components: area (k,) in px; their pixels x, y (p,), each of component rank."""
 
     area: NDArray[np.intp]
     rank: NDArray[np.intp]
@@ -225,7 +219,7 @@ class _Components:
         return np.stack([self.means(self.x), self.means(self.y)], axis=1)
 
     def moments(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Central second moments xx, xy, yy (k,) in px^2, of the pixels with their extent."""
+        """Central second moments xx, xy, yy (k,) in px^2, with the extent of the pixels."""
         x, y = self.x, self.y
         mx, my = self.center().T
         xx = self.means(x * x) - mx * mx + _PIXEL_VARIANCE

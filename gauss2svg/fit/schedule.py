@@ -1,22 +1,22 @@
-"""When Gaussians are added, on how large a picture, and how large the steps are."""
+"""When Gaussians are added, at what reduced size, and how the learning rate decays."""
 
 from __future__ import annotations
 
 import math
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be
 
-ROUNDS = 6  # 4 to 20 rounds end within 0.1 dB of each other
-# All Gaussians are there after this share of the iterations.
+ROUNDS = 6  # 4 to 20 end within 0.1 dB of each other
+# All Gaussians have been added after this share of the iterations (docs/decisions/fit.md).
 GROWTH_SHARE = 0.3
-# Steps are full until here, then fall to a fiftieth by a cosine.
+# The learning rate is constant up to here, then decays to a fiftieth by a cosine.
 DECAY_START = 0.75
 _LAST_RATE = 0.02
-# From here on exponents and colours are those of the file: from 75 % instead of 85 %, three
-# Kodak photos lose 0.02 dB at 1000 and 0.03 at 5000 shapes.
-SETTLED_FROM = 0.85
-# A round runs on a picture reduced until fewer pixels than this are left for each of
-# its Gaussians: with 36, a fifth fewer pixel pairs and +0.02 dB on three Kodak photos.
+# From here on exponents and colours are those of the file; earlier costs PSNR
+# (docs/decisions/fit.md).
+QUANTIZED_FROM = 0.85
+# The target of a round is reduced as long as each Gaussian keeps this many pixels: a fifth fewer
+# pixel-Gaussian pairs at no loss of PSNR (docs/decisions/fit.md).
 _PIXELS_PER_GAUSSIAN = 36
 LARGEST_REDUCTION = 8
 _SMALLEST_SIDE = 32
@@ -25,19 +25,18 @@ _SMALLEST_SIDE = 32
 def totals(
     schedule: str, gaussians: int, iterations: int | None, per_round: int | None = None
 ) -> list[int]:
-    """Ascending totals of the rounds of a fit of `gaussians` (>= 0).
+    """Ascending numbers of Gaussians after each round of a fit of `gaussians` (>= 0).
 
-    exponential: totals double from round to round; linear: equal parts; all-at-once: one.
-    With per_round >= 1 as in the paper: round i = 0, 1, .. adds min(2^i, per_round) if it is
-    exponential, per_round if it is linear.
-    Without it fewer iterations than ROUNDS make fewer rounds. Raises InputError for per_round
-    with all at once.
+    exponential: the total doubles in each round; linear: equal parts; all-at-once: one round.
+    With per_round >= 1, as in the paper, round i = 0, 1, .. adds min(2^i, per_round) if the
+    schedule is exponential and per_round if it is linear.
+    Without per_round there are at most as many rounds as iterations. Raises InputError for
+    per_round with all-at-once.
     """
     if per_round is not None:
         if schedule == "all-at-once":
-            raise InputError(
-                "schedule must be exponential or linear where per_round is given; got 'all-at-once'"
-            )
+            needed = "exponential or linear where per_round is given"
+            raise InputError(must_be("schedule", needed, schedule))
         return _totals_by_round(schedule, gaussians, per_round)
     count = ROUNDS if iterations is None else min(ROUNDS, iterations)
     if schedule == "exponential":
@@ -58,7 +57,7 @@ def _totals_by_round(schedule: str, gaussians: int, per_round: int) -> list[int]
 
 
 def reduction(gaussians: int, width: int, height: int) -> int:
-    """A round of so many Gaussians runs on a picture of 1 / this the width and height."""
+    """The factor by which width and height are divided in a round of so many Gaussians."""
     factor = 1
     while (
         factor < LARGEST_REDUCTION
@@ -70,7 +69,7 @@ def reduction(gaussians: int, width: int, height: int) -> int:
 
 
 def rate(done: float) -> float:
-    """Share of the full step size, in 0.02..1, when `done` in 0..1 of the fit is over."""
+    """Learning rate at progress `done` in 0..1, as a share in 0.02..1 of the full one."""
     if done < DECAY_START:
         return 1.0
     fall = 0.5 * (1 + math.cos(math.pi * (done - DECAY_START) / (1 - DECAY_START)))

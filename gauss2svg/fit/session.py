@@ -1,4 +1,4 @@
-"""A fit under way: rounds of growth, refinement, and changes of the count afterwards."""
+"""A fit in progress: rounds of growth, refinement, and changes of the count afterwards."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, number_within
+from gauss2svg.errors import InputError, must_be, number_within
 from gauss2svg.fit import adam
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
@@ -22,9 +22,9 @@ from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population
-from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, SETTLED_FROM, rate, reduction
+from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, QUANTIZED_FROM, rate, reduction
 from gauss2svg.fit.shared import SharedColors
-from gauss2svg.fit.stage import GROWING, OVER, REFINING, Stage
+from gauss2svg.fit.stage import FINISHED, GROWING, REFINING, Stage
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import LossAndGradient
 from gauss2svg.render.cpu import Splats
@@ -32,38 +32,36 @@ from gauss2svg.scene import Scene
 
 AsWritten = Callable[[Scene, float], Scene]
 
-# Under 0.3 px every SVG renderer loses mass: at 0.2 px 85 % of it is drawn, at 0.1 px 35 %.
+# px; under 0.3 px every SVG renderer loses mass (docs/decisions/renderers.md).
 LEAST_SIGMA = 0.35
 
-# A unit of ln beta must buy this share of a Gaussian's part of the loss. On Kodak 04, 13 and
-# 20, 1000 / 5000 shapes, with 0, 0.02, 0.06, 0.2, 0.6 a share of 0.17, 0.26, 0.40, 0.69, 0.91
-# (1000) stays at beta = 1, and the drawn SVG has 27.52 / 31.81, 27.55 / 31.78, 27.54 / 31.83,
-# 27.42 / 31.77, 27.19 / 31.54 dB.
+# A unit of ln beta must lower the loss by this share of a Gaussian's part of it, so that shapes
+# which gain nothing stay Gaussians (docs/decisions/fit.md).
 _BETA_PRICE = 0.06
-# A shape more opaque than this becomes opaque, which the file need not say: 2.8 bytes a shape
-# of 5000 for 0.002 dB; from 0.93 on 3.7 bytes for 0.006.
+# A shape more opaque than this becomes opaque, which saves bytes (docs/decisions/fit.md).
 _OPAQUE_FROM = 0.953
 _OPAQUE_LOGIT = 12.0
-# When shapes may exchange their colours, as shares of the fit; later they hardly do.
+# Progress at which shapes may exchange their colours; later they hardly do.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
 
-_RELOCATION_EVERY = 10
+_RELOCATION_EVERY = 10  # iterations
 _RELOCATION_FROM, _RELOCATION_TO = 0.2, 0.75
-# Where a fit is taken up again after its count has changed: some relocation, then decay.
+# Progress at which a fit resumes after its count has changed: some relocation, then decay.
 _RESUME_AT = 0.6
-_STEPS_AVERAGED = 5  # of the PSNR that a policy is told while all are refined
+_STEPS_AVERAGED = 5  # in the PSNR that a policy sees during refinement
 
 
 class FitSession:
-    """The Gaussians of one fit, and where it stands.
+    """One fit, which can be saved and continued between any two steps.
 
-    pixels    (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
-    policy      how many Gaussians; deadline in s of time.perf_counter, or None
-    progress  called once an iteration, from this thread
-    as_written  the same shapes with the exponents and colours that a file has, from a scene
-              and its PSNR in dB; asked for before the last steps, which make up for the loss
-    segment_at  the segments by which each round's shapes are ordered, or None
-    stop      asked before every step: True ends the fit with what it has
+    pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
+    policy      decides the number of Gaussians
+    deadline    in s of time.perf_counter(), or None
+    progress    called after every iteration, from this thread
+    as_written  maps a scene and its PSNR in dB to the scene with the exponents and colours of its
+                file; called before the last steps, which make up for the loss
+    segment_at  finds the segments by which each round's shapes are ordered, or None
+    stop        polled before every step; True ends the fit with its present state
     """
 
     def __init__(
@@ -97,30 +95,30 @@ class FitSession:
 
     @property
     def state(self) -> State:
-        """The Gaussians, in pixels of the present picture."""
+        """The Gaussians, in px of the current target."""
         return self.population.state
 
     def fit(self) -> None:
-        """Grow and refine until the policy and the clock are content; or go on, after `load_state_dict`."""
+        """Grow and refine until the policy or the clock ends it; continues a loaded state."""
         with self._timed():
             if self.population.target.is_blank:
-                self.policy.stop_reason, self._stage = "enough", Stage(OVER)
+                self.policy.stop_reason, self._stage = "enough", Stage(FINISHED)
             if self._stage.name == GROWING:
                 self._grow()
             if self._stage.name == REFINING:
                 self._refine()
 
     def adopt(self, scene: Scene, count: int) -> None:
-        """Begin with a sum's Gaussians, painted over each other, and as many as make `count`.
+        """Begin with the Gaussians of an additive scene, alpha-composited, and add up to `count`.
 
-        To be called before `fit`, which then only refines them.
+        Call it before `fit`, which then only refines them.
         """
         self.population.adopt(scene)
         self.population.densify_or_prune(max(count, len(self.state)))
         self._after_growth()
 
-    def trim(self, count: int) -> None:
-        """Remove the Gaussians that are missed least from a finished fit, down to `count`."""
+    def prune_to(self, count: int) -> None:
+        """Remove the least useful Gaussians of a finished fit, down to `count`."""
         self.population.densify_or_prune(min(count, len(self.state)))
 
     def resize(self, count: int, iterations: int) -> None:
@@ -133,11 +131,11 @@ class FitSession:
             self._refine()
 
     def scene(self) -> Scene:
-        """The Gaussians so far, on the whole working canvas."""
+        """The Gaussians on the working canvas."""
         return self.population.scene()
 
     def result(self) -> FitResult:
-        """The scene and the numbers so far."""
+        """The scene and the costs so far."""
         reason = "time_limit" if self.clock.out_of_time else self.policy.stop_reason
         return FitResult(
             scene=self.scene(),
@@ -152,16 +150,16 @@ class FitSession:
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """What `load_state_dict` needs to go on from between two steps, to the last bit; for a checkpoint.
+        """The exact state between two steps, for a checkpoint.
 
-        Numbers, text, None, arrays, and lists and dictionaries of these.
+        Consists of numbers, text, None, arrays, and lists and dictionaries of these.
         """
         wall_s, cpu_s = self._seconds()
         return {
             "population": self.population.state_dict(),
             "guard": self.guard.state_dict(),
             "clock": self.clock.state_dict(),
-            "rule": self.policy.state_dict(),
+            "policy": self.policy.state_dict(),
             "stage": dataclasses.asdict(self._stage),
             "errors": list(self._errors),
             "shared": None if self._shared is None else self._shared.state_dict(),
@@ -170,24 +168,25 @@ class FitSession:
             "cpu_s": cpu_s,
         }
 
-    def load_state_dict(self, memory: dict[str, Any]) -> None:
-        """Stand where a run of the same picture, options and policy stood; `fit` goes on.
+    def load_state_dict(self, saved: dict[str, Any]) -> None:
+        """Restore a saved state of the same image, options and policy, which `fit` continues.
 
-        Raises InputError, or what plain Python raises, for a memory that no run can give.
+        Raises InputError, or what plain Python raises, for a damaged state.
         """
-        self.population.load_state_dict(memory["population"])
-        self.guard.load_state_dict(memory["guard"], self.population.blending)
-        self.clock.load_state_dict(memory["clock"])
-        self.policy.load_state_dict(memory["rule"])
-        self._stage = Stage.from_state_dict(memory["stage"])
-        self._errors.extend(number_within("error", e, 0, math.inf) for e in memory["errors"])
-        if memory["shared"] is not None:
+        self.population.load_state_dict(saved["population"])
+        self.guard.load_state_dict(saved["guard"], self.population.blending)
+        self.clock.load_state_dict(saved["clock"])
+        self.policy.load_state_dict(saved["policy"])
+        self._stage = Stage.from_state_dict(saved["stage"])
+        self._errors.extend(number_within("error", e, 0, math.inf) for e in saved["errors"])
+        if saved["shared"] is not None:
             self._share_colors()
-            self._shared = SharedColors.from_state_dict(memory["shared"], self.population.blending)
+            self._shared = SharedColors.from_state_dict(saved["shared"], self.population.blending)
             if len(self._shared.entry) != len(self.state):
-                raise InputError("a checkpoint's colours are not those of its shapes; begin anew")
-        self.pixel_pairs = memory["pixel_pairs"]
-        self._wall_s, self._cpu_s = memory["wall_s"], memory["cpu_s"]
+                got = len(self._shared.entry)
+                raise InputError(must_be("colours of a checkpoint", f"{len(self.state)}", got))
+        self.pixel_pairs = saved["pixel_pairs"]
+        self._wall_s, self._cpu_s = saved["wall_s"], saved["cpu_s"]
 
     @contextmanager
     def _timed(self) -> Iterator[None]:
@@ -199,7 +198,7 @@ class FitSession:
             self._since = None
 
     def _seconds(self) -> tuple[float, float]:
-        """Of the wall and of the CPU, that the fit has taken so far."""
+        """Wall-clock and CPU seconds of the fit so far."""
         if self._since is None:
             return self._wall_s, self._cpu_s
         wall, cpu = self._since
@@ -209,7 +208,7 @@ class FitSession:
         )
 
     def _grow(self) -> None:
-        """Rounds of new Gaussians, then the full picture."""
+        """Rounds of new Gaussians, then the full-size target."""
         stage = self._stage
         while True:
             if not stage.begun:
@@ -217,24 +216,26 @@ class FitSession:
                     break
                 stage.begun = True
             while not self.clock.round_is_over(stage.index):
-                self._step(self.clock.growing(stage.index))
-            self._end_at_best(far=not self.clock.stopped)
+                self._step(self.clock.growth_progress(stage.index))
+            self._restore_best(tolerant=not self.clock.stopped)
             stage.index, stage.begun = stage.index + 1, False
         self._after_growth()
 
     def _begin_round(self, index: int) -> bool:
-        """Change to the round's picture and add its Gaussians; False if growth is over."""
+        """Change to the round's target and add its Gaussians; False if growth has ended."""
         population = self.population
         count = total = len(self.state)
         if not self.clock.stopped:
-            total = self.policy.grow(self._snapshot(self.clock.growing(index - 1), self._psnr_now))
-        self.guard.begin()
+            total = self.policy.grow(
+                self._snapshot(self.clock.growth_progress(index - 1), self._psnr_now)
+            )
+        self.guard.reset()
         if total <= count:
-            population.show_at(1)
+            population.reduce_to(1)
             population.densify_or_prune(total)
             return False
         width, height = self._size
-        population.show_at(reduction(total, width, height) if self.config.reduce else 1)
+        population.reduce_to(reduction(total, width, height) if self.config.reduce else 1)
         population.round_index = index
         population.densify_or_prune(total)
         return True
@@ -246,11 +247,11 @@ class FitSession:
 
     def _begin_refining(self, steps: int | None, done: float, adjusting: bool = True) -> None:
         if not len(self.state):
-            self._stage = Stage(OVER)
+            self._stage = Stage(FINISHED)
             return
-        self.clock.refine(steps, done)
+        self.clock.begin_refinement(steps, done)
         self._errors.clear()
-        self.guard.begin()
+        self.guard.reset()
         self._stage = Stage(
             REFINING,
             adjust_at=list(ADJUST_AT) if adjusting else [],
@@ -260,41 +261,41 @@ class FitSession:
         self._rates, self._shared = self.population.blending.rates, None
 
     def _refine(self) -> None:
-        """All Gaussians move; some are relocated, before the steps get smaller."""
+        """Optimise all Gaussians; relocate, adjust, prune and quantise at their times."""
         stage, population = self._stage, self.population
-        while (done := self.clock.refining()) < 1:
+        while (done := self.clock.refinement_progress()) < 1:
             if stage.adjust_at and done >= stage.adjust_at[0]:
                 stage.adjust_at = [at for at in stage.adjust_at if at > done]
                 count = self.policy.adjust(self._snapshot(done, self._recent_psnr))
                 if count != len(self.state):
-                    self._end_at_best(far=True)
+                    self._restore_best(tolerant=True)
                     population.densify_or_prune(count)
-                    self.guard.begin()
+                    self.guard.reset()
             if done >= DECAY_START and not stage.pruned:
                 stage.pruned = True
-                self._end_at_best(far=True)
+                self._restore_best(tolerant=True)
                 population.prune(self.policy.least_gain())
-                self.guard.begin()
-            if done >= SETTLED_FROM and not stage.settled:
-                stage.settled = True
-                self._settle()
+                self.guard.reset()
+            if done >= QUANTIZED_FROM and not stage.quantized:
+                stage.quantized = True
+                self._quantize()
             if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
                 stage.exchange_at = [at for at in stage.exchange_at if at > done]
                 self._shared.exchange(
                     self.state, population.splats, population.target, population.rng
                 )
             self._step(done)
-        if not stage.settled:  # no time or no steps were left for it
-            self._settle()
-        self._end_at_best()
+        if not stage.quantized:  # no time or no steps were left for it
+            self._quantize()
+        self._restore_best()
         population.keep_in_segments()
-        population.drop_undrawable()
-        stage.name, self._shared = OVER, None
+        population.prune_invisible()
+        stage.name, self._shared = FINISHED, None
 
-    def _end_at_best(self, far: bool = False) -> None:
-        """Back to the best state of a stage that ends, where the last steps have left it.
+    def _restore_best(self, tolerant: bool = False) -> None:
+        """Return to the best state of a stage that ends worse.
 
-        far: only if they left it far behind; what was relocated lately may still pay.
+        tolerant: only if it ends much worse; recent relocations may still pay.
         """
         if not len(self.state) or self.guard.least == math.inf:
             return
@@ -303,21 +304,21 @@ class FitSession:
             loss = population.target.loss(population.splats())
         else:
             loss = self._evaluate(population.splats()).loss
-        if self.guard.is_worse(loss, far) and (best := self.guard.best()) is not None:
+        if self.guard.ends_worse(loss, tolerant) and (best := self.guard.best()) is not None:
             population.state, self._shared = best
 
-    def _settle(self) -> None:
-        """Exponents become those of a file and stay, colours are shared from here on."""
-        self._end_at_best()
+    def _quantize(self) -> None:
+        """Exponents become those of the file and stay; colours are shared from here on."""
+        self._restore_best()
         population = self.population
-        population.settle_segments()
+        population.fix_segments()
         if self._as_written is not None and len(self.state):
             opaque = self.state.raw_opacity > math.log(_OPAQUE_FROM / (1 - _OPAQUE_FROM))
             self.state.raw_opacity[opaque] = _OPAQUE_LOGIT
             scene = self._as_written(self.scene(), self._recent_psnr())
             population.state = self.state.quantized(scene)
             self._share_colors()
-        self.guard.begin()
+        self.guard.reset()
 
     def _share_colors(self) -> None:
         self._rates = dataclasses.replace(self._rates, beta=0.0, color=0.0)
@@ -327,35 +328,35 @@ class FitSession:
         return Snapshot(len(self.state), done, psnr, self.scene)
 
     def _psnr_now(self) -> float:
-        return _decibels(self.population.error())
+        return _psnr_of(self.population.error())
 
     def _recent_psnr(self) -> float:
-        """Of the last steps, which cost nothing more; they ran on the full picture."""
-        return _decibels(float(np.mean(self._errors))) if self._errors else self._psnr_now()
+        """Mean PSNR of the last steps, which ran at full size."""
+        return _psnr_of(float(np.mean(self._errors))) if self._errors else self._psnr_now()
 
     def _evaluate(self, splats: Splats) -> LossAndGradient:
         options = self.config.fit
         return self.population.target.evaluate(splats, options.loss, options.ssim_weight)
 
     def _step(self, done: float) -> None:
-        """Relocate if it is time, then one step of the optimiser, or back from a bad one."""
-        timely = _RELOCATION_FROM < done < _RELOCATION_TO
-        timely = timely and self.clock.iteration % _RELOCATION_EVERY == 0
-        if timely and self.config.densify.relocate and self.population.relocate():
-            self.guard.moved()
+        """Relocate if it is time, then one optimiser step, or a rollback."""
+        due = _RELOCATION_FROM < done < _RELOCATION_TO
+        due = due and self.clock.iteration % _RELOCATION_EVERY == 0
+        if due and self.config.densify.relocate and self.population.relocate():
+            self.guard.relocated()
         splats = self.population.splats()
         evaluated = self._evaluate(splats)
         if self.guard.accepts(evaluated.loss, evaluated.error, self.state, self._shared):
             self._errors.append(evaluated.error)
-            self._move(splats, evaluated, rate(done))
+            self._optimize(splats, evaluated, rate(done))
         else:
-            self._go_back()
+            self._roll_back()
         self.pixel_pairs += evaluated.pairs
         self.clock.iteration += 1
-        self._tell(done)
+        self._report_progress(done)
 
-    def _move(self, splats: Splats, evaluated: LossAndGradient, share: float) -> None:
-        """One step of the optimiser, of this share of the full size."""
+    def _optimize(self, splats: Splats, evaluated: LossAndGradient, share: float) -> None:
+        """One optimiser step, at this share of the full learning rate."""
         state, target, blending = self.state, self.population.target, self.population.blending
         price = _BETA_PRICE * evaluated.loss / max(len(state), 1)
         gradient = adam.gradients(evaluated.moments, splats.paint[:, 0], splats.shape[:, 5], price)
@@ -367,17 +368,17 @@ class FitSession:
         )
         size = self.config.fit.learning_rate * self.guard.rate * share
         if not adam.step(state, gradient, self._rates, limits, size):
-            self._go_back()
+            self._roll_back()
         elif self._shared is not None:
             self._shared.step(state, gradient, size)
 
-    def _go_back(self) -> None:
-        """To the best state, and on from there in smaller steps."""
-        best = self.guard.back()
+    def _roll_back(self) -> None:
+        """Return to the best state and continue in smaller steps."""
+        best = self.guard.roll_back()
         if best is not None:
             self.population.state, self._shared = best
 
-    def _tell(self, done: float) -> None:
+    def _report_progress(self, done: float) -> None:
         elapsed = self.clock.elapsed_s
         self._progress(
             FitProgress(
@@ -385,12 +386,12 @@ class FitSession:
                 iteration=self.clock.iteration,
                 done=done,
                 gaussians=len(self.state),
-                psnr=self._recent_psnr() if not self._errors else _decibels(self._errors[-1]),
+                psnr=self._recent_psnr() if not self._errors else _psnr_of(self._errors[-1]),
                 elapsed_s=elapsed,
                 remaining_s=elapsed / max(done, 0.01) * (1 - done),
             )
         )
 
 
-def _decibels(error: float) -> float:
+def _psnr_of(error: float) -> float:
     return -10 * math.log10(error) if error > 0 else math.inf

@@ -1,4 +1,4 @@
-"""The picture that a fit looks at: what it has, how far from it the Gaussians are, and why."""
+"""The image to fit: colours and edges, and the loss of Gaussians against it."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from gauss2svg.render.cpu import (
     squared_error,
 )
 
-# Flat: gradients under 0.02 a px (5 levels of 255) within some 4 px.
+# Flat areas: gradients under 0.02 a px (5 levels of 255) within some 4 px.
 _FLAT_ENERGY = 0.02**2
 _FLAT_REACH = 4.0
-_PIXELS_A_ROW = 16  # of a pair row, what the kernels count
-_LEAST_ALPHA = 0.5 / 255  # of a pixel that shows
-_LEAST_OPACITY, _MOST_OPACITY = 0.02, 0.98  # with which Gaussians on a picture with alpha begin
+_PIXELS_A_ROW = 16  # of a tile, the unit in which the kernels count pairs
+_LEAST_ALPHA = 0.5 / 255  # of a visible pixel
+_LEAST_OPACITY, _MOST_OPACITY = 0.02, 0.98  # initially, on a target with alpha
 
 
 class LossAndGradient(NamedTuple):
-    """What a step of a fit goes by.
+    """The loss of a state, and its gradient.
 
-    loss     what is made small, summed over all values
+    loss     summed over all values
     error    mean squared
     moments  (n, MOMENTS) of the gradient, see gauss2svg.render.kernels
-    pairs    of a pixel and a Gaussian, that were visited
+    pairs    number of pixel-Gaussian pairs that were evaluated
     """
 
     loss: float
@@ -46,33 +46,34 @@ class LossAndGradient(NamedTuple):
 
 
 class View(NamedTuple):
-    """A picture as a page shows it: planar (3, h, w), and the page's grey level in 0..1.
+    """The target over a backdrop: planar (3, h, w), and the backdrop's grey level in 0..1.
 
-    page  None where the picture is opaque: then the Gaussians have their own background
+    backdrop  None where the target is opaque: then the Gaussians have their own background
     """
 
     planar: NDArray[np.floating]
-    page: float | None
+    backdrop: float | None
 
-    def on_page(self, splats: Splats) -> Splats:
-        """The Gaussians over this page."""
-        if self.page is None:
+    def over_backdrop(self, splats: Splats) -> Splats:
+        """The Gaussians over this backdrop."""
+        if self.backdrop is None:
             return splats
-        return splats._replace(background=np.full(3, self.page))
+        return splats._replace(background=np.full(3, self.backdrop))
 
 
 class Target:
-    """A picture to fit, with its flat areas and the direction of its edges.
+    """An image to fit, with its flat areas and the direction of its edges.
 
-    color (3, h, w) is float32 or float64, which is then what the kernels compute in; alpha
-    (h, w) None where it is opaque. A picture with alpha is fitted over white and over black at
-    once, which is as it is over every page: with C = sum w_k c_k and T_end the Gaussians over a
-    page b are C + T_end b, so the kernels visit them once for each.
+    color (3, h, w) is float32 or float64, which the kernels then compute in; alpha (h, w) is None
+    where the image is opaque. An image with alpha is fitted over a white and a black backdrop at
+    once, which determines it over every other: Gaussians over a backdrop b are C + T_end b, with
+    C = sum w_k c_k and the transmittance T_end. The kernels run once for each backdrop.
 
-    planar (3, h, w), or (6, h, w) over both pages, is what is compared, paint (3, h, w) what new
-    Gaussians are painted with: the colour of the nearest pixel that shows. weight (h, w) in
-    1..1 + flat_weight is large where the picture is flat: there a streak of two levels
-    shows, which the squared error alone hardly sees.
+    planar        (3, h, w), or (6, h, w) over both backdrops: what the loss compares
+    source_color  (3, h, w): colours for new Gaussians, those of the nearest visible pixel
+    visible       (h, w) where alpha is above zero; None where the image is opaque
+    weight        (h, w) in 1..1 + flat_weight, large in flat areas, where a streak of two levels
+                  is visible that the squared error alone hardly counts
     """
 
     def __init__(
@@ -85,15 +86,15 @@ class Target:
         self._alpha = alpha
         self.visible: NDArray[np.bool_] | None = None
         if alpha is None:
-            self.planar = self.paint = color
+            self.planar = self.source_color = color
             self._views = (View(color, None),)
         else:
             self.visible = alpha >= _LEAST_ALPHA
-            self.paint = _filled(color, self.visible)
-            pages = [alpha * color + (1 - alpha) * color.dtype.type(page) for page in BACKDROPS]
-            self.planar = np.concatenate(pages)
+            self.source_color = _filled(color, self.visible)
+            shown = [alpha * color + (1 - alpha) * color.dtype.type(b) for b in BACKDROPS]
+            self.planar = np.concatenate(shown)
             self._views = tuple(
-                View(self.planar[3 * k : 3 * k + 3], page) for k, page in enumerate(BACKDROPS)
+                View(self.planar[3 * k : 3 * k + 3], b) for k, b in enumerate(BACKDROPS)
             )
         self._slopes = [_slopes(view.planar) for view in self._views]
         energy = reduce(add, (gx * gx + gy * gy for gx, gy in self._slopes)) / len(self._views)
@@ -102,20 +103,19 @@ class Target:
 
     @property
     def is_transparent(self) -> bool:
-        """Whether it has alpha."""
+        """Whether the target has alpha."""
         return self.visible is not None
 
     @property
     def is_blank(self) -> bool:
-        """Whether it has alpha, and nothing of it shows."""
+        """Whether no pixel of the target is visible."""
         return self.visible is not None and not self.visible.any()
 
     @cached_property
     def edges(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Direction of least change in rad, and coherence in 0..1: how much there is only one.
+        """Direction of least change (h, w) in rad, and its coherence (h, w) in 0..1.
 
-        From the structure tensor J, the smoothed products of the gradient. Only computed
-        where it is asked for: selective placement seldom does.
+        From the structure tensor, the smoothed products of the gradient.
         """
         products = [(gx * gx, gy * gy, gx * gy) for gx, gy in self._slopes]
         jxx, jyy, jxy = (
@@ -126,16 +126,14 @@ class Target:
         return along.astype(np.float32), coherence.astype(np.float32)
 
     def spacing(self, count: int) -> float:
-        """Radius in px of the disc that is each Gaussian's share of the picture."""
+        """Radius in px of a disc with each Gaussian's share of the area."""
         return math.sqrt(self.width * self.height / (max(count, 1) * math.pi))
 
     def opacity_logits(self, mean: NDArray[np.float64], usual: float) -> NDArray[np.float64]:
-        """(n,) logits of the opacities with which Gaussians of mean (n, 2) begin.
+        """(n,) logits of the initial opacities of Gaussians of mean (n, 2).
 
-        Times alpha, so that details do not begin by covering what shines through. PSNR of the
-        model, 1000 Gaussians on half the size, with the usual opacity / with this: a soft ellipse
-        35.46 / 35.94 dB, a ramp of alpha 32.87 / 34.63, a hard cut-out 33.73 / 33.85; times
-        alpha^2.5 35.82 and 34.70.
+        The usual opacity times alpha, so that Gaussians do not begin by covering a translucent
+        target (docs/decisions/placement.md).
         """
         if self._alpha is None:
             return np.full(len(mean), usual)
@@ -144,27 +142,27 @@ class Target:
         return logit(opacity.astype(np.float64))
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
-        """The Gaussians on this canvas, like planar."""
+        """Render the Gaussians on this canvas, like planar."""
         real = self.planar.dtype.type
         return _joined(
             [
-                render_planar(view.on_page(splats), self.height, self.width, real)
+                render_planar(view.over_backdrop(splats), self.height, self.width, real)
                 for view in self._views
             ]
         )
 
     def error(self, splats: Splats) -> float:
-        """Mean squared difference of the Gaussians to this picture."""
+        """Mean squared error of the Gaussians against the target."""
         return float(np.mean(np.square(self.rendered(splats) - self.planar), dtype=np.float64))
 
     def loss(self, splats: Splats) -> float:
-        """The loss of `evaluated`, where it is the squared error."""
+        """The loss of `evaluate` for "mse", without the gradient."""
         return 0.5 * self.error(splats) * self.planar.size
 
     def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
-        """The loss, one of FitOptions.loss, and its gradient."""
-        judgements = [self._evaluate(view, splats, loss, ssim_weight) for view in self._views]
-        losses, errors, moments, pairs = zip(*judgements, strict=True)
+        """One of FitOptions.loss and its gradient."""
+        parts = [self._evaluate(view, splats, loss, ssim_weight) for view in self._views]
+        losses, errors, moments, pairs = zip(*parts, strict=True)
         return LossAndGradient(
             sum(losses), sum(errors) / len(errors), reduce(add, moments), sum(pairs)
         )
@@ -172,7 +170,7 @@ class Target:
     def _evaluate(
         self, view: View, splats: Splats, loss: str, ssim_weight: float | None
     ) -> LossAndGradient:
-        splats = view.on_page(splats)
+        splats = view.over_backdrop(splats)
         image, squares, moments, rows = squared_error(splats, view.planar, self.weight)
         value = 0.5 * squares
         if loss != DEFAULT_LOSS:
@@ -182,18 +180,18 @@ class Target:
         return LossAndGradient(value, squares / view.planar.size, moments, rows * _PIXELS_A_ROW)
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
-        """Sum of squared differences, and the moments of half of it."""
-        parts = [squared_error(view.on_page(splats), view.planar) for view in self._views]
+        """Sum of squared differences, and the moments of the gradient of half of it."""
+        parts = [squared_error(view.over_backdrop(splats), view.planar) for view in self._views]
         return sum(part[1] for part in parts), reduce(add, (part[2] for part in parts))
 
     def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
-        """The Gaussians drawn, and what taking each away would cost, as the kernels say."""
-        parts = [removal_cost(view.on_page(splats), view.planar) for view in self._views]
+        """The render, like planar, and what removing each costs; see gauss2svg.render.cpu."""
+        parts = [removal_cost(view.over_backdrop(splats), view.planar) for view in self._views]
         return _joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 
 def target_of(pixels: NDArray[np.floating], dtype: Any, flat_weight: float = 0.0) -> Target:
-    """The target that a picture (h, w, 3) or (h, w, 4) is."""
+    """The target of an image (h, w, 3) or (h, w, 4)."""
     planar = np.ascontiguousarray(np.moveaxis(pixels, -1, 0), dtype)
     return Target(planar[:3], flat_weight, planar[3] if has_alpha(pixels) else None)
 
@@ -212,7 +210,7 @@ def _slopes(planar: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray
 
 
 def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[np.floating]:
-    """Colours (3, h, w), where they do not show those of the nearest pixel that does."""
+    """Colours (3, h, w), on invisible pixels those of the nearest visible one."""
     if visible.all() or not visible.any():
         return color
     nearest = distance_transform_edt(~visible, return_distances=False, return_indices=True)
@@ -220,10 +218,10 @@ def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[
     return np.ascontiguousarray(color[:, y, x])
 
 
-class Views:
-    """A picture (h, w, 3) or (h, w, 4) as targets of 1 / factor its width and height.
+class TargetPyramid:
+    """An image (h, w, 3) or (h, w, 4) as targets of reduced size.
 
-    dtype is what is computed in, flat_weight that of Target.
+    dtype and flat_weight are those of Target.
     """
 
     def __init__(self, pixels: NDArray[np.float32], dtype: Any, flat_weight: float) -> None:
@@ -233,7 +231,7 @@ class Views:
         self._targets: dict[int, Target] = {}
 
     def reduced(self, factor: int) -> Target:
-        """The picture at 1 / factor of its width and height, made once."""
+        """The target at 1 / factor of the width and height, which is computed once."""
         if factor not in self._targets:
             height, width = self.pixels.shape[:2]
             size = max(1, height // factor), max(1, width // factor)

@@ -1,4 +1,4 @@
-"""The gallery as a whole: plan, make what is missing, write the pages."""
+"""Building a gallery: make what is missing, then write the pages."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from typing import Any
 
 from numba.core import config
 
-from gauss2svg.errors import InputError, OutputError, on_one_line, whole_number
+from gauss2svg.bench.runner import make_folder
+from gauss2svg.errors import InputError, OutputError, must_be, on_one_line, whole_number
 from gauss2svg.files import check_writable
+from gauss2svg.gallery.artifacts import RECORD, finished
 from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.gallery.pages import (
     ASSETS,
@@ -22,11 +24,12 @@ from gauss2svg.gallery.pages import (
     OUTPUTS,
     Provenance,
     is_gallery,
-    make_folder,
     write_pages,
 )
 from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos, with_kept_slugs
-from gauss2svg.gallery.plan import (
+from gauss2svg.gallery.pool import WorkerPool
+from gauss2svg.gallery.records import Failure, PhotoResult, Row, rows_of, summary_of, svg_result
+from gauss2svg.gallery.tasks import (
     PHOTOS,
     GallerySetup,
     Task,
@@ -34,10 +37,7 @@ from gauss2svg.gallery.plan import (
     photo_task,
     variant_task,
 )
-from gauss2svg.gallery.pool import WorkerPool
-from gauss2svg.gallery.records import Failure, Row, Shown, made_of, rows_of, summary_of
 from gauss2svg.gallery.variants import Variant, variants_of
-from gauss2svg.gallery.work import RECORD, finished
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.memory_budget import allowed
 
@@ -46,7 +46,7 @@ Records = dict[str, dict[str, Any]]  # of finished folders
 
 @dataclass(frozen=True)
 class GalleryProgress:
-    """Where a gallery stands: things done of all, SVGs kept from before, what is made now."""
+    """Progress of a gallery: finished and total steps, SVGs that were kept, the current steps."""
 
     done: int
     total: int
@@ -56,12 +56,12 @@ class GalleryProgress:
 
 @dataclass(frozen=True)
 class Gallery:
-    """A gallery that is written.
+    """A finished gallery.
 
-    directory  where it is
-    rows       one an SVG, summary: one a variant, medians and totals; both as in gallery.json
-    failures   what could not be made, and why
-    kept       how many SVGs were there already; absent: peers that are not installed
+    directory  its folder
+    rows       one per SVG; summary: one per variant, with medians and totals; as in gallery.json
+    failures   photos and SVGs that could not be made, and why
+    kept       number of SVGs that were kept from before; absent: peers that are not installed
     """
 
     directory: Path
@@ -73,7 +73,7 @@ class Gallery:
 
     @property
     def index(self) -> Path:
-        """The page to open first."""
+        """The first page."""
         return self.directory / INDEX
 
 
@@ -88,36 +88,37 @@ def build_gallery(
     command: str | None = None,
     progress: Callable[[GalleryProgress], None] | None = None,
 ) -> Gallery:
-    """Vectorise photos in several ways, and write pages that show what came of it.
+    """Vectorise photos in several variants, and write web pages that compare them.
 
-    photos      paths; directory: where the pages go, made if missing
-    variants    presets of gauss2svg.pipeline.presets; counts: of Gaussians; where neither is given,
-                draft, balanced and high
-    peers       vtracer, splatthis, primitive, as they are without options or in a style of the
-                benchmark, such as "vtracer:detailed"; those not installed are left out
-    options     the rest, such as GalleryOptions(jobs=2, title="Flowers")
-    command     what the pages say that they were made by; progress: called with a
-                GalleryProgress whenever something begins or ends
+    photos     paths
+    directory  folder of the pages, created if missing
+    variants   names of presets; counts: numbers of Gaussians; if neither is given: draft,
+               balanced and high
+    peers      vtracer, splatthis, primitive, with their defaults or in a style of the benchmark,
+               such as "vtracer:detailed"; those not installed are skipped
+    options    all other options, such as GalleryOptions(jobs=2, title="Flowers")
+    command    the command that the pages show
+    progress   called with a GalleryProgress whenever a step begins or ends
 
-    What is finished is kept in the directory, and made again only where the photo's bytes, the
-    settings or this package's code have changed; an interruption loses what was being made. A
-    photo that cannot be read is a failure, told on the index, and stops no other. The pages need
-    no server and no network. Raises InputError for bad arguments and OutputError for a directory
-    that cannot be written, or whose index.html is not a gallery's.
+    Finished SVGs are kept, and made again only where the photo's bytes, the settings or this
+    package's code have changed; an interruption loses only unfinished ones. A photo that cannot
+    be read is a failure, which the first page lists, and the others continue. The pages need
+    neither a server nor a network. Raises InputError for bad arguments and OutputError for a
+    folder that cannot be written, or that holds other files of the pages' names.
     """
     listed = gallery_photos(photos)
     wanted, absent = variants_of(variants, counts, peers)
     options = options or GalleryOptions()
-    # As many as numba has started; the attribute is made when its settings are read.
+    # The number of threads that numba has started; numba creates the attribute dynamically.
     cores = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     threads = max(1, cores // options.jobs)
     if options.threads is not None:
         threads = whole_number("threads", options.threads, 1, cores)
     root = _folder(directory, listed)
     listed = with_kept_slugs(listed, root / PHOTOS)
-    # What is free is shared out: every process would take most of it for its own.
+    # The processes share the free memory: each would take most of it otherwise.
     setup = GallerySetup(options, threads, allowed(None) // options.jobs)
-    story = Provenance(
+    provenance = Provenance(
         title=options.title,
         command=on_one_line(
             command or f"build_gallery([.. {len(listed)} photos ..], {os.fspath(directory)!r}, ..)"
@@ -127,17 +128,17 @@ def build_gallery(
         photo_size=options.photo_size,
         absent=tuple(absent),
     )
-    making = _Making(root, listed, wanted, setup, progress)
+    build = _Build(root, listed, wanted, setup, progress)
     try:
-        making.run(options.jobs)
+        build.run(options.jobs)
     except KeyboardInterrupt:
-        making.write(dataclasses.replace(story, missing=making.missing))
+        build.write(dataclasses.replace(provenance, missing=build.missing))
         raise
-    return making.write(story)
+    return build.write(provenance)
 
 
-class _Making:
-    """A gallery on its way: what is finished so far, what failed, and who is told."""
+class _Build:
+    """A gallery in progress: its finished records and its failures."""
 
     def __init__(
         self,
@@ -156,48 +157,48 @@ class _Making:
         self._now: list[str] = []
 
     def run(self, jobs: int) -> None:
-        """Photos first, so that a bad one is known early; then the SVGs of the good ones."""
-        with WorkerPool(jobs) as crew:
+        """Prepare the photos, so that bad ones are known early; then make the SVGs."""
+        with WorkerPool(jobs) as pool:
             readable = []
             for photo in self._photos:
-                if photo.trouble is None:
+                if photo.problem is None:
                     readable.append(photo)
                 else:
-                    self._fail(photo, None, photo.trouble)
+                    self._fail(photo, None, photo.problem)
             if jobs > 1 and any(variant.is_own for variant in self._variants):
-                # Once, by one: numba's cache mixes up what several processes save in it at a time.
+                # Once, by one process: numba's cache mixes up what several save at a time.
                 compile_kernels()
             photos = self._missing([photo_task(self._root, p, self._setup) for p in readable])
-            # Known before anything is made, so that an interruption finds them.
+            # Finished SVGs are looked up first, so that an interruption shows them.
             self._missing(self._variant_tasks())
-            self._make(crew, photos)
-            self._make(crew, self._missing(self._variant_tasks()))
+            self._make(pool, photos)
+            self._make(pool, self._missing(self._variant_tasks()))
 
     @property
     def missing(self) -> int:
-        """How many SVGs are still to be made: an interruption came before them."""
+        """Number of SVGs that an interruption left unmade."""
         readable = len(self._photos) - sum(one.variant is None for one in self._failures)
         failed = sum(one.variant is not None for one in self._failures)
         made = sum(folder.count("/") > 1 for folder in self._records)
         return readable * len(self._variants) - failed - made
 
-    def write(self, story: Provenance) -> Gallery:
-        """Write the pages of what is finished."""
-        shown = [
-            self._shown(photo, record)
+    def write(self, provenance: Provenance) -> Gallery:
+        """Write the pages of all that is finished."""
+        results = [
+            self._result(photo, record)
             for photo in self._photos
             if (record := self._records.get(photo_folder(photo))) is not None
         ]
         order = {photo: at for at, photo in enumerate(self._photos)}
         column = {variant: at for at, variant in enumerate([None, *self._variants])}
         failures = sorted(self._failures, key=lambda one: (order[one.photo], column[one.variant]))
-        write_pages(self._root, story, self._variants, shown, failures)
-        rows = rows_of(shown)
+        write_pages(self._root, provenance, self._variants, results, failures)
+        rows = rows_of(results)
         summary = summary_of(rows, self._variants)
-        return Gallery(self._root, rows, summary, failures, self._kept, list(story.absent))
+        return Gallery(self._root, rows, summary, failures, self._kept, list(provenance.absent))
 
     def _variant_tasks(self) -> list[Task]:
-        """SVGs of the photos that are there."""
+        """The tasks for all SVGs of the photos that are prepared."""
         return [
             variant_task(self._root, photo, variant, self._setup, record)
             for photo in self._photos
@@ -206,7 +207,7 @@ class _Making:
         ]
 
     def _missing(self, tasks: Iterable[Task]) -> list[Task]:
-        """Those that are still to be made; what others have made is kept."""
+        """The tasks that are not finished; the records of the others are kept."""
         missing = []
         for task in tasks:
             if task.folder in self._records:
@@ -220,9 +221,9 @@ class _Making:
             self._done += 1
         return missing
 
-    def _make(self, crew: WorkerPool, tasks: list[Task]) -> None:
-        self._tell()
-        for index, answer in crew.run([task.work for task in tasks]):
+    def _make(self, pool: WorkerPool, tasks: list[Task]) -> None:
+        self._report()
+        for index, answer in pool.run([task.request for task in tasks]):
             task = tasks[index]
             if answer is None:
                 self._now.append(task.label)
@@ -235,70 +236,65 @@ class _Making:
                 else:
                     self._records[task.folder] = answer["record"]
                     self._done += 1
-            self._tell()
+            self._report()
 
     def _fail(self, photo: GalleryPhoto, variant: Variant | None, error: str) -> None:
         self._failures.append(Failure(photo, variant, error))
         self._done += 1 if variant else 1 + len(self._variants)
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         total = len(self._photos) * (1 + len(self._variants))
         self._progress(GalleryProgress(self._done, total, self._kept, tuple(self._now)))
 
-    def _shown(self, photo: GalleryPhoto, record: dict[str, Any]) -> Shown:
+    def _result(self, photo: GalleryPhoto, record: dict[str, Any]) -> PhotoResult:
         folder = photo_folder(photo)
-        made = [
-            made_of(self._root, f"{folder}/{variant.slug}", variant, record_of)
+        svgs = [
+            svg_result(self._root, f"{folder}/{variant.slug}", variant, svg_record)
             for variant in self._variants
-            if (record_of := self._records.get(f"{folder}/{variant.slug}")) is not None
+            if (svg_record := self._records.get(f"{folder}/{variant.slug}")) is not None
         ]
-        return Shown(
+        return PhotoResult(
             photo, folder, f"{folder}/{record['photo']}", record["width"], record["height"],
-            tuple(record["notes"]), tuple(made),
+            tuple(record["notes"]), tuple(svgs),
         )  # fmt: skip
 
 
 def _folder(directory: str | os.PathLike[str], photos: Iterable[GalleryPhoto]) -> Path:
-    """The folder, made where it is missing; refused where something would be lost."""
+    """The folder, created if missing; refused where files of others would be overwritten."""
     if not os.fspath(directory):
-        raise OutputError("the folder for the pages is ''; needed is a name, . for this one")
+        raise OutputError(must_be("directory", "the name of a folder", "", ". for this folder"))
     root = Path(directory)
     make_folder(root)
     if not is_gallery(root / DATA):
-        for name in (PHOTOS, ASSETS):
-            if _is_foreign(root / name):
-                raise OutputError(
-                    f"{root / name} is there, of no gallery; choose another folder, so that it is "
-                    "kept"
-                )
-        for name in OUTPUTS:
-            if os.path.lexists(root / name):
-                raise OutputError(
-                    f"{root / name} is there, of no gallery; choose another folder, so that it is "
-                    "kept"
-                )
+        foreign = [root / name for name in (PHOTOS, ASSETS) if _is_foreign(root / name)]
+        foreign += [root / name for name in OUTPUTS if os.path.lexists(root / name)]
+        if foreign:
+            raise OutputError(
+                f"{foreign[0]} exists and is not part of a gallery, so it is kept. "
+                "Try another folder"
+            )
     kept = os.path.realpath(root / PHOTOS)
     for photo in photos:
-        if not photo.trouble and Path(os.path.realpath(photo.path)).is_relative_to(kept):
+        if not photo.problem and Path(os.path.realpath(photo.path)).is_relative_to(kept):
             raise InputError(
-                f"{photo.path} lies where the gallery keeps its own pictures; choose another folder"
+                f"{photo.path} must not be among the gallery's own images. Try another folder"
             )
     for name in OUTPUTS:
-        check_writable(root / name)  # told now, not after the work
+        check_writable(root / name)  # before the work, not after it
     for name in (PHOTOS, ASSETS):
         make_folder(root / name)
     return root
 
 
 def _is_foreign(folder: Path) -> bool:
-    """Whether there is anything in it that no gallery, finished or interrupted, has put there."""
+    """Whether a folder holds anything that no gallery, finished or interrupted, has written."""
     if not folder.exists():
         return False
     try:
         return any(
             not one.is_dir() or (any(one.iterdir()) and not (one / RECORD).exists())
             for one in folder.iterdir()
-            if not one.name.startswith(".")  # of a file that was being written
+            if not one.name.startswith(".")  # a temporary file of an interruption
         )
     except OSError:
         return True

@@ -1,4 +1,4 @@
-"""What a gallery is asked for, besides its photos and variants."""
+"""Options of a gallery."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from typing import Annotated, Any
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.options import Number, OptionGroup, Whole
-from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
 _MOST_JOBS = 256
 
 
-def shown_title(name: str, title: Any) -> str:
-    """A title as UTF-8 can hold it; raises InputError for what is not text, or empty."""
+def encodable_title(name: str, title: Any) -> str:
+    """A title that UTF-8 can encode; raises InputError for an empty one and for other types."""
     if not isinstance(title, str) or not title.strip():
-        raise InputError(must_be(name, "text that is not empty", title))
+        raise InputError(must_be(name, "a text that is not empty", title))
     return title.encode(errors="backslashreplace").decode()
 
 
@@ -24,22 +24,22 @@ class GalleryOptions(OptionGroup):
     """How a gallery is made."""
 
     jobs: Annotated[int, Whole(1, _MOST_JOBS)] = 1
-    """Processes that work at once; with several the seconds of each are longer."""
+    """Number of worker processes; with several, each SVG takes longer."""
 
     threads: Annotated[int | None, Whole(1)] = None
-    """CPU threads of each process; the cores are shared out if not given."""
+    """CPU threads of each process; if not given, the processes share the cores."""
 
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
-    """Seed, as of the main command."""
+    """Seed; the same seed gives the same files."""
 
     photo_size: Annotated[int | None, Whole(1)] = None
-    """Longest side (px) to which photos are resized first."""
+    """Longest side (px) to which photos are resized first; their own size if not given."""
 
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of a photo, checked before it is decoded."""
 
     peer_timeout: Annotated[float, Number(1e-3, 1e6)] = 3600.0
-    """Seconds that another tool may take for a photo."""
+    """Time limit (s) of another tool for a photo."""
 
-    title: Annotated[str, shown_title] = "Photos as Gaussians"
+    title: Annotated[str, encodable_title] = "Photos as Gaussians"
     """Title of the pages."""

@@ -1,4 +1,4 @@
-"""The pages: what is known of a gallery, through templates, into files."""
+"""The web pages of a gallery, and its data as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -11,17 +11,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment
 
+from gauss2svg.bench import numbers
+from gauss2svg.bench.chart import Point, scatter, template_environment
 from gauss2svg.bench.rows import csv_text, json_text
-from gauss2svg.errors import OutputError
 from gauss2svg.files import write_all_atomically
-from gauss2svg.gallery import numbers
-from gauss2svg.gallery.chart import Point, scatter
+from gauss2svg.gallery.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
 from gauss2svg.gallery.crops import SIDE
-from gauss2svg.gallery.records import Failure, Made, Row, Shown, rows_of, summary_of
+from gauss2svg.gallery.records import (
+    Failure,
+    PhotoResult,
+    Row,
+    SvgResult,
+    rows_of,
+    summary_of,
+)
 from gauss2svg.gallery.variants import Variant, main_variant
-from gauss2svg.gallery.work import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
 from gauss2svg.measure.heatmap import MOST, colors_of
 from gauss2svg.version import __version__
 
@@ -32,17 +38,17 @@ OUTPUTS = (INDEX, TRADE_OFF, HOW, DATA, TABLE)
 _STATIC = (
     "gallery.css", "gallery.js", "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
 )  # fmt: skip
-_LEGEND_COLORS = 9  # of the heat map, in a gradient
-# Of a report, in words, as a number of a page and as that of an axis.
+_LEGEND_COLORS = 9  # of the error map's legend
+# (key of a report, unit, title of the axis, its text on a page, its text at a tick)
 _COSTS = (
-    ("svg_bytes", "bytes", numbers.size, numbers.short_size),
-    ("total_s", "seconds", numbers.seconds, numbers.short_seconds),
+    ("svg_bytes", "bytes", "size of the SVG", numbers.size, numbers.short_size),
+    ("total_s", "seconds", "time, photo to measured SVG", numbers.seconds, numbers.short_seconds),
 )
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """How a gallery was made; see `build_gallery`."""
+    """How a gallery was svg."""
 
     title: str
     command: str
@@ -50,28 +56,28 @@ class Provenance:
     seed: int
     photo_size: int | None
     absent: tuple[str, ...]
-    missing: int = 0  # SVGs that an interruption left to be made
+    missing: int = 0  # SVGs that an interruption left unmade
 
 
 def write_pages(
     root: Path,
-    story: Provenance,
+    provenance: Provenance,
     variants: Sequence[Variant],
-    shown: Sequence[Shown],
+    results: Sequence[PhotoResult],
     failures: Sequence[Failure],
 ) -> None:
-    """Write every page, the data and what pages share; whole or not at all.
+    """Write all pages, the data and the static files, or none of them.
 
-    Raises OutputError where something cannot be written.
+    Raises OutputError where a file cannot be written.
     """
-    rows = rows_of(shown)
+    rows = rows_of(results)
     summary = summary_of(rows, variants)
     shared = {
-        "story": story,
+        "provenance": provenance,
         "version": __version__,
         "variants": variants,
         "main": main_variant(variants),
-        "shown": shown,
+        "results": results,
         "failures": failures,
         "rows": rows,
         "renderers": _renderers(rows),
@@ -82,30 +88,32 @@ def write_pages(
     }
     environment = _environment()
 
-    def page(template: str, root_path: str, **more: Any) -> bytes:
+    def page(template: str, root_path: str = "", **more: Any) -> bytes:
         text = environment.get_template(f"{template}.html.jinja").render(
             **shared, root=root_path, page=template, **more
         )
         return text.encode()
 
-    # The data first: by them a folder is known as a gallery's.
+    # The data come first: they mark the folder as a gallery's.
     written: dict[str | os.PathLike[str], bytes] = {
-        root / DATA: json_text(_document(story, summary, rows, failures)).encode(),
+        root / DATA: json_text(_document(provenance, summary, rows, failures)).encode(),
         root / TABLE: csv_text(rows).encode(),
-        root / INDEX: page("index", "", cards=[_card(one) for one in shown]),
-        root / TRADE_OFF: page("trade-off", "", charts=_charts(shown, variants)),
-        root / HOW: page("how", "", versions=_versions(shown), origins=_origins(shown)),
+        root / INDEX: page("index", cards=[_card(one) for one in results]),
+        root / TRADE_OFF: page("trade-off", charts=_charts(results, variants)),
+        root / HOW: page("how", versions=_versions(results), origins=_origins(results)),
     }
-    for at, one in enumerate(shown):
+    for at, one in enumerate(results):
         neighbours = {
-            "previous": shown[at - 1] if at else None,
-            "next": shown[at + 1] if at + 1 < len(shown) else None,
+            "previous": results[at - 1] if at else None,
+            "next": results[at + 1] if at + 1 < len(results) else None,
         }
         viewer = _viewer(one)
-        chosen = [made for made in viewer if made["slug"] == shared["main"].slug] or viewer
+        chosen = [svg for svg in viewer if svg["slug"] == shared["main"].slug] or viewer
         first = chosen[0] if chosen else None
         path = root / one.folder / INDEX
-        written[path] = page("photo", "../../", one=one, viewer=viewer, first=first, **neighbours)
+        written[path] = page(
+            "photo", "../../", result=one, viewer=viewer, first=first, **neighbours
+        )
     static = files("gauss2svg.gallery") / "static"
     for name in _STATIC:
         written[root / ASSETS / name] = (static / name).read_bytes()
@@ -113,12 +121,12 @@ def write_pages(
 
 
 def _renderers(rows: Iterable[Row]) -> list[str]:
-    """What drew the SVGs to be measured, by their reports."""
+    """The renderers that the reports name."""
     return sorted({row["renderer"] for row in rows})
 
 
 def is_gallery(data: Path) -> bool:
-    """Whether a gallery has written this file of data."""
+    """Whether this file is the data of a gallery."""
     try:
         document = json.loads(data.read_bytes())
     except (OSError, ValueError):
@@ -127,21 +135,21 @@ def is_gallery(data: Path) -> bool:
 
 
 def _document(
-    story: Provenance,
+    provenance: Provenance,
     summary: Sequence[Row],
     rows: Sequence[Row],
     failures: Iterable[Failure],
 ) -> dict[str, Any]:
     return {
         "gauss2svg": __version__,
-        "title": story.title,
-        "command": story.command,
-        "date": story.date,
-        "seed": story.seed,
-        "photo_size": story.photo_size,
+        "title": provenance.title,
+        "command": provenance.command,
+        "date": provenance.date,
+        "seed": provenance.seed,
+        "photo_size": provenance.photo_size,
         "renderers": _renderers(rows),
-        "missing": story.missing,
-        "peers_absent": list(story.absent),
+        "missing": provenance.missing,
+        "peers_absent": list(provenance.absent),
         "summary": summary,
         "rows": rows,
         "failures": [
@@ -156,140 +164,124 @@ def _document(
 
 
 def _environment() -> Environment:
-    environment = Environment(
-        loader=PackageLoader("gauss2svg.gallery"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
-    for tell in (
+    environment = template_environment("gauss2svg.gallery")
+    for show in (
         numbers.whole, numbers.size, numbers.seconds, numbers.decibels, numbers.ratio,
     ):  # fmt: skip
-        environment.filters[tell.__name__] = tell
+        environment.filters[show.__name__] = show
     environment.globals["thumbnail_size"] = _thumbnail_size
     return environment
 
 
-def _thumbnail_size(one: Shown) -> tuple[int, int]:
-    """Width and height in px of a photo's thumbnails."""
+def _thumbnail_size(one: PhotoResult) -> tuple[int, int]:
+    """Width and height (px) of a photo's thumbnails."""
     scale = min(1.0, THUMBNAIL_PX / max(one.width, one.height))
     return max(1, round(one.width * scale)), max(1, round(one.height * scale))
 
 
-def _card(one: Shown) -> dict[str, Any]:
-    """What the index's script needs of a photo to sort, filter and change it."""
+def _card(one: PhotoResult) -> dict[str, Any]:
+    """What the script of the first page needs to sort and filter photos and switch variants."""
     return {
-        made.variant.slug: {
-            "name": made.variant.name,
-            "gaussians": made.report.get("gaussians"),
-            "elements": made.report.get("elements"),
-            "svg_bytes": made.report["svg_bytes"],
-            "total_s": made.report["total_s"],
-            "psnr_svg": made.report["psnr_svg"],
-            "ssim_svg": made.report["ssim_svg"],
+        svg.variant.slug: {
+            "name": svg.variant.name,
+            "gaussians": svg.report.get("gaussians"),
+            "elements": svg.report.get("elements"),
+            "svg_bytes": svg.report["svg_bytes"],
+            "total_s": svg.report["total_s"],
+            "psnr_svg": svg.report["psnr_svg"],
+            "ssim_svg": svg.report["ssim_svg"],
             "texts": {
-                "shapes": _shapes(made),
-                "svg_bytes": numbers.size(made.report["svg_bytes"]),
-                "total_s": numbers.seconds(made.report["total_s"]),
-                "psnr_svg": numbers.decibels(made.report["psnr_svg"]),
-                "ssim_svg": numbers.ratio(made.report["ssim_svg"]),
+                "shapes": _shapes(svg),
+                "svg_bytes": numbers.size(svg.report["svg_bytes"]),
+                "total_s": numbers.seconds(svg.report["total_s"]),
+                "psnr_svg": numbers.decibels(svg.report["psnr_svg"]),
+                "ssim_svg": numbers.ratio(svg.report["ssim_svg"]),
             },
-            "thumbnail": f"{made.folder}/{THUMBNAIL}",
-            "picture": f"{made.folder}/{PICTURE}",
+            "thumbnail": f"{svg.folder}/{THUMBNAIL}",
+            "picture": f"{svg.folder}/{PICTURE}",
         }
-        for made in one.made
+        for svg in one.svgs
     }
 
 
-def _shapes(made: Made) -> str:
-    if made.variant.is_own:
-        return numbers.whole(made.report["gaussians"])
-    return f"{numbers.whole(made.report['elements'])} elements"
+def _shapes(svg: SvgResult) -> str:
+    if svg.variant.is_own:
+        return numbers.whole(svg.report["gaussians"])
+    return f"{numbers.whole(svg.report['elements'])} elements"
 
 
-def _viewer(one: Shown) -> list[dict[str, Any]]:
-    """What the photo page's script needs of every variant; paths are relative to that page."""
+def _viewer(one: PhotoResult) -> list[dict[str, Any]]:
+    """What the script of a photo's page needs of each variant; paths are relative to the page."""
     found = []
-    for made in one.made:
-        slug, own = made.variant.slug, made.variant.is_own
+    for svg in one.svgs:
+        slug, own = svg.variant.slug, svg.variant.is_own
         found.append(
             {
                 "slug": slug,
-                "name": made.variant.name,
+                "name": svg.variant.name,
                 "picture": f"{slug}/{PICTURE}",
                 "errors": f"{slug}/{ERRORS}",
                 "outlines": f"{slug}/{OUTLINES}" if own else None,
-                "rounds": made.rounds,
-                "worst": made.worst,
-                "typical": made.typical,
+                "rounds": svg.rounds,
+                "worst": svg.worst,
+                "typical": svg.typical,
             }
         )
     return found
 
 
-def _charts(shown: Sequence[Shown], variants: Sequence[Variant]) -> list[dict[str, Any]]:
-    """PSNR over bytes and over seconds, each point a link to its page."""
+def _charts(results: Sequence[PhotoResult], variants: Sequence[Variant]) -> list[dict[str, Any]]:
+    """PSNR over bytes and over seconds; each point links to its page."""
     series = {variant.slug: at for at, variant in enumerate(variants)}
     found = []
-    for name, word, tell, tell_tick in _COSTS:
+    for name, word, axis, format_cost, format_tick in _COSTS:
         points = [
             Point(
-                cost=made.report[name],
-                psnr=made.report["psnr_svg"],
-                series=series[made.variant.slug],
-                group=at if made.variant.is_own else None,
-                href=f"{one.folder}/{INDEX}#{made.variant.slug}",
+                cost=svg.report[name],
+                psnr=svg.report["psnr_svg"],
+                series=series[svg.variant.slug],
+                group=at if svg.variant.is_own else None,
+                href=f"{one.folder}/{INDEX}#{svg.variant.slug}",
                 text=(
-                    f"{one.photo.name}, {made.variant.name}: "
-                    f"{numbers.decibels(made.report['psnr_svg'])}, {tell(made.report[name])}"
+                    f"{one.photo.name}, {svg.variant.name}: "
+                    f"{numbers.decibels(svg.report['psnr_svg'])}, {format_cost(svg.report[name])}"
                 ),
             )
-            for at, one in enumerate(shown)
-            for made in one.made
+            for at, one in enumerate(results)
+            for svg in one.svgs
         ]
-        found.append({"word": word, "chart": scatter(points, tell_tick)})
+        found.append({"word": word, "axis": axis, "chart": scatter(points, format_tick)})
     return found
 
 
-def _versions(shown: Iterable[Shown]) -> list[tuple[str, str]]:
-    """Of everything that any report names, each once."""
+def _versions(results: Iterable[PhotoResult]) -> list[tuple[str, str]]:
+    """(name, version) of everything that a report names, each once."""
     found: dict[tuple[str, str], None] = {}
-    for one in shown:
-        for made in one.made:
-            if not made.variant.is_own:
-                found[made.variant.tool, made.variant.version] = None
-            for name, version in made.report.get("versions", {}).items():
+    for one in results:
+        for svg in one.svgs:
+            if not svg.variant.is_own:
+                found[svg.variant.tool, svg.variant.version] = None
+            for name, version in svg.report.get("versions", {}).items():
                 found[name, version] = None
     return sorted(found)
 
 
-def _origins(shown: Iterable[Shown]) -> list[tuple[str, dict[str, Any], int]]:
-    """Dates, how, and how many SVGs were made so: kept ones may be of another day or machine."""
-    found: dict[str, list[Made]] = {}
-    for one in shown:
-        for made in one.made:
-            how = {name: value for name, value in made.origin.items() if name != "date"}
-            found.setdefault(json.dumps(how, sort_keys=True), []).append(made)
-    told = []
+def _origins(results: Iterable[PhotoResult]) -> list[tuple[str, dict[str, Any], int]]:
+    """(dates, origin, number of SVGs) of each machine and setup that made some of them."""
+    found: dict[str, list[SvgResult]] = {}
+    for one in results:
+        for svg in one.svgs:
+            how = {name: value for name, value in svg.origin.items() if name != "date"}
+            found.setdefault(json.dumps(how, sort_keys=True), []).append(svg)
+    origins = []
     for group in found.values():
-        dates = sorted({made.origin["date"] for made in group})
+        dates = sorted({svg.origin["date"] for svg in group})
         when = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
-        told.append((when, group[0].origin, len(group)))
-    return told
+        origins.append((when, group[0].origin, len(group)))
+    return origins
 
 
 def _legend() -> list[str]:
-    """Colours of the heat map at even steps, from no error to the largest."""
+    """Colours of the error map at even steps, from no error to the largest."""
     levels = np.linspace(0, MOST, _LEGEND_COLORS)
     return ["#" + bytes(color).hex() for color in colors_of(levels)]
-
-
-def make_folder(folder: Path) -> None:
-    """Make it and those above it; raises OutputError where that cannot be done."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise OutputError(f"cannot make {folder}: {reason}; choose another folder") from error

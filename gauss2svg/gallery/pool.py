@@ -1,4 +1,4 @@
-"""Worker processes that share out work: one that dies costs what it was at, and is replaced."""
+"""A pool of worker processes: one that dies fails its own request only, and is replaced."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from typing import IO, Any
 
+from gauss2svg.bench.process import end_of, last_line
 from gauss2svg.bench.rows import one_line
-from gauss2svg.bench.runner import end_of, last_line
 
-# -P: no module of the folder that it is started in.
+# -P: the current folder is not on the module path.
 _COMMAND = (sys.executable, "-P", "-m", "gauss2svg.gallery.worker")
-_TO_END_S = 10.0  # for a worker to end what it has started, before it is killed
+_GRACE_S = 10.0  # time for a worker to end its own children before it is killed
 Answer = dict[str, Any]
 _INTERRUPTED = {"error": "interrupted"}
 
 
 class WorkerPool:
-    """Up to `jobs` workers; use it in a with statement, at the end of which none is left."""
+    """Up to `jobs` workers; leaving its with statement ends them all."""
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
@@ -42,17 +42,17 @@ class WorkerPool:
             workers = list(self._all)
         for worker in workers:
             worker.terminate()
-        for thread in self._threads:  # each waits for its worker, which is ending
-            if thread.is_alive():  # and was started before an interruption
+        for thread in self._threads:  # each waits for its worker, which ends now
+            if thread.is_alive():  # an interruption may come before it is started
                 thread.join()
         for worker in workers:
             worker.end()
 
-    def run(self, works: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Answer | None]]:
-        """(index, None) when a piece of work begins and (index, answer) when it is done."""
+    def run(self, requests: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, Answer | None]]:
+        """Yields (index, None) when a request begins and (index, answer) when it is done."""
         waiting: queue.SimpleQueue[int] = queue.SimpleQueue()
         events: queue.SimpleQueue[tuple[int, Answer | Exception | None]] = queue.SimpleQueue()
-        for index in range(len(works)):
+        for index in range(len(requests)):
             waiting.put(index)
 
         def serve() -> None:
@@ -63,15 +63,15 @@ class WorkerPool:
                     return
                 events.put((index, None))
                 try:
-                    events.put((index, self._answer(works[index])))
-                except Exception as error:  # a fault of ours: raised where it is waited for
+                    events.put((index, self._answer(requests[index])))
+                except Exception as error:  # a bug of ours: raised by the consumer
                     events.put((index, error))
 
-        threads = [threading.Thread(target=serve) for _ in range(min(self._jobs, len(works)))]
+        threads = [threading.Thread(target=serve) for _ in range(min(self._jobs, len(requests)))]
         self._threads += threads
         for thread in threads:
             thread.start()
-        left = len(works)
+        left = len(requests)
         while left:
             index, answer = events.get()
             if isinstance(answer, Exception):
@@ -79,15 +79,15 @@ class WorkerPool:
             left -= answer is not None
             yield index, answer
 
-    def _answer(self, work: Mapping[str, Any]) -> Answer:
+    def _answer(self, request: Mapping[str, Any]) -> Answer:
         with self._lock:
             if self._closed:
                 return _INTERRUPTED
             try:
                 worker = self._ready()
-            except OSError as error:  # no process or no file more can be had
-                return {"error": one_line(f"cannot start a worker: {error}; try fewer --jobs")}
-        answer = worker.answer(work)
+            except OSError as error:  # too many processes or open files
+                return {"error": one_line(f"cannot start a worker: {error}. Try fewer --jobs")}
+        answer = worker.answer(request)
         with self._lock:
             if worker.is_alive():
                 self._idle.append(worker)
@@ -97,7 +97,7 @@ class WorkerPool:
         return answer
 
     def _ready(self) -> _Worker:
-        """One that has nothing to do, and lives."""
+        """An idle worker that is alive, or a new one."""
         while self._idle:
             worker = self._idle.pop()
             if worker.is_alive():
@@ -110,67 +110,67 @@ class WorkerPool:
 
 
 class _Worker:
-    """One process, and its pipes."""
+    """A process and its pipes."""
 
     def __init__(self) -> None:
-        self._told_to_end = False
+        self._terminated = False
         self._killer: threading.Timer | None = None
         with ExitStack() as stack:
-            self._chatter: IO[bytes] = stack.enter_context(tempfile.TemporaryFile())
-            # A session of its own: a Ctrl-C at the terminal is for this process to pass on.
+            self._stderr: IO[bytes] = stack.enter_context(tempfile.TemporaryFile())
+            # In a new session, so that a Ctrl-C at the terminal reaches this process alone.
             self._process = subprocess.Popen(
                 _COMMAND,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=self._chatter,
+                stderr=self._stderr,
                 start_new_session=True,
                 text=True,
             )
-            stack.pop_all()  # it is closed by end()
+            stack.pop_all()  # end() closes it
 
-    def answer(self, work: Mapping[str, Any]) -> Answer:
-        """What it says, or how it ended without an answer."""
+    def answer(self, request: Mapping[str, Any]) -> Answer:
+        """Its answer, or an error where it ended without one."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            process.stdin.write(json.dumps(work) + "\n")
+            process.stdin.write(json.dumps(request) + "\n")
             process.stdin.flush()
             line = process.stdout.readline()
-        except (OSError, ValueError):  # its pipe is broken or closed: its status says why
+        except (OSError, ValueError):  # a broken pipe: the exit status says why
             line = ""
-        if line.endswith("\n"):  # and was not cut short
+        if line.endswith("\n"):  # complete
             return json.loads(line)
-        if self._told_to_end:
+        if self._terminated:
             return _INTERRUPTED
         try:
-            status = process.wait(_TO_END_S)
-        except subprocess.TimeoutExpired:  # it only closed its output
+            status = process.wait(_GRACE_S)
+        except subprocess.TimeoutExpired:  # it has only closed its output
             process.kill()
             status = process.wait()
-        return {"error": one_line(f"worker {end_of(status)}: {last_line(self._chatter)}")}
+        return {"error": one_line(f"worker {end_of(status)}: {last_line(self._stderr)}")}
 
     def is_alive(self) -> bool:
-        """Whether it can take more work."""
+        """Whether the process is running."""
         return self._process.poll() is None
 
     def terminate(self) -> None:
-        """Ask it to end; one that does not is killed after a while."""
-        self._told_to_end = True
+        """Send SIGTERM, and kill it if it still runs after a while."""
+        self._terminated = True
         if self.is_alive():
             self._process.terminate()
-            self._killer = threading.Timer(_TO_END_S, self._process.kill)
+            self._killer = threading.Timer(_GRACE_S, self._process.kill)
             self._killer.daemon = True
             self._killer.start()
 
     def end(self) -> None:
-        """Wait for its end, which was asked for, and close its pipes."""
+        """Wait for it to end, and close its pipes."""
         self._process.wait()
         if self._killer is not None:
             self._killer.cancel()
-        for stream in (self._process.stdin, self._process.stdout, self._chatter):
+        for stream in (self._process.stdin, self._process.stdout, self._stderr):
             try:
                 if stream is not None:
                     stream.close()
-            except OSError:  # what was not flushed has nobody left to read it
+            except OSError:  # unflushed data that nobody will read
                 continue

@@ -1,4 +1,4 @@
-"""What is known of a gallery when all is made: its rows, their medians, and both as files."""
+"""The results of a gallery: its photos and SVGs, the rows of its data, their medians."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.errors import OutputError
+from gauss2svg.gallery.artifacts import OUTLINES, PICTURE, REPORT, SCENE
 from gauss2svg.gallery.photos import GalleryPhoto
 from gauss2svg.gallery.variants import Variant
-from gauss2svg.gallery.work import OUTLINES, PICTURE, REPORT, SCENE
 
 Row = dict[str, Any]
 
-# Of a report, as they are called there; a peer's report lacks some.
+# Keys of a report; a peer's report lacks some.
 NUMBERS = (
     "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s", "psnr_svg",
     "ssim_svg", "psnr_model", "psnr_roundtrip",
@@ -26,14 +26,15 @@ _TOTALS = ("svg_bytes", "total_s")
 
 
 @dataclass(frozen=True)
-class Made:
-    """One SVG of a photo that is there.
+class SvgResult:
+    """A finished SVG of a photo.
 
-    folder  relative to the gallery, with /; report: as the command line writes it
-    worst, typical  where to look: x, y, width, height in px and PSNR in dB
-    rounds          [round, shapes up to it] of the groups of the SVG; none of a peer's
-    cpu_s           seconds that all cores together took
-    origin          date, machine, jobs and threads of its making, which may be long ago
+    folder          relative to the gallery, with /
+    report          as the command line writes it
+    worst, typical  crops: x, y, width, height in px and PSNR in dB
+    rounds          [round, shapes up to it] of the SVG's groups; empty for a peer
+    cpu_s           CPU time of all cores
+    origin          date, machine, jobs and threads with which it was made
     """
 
     variant: Variant
@@ -47,12 +48,12 @@ class Made:
 
     @property
     def remarks(self) -> list[str]:
-        """What the report has to say beside its numbers."""
+        """The notes of the report, and the targets that it missed."""
         return [*self.report.get("unreached", ()), *self.report["notes"]]
 
     @property
     def files(self) -> dict[str, str]:
-        """What can be downloaded, by what it is."""
+        """Paths of the files to download, by kind."""
         named = {"SVG": PICTURE, "report": REPORT}
         if self.variant.is_own:
             named |= {"scene": SCENE, "outlines": OUTLINES}
@@ -60,8 +61,8 @@ class Made:
 
 
 @dataclass(frozen=True)
-class Shown:
-    """A photo that is there, with what was made of it, in the order of the variants."""
+class PhotoResult:
+    """A prepared photo and its finished SVGs, in the order of the variants."""
 
     photo: GalleryPhoto
     folder: str
@@ -69,58 +70,58 @@ class Shown:
     width: int
     height: int
     notes: tuple[str, ...]
-    made: tuple[Made, ...]
+    svgs: tuple[SvgResult, ...]
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What could not be made; variant is None where it is the photo that cannot be read."""
+    """A photo that cannot be read, where variant is None, or an SVG that could not be svg."""
 
     photo: GalleryPhoto
     variant: Variant | None
     error: str
 
 
-def made_of(root: Path, folder: str, variant: Variant, record: Mapping[str, Any]) -> Made:
-    """What a finished folder holds; raises OutputError where its report has become unreadable."""
+def svg_result(root: Path, folder: str, variant: Variant, record: Mapping[str, Any]) -> SvgResult:
+    """The SVG in a finished folder; raises OutputError where its report cannot be read."""
     path = root / folder / REPORT
     try:
         report = json.loads(path.read_bytes())
     except (OSError, ValueError) as error:
-        raise OutputError(f"cannot read {path}: {error}; delete its folder and go on") from error
-    return Made(
+        raise OutputError(f"cannot read {path}: {error}. Try deleting its folder") from error
+    return SvgResult(
         variant, folder, report, record["worst"], record["typical"], record.get("rounds", []),
         record["cpu_s"], record["origin"],
     )  # fmt: skip
 
 
-def rows_of(shown: Iterable[Shown]) -> list[Row]:
-    """One row an SVG: which photo, which variant, its numbers, its files."""
+def rows_of(results: Iterable[PhotoResult]) -> list[Row]:
+    """One row per SVG: photo, variant, numbers and files."""
     return [
         {
             "photo": one.photo.name,
             "page": f"{one.folder}/index.html",
-            "variant": made.variant.name,
-            "tool": made.variant.tool,
-            "tool_version": made.variant.version,
+            "variant": svg.variant.name,
+            "tool": svg.variant.tool,
+            "tool_version": svg.variant.version,
             "width": one.width,
             "height": one.height,
-            **{name: made.report.get(name) for name in NUMBERS},
-            "cpu_s": made.cpu_s,
-            "renderer": made.report["renderer"],
-            "seed": made.report.get("seed"),
-            **made.origin,
-            "files": made.files,
+            **{name: svg.report.get(name) for name in NUMBERS},
+            "cpu_s": svg.cpu_s,
+            "renderer": svg.report["renderer"],
+            "seed": svg.report.get("seed"),
+            **svg.origin,
+            "files": svg.files,
         }
-        for one in shown
-        for made in one.made
+        for one in results
+        for svg in one.svgs
     ]
 
 
 def summary_of(rows: Sequence[Row], variants: Iterable[Variant]) -> list[Row]:
-    """One row a variant: how many photos, medians, totals.
+    """One row per variant: number of photos, medians and totals.
 
-    A median is of those that have the number: an infinite PSNR, of equal pictures, is none.
+    Missing numbers, the infinite PSNR of an exact SVG among them, do not count.
     """
     found = []
     for variant in variants:

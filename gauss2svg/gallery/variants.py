@@ -1,4 +1,4 @@
-"""What is made of every photo: presets, counts and other tools, each with a name of its own."""
+"""The variants of a gallery: presets, numbers of Gaussians and other tools."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 from gauss2svg.bench.grid import Settings
 from gauss2svg.bench.peers import PEERS, check_peers
 from gauss2svg.bench.rows import TOOL
-from gauss2svg.errors import InputError, whole_number
+from gauss2svg.errors import InputError, must_be, shown, whole_number
 from gauss2svg.fit.options import MOST_GAUSSIANS
 from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
 from gauss2svg.version import __version__
 
 DEFAULT_VARIANTS = ("draft", "balanced", "high")
-_USUAL_STYLE = "default"  # of a peer: what it does without options
+_DEFAULT_STYLE = "default"  # a peer without options
 _SVG = ".svg"
 SVG_PEERS = tuple(name for name, peer in PEERS.items() if peer.suffix == _SVG)
 
@@ -24,9 +24,9 @@ SVG_PEERS = tuple(name for name, peer in PEERS.items() if peer.suffix == _SVG)
 class Variant:
     """One way to make an SVG of a photo.
 
-    name      "balanced", "2000 Gaussians", "vtracer detailed"; slug: the same as a folder's name
-    tool      gauss2svg or a peer; version: of it
-    settings  keywords and values, sorted, of `vectorize` or of the peer
+    name      such as "balanced", "2000 Gaussians" or "vtracer detailed"; slug: its folder's name
+    tool      gauss2svg or a peer; version: of the tool
+    settings  options and values of `vectorize` or of the peer, sorted by name
     """
 
     name: str
@@ -37,7 +37,7 @@ class Variant:
 
     @property
     def is_own(self) -> bool:
-        """Whether its shapes are Gaussians of ours, with rounds, a scene and outlines."""
+        """Whether gauss2svg made it: it then has rounds, a scene and outlines."""
         return self.tool == TOOL
 
 
@@ -48,10 +48,10 @@ def variants_of(
 ) -> tuple[list[Variant], list[str]]:
     """The variants, each once and in this order, and the peers that are not installed.
 
-    presets  of gauss2svg.pipeline.presets; counts: of Gaussians, 0..MOST_GAUSSIANS; where neither is
-             given, DEFAULT_VARIANTS
-    peers    of SVG_PEERS, "vtracer" as it is without options or "vtracer:detailed" in a style
-             that the benchmark knows
+    presets  names of PRESETS
+    counts   numbers of Gaussians, 0..MOST_GAUSSIANS; if neither is given: DEFAULT_VARIANTS
+    peers    of SVG_PEERS: "vtracer" for its defaults, "vtracer:detailed" for another style of
+             gauss2svg.bench.peers
     Raises InputError for anything else.
     """
     if presets is None and counts is None:
@@ -62,13 +62,13 @@ def variants_of(
     absent = check_peers(variant.tool for variant in wanted)[1]
     found += [variant for variant in wanted if variant.tool not in absent]
     if not found:
-        why = f"; not installed: {', '.join(absent)}" if absent else ""
-        raise InputError(f"got no variant{why}; needed is one preset, count or peer at least")
+        got = shown(f"only peers that are not installed: {', '.join(absent)}" if absent else "none")
+        raise InputError(must_be("variants", "at least one preset, count or peer", got))
     return list({variant.slug: variant for variant in found}.values()), absent
 
 
 def main_variant(variants: Iterable[Variant]) -> Variant:
-    """The one that pages show first: the default preset, or the middle one of ours, or of all."""
+    """The variant that pages show first: the default preset, or the middle one of our own."""
     known = list(variants)
     own = [variant for variant in known if variant.is_own] or known
     by_name = {variant.name: variant for variant in own}
@@ -77,16 +77,16 @@ def main_variant(variants: Iterable[Variant]) -> Variant:
 
 def _items(name: str, values: Any) -> list[Any]:
     if isinstance(values, (str, bytes)):
-        raise InputError(f"{name} is {values!r}; needed is a sequence, such as [{values!r}]")
+        raise InputError(must_be(name, "a sequence", values, f"[{values!r}]"))
     try:
         return [] if values is None else list(values)
     except TypeError as error:
-        raise InputError(f"{name} is {values!r}; needed is a sequence") from error
+        raise InputError(must_be(name, "a sequence", values)) from error
 
 
 def _preset(name: Any) -> Variant:
     if not isinstance(name, str) or name not in PRESETS:
-        raise InputError(f"variant is {name!r}; needed is one of {', '.join(PRESETS)}")
+        raise InputError(must_be("variant", f"one of {', '.join(PRESETS)}", name))
     return Variant(name, name, TOOL, __version__, (("quality", name),))
 
 
@@ -99,17 +99,14 @@ def _counted(count: Any) -> Variant:
 def _peer(text: Any) -> Variant:
     tool, named, style = str(text).partition(":")
     if tool not in SVG_PEERS:
-        raise InputError(f"peer is {text!r}; needed is one of {', '.join(SVG_PEERS)}")
+        raise InputError(must_be("peer", f"one of {', '.join(SVG_PEERS)}", text))
     peer = PEERS[tool]
     styles = {str(value): one for one in peer.settings for value in one.values()}
     if not named:
-        style = _USUAL_STYLE if _USUAL_STYLE in styles else next(iter(styles))
+        style = _DEFAULT_STYLE if _DEFAULT_STYLE in styles else next(iter(styles))
     if style not in styles:
-        raise InputError(f"peer is {text!r}; needed is {tool}, or one of {_told(tool, styles)}")
-    name = tool if style == _USUAL_STYLE else f"{tool} {style}"
+        known = ", ".join(f"{tool}:{style}" for style in styles)
+        raise InputError(must_be("peer", f"{tool}, or one of {known}", text))
+    name = tool if style == _DEFAULT_STYLE else f"{tool} {style}"
     settings = tuple(sorted(styles[style].items()))
     return Variant(name, name.replace(" ", "-"), tool, peer.version() or "", settings)
-
-
-def _told(tool: str, styles: Iterable[str]) -> str:
-    return ", ".join(f"{tool}:{style}" for style in styles)

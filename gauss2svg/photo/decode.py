@@ -1,4 +1,4 @@
-"""From a picture file to its pixels: every bit that it has, colours in sRGB, upright."""
+"""Decoding an image file: all of its bits, colours converted to sRGB, EXIF orientation applied."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
-from gauss2svg.errors import InputError
-from gauss2svg.photo import gamma, profile
-from gauss2svg.photo.files import UnreadTiffError, broken, loaded, opened
+from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.photo import gamma, icc
+from gauss2svg.photo.formats import UnreadTiffError, broken, loaded, opened
+from gauss2svg.photo.photo import Photo
 from gauss2svg.photo.samples import unit
 from gauss2svg.photo.tags import frames_note, orientation_left, tags_of, upright
 from gauss2svg.photo.tiff import first_page
 
-# As Pillow names what it unpacks: of 16-bit samples it keeps the upper bytes.
+# Pillow's raw modes of 16-bit samples, of which it keeps the upper bytes.
 _SIXTEEN_BITS = re.compile(r"(RGB|RGBA|RGBX);16([BLN])")
-# What makes it keep the lower ones instead: B takes the first byte of two, L the second, N the
+# Raw modes that keep the lower ones instead: B takes the first byte of two, L the second, N the
 # upper one of this machine.
 _OTHER_BYTE = {"B": "L", "L": "B", "N": "B" if sys.byteorder == "little" else "L"}
-_GREY_ALPHA_16 = "LA;16B"  # of a PNG; its four bytes a pixel are taken as if they were RGBA
-# Greys of a PNG that are scaled to 8 bits while their transparent level is not.
+_GREY_ALPHA_16 = "LA;16B"  # of a PNG; its four bytes per pixel are unpacked as if RGBA
+# Greys of a PNG that Pillow scales to 8 bits, but not their transparent level.
 _LEVEL_STEP = {"L;2": 85, "L;4": 17}
 _MOST_8, _MOST_12, _MOST_16 = 255, 4095, 65535  # levels of so many bits
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
@@ -32,123 +33,109 @@ _DNG_VERSION = 50706  # tag
 
 
 @dataclass(frozen=True, eq=False)
-class Decoded:
-    """A picture in sRGB.
-
-    color  (h, w, 1 or 3) float32 in 0..1, alpha not multiplied in
-    alpha  (h, w) float32 in 0..1, None where the file has none
-    notes  what was changed on the way
-    dpi    px an inch across and down, None where the file does not say
-    """
-
-    color: NDArray[np.float32]
-    alpha: NDArray[np.float32] | None
-    notes: tuple[str, ...]
-    dpi: tuple[float, float] | None
-
-
-@dataclass(frozen=True, eq=False)
 class _Samples:
-    """As the file has them: color (h, w, 1 or 3) or a picture of 8 bits, alpha (h, w)."""
+    """As stored: color (h, w, 1 or 3) or an image of 8 bits, alpha (h, w)."""
 
     color: NDArray[Any] | Image.Image
     alpha: NDArray[Any] | None
     notes: tuple[str, ...] = ()
 
 
-def decode_file(file: BinaryIO, name: str, max_pixels: int) -> Decoded:
-    """The first frame of a picture file that can be read twice.
+def decode_file(file: BinaryIO, name: str, max_pixels: int) -> Photo:
+    """The first frame of a seekable image file.
 
-    Raises InputError for what is no picture that is read, is broken, or has too many pixels.
+    Raises InputError for an unsupported or broken file, and for one of more than max_pixels.
     """
     try:
-        with opened(file, name, max_pixels) as picture:
-            _refuse_preview(picture, name)
-            return _decoded(picture, name, file, max_pixels)
+        with opened(file, name, max_pixels) as image:
+            _refuse_preview(image, name)
+            return _decoded(image, name, file, max_pixels)
     except UnreadTiffError:
         return _decoded_tiff(file, name, max_pixels)
 
 
-def decode_picture(picture: Image.Image, name: str) -> Decoded:
-    """A Pillow image, perhaps not loaded yet; raises InputError for a broken one."""
-    return _decoded(picture, name, None, 0)
+def decode_image(image: Image.Image, name: str) -> Photo:
+    """A Pillow image, which may not be loaded yet; raises InputError for a broken one."""
+    return _decoded(image, name, None, 0)
 
 
-def _decoded(picture: Image.Image, name: str, file: BinaryIO | None, max_pixels: int) -> Decoded:
-    before = tags_of(picture) if picture.format == "TIFF" else None  # turned as it is loaded
-    rawmode = _rawmode(picture)
+def _decoded(image: Image.Image, name: str, file: BinaryIO | None, max_pixels: int) -> Photo:
+    before = tags_of(image) if image.format == "TIFF" else None  # loading rotates it
+    rawmode = _rawmode(image)
     if file is not None and rawmode == _GREY_ALPHA_16:
-        samples = _sixteen_bit_grey_alpha(picture, name)
+        samples = _sixteen_bit_grey_alpha(image, name)
     elif file is not None and (match := _SIXTEEN_BITS.fullmatch(rawmode)):
-        samples = _sixteen_bit_color(picture, name, file, max_pixels, match)
-    elif loaded(picture, name).mode.startswith("I") or picture.mode == "F":
-        samples = _wide_grey(picture, name)
+        samples = _sixteen_bit_color(image, name, file, max_pixels, match)
+    elif loaded(image, name).mode.startswith("I") or image.mode == "F":
+        samples = _wide_grey(image, name)
     else:
         try:
-            samples = _eight_bits(picture, rawmode)
+            samples = _eight_bits(image, rawmode)
         except (ValueError, OSError) as error:  # such as an index beyond its palette
             raise broken(name, error) from error
-    tags = before or tags_of(picture)
-    color, notes = _in_srgb(samples, picture, name, file)
-    turn = orientation_left(picture)
-    return Decoded(
+    tags = before or tags_of(image)
+    color, notes = _in_srgb(samples, image, name, file)
+    turn = orientation_left(image)
+    return Photo.from_samples(
         upright(color, turn),
         None if samples.alpha is None else upright(_alpha(samples.alpha, name), turn),
-        (*tags.notes, *samples.notes, *notes, *frames_note(picture)),
-        tags.dpi,
+        notes=(*tags.notes, *samples.notes, *notes, *frames_note(image)),
+        dpi=tags.dpi,
     )
 
 
-def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int) -> Decoded:
+def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int) -> Photo:
     page = first_page(file, name, max_pixels)
     color, _, notes = _by_profile(page.color, page.profile)
     if page.pages > 1:
         notes.append(f"first of {page.pages} pages")
     turn = page.tags.orientation
     alpha = None if page.alpha is None else upright(_alpha(page.alpha, name), turn)
-    return Decoded(
-        upright(unit(color, name), turn), alpha, (*page.tags.notes, *notes), page.tags.dpi
+    return Photo.from_samples(
+        upright(unit(color, name), turn),
+        alpha,
+        notes=(*page.tags.notes, *notes),
+        dpi=page.tags.dpi,
     )
 
 
-def _refuse_preview(picture: Image.Image, name: str) -> None:
-    """A camera's raw file is a TIFF that begins with a small preview."""
-    kind = _tiff_number(picture, ExifTags.Base.NewSubfileType, 0)
-    if kind & _REDUCED_RESOLUTION or _tiff_number(picture, _DNG_VERSION, 0):
-        raise InputError(
-            f"{name} is a camera's raw file, or begins with a preview; develop it, and save it as "
-            "TIFF, PNG or JPEG"
-        )
+def _refuse_preview(image: Image.Image, name: str) -> None:
+    """Refuse a camera's raw file: a TIFF whose first image is a small preview."""
+    kind = _tiff_number(image, ExifTags.Base.NewSubfileType, 0)
+    if kind & _REDUCED_RESOLUTION or _tiff_number(image, _DNG_VERSION, 0):
+        got = shown("a camera's raw file, or one that begins with a preview")
+        advice = "developing it, and saving it as TIFF, PNG or JPEG"
+        raise InputError(must_be(name, "a developed photo", got, advice))
 
 
-def _tiff_number(picture: Image.Image, tag: int, default: int) -> int:
-    """A number of a TIFF, the largest where there are several; the default where there is none."""
-    value = getattr(picture, "tag_v2", {}).get(tag, default)
+def _tiff_number(image: Image.Image, tag: int, default: int) -> int:
+    """A numeric tag of a TIFF, its largest value; the default where the tag is missing."""
+    value = getattr(image, "tag_v2", {}).get(tag, default)
     values = value if isinstance(value, tuple) else (value,)
     return max((v for v in values if isinstance(v, int)), default=default)
 
 
-def _rawmode(picture: Image.Image) -> str:
-    """What Pillow will unpack, "" where it does not say."""
-    tiles = getattr(picture, "tile", None)
+def _rawmode(image: Image.Image) -> str:
+    """The raw mode that Pillow will unpack, "" where it does not say."""
+    tiles = getattr(image, "tile", None)
     if not tiles:
         return ""
     first = args[0] if isinstance(args := tiles[0][3], tuple) and args else args
     return first if isinstance(first, str) else ""
 
 
-def _sixteen_bit_grey_alpha(picture: Any, name: str) -> _Samples:
-    picture.tile = [tile._replace(args="RGBA") for tile in picture.tile]
-    pairs = np.asarray(loaded(picture, name)).view(">u2")
+def _sixteen_bit_grey_alpha(image: Any, name: str) -> _Samples:
+    image.tile = [tile._replace(args="RGBA") for tile in image.tile]
+    pairs = np.asarray(loaded(image, name)).view(">u2")
     return _Samples(pairs[:, :, :1], pairs[:, :, 1])
 
 
 def _sixteen_bit_color(
-    picture: Any, name: str, file: BinaryIO, max_pixels: int, match: re.Match[str]
+    image: Any, name: str, file: BinaryIO, max_pixels: int, match: re.Match[str]
 ) -> _Samples:
-    """Upper bytes from one decoding, lower ones from another: Pillow has no such mode."""
+    """Decoded twice, for upper and lower bytes: Pillow has no mode of 16 bits per channel."""
     lower = f"{match[1]};16{_OTHER_BYTE[match[2]]}"
-    upper = np.asarray(loaded(picture, name)).astype(np.uint16) << 8
+    upper = np.asarray(loaded(image, name)).astype(np.uint16) << 8
     with opened(file, name, max_pixels) as again:
         again.tile = [
             tile._replace(args=(lower, *tile.args[1:]) if isinstance(tile.args, tuple) else lower)
@@ -156,53 +143,52 @@ def _sixteen_bit_color(
         ]
         values = upper | np.asarray(loaded(again, name))
     color, alpha = values[:, :, :3], values[:, :, 3] if values.shape[2] == 4 else None
-    return _Samples(color, _keyed(color, picture, 1) if alpha is None else alpha)
+    return _Samples(color, _keyed(color, image, 1) if alpha is None else alpha)
 
 
-def _wide_grey(picture: Image.Image, name: str) -> _Samples:
-    array = np.asarray(picture)[:, :, None]
-    if picture.mode == "F":
+def _wide_grey(image: Image.Image, name: str) -> _Samples:
+    array = np.asarray(image)[:, :, None]
+    if image.mode == "F":
         top = 1
     else:
         if array.min() < 0 or array.max() > _MOST_16:
-            raise InputError(
-                f"{name} has grey levels {array.min()}..{array.max()}; needed are 0..65535: "
-                "rescale it and try again"
-            )
+            got = shown(f"{array.min()}..{array.max()}")
+            advice = "rescaling them"
+            raise InputError(must_be(f"grey levels of {name}", f"in 0..{_MOST_16}", got, advice))
         array = array.astype(np.uint16)
-        top = _MOST_12 if _tiff_number(picture, ExifTags.Base.BitsPerSample, 16) == 12 else _MOST_16
-    alpha = _keyed(array, picture, 1)
-    white_is_zero = _tiff_number(picture, ExifTags.Base.PhotometricInterpretation, 1) == 0
-    if white_is_zero and picture.mode != "I":  # which Pillow heeds up to 8 bits
+        top = _MOST_12 if _tiff_number(image, ExifTags.Base.BitsPerSample, 16) == 12 else _MOST_16
+    alpha = _keyed(array, image, 1)
+    white_is_zero = _tiff_number(image, ExifTags.Base.PhotometricInterpretation, 1) == 0
+    if white_is_zero and image.mode != "I":  # Pillow inverts up to 8 bits
         array = top - array
     return _Samples(array if top in (1, _MOST_16) else array / np.float32(top), alpha)
 
 
-def _eight_bits(picture: Image.Image, rawmode: str) -> _Samples:
+def _eight_bits(image: Image.Image, rawmode: str) -> _Samples:
     notes = ()
-    if _tiff_number(picture, ExifTags.Base.BitsPerSample, 8) > 8:
-        notes = ("16 bits a channel read as 8",)
-    if picture.mode in ("P", "PA", "La", "RGBa"):
-        key = picture.info.get("transparency")
-        straight = "LA" if picture.mode == "La" else "RGBA"
-        clear = picture.mode != "P" or key is not None or picture.has_transparency_data
-        picture = picture.convert(straight if clear else "RGB")
-    if picture.mode in ("LA", "RGBA"):
-        alpha = np.asarray(picture.getchannel("A"))
-        return _Samples(picture.convert(picture.mode.removesuffix("A")), alpha, notes)
-    if picture.mode == "1":
-        color = picture.convert("L")
+    if _tiff_number(image, ExifTags.Base.BitsPerSample, 8) > 8:
+        notes = ("16 bits per channel reduced to 8",)
+    if image.mode in ("P", "PA", "La", "RGBa"):
+        key = image.info.get("transparency")
+        straight = "LA" if image.mode == "La" else "RGBA"
+        clear = image.mode != "P" or key is not None or image.has_transparency_data
+        image = image.convert(straight if clear else "RGB")
+    if image.mode in ("LA", "RGBA"):
+        alpha = np.asarray(image.getchannel("A"))
+        return _Samples(image.convert(image.mode.removesuffix("A")), alpha, notes)
+    if image.mode == "1":
+        color = image.convert("L")
     else:
-        color = picture if picture.mode in ("L", "CMYK", "LAB") else picture.convert("RGB")
-    if picture.mode not in ("1", "L", "RGB"):
+        color = image if image.mode in ("L", "CMYK", "LAB") else image.convert("RGB")
+    if image.mode not in ("1", "L", "RGB"):
         return _Samples(color, None, notes)
-    alpha = _keyed(np.atleast_3d(np.asarray(color)), picture, _LEVEL_STEP.get(rawmode, 1))
+    alpha = _keyed(np.atleast_3d(np.asarray(color)), image, _LEVEL_STEP.get(rawmode, 1))
     return _Samples(color, alpha, notes)
 
 
-def _keyed(color: NDArray[Any], picture: Image.Image, step: int) -> NDArray[np.bool_] | None:
-    """Alpha (h, w) where one colour of the file is transparent, None where none is."""
-    key = picture.info.get("transparency")
+def _keyed(color: NDArray[Any], image: Image.Image, step: int) -> NDArray[np.bool_] | None:
+    """Alpha (h, w) of a file with one transparent colour, None without one."""
+    key = image.info.get("transparency")
     levels = [
         level for level in (key if isinstance(key, tuple) else (key,)) if isinstance(level, int)
     ]
@@ -217,42 +203,42 @@ def _alpha(alpha: NDArray[Any], name: str) -> NDArray[np.float32]:
 
 
 def _in_srgb(
-    samples: _Samples, picture: Image.Image, name: str, file: BinaryIO | None
+    samples: _Samples, image: Image.Image, name: str, file: BinaryIO | None
 ) -> tuple[NDArray[np.float32], list[str]]:
-    """Color (h, w, 1 or 3) in sRGB, with notes; of a PNG by the chunk that goes before others."""
-    info = picture.info
-    icc = info.get("icc_profile")
-    cicp = gamma.cicp_of(file) if file is not None and picture.format == "PNG" else None
+    """Color (h, w, 1 or 3) in sRGB, with notes; of a PNG by the chunk that takes precedence."""
+    info = image.info
+    profile = info.get("icc_profile")
+    cicp = gamma.cicp_of(file) if file is not None and image.format == "PNG" else None
     notes = []
     if cicp is not None and not gamma.says_srgb(cicp):
-        notes.append(f"cICP of primaries {cicp[0]} and transfer {cicp[1]} not converted")
+        notes.append(f"cICP with primaries {cicp[0]} and transfer {cicp[1]} not supported; ignored")
     overruled = gamma.says_srgb(cicp)
-    color, used, told = _by_profile(samples.color, None if overruled else icc)
-    notes += told
+    color, used, more = _by_profile(samples.color, None if overruled else profile)
+    notes += more
     values = unit(color, name)
-    stated = info.get("gamma") if picture.format == "PNG" else None
+    stated = info.get("gamma") if image.format == "PNG" else None
     if stated is not None and not (overruled or used or "srgb" in info):
-        values, told = gamma.converted(values, stated, info.get("chromaticity"))
-        notes += told
+        values, more = gamma.converted(values, stated, info.get("chromaticity"))
+        notes += more
     return values, notes
 
 
 def _by_profile(
-    color: NDArray[Any] | Image.Image, icc: bytes | None
+    color: NDArray[Any] | Image.Image, profile: bytes | None
 ) -> tuple[NDArray[Any], bool, list[str]]:
-    """Color (h, w, 1 or 3) by its ICC profile, whether that could be used, notes."""
+    """Color (h, w, 1 or 3) converted by its ICC profile, whether it could be used, and notes."""
     if isinstance(color, Image.Image):
-        picture, used, notes = profile.converted(color, icc)
-        return np.atleast_3d(np.asarray(picture)), used, notes
-    if not icc:
+        image, used, notes = icc.converted(color, profile)
+        return np.atleast_3d(np.asarray(image)), used, notes
+    if not profile:
         return color, False, []
     reduced = np.round(unit(color, "photo") * _MOST_8).astype(np.uint8)
     given = Image.fromarray(reduced[:, :, 0] if reduced.shape[2] == 1 else reduced)
-    picture, used, notes = profile.converted(given, icc)
-    if picture is given:
+    image, used, notes = icc.converted(given, profile)
+    if image is given:
         return color, used, notes
     return (
-        np.atleast_3d(np.asarray(picture)),
+        np.atleast_3d(np.asarray(image)),
         used,
-        ["reduced to 8 bits a channel for its colour profile", *notes],
+        ["reduced to 8 bits per channel to apply its ICC profile", *notes],
     )

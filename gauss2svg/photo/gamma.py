@@ -1,4 +1,4 @@
-"""The gAMA, cHRM and cICP chunks of a PNG, where no colour profile says more."""
+"""The gAMA, cHRM and cICP chunks of a PNG, used where no ICC profile takes precedence."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-_SRGB_GAMMA = 1 / 2.2  # as a gAMA chunk says of sRGB
-_SAME_GAMMA = 0.01  # of itself, by which a gamma may miss that
+_SRGB_GAMMA = 1 / 2.2  # the gAMA of an sRGB image
+_SAME_GAMMA = 0.01  # relative difference up to which a gamma counts as that
 _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
-# x and y of white, red, green and blue: ITU-R BT.709, which is sRGB.
+# x and y of white, red, green and blue of sRGB (ITU-R BT.709).
 _SRGB_PRIMARIES = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
 _SAME_PRIMARY = 0.005
-_LEAST_DETERMINANT = 1e-4  # of primaries that span a triangle
-# Bradford's cone responses, by which whites are adapted (ICC.1:2022, annex E).
+_LEAST_DETERMINANT = 1e-4  # primaries below it span no triangle
+# Bradford cone responses, for the adaptation of white (ICC.1:2022, annex E).
 _BRADFORD = np.array(
     [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
 )
@@ -34,26 +34,26 @@ def cicp_of(file: BinaryIO) -> tuple[int, int] | None:
 
 
 def says_srgb(cicp: tuple[int, int] | None) -> bool:
-    """Whether a cICP chunk says that a PNG is sRGB, which overrules its profile."""
+    """Whether a cICP chunk declares sRGB, which takes precedence over the ICC profile."""
     return cicp == _CICP_SRGB
 
 
 def converted(
     color: NDArray[np.float32], gamma: float, chromaticity: tuple[float, ...] | None
 ) -> tuple[NDArray[np.float32], list[str]]:
-    """Colours (h, w, 1 or 3) in 0..1 of a PNG with a gAMA chunk in sRGB, with notes.
+    """Colours (h, w, 1 or 3) in 0..1 of a PNG with a gAMA chunk, converted to sRGB; and notes.
 
-    light = value^(1 / gamma), by PNG (third edition, 11.3.2.2 and 13.13); from the primaries of
-    cHRM to those of sRGB, whites adapted by Bradford; then the curve of sRGB. 1/2.2 within one
-    per cent is taken for that curve.
+    light = value^(1 / gamma) (PNG, third edition, 11.3.2.2 and 13.13), from the primaries of cHRM
+    to those of sRGB with Bradford adaptation, then the sRGB curve. A gamma within 1 % of 1/2.2
+    stands for the sRGB curve itself.
     """
     if not _LEAST_GAMMA <= gamma <= _MOST_GAMMA:
-        return color, [f"gAMA of {gamma:g} unusable, taken as sRGB"]
+        return color, [f"gAMA of {gamma:g} unusable; sRGB assumed"]
     matrix, notes = None, []
     if chromaticity is not None and color.shape[2] == 3 and not _are_srgb(chromaticity):
         matrix = _to_srgb_primaries(chromaticity)
         if matrix is None:
-            notes.append("cHRM unusable, taken as sRGB")
+            notes.append("cHRM unusable; sRGB primaries assumed")
     same = abs(gamma / _SRGB_GAMMA - 1) <= _SAME_GAMMA
     if same and matrix is None:
         return color, notes
@@ -83,7 +83,7 @@ def _are_srgb(chromaticity: tuple[float, ...]) -> bool:
 
 
 def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] | None:
-    """Matrix (3, 3) from linear light of these primaries to that of sRGB; None if they are none."""
+    """Matrix (3, 3) from linear light of these primaries to that of sRGB; None if degenerate."""
     theirs, srgb = _to_xyz(chromaticity), _to_xyz(_SRGB_PRIMARIES)
     if theirs is None or srgb is None:
         return None

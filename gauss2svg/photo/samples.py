@@ -1,4 +1,4 @@
-"""Samples of any type as float32 in 0..1."""
+"""Samples of any type, converted to float32 in 0..1."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
 
 
 def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
     """Samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
 
-    Raises InputError for other types, and for the first sample that is not within 0..1.
+    Raises InputError for other types, and for the first sample outside of 0..1.
     """
     array = array.astype(array.dtype.newbyteorder("="), copy=False)
     if array.dtype == np.bool_:
@@ -21,12 +21,12 @@ def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
     if array.dtype in (np.uint8, np.uint16):
         return array.astype(np.float32) / np.float32(np.iinfo(array.dtype).max)
     if not np.issubdtype(array.dtype, np.floating):
-        raise InputError(f"{name} has type {array.dtype}; needed is uint8, uint16, bool or float")
+        needed = "uint8, uint16, bool or floating point"
+        raise InputError(must_be(f"type of {name}", needed, shown(array.dtype)))
     bad = ~((array >= 0) & (array <= 1))  # NaN as well
     if bad.any():
         y, x, c = (int(v) for v in np.argwhere(bad)[0])
-        raise InputError(
-            f"{name} is {array[y, x, c]} at row {y}, column {x}, channel {c}; needed are "
-            "finite values in 0..1: divide by the largest value, or clip"
-        )
+        got = shown(f"{array[y, x, c]} at row {y}, column {x}, channel {c}")
+        advice = "dividing by the largest value, or clipping"
+        raise InputError(must_be(f"samples of {name}", "finite and in 0..1", got, advice))
     return array.astype(np.float32)

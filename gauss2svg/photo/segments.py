@@ -1,4 +1,4 @@
-"""Segments of a photo, by which a document groups its shapes: superpixels, or a label image."""
+"""Segments of a photo, by which a document groups its shapes: superpixels or a label image."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage.segmentation import slic
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.files import reading
 from gauss2svg.photo.alpha import alpha_of, has_alpha, over
-from gauss2svg.photo.files import DEFAULT_MAX_PIXELS, loaded, opened, reading
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, loaded, opened
 from gauss2svg.photo.tags import orientation_left, upright
 
 MOST_SEGMENTS = 10_000
@@ -22,13 +23,13 @@ _SEVERAL_CHANNELS = 3  # dimensions of an array of colours
 def labels_of(
     segments: Any, size: tuple[int, int], pixels: NDArray[np.float32]
 ) -> NDArray[np.integer]:
-    """Labels (rows, columns), spread over the photo, of the segments that were asked for.
+    """Labels (rows, columns) of the segments, spread over the photo.
 
-    segments  about how many superpixels, 1..MOST_SEGMENTS; the path of a label image, each
-              value or colour a segment; or an array (h, w) of whole numbers >= 0
-    size      width and height of the photo in px, which the last two must have
+    segments  approximate number of superpixels, 1..MOST_SEGMENTS; the path of a label image,
+              where each value or colour is a segment; or an array (h, w) of whole numbers >= 0
+    size      width and height of the photo in px, which label images and arrays must have
     pixels    (h, w, 3) or (h, w, 4) float32 in 0..1: the photo, perhaps smaller, for superpixels
-    Raises InputError for what is none of these, of another size, or has more segments.
+    Raises InputError for anything else, another size, and more than MOST_SEGMENTS labels.
     """
     if isinstance(segments, (str, os.PathLike)):
         name = os.fsdecode(segments)
@@ -38,45 +39,45 @@ def labels_of(
     else:
         return superpixels(pixels, segments)
     if labels.ndim == 2 and labels.shape[::-1] != size:
-        raise InputError(
-            f"{name} has {labels.shape[1]}x{labels.shape[0]} px and the photo {size[0]}x{size[1]}; "
-            "needed is the same size: scale it by nearest neighbour, so that no label is new"
-        )
+        needed = f"that of the photo, {size[0]}x{size[1]} px"
+        got = shown(f"{labels.shape[1]}x{labels.shape[0]} px")
+        advice = "scaling it by nearest neighbour, which adds no labels"
+        raise InputError(must_be(f"size of {name}", needed, got, advice))
     if not np.issubdtype(labels.dtype, np.integer):
-        raise InputError(f"{name} has values of type {labels.dtype}; needed are whole numbers")
+        got = shown(f"type {labels.dtype}")
+        raise InputError(must_be(f"values of {name}", "whole numbers", got))
     count = len(np.unique(labels))
     if count > MOST_SEGMENTS:
-        raise InputError(
-            f"{name} has {count} different labels; needed are at most {MOST_SEGMENTS}: make it of "
-            "plain areas, and keep it as PNG, for JPEG changes colours"
-        )
+        advice = "an image of plain areas, saved as PNG, because JPEG changes colours"
+        needed = f"at most {MOST_SEGMENTS}"
+        raise InputError(must_be(f"number of labels in {name}", needed, shown(count), advice))
     return labels
 
 
 def superpixels(pixels: NDArray[np.float32], count: int) -> NDArray[np.integer]:
-    """(h, w) labels 1, 2, .. of about `count` superpixels of (h, w, 3) pixels; always the same.
+    """(h, w) labels 1, 2, .. of about `count` SLIC superpixels of (h, w, 3) pixels; deterministic.
 
-    Of (h, w, 4) what shows is divided, 0 is what does not.
+    In (h, w, 4) pixels of alpha 0 have the label 0.
     """
     if not has_alpha(pixels):
         return slic(pixels, n_segments=count, start_label=1, channel_axis=2)
-    shown = alpha_of(pixels)[:, :, 0] > 0
-    if not shown.any():
-        return np.zeros(shown.shape, np.intp)
-    count = min(count, int(shown.sum()))
-    return slic(over(pixels), n_segments=count, start_label=1, channel_axis=2, mask=shown)
+    visible = alpha_of(pixels)[:, :, 0] > 0
+    if not visible.any():
+        return np.zeros(visible.shape, np.intp)
+    count = min(count, int(visible.sum()))
+    return slic(over(pixels), n_segments=count, start_label=1, channel_axis=2, mask=visible)
 
 
 def _read(path: str, max_pixels: int) -> NDArray[Any]:
-    needed = "give the path of a label image, or how many segments there shall be"
-    with reading(path, needed) as file, opened(file, path, max_pixels) as picture:
-        labels = _labels(loaded(picture, path))
-        return upright(labels, orientation_left(picture))
+    advice = "the path of a label image, or a number of superpixels"
+    with reading(path, advice) as file, opened(file, path, max_pixels) as image:
+        labels = _labels(loaded(image, path))
+        return upright(labels, orientation_left(image))
 
 
-def _labels(picture: Image.Image) -> NDArray[Any]:
-    """Values of a picture of one channel; of more the rank of each colour, from 1."""
-    array = np.asarray(picture)
+def _labels(image: Image.Image) -> NDArray[Any]:
+    """Values of an image of one channel; of more channels the rank of each colour, from 1."""
+    array = np.asarray(image)
     if array.ndim == _SEVERAL_CHANNELS:
         colors = np.zeros(array.shape[:2], np.uint32)
         for channel in np.moveaxis(array, 2, 0):

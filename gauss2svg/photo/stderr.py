@@ -1,4 +1,4 @@
-"""What C libraries write to the standard error of the process by themselves."""
+"""Silencing C libraries, which write to the standard error of the process by themselves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _owned = ContextVar("standard error is the command's own", default=False)
 
 @contextmanager
 def own_standard_error() -> Iterator[None]:
-    """For a command: inside of it `stderr_silenced` hushes. A library leaves its host's streams alone."""
+    """For a command: `stderr_silenced` works inside. A library leaves its host's streams alone."""
     token = _owned.set(True)
     try:
         yield
@@ -23,7 +23,7 @@ def own_standard_error() -> Iterator[None]:
 
 @contextmanager
 def stderr_silenced() -> Iterator[None]:
-    """Nothing reaches standard error in here, if it is ours: what went wrong is raised as well."""
+    """Inside nothing reaches standard error if it is the command's own: errors are raised too."""
     if not _owned.get():
         yield
         return

@@ -1,4 +1,4 @@
-"""What a picture file says about its picture: which way up, how dense, how many frames."""
+"""Tags of an image file: orientation, resolution, number of frames."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
-_LEAST_DPI = 1.0  # what says this or less says nothing
-_SQUARE = 0.01  # by which the densities across and down may differ
+_LEAST_DPI = 1.0  # a resolution of this or less counts as none
+_SQUARE = 0.01  # relative difference of resolutions up to which pixels count as square
 _SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
-_CM_AN_INCH = 2.54
-_INCHES = {2: 1.0, 3: _CM_AN_INCH}  # by ResolutionUnit
+_CM_PER_INCH = 2.54
+_LENGTHS_PER_INCH = {2: 1.0, 3: _CM_PER_INCH}  # by ResolutionUnit
 
-Density = tuple[float, float]  # px a length, across and down
+Density = tuple[float, float]  # px per length, across and down
 
 
 @dataclass(frozen=True)
 class Tags:
-    """What holds for the picture once it is turned upright.
+    """Orientation of the stored image, and resolution of the upright one.
 
-    orientation  1..8 by EXIF, 1: as it is
-    dpi          px an inch across and down; None where the file has none
+    orientation  1..8 as in EXIF; 1: upright as stored
+    dpi          px per inch across and down; None where the file has none
     notes        for the report
     """
 
@@ -34,72 +34,72 @@ class Tags:
     notes: tuple[str, ...]
 
 
-def tags_of(picture: Image.Image) -> Tags:
-    """Tags of a picture, asked of a TIFF before it is loaded; broken ones are noted, no error."""
+def tags_of(image: Image.Image) -> Tags:
+    """Tags of an image, of a TIFF before it is loaded; broken ones give a note, no error."""
     try:
-        exif = dict(picture.getexif())
+        exif = dict(image.getexif())
         notes = ()
-    except Exception:  # anything at all is in EXIF data
+    except Exception:  # hostile bytes make the EXIF reader raise anything
         exif = {}
-        notes = ("EXIF data broken, left out",)
-    dpi = _dpi(picture, exif)
-    found = tags_from(exif.get(ExifTags.Base.Orientation), dpi, dpi or _proportions(picture))
+        notes = ("EXIF data broken; ignored",)
+    dpi = _dpi(image, exif)
+    found = tags_from(exif.get(ExifTags.Base.Orientation), dpi, dpi or _proportions(image))
     return Tags(found.orientation, found.dpi, (*notes, *found.notes))
 
 
 def tags_from(orientation: Any, dpi: Density | None, proportions: Density | None) -> Tags:
-    """Tags by what the file says of its stored rows and columns.
+    """Tags from those of the stored rows and columns.
 
-    orientation  anything; what is not 1..8 says nothing
-    dpi          px an inch across and down; proportions: the same, perhaps in no unit
+    orientation  anything; values other than 1..8 count as 1
+    dpi          px per inch across and down; proportions: the same, perhaps without a unit
     """
     notes = []
     if not isinstance(orientation, int) or not 1 <= orientation <= 8:
         orientation = 1
     if orientation != 1:
-        notes.append("turned as its EXIF orientation says")
+        notes.append("EXIF orientation applied")
     if orientation in _SWAPPED:
         dpi = dpi and (dpi[1], dpi[0])
         proportions = proportions and (proportions[1], proportions[0])
     if proportions is not None and abs(proportions[0] / proportions[1] - 1) > _SQUARE:
         notes.append(
-            f"pixels are {proportions[1] / proportions[0]:.3g} times as wide as high by its "
-            "resolution tag; shown as squares"
+            f"pixels are {proportions[1] / proportions[0]:.3g} times as wide as high by the "
+            "resolution tag; treated as square"
         )
     return Tags(orientation, dpi, tuple(notes))
 
 
-def orientation_left(picture: Image.Image) -> int:
-    """EXIF orientation 1..8 of a loaded picture: Pillow turns a TIFF as it loads it."""
-    return tags_of(picture).orientation
+def orientation_left(image: Image.Image) -> int:
+    """EXIF orientation 1..8 of a loaded image: Pillow applies that of a TIFF while loading it."""
+    return tags_of(image).orientation
 
 
 def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """An array (h, w, ..) as it is seen: EXIF says where its first row and column are."""
+    """An array (h, w, ..) rotated and mirrored by an orientation (EXIF 2.32, 4.6.4, tag 274)."""
     if orientation in _SWAPPED:
         array = array.swapaxes(0, 1)
-    if orientation in (3, 4, 7, 8):  # the first row is the visual bottom; right, if swapped: left
+    if orientation in (3, 4, 7, 8):  # the first row is seen at the bottom
         array = array[::-1]
     if orientation in (2, 3, 6, 7):
         array = array[:, ::-1]
     return np.ascontiguousarray(array)
 
 
-def frames_note(picture: Image.Image) -> list[str]:
-    """A note if there are more frames or pages than the first. Reads on through the file."""
-    what = "pages" if picture.format == "TIFF" else "frames"
+def frames_note(image: Image.Image) -> list[str]:
+    """A note if there is more than one frame or page; reads through the file."""
+    what = "pages" if image.format == "TIFF" else "frames"
     try:
-        count = getattr(picture, "n_frames", 1)
-    except Exception:  # what comes after the first is not asked for, and may be broken
+        count = getattr(image, "n_frames", 1)
+    except Exception:  # frames after the first are not used, and may be broken
         return [f"first of several {what}"]
     return [f"first of {count} {what}"] if count > 1 else []
 
 
-def _dpi(picture: Image.Image, exif: dict[int, Any]) -> Density | None:
-    """Pixels an inch across and down as stored; None where no tag says so."""
-    # Pillow makes up 72 for a JPEG and 1 for a TIFF without one, so their tags are asked.
-    stated = picture.info.get("jfif_unit") in (1, 2) or picture.format in ("PNG", "BMP", None)
-    dpi = _pair(picture.info.get("dpi")) if stated else None
+def _dpi(image: Image.Image, exif: dict[int, Any]) -> Density | None:
+    """Pixels per inch across and down as stored; None without such a tag."""
+    # Pillow invents 72 for a JPEG and 1 for a TIFF without one, so their own tags are read.
+    stated = image.info.get("jfif_unit") in (1, 2) or image.format in ("PNG", "BMP", None)
+    dpi = _pair(image.info.get("dpi")) if stated else None
     if dpi is None:
         tags = exif.get(ExifTags.Base.XResolution), exif.get(ExifTags.Base.YResolution)
         return dpi_in(_pair(tags), exif.get(ExifTags.Base.ResolutionUnit, 2))
@@ -107,19 +107,19 @@ def _dpi(picture: Image.Image, exif: dict[int, Any]) -> Density | None:
 
 
 def dpi_in(density: Density | None, unit: Any) -> Density | None:
-    """Pixels an inch of a density in a TIFF's ResolutionUnit; None in no unit and for too few."""
-    inch = _INCHES.get(unit) if isinstance(unit, int) else None
+    """Pixels per inch of a density in a TIFF's ResolutionUnit; None without a unit or if tiny."""
+    inch = _LENGTHS_PER_INCH.get(unit) if isinstance(unit, int) else None
     if density is None or inch is None or inch * min(density) <= _LEAST_DPI:
         return None
     return inch * density[0], inch * density[1]
 
 
-def _proportions(picture: Image.Image) -> Density | None:
-    """Densities across and down in no unit, where there is nothing else."""
-    info = picture.info
+def _proportions(image: Image.Image) -> Density | None:
+    """Densities across and down without a unit, where the file has no others."""
+    info = image.info
     if info.get("jfif_unit") == 0:
         return _pair(info.get("jfif_density"))
-    if picture.format == "TIFF":
+    if image.format == "TIFF":
         return _pair(info.get("resolution"))
     return _pair(info.get("aspect"))  # of a PNG
 

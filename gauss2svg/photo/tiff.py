@@ -1,6 +1,7 @@
-"""Pages of a TIFF whose pixels Pillow does not know: colours in floating point, 16 bits with alpha.
+"""TIFFs that Pillow does not decode: colours in floating point, 16 bits with alpha.
 
-Read by tifffile, of which only what it decodes by itself is asked: plain, deflate, PackBits.
+Read by tifffile, in the compressions that it decodes without further packages: none, deflate and
+PackBits.
 """
 
 from __future__ import annotations
@@ -11,21 +12,21 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
-from gauss2svg.photo.files import broken, check_size
+from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.photo.formats import broken, check_size
 from gauss2svg.photo.tags import Tags, dpi_in, tags_from
 
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = 0, 1, 2  # PhotometricInterpretation
 _CHANNELS = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _RGB: 3}
-_MOST_EXTRA = 4  # samples beside the colours: memory is asked for before they are decoded
+_MOST_EXTRA = 4  # samples besides colours: memory for all is allocated before decoding
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples
 _TYPES = (np.uint8, np.uint16, np.float16, np.float32, np.float64)
 _ICC_PROFILE, _ORIENTATION, _UNIT, _DENSITIES = 34675, 274, 296, (282, 283)  # tags
 
 
 @dataclass(frozen=True, eq=False)
-class Document:
-    """The first page of a TIFF, as stored: color (h, w, 1 or 3), alpha (h, w); pages in all."""
+class Page:
+    """The first page of a TIFF as stored: color (h, w, 1 or 3), alpha (h, w); number of pages."""
 
     color: NDArray[Any]
     alpha: NDArray[Any] | None
@@ -34,13 +35,13 @@ class Document:
     pages: int
 
 
-def first_page(file: BinaryIO, name: str, max_pixels: int) -> Document:
-    """The first page of a TIFF; InputError for one that cannot be read or has too many pixels."""
+def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
+    """The first page of a TIFF; raises InputError for a broken, unsupported or too large one."""
     import tifffile  # 0.1 s, for few files
 
     file.seek(0)
     try:
-        with tifffile.TiffFile(file, name=name) as tiff:  # whose own may be a number
+        with tifffile.TiffFile(file, name=name) as tiff:  # the name of the file may be a number
             if not len(tiff.pages):
                 raise broken(name, ValueError("it has no page"))
             page: Any = tiff.pages[0]
@@ -53,11 +54,12 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Document:
                 or page.imagedepth != 1
                 or page.dtype not in map(np.dtype, _TYPES)
             ):
-                raise InputError(
-                    f"{name} is a TIFF of {page.dtype} samples, {page.samplesperpixel} a pixel, "
-                    f"photometric {int(page.photometric)}; needed are grey or RGB, with or without "
-                    "alpha, of 8 or 16 bits or floating point: save it as such, or as PNG"
+                got = shown(
+                    f"{page.dtype} samples, {page.samplesperpixel} per pixel, photometric "
+                    f"{int(page.photometric)}"
                 )
+                needed = "a TIFF of grey or RGB, 8 or 16 bits or floating point, alpha or not"
+                raise InputError(must_be(name, needed, got, "saving it as such, or as PNG"))
             samples = _samples_last(page.asarray().reshape(page.shaped))
             kinds = [int(kind) for kind in page.extrasamples]
             profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
@@ -65,9 +67,9 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Document:
     except (InputError, MemoryError):
         raise
     except Exception as error:  # hostile bytes make decoders raise anything
-        raise InputError(
-            f"{name} is a TIFF that cannot be read: {error}; save it without compression, or as PNG"
-        ) from error
+        advice = "saving it without compression, or as PNG"
+        got = shown(f"one that is not: {error}")
+        raise InputError(must_be(name, "readable", got, advice)) from error
     color, alpha = samples[:, :, :channels], None
     if int(page.photometric) == _WHITE_IS_ZERO:
         color = (1 if color.dtype.kind == "f" else np.iinfo(color.dtype).max) - color
@@ -77,11 +79,11 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Document:
             if kind == _PREMULTIPLIED:
                 color = _straight(color, alpha)
             break
-    return Document(color, alpha, profile if isinstance(profile, bytes) else None, tags, pages)
+    return Page(color, alpha, profile if isinstance(profile, bytes) else None, tags, pages)
 
 
 def _tags(page: Any) -> Tags:
-    """Orientation and resolution, whose numbers are pairs of a numerator and a denominator."""
+    """Orientation and resolution, whose numbers are fractions."""
     pairs = [page.tags.valueof(tag) for tag in _DENSITIES]
     valid = all(isinstance(p, tuple) and len(p) == 2 and min(p) > 0 for p in pairs)
     density = (pairs[0][0] / pairs[0][1], pairs[1][0] / pairs[1][1]) if valid else None
@@ -95,7 +97,7 @@ def _samples_last(planes: NDArray[Any]) -> NDArray[Any]:
 
 
 def _straight(color: NDArray[Any], alpha: NDArray[Any]) -> NDArray[Any]:
-    """Colour with alpha divided out, of the same type; 0 where nothing shows."""
+    """Colour with alpha divided out, of the same type; 0 where alpha is 0."""
     top = 1.0 if color.dtype.kind == "f" else float(np.iinfo(color.dtype).max)
     shows = alpha[:, :, None] > 0
     divided = np.divide(

@@ -1,4 +1,4 @@
-"""A scene as it was written on the way to its targets, how it is written, and the outcome."""
+"""Candidates of a search: scenes as written and rasterised, and the outcome of a run."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ from gauss2svg.svg.write import write_svg
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A scene on the photo's canvas, in the colours of its palette, and its SVG.
+    """A quantised scene on the photo's canvas, and its SVG.
 
-    model  PSNR in dB of the scene itself on the working picture
-    error  mean squared, of the rasterised SVG there, over white or over black where it has alpha,
-           whichever is larger; NaN if it was not rasterised
+    model  PSNR (dB) of the scene itself against the working image
+    error  mean squared error of the rasterised SVG against it, with alpha the larger of those
+           over white and over black; NaN if it was not rasterised
     """
 
     scene: Scene
@@ -53,9 +53,10 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A fitted, written and measured scene, on the photo's canvas.
+    """A fitted, written and measured scene on the photo's canvas.
 
-    quantization  that of its file; corrections: how often the count was changed after the fit
+    quantization  of its file
+    corrections   how often the count was changed after the fit
     """
 
     scene: Scene
@@ -69,9 +70,9 @@ class Outcome:
 class Exporter:
     """Writes scenes of the working canvas as files of the photo's size.
 
-    photo    (h, w, 3) float32 in 0..1, or (h, w, 4), what is measured against
-    working  the same, perhaps smaller: what the fit runs on
-    every_color  True once no steps are left that would make up for a palette
+    photo        (h, w, 3) or (h, w, 4) float32 in 0..1, the reference of the measurements
+    working      the same, perhaps smaller: the image that the fit runs on
+    every_color  True once no steps are left to compensate for a palette
     """
 
     def __init__(
@@ -89,11 +90,11 @@ class Exporter:
         self._gzipped = plan.options.svg.gzip
 
     def quantization(self, count: int, error: float | None) -> Quantization:
-        """Of a scene of so many Gaussians and, if known, mean squared error."""
+        """For a scene of so many Gaussians and, where it is known, this mean squared error."""
         return Quantization(0, 0.0) if self.every_color else self._plan.quantization(count, error)
 
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
-        """The scene on the photo's canvas, in the colours and exponents of its file."""
+        """The scene on the photo's canvas, with the colours and exponents of its file."""
         quantization = self.quantization(len(scene), None if psnr is None else 10 ** (-psnr / 10))
         return quantize(
             self._on_photo(scene),
@@ -103,12 +104,12 @@ class Exporter:
         )
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
-        """The same on the working canvas, as the last steps of a fit take it."""
+        """The same on the working canvas, for the last steps of a fit."""
         photo = self.quantized(scene, psnr)
         return photo.scaled(scene.width / photo.width, scene.height / photo.height)
 
     def write(self, scene: Scene, psnr: float) -> str:
-        """The file of a scene on the working canvas, before its colours are shared."""
+        """The SVG of a scene on the working canvas whose colours are not quantised yet."""
         return write_svg(self.quantized(scene, psnr), self._plan.svg_format, self.document)
 
     def bytes_of(self, scene: Scene, psnr: float) -> int:
@@ -116,9 +117,9 @@ class Exporter:
         return len(file_bytes(self.write(scene, psnr), self._gzipped))
 
     def candidate(self, scene: Scene, rasterized: bool) -> Candidate:
-        """A scene of the working canvas as it would be written, and if asked for rasterised."""
+        """A scene of the working canvas as it would be written, rasterised on request."""
         model = model_psnr(scene, self.working)
-        # Its colours are those of the palette already, save for solid ellipses that no longer are.
+        # Colours are in the palette already, except those of ellipses that are no longer solid.
         exact = grouped_by_segment(self.quantized(scene, None), self.document.labels)
         svg = write_svg(exact, self._plan.svg_format, self.document)
         error = math.nan
@@ -131,9 +132,9 @@ class Exporter:
         )
 
     def measured(self, best: Candidate, deadline: float | None) -> RoundTrip:
-        """Measured at the photo's size; where time is short, at the size that the fit ran on.
+        """The round trip at the photo's size; where time is short, at the size of the fit.
 
-        deadline  as time.perf_counter() counts, in s, or None
+        deadline  by time.perf_counter() in s, or None
         """
         photo, working, renderer = self.photo, self.working, self._plan.options.run.renderer
         if photo.shape != working.shape and deadline is not None:
@@ -152,15 +153,15 @@ class Exporter:
         return scaled.replace(width=width, height=height)
 
 
-def pruned_to_size(candidate: Candidate, limit: int, picture: NDArray[np.float32]) -> Candidate:
-    """Without the least useful Gaussians, as many of them as `limit` bytes ask for.
+def pruned_to_size(candidate: Candidate, limit: int, image: NDArray[np.float32]) -> Candidate:
+    """The candidate without its least useful Gaussians, so that it has at most `limit` bytes.
 
-    By what they contribute to picture (h, w, 3) or (h, w, 4); what is left is not refined.
+    Useful ones reduce the error against image (h, w, 3) or (h, w, 4). The rest is not refined.
     """
-    target = target_of(picture, np.float32)
+    target = target_of(image, np.float32)
     while candidate.size > limit and len(candidate.scene):
         scene = candidate.scene
-        height, width = picture.shape[:2]
+        height, width = image.shape[:2]
         splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
         cost = target.removal_cost(splats)[1][:, 0]
         kept = min(len(scene) - 1, int(len(scene) * limit / candidate.size))

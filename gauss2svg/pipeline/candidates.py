@@ -1,7 +1,7 @@
-"""What the candidates so far say of the next: how many Gaussians, and which is best.
+"""The candidates of a search: how many Gaussians the next one gets, and which is the best.
 
-Targets apply to the rasterised SVG, so every candidate was rasterised. A search runs at the size
-that the fit runs on; what a larger photo has besides is measured once and carried along.
+Targets apply to the rasterised SVG. A search runs at the size of the fit; the additional error of
+a larger photo is measured once and added.
 """
 
 from __future__ import annotations
@@ -15,39 +15,39 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.targets import TOLERANCE
 
 AIM = 0.12  # dB over the target that a correction aims at
-FILL = 0.975  # share of the bytes allowed that a fit aims at
-FULL = 0.93  # share from which a file counts as full
-TOO_GOOD = 0.35  # dB over the target from which Gaussians are taken away again
-_TOO_LITTLE = 0.02  # dB under the target from which some are added
-_LEAST_LEFT = 0.05  # of an attempt's error, whatever the photo's own size takes off
-# dB that a fit may end under and over the quality's PSNR without a correction; over it only
-# where there are more than a few Gaussians to take away.
+FILL = 0.975  # share of the allowed bytes that a fit aims at
+FULL = 0.93  # share of the allowed bytes from which a file counts as full
+TOO_GOOD = 0.35  # dB over the target from which Gaussians are removed
+_TOO_LITTLE = 0.02  # dB under the target from which Gaussians are added
+_LEAST_LEFT = 0.05  # share of a candidate's error that remains after any correction for size
+# dB under and over the preset's PSNR up to which there is no correction; over it only where there
+# are more than a few Gaussians to remove.
 _LESS_THAN_ENOUGH, _FAR_MORE = 0.8, 3.0
 _FEW = 100
-_SAME = 0.004  # a count that differs by a smaller share is the same
-_TELLING = 0.25  # doublings between two attempts that tell a slope
-_SLOPES = 1.5, 6.0  # dB a doubling, the flattest and steepest that are believed
+_SAME = 0.004  # relative difference up to which counts are the same
+_TELLING = 0.25  # doublings between two candidates from which a slope is derived
+_SLOPES = 1.5, 6.0  # dB per doubling; slopes are clipped to these
 
 
 class Limit(NamedTuple):
-    """The largest count, and the stop reason that it stands for."""
+    """The largest count, and the stop reason when it is reached."""
 
     gaussians: int
     name: str
 
 
 class Correction(NamedTuple):
-    """The count that the next candidate should have, and the stop reason as it stands then."""
+    """The count of the next candidate, and the stop reason once it is reached."""
 
     gaussians: int
     stop_reason: str
 
 
 class Candidates:
-    """Scenes that were written on the way to the targets of a plan.
+    """The candidates of the search for the targets of a plan.
 
-    made    in the order of their making
-    detail  squared error of the photo that the working picture has not
+    made    candidates in order
+    detail  mean squared error that measuring at the photo's size adds to that at the fit's
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -59,22 +59,23 @@ class Candidates:
         self._target = goal.target_psnr
 
     def psnr(self, candidate: Candidate) -> float:
-        """Of its rasterised SVG against the photo, in dB; minus infinity if it was not rasterised."""
-        if math.isnan(candidate.error):  # nothing is known to be reached
+        """PSNR (dB) of its rasterised SVG against the photo; -inf if it was not rasterised."""
+        if math.isnan(candidate.error):
             return -math.inf
         error = candidate.error + self.detail
-        # A detail from another candidate may be a little too much to take off.
+        # A negative detail from another candidate may exceed the error.
         error = max(error, candidate.error * _LEAST_LEFT)
         return -10 * math.log10(error) if error > 0 else math.inf
 
     def correction(
         self, count: int, limit: Limit, stop_reason: str, usual_slope: float
     ) -> tuple[int | None, str]:
-        """Count of the next candidate, None where nothing is left to correct; and what stops it.
+        """Count of the next candidate, None where no correction is needed; and the stop reason.
 
-        count        the present one; limit: the largest
-        stop_reason  what ended growth
-        usual_slope  dB that a doubling bought there
+        count        the present count
+        limit        the largest count
+        stop_reason  of the growth
+        usual_slope  dB gained per doubling during growth
         """
         last, cap, target = self.made[-1], limit.gaussians, self._target
         if not count:
@@ -96,7 +97,7 @@ class Candidates:
         return (wanted if abs(wanted - count) > _SAME * count else None), stop_reason
 
     def _enough(self, count: int, most: Limit, stop_reason: str, slope: float) -> Correction:
-        """Count that ends at the preset's PSNR, or as near to it as the bytes allow."""
+        """Count for the preset's PSNR, or as near to it as the bytes allow."""
         last = self.made[-1]
         missing = self._plan.preset.enough - last.model
         if self._plan.count is not None:
@@ -115,7 +116,7 @@ class Candidates:
         return Correction(min(math.ceil(needed), most.gaussians), stop_reason)
 
     def _slope(self, usual: float) -> float:
-        """PSNR that a doubling buys: from the last two candidates, or from the growth."""
+        """PSNR (dB) gained per doubling, by the last two candidates or by the growth."""
         slope = usual
         if len(self.made) >= 2:
             before, last = self.made[-2:]
@@ -128,7 +129,7 @@ class Candidates:
         return min(max(slope, _SLOPES[0]), _SLOPES[1])
 
     def best(self) -> Candidate:
-        """The fewest Gaussians that meet every target, or what comes nearest."""
+        """The candidate of fewest Gaussians that meets every target, else the nearest one."""
         limit = self._max_bytes or math.inf
         small = [c for c in self.made if c.size <= limit]
         if not small:

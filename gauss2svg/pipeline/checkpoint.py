@@ -1,7 +1,7 @@
-"""Checkpoints: where a fit stands, in a file from which it goes on to the same bits.
+"""Checkpoints: the state of a fit in a file, from which it continues to the same bits.
 
-The file is a .npz of plain arrays and one text of JSON, which refers to them; nothing in it is
-ever executed. It says which run it is of, and is refused by any other.
+The file is a .npz of plain arrays and a JSON text that refers to them; nothing in it is executed.
+It identifies its run, and any other run refuses it.
 """
 
 from __future__ import annotations
@@ -19,18 +19,17 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import Gauss2SvgError, InputError, OutputError
-from gauss2svg.files import check_writable, write_atomically
-from gauss2svg.photo.files import reading
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, must_be, shown
+from gauss2svg.files import check_writable, reading, write_atomically
 from gauss2svg.pipeline.options import Options
 from gauss2svg.svg.document import Document
 from gauss2svg.version import __version__
 
-ADDITIVE, FIT = "additive", "fit"  # which of the fits of a run it is in
+ADDITIVE, FIT = "additive", "fit"  # the two fits of a run
 _MOST_BYTES = 2_000_000_000  # some four million Gaussians
 _FORMAT = 1
 _ARRAY = "array:"
-# What of a run changes nothing of its result, or is told by the size of the working picture.
+# Options that do not change the result, except by arrays whose sizes and hash the identity has.
 _NOT_OF_IDENTITY = {
     "threads", "max_memory", "max_pixels", "checkpoint", "checkpoint_every", "resume", "segments",
 }  # fmt: skip
@@ -39,13 +38,13 @@ StateDict = dict[str, Any]
 
 
 class Checkpoint:
-    """Writes where a fit stands, every so many seconds, whole or not at all.
+    """Writes the state of a fit at intervals, whole or not at all.
 
     path      of the file, which is replaced every time
-    every_s   seconds between two; 0: after every step
+    every_s   interval in s; 0: after every step
     identity  of the run, by `identity_of`
-    trouble   why the last one could not be written, None if it could: the fit is worth more
-    Raises InputError or OutputError for a path that cannot be one's, before there is a fit.
+    trouble   why the last checkpoint could not be written, else None; the fit continues without
+    Raises InputError or OutputError for a path that cannot be written, before the fit.
     """
 
     def __init__(self, path: str | os.PathLike[str], every_s: float, identity: StateDict) -> None:
@@ -54,15 +53,13 @@ class Checkpoint:
         self._identity = identity
         self.trouble: str | None = None
         if Path(path).exists() and not Path(path).is_file():
-            raise InputError(
-                f"checkpoint must be a regular file, which is replaced every time; got "
-                f"{os.fspath(path)}. Try the name of a file"
-            )
+            got = shown(f"{os.fspath(path)}, which is not a regular file")
+            raise InputError(must_be("checkpoint", "a regular file", got, "another name"))
         check_writable(path)
         self._last = time.monotonic()
 
     def offer(self, state: Callable[[], StateDict], due: bool = False) -> None:
-        """Write what state() tells if it is time, or if it is due in any case."""
+        """Write state() if the interval is over, or if it is due in any case."""
         if not due and time.monotonic() - self._last < self._every_s:
             return
         try:
@@ -73,55 +70,56 @@ class Checkpoint:
         self._last = time.monotonic()
 
 
-def identity_of(options: Options, document: Document, *pictures: NDArray[np.float32]) -> StateDict:
-    """What a run must share with the one of a checkpoint: version, options, the pictures."""
+def identity_of(options: Options, document: Document, *images: NDArray[np.float32]) -> StateDict:
+    """What a run must share with that of a checkpoint: version, options and images."""
     digest = hashlib.sha256()
-    for picture in (*pictures, document.labels):
-        if picture is not None:
-            digest.update(repr((picture.shape, str(picture.dtype))).encode())
-            digest.update(np.ascontiguousarray(picture).data)
+    for image in (*images, document.labels):
+        if image is not None:
+            digest.update(repr((image.shape, str(image.dtype))).encode())
+            digest.update(np.ascontiguousarray(image).data)
     given = {k: v for k, v in options.flat().items() if k not in _NOT_OF_IDENTITY}
-    sizes = [list(picture.shape) for picture in pictures]
+    sizes = [list(image.shape) for image in images]
     return {"version": __version__, **given, "sizes": sizes, "photo": digest.hexdigest()}
 
 
 def resumed(path: str | os.PathLike[str], identity: StateDict) -> StateDict:
     """The state in a checkpoint of the run with this identity.
 
-    Raises InputError for a file that is none, is damaged, or is of another run.
+    Raises InputError for another file, a damaged one, and one of another run.
     """
     name = os.fspath(path)
-    with reading(path, "give a file of --checkpoint") as file:
+    with reading(path, "a file of --checkpoint") as file:
         try:
             stored = unpacked(file)
             theirs, state = dict(stored["run"]), dict(stored["state"])
             if state["stage"] not in (ADDITIVE, FIT):
-                raise ValueError(f"it has no stage {state['stage']!r}")
+                raise ValueError(f"it has the stage {state['stage']!r}")
         except (Gauss2SvgError, MemoryError):
             raise
         except Exception as error:  # numpy, zipfile and json each raise their own
             raise damaged(name, error) from error
     for key, ours in json.loads(json.dumps(identity)).items():
         if theirs.get(key) != ours:
-            was = "another" if key == "photo" else f"{theirs.get(key)!r}, now {ours!r}"
+            wanted, differs = f"with {key} {ours!r}", f"with {key} {theirs.get(key)!r}"
+            if key == "photo":
+                wanted, differs = "of this photo", "of another photo"
+            advice = "the command that made it, with --resume"
             raise InputError(
-                f"{name} must be a checkpoint of this run; got one of another, whose {key} was {was}. "
-                "Try the command that it was made by, with --resume"
+                must_be(name, f"a checkpoint {wanted}", shown(f"one {differs}"), advice)
             )
     return state
 
 
 def damaged(name: str, error: Exception) -> InputError:
-    """The error of a file that is no checkpoint of this program, or no longer one."""
+    """The error for a file that is not a checkpoint, or not a valid one."""
     why = " ".join(str(error).split())[:80] or type(error).__name__
-    return InputError(
-        f"{name} must be a checkpoint; got one that is damaged, or another file ({why}). Try a file "
-        "of --checkpoint, or start over"
-    )
+    got = shown(f"a damaged one or another file ({why})")
+    advice = "a file of --checkpoint, or starting over"
+    return InputError(must_be(name, "a checkpoint", got, advice))
 
 
 def packed(state: StateDict) -> bytes:
-    """A file of nested dictionaries and lists of arrays, numbers and text."""
+    """The file of nested dictionaries and lists of arrays, numbers and text."""
     arrays: dict[str, NDArray[Any]] = {}
 
     def plain(value: Any) -> Any:
@@ -147,23 +145,22 @@ def packed(state: StateDict) -> bytes:
 
 
 def unpacked(file: BinaryIO) -> StateDict:
-    """What was packed; raises InputError for another format, and what numpy raises for no .npz.
+    """The inverse of `packed`; raises InputError for another format, and errors of numpy's.
 
-    Only what is not compressed is read, and so no more than the file itself has.
+    Compressed files are refused, so that none unpacks to more than its own size.
     """
     if file.seek(0, os.SEEK_END) > _MOST_BYTES:
-        raise InputError(f"checkpoint has more than {_MOST_BYTES} bytes; begin anew")
+        raise InputError(must_be("checkpoint", f"at most {_MOST_BYTES} bytes", shown("more")))
     with zipfile.ZipFile(file) as parts:
         if any(part.compress_type != zipfile.ZIP_STORED for part in parts.infolist()):
-            raise InputError("checkpoint is compressed, which none is; begin anew")
+            raise InputError(must_be("checkpoint", "uncompressed", shown("a compressed file")))
     file.seek(0)
     with np.load(file, allow_pickle=False) as stored:
         if int(stored["format"]) != _FORMAT:
-            raise InputError(
-                f"checkpoint has format {int(stored['format'])}; needed is {_FORMAT}: begin anew"
-            )
+            got = int(stored["format"])
+            raise InputError(must_be("format of a checkpoint", f"{_FORMAT}", got, "starting over"))
         text = stored["text"].tobytes()
-        # Each part has a checksum of its own, which zipfile compares.
+        # zipfile verifies the checksum of each part.
         arrays = {name: stored[name] for name in set(stored.files) - {"format", "text"}}
 
     def whole(value: Any) -> Any:

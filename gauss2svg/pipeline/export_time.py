@@ -1,4 +1,4 @@
-"""How long what follows a fit will take, from a part of the Gaussians and of the picture."""
+"""Estimate of the time that writing, rasterising and measuring take, from a sample of each."""
 
 from __future__ import annotations
 
@@ -13,29 +13,30 @@ from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import Scene
 from gauss2svg.svg.write import write_svg
 
-# Every Gaussian in so many is written and drawn to see how long all will take.
-_SAMPLE = 8
-_STRIPS = 4  # the picture is measured on one of so many strips
-_SLACK_S = 0.1  # for what is not measured: the report, saving, the end of the process
+_SAMPLE = 8  # one of so many Gaussians is written and rasterised
+_STRIPS = 4  # one of so many strips of the image is measured
+_SLACK_S = 0.1  # for the report, saving, and the end of the process
 
 
 def estimate_export_seconds(
-    scene: Scene, write: Callable[[Scene], str], picture: NDArray[np.float32], renderer: str
+    scene: Scene, write: Callable[[Scene], str], image: NDArray[np.float32], renderer: str
 ) -> float:
-    """Seconds that writing, drawing and measuring all of a scene on picture will take."""
-    height = picture.shape[0]
+    """Seconds that writing, rasterising and measuring a scene will take."""
+    height = image.shape[0]
     part = scene.select(np.arange(0, len(scene), _SAMPLE))
     write(part)  # stops are computed once, for all
     begun = time.perf_counter()
     svg = write(part)
     written = time.perf_counter()
-    rasterize_like(svg, picture, renderer)
-    drawn = time.perf_counter()
-    rasterize_like(write_svg(scene.select(np.arange(0))), picture, renderer)
+    rasterize_like(svg, image, renderer)
+    rasterized = time.perf_counter()
+    rasterize_like(write_svg(scene.select(np.arange(0))), image, renderer)
     blank = time.perf_counter()
-    strip = picture[: max(height // _STRIPS, 1)]
+    strip = image[: max(height // _STRIPS, 1)]
     measure_pixels(strip, strip)
     measured = time.perf_counter()
-    draw_all = (blank - drawn) + _SAMPLE * max((drawn - written) - (blank - drawn), 0.0)
+    rasterize_all = (blank - rasterized) + _SAMPLE * max(
+        (rasterized - written) - (blank - rasterized), 0.0
+    )
     write_all = _SAMPLE * (written - begun)
-    return write_all + draw_all + _STRIPS * (measured - blank) + _SLACK_S
+    return write_all + rasterize_all + _STRIPS * (measured - blank) + _SLACK_S

@@ -1,4 +1,4 @@
-"""What a run is asked for: six groups of options, from which all other forms are derived."""
+"""The options of a run, in six groups, from which all other forms are derived."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from gauss2svg.options import (
     file_name,
 )
 from gauss2svg.photo.alpha import matte_color
-from gauss2svg.photo.image import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION
 from gauss2svg.svg.stops import STOP_COUNTS
 
 AUTO = "auto"
-_MOST_DECIBELS = 100.0  # 8-bit pictures that differ anywhere are under 100 dB up to 65 megapixels
-EVERY_S = 30.0  # a second of a fit is soon done again, and a file of 5000 Gaussians has 3 MB
-LONGEST_S = 86400.0  # between two checkpoints
+_MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels
+EVERY_S = 30.0  # a checkpoint of 5000 Gaussians has 3 MB
+LONGEST_S = 86400.0
 
 
 def color_name(name: str, value: Any) -> str:
-    """A colour that `matte_color` knows."""
+    """A valid colour for `matte_color`; raises InputError that names it."""
     matte_color(value, name)
     return value
 
 
 @dataclass(frozen=True, kw_only=True)
 class Goal(OptionGroup):
-    """What the SVG shall reach, and what it may cost. The first limit reached ends the run."""
+    """Targets and limits of a run, the first of which ends it."""
 
     quality: Literal["draft", "fast", "balanced", "high", "max"] = "balanced"
     """Speed and quality preset."""

@@ -1,4 +1,4 @@
-"""A palette for the exporter: few pairs of colour and exponent, so few gradients are written."""
+"""Palettes: weighted k-means on pairs of a colour and an exponent, one gradient each."""
 
 from __future__ import annotations
 
@@ -13,19 +13,14 @@ from scipy.spatial import KDTree
 
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 
-# Lloyd's iterations. On three photos, 500 and 5000 Gaussians, 16 to 1250 colours, 5 bring
-# what 12 bring within 2 % of the squared error. Starting from clusters split one by one
-# leaves 0.2 to 0.9 times the error that starting from colours spread along a space-filling
-# curve leaves.
-_ITERATIONS = 6
-# Clusters are split until this many times the error allowed is left, for Lloyd's iterations
-# mend about a tenth of it; where they mend less, until less is left.
-_MENDED = 1.12
+_ITERATIONS = 6  # of Lloyd; twice as many gain under 2 % (docs/decisions/palette.md)
+# Clusters are split until so many times the allowed error is left, because Lloyd's iterations
+# remove about a tenth of it; where they remove less, until less is left.
+_SPARE = 1.12
 _LESS = 0.94
 _LEAST_AIM = 0.1
-# Of ln beta beside colours in 0..1. With 0.3, 0.1, 0.05, 0.03 six pictures of at most 100 kB reach
-# 27.15, 27.46, 27.46, 27.38 dB, of at most 30 kB 23.05, 23.20, 23.52, 23.48 (Gaussians alone 27.05
-# and 22.51); three Kodak photos of 5000 shapes 31.84, 31.84, 31.80, 31.74 dB.
+# Weight of ln beta beside colours in 0..1: the best for photos and near the best at few bytes
+# (docs/decisions/palette.md).
 _BETA_WEIGHT = 0.1
 
 _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
@@ -33,7 +28,7 @@ _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 
 @dataclass(frozen=True)
 class Palette:
-    """k entries, sRGB color (k, 3) on 8 bits and exponent beta (k,); entry (n,) of each shape."""
+    """k entries, 8-bit sRGB color (k, 3) and exponent beta (k,); entry (n,) of each shape."""
 
     color: NDArray[np.uint8]
     beta: NDArray[np.float64]
@@ -47,14 +42,16 @@ def best_palette(
     count: int,
     allowed: float = 0.0,
 ) -> Palette:
-    """At most `count` pairs of a colour and an exponent, and the one that each shape gets.
+    """At most `count` pairs of a colour and an exponent, and the one of each shape.
 
-    Weighted k-means on color (n, 3) in 0..1 and _BETA_WEIGHT ln beta (n,): it minimises
-    sum weight |difference|^2, whose part by colour is the squared error of the picture if
-    weight (n,) >= 0 is the squared mass a shape shows. Pairs that are few enough already are
-    kept, colours rounded to 8 bits and exponents to BETA_CLASSES. Where that sum may come to
-    `allowed` > 0, about as few entries are used as that takes. It starts from clusters split
-    again and again; nothing is random.
+    Weighted k-means on color (n, 3) in 0..1 and _BETA_WEIGHT ln beta (n,) minimises
+
+        sum weight |difference|^2,
+
+    whose colour part is the squared error of the image if weight (n,) >= 0 is the squared visible
+    mass of a shape. Pairs that are few enough already are kept, colours rounded to 8 bits and
+    exponents to BETA_CLASSES. If `allowed` > 0, about as few entries are used as keep the sum under
+    it. The result is deterministic: it starts from clusters that are split again and again.
     """
     classes = np.array(BETA_CLASSES)[nearest_class(beta)]
     features = np.column_stack([color, _BETA_WEIGHT * np.log(classes)])
@@ -67,9 +64,9 @@ def best_palette(
 def quantize_signed(
     color: NDArray[np.float64], weight: NDArray[np.float64], count: int, allowed: float = 0.0
 ) -> NDArray[np.float64]:
-    """Signed colours (n, 3) of which at most `count` are different, in place of color (n, 3).
+    """Signed colours (n, 3) with at most `count` different ones, in place of color (n, 3).
 
-    As `quantize`, without exponents and without rounding.
+    As in `best_palette`, without exponents and without rounding.
     """
     distinct, entry = np.unique(color, axis=0, return_inverse=True)
     kept = distinct, entry.reshape(-1)
@@ -85,20 +82,20 @@ def _few(
     kept: _Entries,
     written: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> _Entries:
-    """Entries as `quantize` chooses them for features (n, d): (k, d), and which each gets (n,).
+    """Entries (k, d) that `best_palette` chooses for features (n, d), and that of each (n,).
 
-    kept     what is used where no fewer are needed
-    written  entries (k, d) as the file has them, distinct
+    kept     the entries if no fewer are needed
+    written  rounds entries (k, d) to distinct ones of the file
     """
     distinct = len(kept[0])
     if distinct <= 1 or (allowed <= 0 and distinct <= count):
         return kept
     floor = max(float(weight.mean()), np.finfo(np.float64).tiny) * 1e-3
-    weight = weight + floor  # a colour that hardly shows still pulls a little
+    weight = weight + floor  # so that colours that are hardly visible still count
     if allowed <= 0:
         return _lloyd(features, weight, _split(features, weight, count, 0.0)[0], written)
     most = min(count, distinct)
-    aim = allowed * _MENDED
+    aim = allowed * _SPARE
     while True:
         means, left = _split(features, weight, most, aim)
         entries, entry = _lloyd(features, weight, means, written)
@@ -106,7 +103,7 @@ def _few(
         if float(np.sum(weight * np.square(missed).sum(axis=1))) <= allowed:
             return entries, entry
         if left > aim or len(means) >= most or aim < allowed * _LEAST_AIM:
-            # No palette does; what is left is the rounding of the numbers.
+            # No palette suffices: the rest of the error is rounding.
             return kept if distinct <= count else (entries, entry)
         aim *= _LESS
 
@@ -134,7 +131,7 @@ def _lloyd(
 
 
 def _rounded(features: NDArray[np.float64]) -> Palette:
-    """Distinct colours on 8 bits with the classes of their exponents."""
+    """Distinct 8-bit colours with the classes of their exponents."""
     classes = nearest_class(np.exp(features[:, 3] / _BETA_WEIGHT))
     levels = np.column_stack([np.round(features[:, :3] * 255), classes]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
@@ -145,10 +142,10 @@ def _rounded(features: NDArray[np.float64]) -> Palette:
 def _split(
     features: NDArray[np.float64], weight: NDArray[np.float64], count: int, aim: float
 ) -> tuple[NDArray[np.float64], float]:
-    """Means (k, d) of clusters, k <= count, and the squared error that they leave.
+    """Means (k, d) of clusters, k <= count, and the squared error that is left.
 
-    The worst is cut in two, again and again, until no more than `aim` is left: at its mean,
-    across its direction of largest variance (Wan, Wong and Prusinkiewicz, "An algorithm for
+    The cluster of the largest error is cut at its mean, across its direction of largest variance,
+    until the error is at most `aim` (Wan, Wong and Prusinkiewicz, "An algorithm for
     multidimensional data clustering", 1988).
     """
 
@@ -158,7 +155,7 @@ def _split(
         offset = features[members] - mean
         spread = (share * offset).T @ offset
         axis = np.linalg.eigh(spread)[1][:, -1]
-        # The first member tells apart clusters of equal error: members are never compared.
+        # The first member orders clusters of equal error, so that arrays are never compared.
         return -float(np.trace(spread)), int(members[0]), members, mean, offset @ axis > 0
 
     heap = [cluster(np.arange(len(features)))]

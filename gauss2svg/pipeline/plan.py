@@ -1,4 +1,4 @@
-"""The plan of a run: what its options come to, checked before anything slow begins."""
+"""The plan of a run: its options resolved and checked against each other before the fit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from functools import cached_property
 
 from gauss2svg.errors import InputError, RendererError, must_be
 from gauss2svg.fit.options import FitConfig
-from gauss2svg.photo.image import Photo
+from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.presets import PRESETS, Preset
 from gauss2svg.raster import DRAW_BLENDS, DRAW_TURNED_BLURS, renderer_version
@@ -16,16 +16,16 @@ from gauss2svg.scene import ADD, OVER
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.format import SvgFormat
 
-# Mean squared error that a palette may add, however bad the rest: 38 dB, some three levels.
-# With eight, which a coarse fit of foliage would allow, sky and leaves change their hue.
+# Mean squared error that a palette may add in any case: 38 dB, about three levels of 255. With
+# eight levels, which a coarse fit of foliage would allow, sky and leaves change their hue.
 LARGEST_COLOR_ERROR = 1.6e-4
-# dB that a palette of a stated count may cost at once by having fewer colours than that.
+# dB that the palette of a given count may cost by having fewer entries than allowed.
 _UNSEEN_COLOR_LOSS = 0.03
 
 
 @dataclass(frozen=True)
 class Quantization:
-    """How far the colours of a file are quantised; see gauss2svg.pipeline.quantize."""
+    """How colours are quantised: two arguments of gauss2svg.pipeline.quantize.quantize."""
 
     palette: int
     color_error: float
@@ -33,7 +33,7 @@ class Quantization:
 
 @dataclass(frozen=True)
 class Plan:
-    """What the options of a run come to. Raises InputError for options that exclude each other."""
+    """The resolved options of a run; raises InputError for options that exclude each other."""
 
     options: Options
 
@@ -43,31 +43,31 @@ class Plan:
         self._check_rounds()
         if svg.form != GRADIENT and run.renderer not in DRAW_TURNED_BLURS:
             raise RendererError(
-                f"form must be {GRADIENT} with the renderer {run.renderer}, which does not draw "
+                f"form must be {GRADIENT} with the renderer {run.renderer}, which does not render "
                 f"rotated blurs; got {svg.form}. Try --renderer {DRAW_TURNED_BLURS[0]}"
             )
         for name in ("checkpoint", "resume"):
             if getattr(run, name) is not None and goal.time_limit is not None:
                 raise InputError(
-                    f"time_limit must not be given with {name}, for a run against the clock never "
-                    f"repeats itself; got {goal.time_limit:g}. Try --iterations instead"
+                    f"time_limit must not be given with {name}, because a run with a time limit is "
+                    f"not repeatable; got {goal.time_limit:g}. Try --iterations instead"
                 )
         _ = self.fit_config
 
     def check_renderer(self) -> None:
-        """Raise RendererError where the renderer that measures is not installed."""
+        """Raise RendererError if the measuring renderer is not installed."""
         renderer_version(self.options.run.renderer)
 
     def check_alpha(self, photo: Photo) -> None:
-        """Refuse what a transparent photo cannot have, before the fit."""
+        """Raise InputError for additive blending of a transparent photo."""
         if photo.alpha is not None and self.written_blend == ADD:
             raise InputError(
-                "the photo must be opaque for additive blending, whose signed colours cover "
-                "nothing; got a transparent one. Try --matte white, or --portable"
+                "the photo must be opaque for additive blending, whose signed colours "
+                "hide nothing; got a transparent one. Try --matte white, or --portable"
             )
 
     def _check_blend(self) -> None:
-        """Refuse what an additive file cannot have."""
+        """Raise InputError for options that an additive file cannot have."""
         svg, document = self.options.svg, self.options.document
         if svg.portable and self.options.fit.blend != ADD:
             raise InputError(must_be("blend", f"{ADD} with portable", self.options.fit.blend))
@@ -104,43 +104,43 @@ class Plan:
 
     @cached_property
     def preset(self) -> Preset:
-        """The numbers of the preset."""
+        """The preset."""
         return PRESETS[self.options.goal.quality]
 
     @property
     def count(self) -> int | None:
-        """Gaussians asked for, None where the count adapts to the image."""
+        """The given number of Gaussians, None if it adapts to the image."""
         gaussians = self.options.goal.gaussians
         return gaussians if isinstance(gaussians, int) else None
 
     @property
     def count_adapts(self) -> bool:
-        """Whether the count follows from the image or from a target."""
+        """Whether the count depends on the image or on a target."""
         return self.count is None or has_targets(self.options.goal)
 
     @property
     def palette_is_counted(self) -> bool:
-        """Whether the palette has a stated size, and not one that follows from its loss."""
+        """Whether the palette has a given size, and not one that depends on its loss."""
         return self.options.svg.palette is not None or not self.count_adapts
 
     @property
     def side(self) -> int:
-        """Longest side in px of the picture that the fit runs on."""
+        """Longest side in px of the image that the fit runs on."""
         return self.options.run.max_size or self.preset.max_size
 
     @property
     def written_blend(self) -> str:
-        """How the shapes of the file blend."""
+        """The blend of the shapes in the file."""
         return OVER if self.options.svg.portable else self.options.fit.blend
 
     @cached_property
     def additive_config(self) -> FitConfig:
-        """The additive fit that a portable file begins with."""
+        """The additive fit that precedes a portable file."""
         return self._config(ADD)
 
     @cached_property
     def fit_config(self) -> FitConfig:
-        """The fit that is written: a time limit alone takes the place of the iterations."""
+        """The fit that is written; a time limit without other targets replaces the iterations."""
         return self._config(self.written_blend)
 
     def _config(self, blend: str) -> FitConfig:
@@ -158,7 +158,7 @@ class Plan:
 
     @cached_property
     def svg_format(self) -> SvgFormat:
-        """How shapes are written."""
+        """The format of the shapes."""
         svg, preset = self.options.svg, self.preset
         return SvgFormat(
             form=svg.form,
@@ -168,7 +168,7 @@ class Plan:
         )
 
     def quantization(self, gaussians: int, error: float | None) -> Quantization:
-        """Of a scene of so many Gaussians and, if known, mean squared error."""
+        """For a scene of so many Gaussians and, where it is known, this mean squared error."""
         preset = self.preset
         palette, loss = self.options.svg.palette, 0.0
         if palette is None:
@@ -181,5 +181,5 @@ class Plan:
 
 
 def has_targets(goal: Goal) -> bool:
-    """Whether any limit is to be met besides the preset."""
+    """Whether there is a target or limit besides the preset."""
     return any(t is not None for t in (goal.target_psnr, goal.max_bytes, goal.time_limit))

@@ -1,4 +1,4 @@
-"""Quantisation: fewer distinct pairs of a colour and an exponent, so that fewer gradients are written."""
+"""Quantisation: fewer distinct pairs of a colour and an exponent, hence fewer gradients."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, must_be
 from gauss2svg.pipeline.palette import best_palette, quantize_signed
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, Scene
@@ -15,24 +15,23 @@ from gauss2svg.svg.blur import GRADIENT, drawn_blurs
 from gauss2svg.svg.plain import is_plain
 from gauss2svg.svg.snap import snapped, with_exponents
 
-# Colours are weighted by what shows of them, measured on a picture of this side.
+# Colours are weighted by their visible mass, on a canvas of at most this side.
 _WEIGHING_SIDE = 768
 
 
 def quantize(
     scene: Scene, form: str = GRADIENT, palette: int = 0, color_error: float = 0.0
 ) -> Scene:
-    """The scene with colours and exponents of a palette; quantising it again changes nothing.
+    """The scene with colours and exponents of a palette; the operation is idempotent.
 
-    form         of the shapes in the file, one of gauss2svg.svg.FORMS
-    palette      the most gradients, one for each pair of a colour and an exponent, in proportion
-                 where some shapes are blurred; 0 for no such limit
-    color_error  squared error, mean over pixels and channels, that fewer gradients may add; 0 for
-                 as many as the palette has
+    form         of the shapes in the file, "gradient" or "blur"
+    palette      largest number of gradients, one for each pair of a colour and an exponent, in
+                 proportion if some shapes are blurred; 0: no limit
+    color_error  mean squared error that fewer gradients may add; 0: as many as the palette has
 
     Solid ellipses and blurred discs need no gradient and keep their colour, rounded to 8 bits. In
-    an additive scene only colours are quantised, and they are not rounded. Raises InputError for
-    an additive scene in another form than gradients.
+    an additive scene only colours are quantised, and not rounded. Raises InputError for an additive
+    scene in another form than gradients.
     """
     if scene.blend == ADD:
         return _quantize_additive(scene, form, palette, color_error)
@@ -54,10 +53,7 @@ def quantize(
 
 def _quantize_additive(scene: Scene, form: str, palette: int, color_error: float) -> Scene:
     if form != GRADIENT:
-        raise InputError(
-            f"form must be {GRADIENT!r} for an additive scene, whose blurs cannot be added exactly; "
-            f"got {form!r}"
-        )
+        raise InputError(must_be("form", f"{GRADIENT!r} for an additive scene", form))
     if not len(scene) or not (palette or color_error):
         return scene
     weight, pixels = visible_mass(scene)
@@ -68,10 +64,10 @@ def _quantize_additive(scene: Scene, form: str, palette: int, color_error: float
 
 
 def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:
-    """(n,) sum over the canvas of (alpha transmittance)^2, in px: what shows of a shape.
+    """(n,) visible mass of each shape, sum over the canvas of (alpha transmittance)^2, in px.
 
-    Also the pixels of the canvas that it was measured on, reduced where that is large.
-    A change d of a colour changes the summed squared error by visible_mass d^2.
+    And the pixels of the canvas that it was computed on, which is reduced if large. A change d of
+    a colour changes the total squared error by visible_mass d^2.
     """
     shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))

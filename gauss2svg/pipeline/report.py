@@ -1,4 +1,4 @@
-"""The report of a run: every number of it, ready for JSON."""
+"""The report of a run, ready for JSON."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss2svg.photo.image import Photo
+from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.candidate import Outcome
 from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.plan import Plan
@@ -33,9 +33,9 @@ def run_report(
     compile_s: float,
     total_s: float,
 ) -> dict[str, Any]:
-    """All options of a run, what came of it and what it took; docs/reference/report.md has the keys.
+    """All options and results of a run; the keys are in docs/reference/report.md.
 
-    fit_size  width and height in px of the picture that the fit ran on
+    fit_size  width and height in px of the image that the fit ran on
     """
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
     run_s = total_s - (compile_s if compile_s > COMPILED_S else 0.0)
@@ -43,7 +43,7 @@ def run_report(
     missed = unreached(options.goal, measured.psnr_lowest, size_reached, run_s, fitted.stop_reason)
     return {
         **options.flat(),
-        # What the options came to, where they were left open.
+        # Values of options that were left open.
         "width": photo.width,
         "height": photo.height,
         "fit_width": fit_size[0],
@@ -57,7 +57,7 @@ def run_report(
         "size": document.size,
         "segments": None if document.labels is None else len(np.unique(document.labels)),
         "threads": threads,
-        # What came of it.
+        # Results.
         "rounds": fitted.rounds,
         "corrections": outcome.corrections,
         "rollbacks": fitted.rollbacks,
@@ -88,7 +88,7 @@ def _notes(photo: Photo, outcome: Outcome) -> list[str]:
     if (width, height) != (photo.width, photo.height):
         notes.append(f"measured at {width}x{height} px to meet the time limit")
     if photo.alpha is not None and photo.alpha.any() and not len(outcome.scene):
-        notes.append("the photo's visible part is too faint for any renderer: the SVG is empty")
+        notes.append("the photo is too transparent to be rendered: the SVG is empty")
     if fitted.rollbacks:
         times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"
         rate = f" ({fitted.rate:.3g} times the usual)" if fitted.rate != 1 else ""
@@ -100,12 +100,12 @@ def _notes(photo: Photo, outcome: Outcome) -> list[str]:
 
 
 def decibels(value: float | None) -> str:
-    """A PSNR of the report as text."""
+    """A PSNR of the report as text; None is that of equal images."""
     return "equal" if value is None else f"{value:.2f} dB"
 
 
 def _finite(value: Any) -> Any:
-    """None for an infinite PSNR, of equal pictures: JSON has no infinity."""
+    """None for an infinite PSNR, which JSON does not have."""
     return None if isinstance(value, float) and math.isinf(value) else value
 
 
@@ -114,6 +114,6 @@ def _versions() -> dict[str, str]:
     for name in (
         "numpy", "numba", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG",
     ):  # fmt: skip
-        with suppress(PackageNotFoundError):  # torch, where the extra is not installed
+        with suppress(PackageNotFoundError):  # torch may be missing
             found[name] = version(name)
     return found

@@ -1,4 +1,4 @@
-"""What comes of a run."""
+"""The progress and the result of a run."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ ProgressCallback = Callable[["Progress"], None]
 
 @dataclass(frozen=True)
 class Progress:
-    """What `vectorize` is doing: phase, and the state of the fit while that is the phase.
+    """The phase of `vectorize`, and the state of the fit.
 
     phase  "read", "compile", with portable "additive", "fit", "write", "measure"; with targets
-           "correct" may follow, and the last two again
-    fit    the state of the fit at "additive", "fit" and "correct"
+           "correct", "write" and "measure" may follow again
+    fit    at "additive", "fit" and "correct"; else None
     """
 
     phase: str
@@ -40,12 +40,12 @@ class Progress:
 class Result:
     """A vectorised photo; shows itself in a notebook.
 
-    svg     the text of the file
-    scene   the fitted Gaussians, on the photo's canvas, in the order of the file
-    report  numbers of the run, ready for JSON; docs/reference/report.md has the keys
-    raster  (h, w, 3) float32: the SVG as the renderer rasterised it; (h, w, 4), alpha not multiplied
-            in, of a transparent photo
-    document  how the file presents the picture
+    svg       text of the file
+    scene     fitted Gaussians on the photo's canvas, in the order of the file
+    report    options and results of the run, ready for JSON; see docs/reference/report.md
+    raster    (h, w, 3) float32 in 0..1, the rasterised SVG; of a transparent photo (h, w, 4) with
+              straight alpha
+    document  of the file
     """
 
     svg: str
@@ -57,17 +57,17 @@ class Result:
     def save(self, path: str | os.PathLike[str], gzip: bool | None = None) -> None:
         """Write the SVG, whole or not at all; raises OutputError if it cannot be written.
 
-        gzip  None: where the path ends in .svgz, and where `vectorize` was told gzip=True
+        gzip  None: if the path ends in .svgz, or the run had gzip=True
         """
         usual = is_svgz(path) or bool(self.report["gzip"])
         write_atomically(path, file_bytes(self.svg, usual if gzip is None else gzip))
 
     def outline(self) -> str:
-        """The SVG text of the shapes as bare strokes; see gauss2svg.svg.outline_svg."""
+        """The SVG text of the outlines of the shapes; see gauss2svg.outline_svg."""
         return outline_svg(self.scene, self.document)
 
     def _repr_html_(self) -> str:
-        # As an image of its own: inline, the gradient ids of two results would clash.
+        # As an <img>: the gradient ids of two inline SVGs would clash.
         data = base64.b64encode(self.svg.encode()).decode()
         alt = html.escape(self.document.alt or self.document.title)
         return f'<img alt="{alt}" src="data:image/svg+xml;base64,{data}"/>'

@@ -1,7 +1,7 @@
-"""The search for a scene that meets its targets: fit, write, rasterise, measure, correct.
+"""The search for a scene that meets the targets: fit, write, rasterise, measure, correct.
 
 Targets apply to the rasterised SVG, so every correction rasterises one. The search runs at the
-size that the fit runs on; for a larger photo the difference is measured once and carried along.
+size of the fit; the additional error of a larger photo is measured once and added.
 """
 
 from __future__ import annotations
@@ -37,33 +37,30 @@ from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.svg.layers import segment_at
 
-# Of a file, a Gaussian, palette included: fast writes 0.116, balanced 0.106, draft 0.189, its
-# palette being a larger share (mean of three photos, examples/renderers.py). Replaced by the
-# file's own where bytes are limited.
-KILOBYTES_A_GAUSSIAN = 0.12
-# A target PSNR lifts the preset's cap to this.
-CAP_FOR_PSNR = 50000
-_GZIPPED = 0.17  # share of the bytes that is left then, until a file tells
-_LEAST_MEASURED = 200  # Gaussians from which a file tells the bytes of one
+# Of the file, palette included (docs/decisions/numbers.md); measured if the bytes are limited.
+KILOBYTES_PER_GAUSSIAN = 0.12
+CAP_FOR_PSNR = 50000  # largest number of Gaussians for a target PSNR, whatever the preset
+_GZIPPED = 0.17  # compressed share of the bytes, until it is measured
+_LEAST_MEASURED = 200  # Gaussians from which the bytes of one are measured
 _CORRECTIONS = 5
-_CALIBRATIONS = 2  # of a search that ran on a smaller picture
-_CORRECTION_SHARE = 0.25  # of the iterations of a fit, but not under
+_CALIBRATIONS = 2  # of a search on a smaller image
+_CORRECTION_SHARE = 0.25  # of the iterations of a fit
 _LEAST_STEPS = 40
-_WRITING_LOSS = 0.06  # of the model's error that the file is expected to add at first
-_ADDITIVE_SHARE = 0.35  # of the time, for the additive fit that a portable file begins with
+_WRITING_LOSS = 0.06  # share of the scene's error that writing is expected to add
+_ADDITIVE_SHARE = 0.35  # of the time, for the additive fit before a portable file
 _AT_THE_CAP = 0.95
 
 
 class TargetSearch:
-    """One run towards the goal of a plan.
+    """One run towards the targets of a plan.
 
-    exporter    writes candidates, and has the photo and the picture that the fit runs on
-    budget      of the time
-    report      is called with "additive", "fit", "correct", "write" or "measure", and a fit's
-                progress
-    stop        asked after every step: True ends the run with what it has
-    checkpoint  is offered the state of the run after every step of a fit; resumed is what one
-                saved, from which to continue
+    exporter    writes candidates; has the photo and the image that the fit runs on
+    budget      of time
+    report      called with "additive", "fit", "correct", "write" or "measure", and the progress of
+                the fit
+    stop        called after every step; True ends the run with the best result so far
+    checkpoint  is offered the state of the run after every step of a fit
+    resumed     the state in a checkpoint, from which to continue
     """
 
     def __init__(
@@ -88,7 +85,9 @@ class TargetSearch:
         goal = plan.options.goal
         self._target = goal.target_psnr
         self._max_bytes = goal.max_bytes if isinstance(goal.max_bytes, int) else None
-        self._bytes_each = KILOBYTES_A_GAUSSIAN * 1000 * (_GZIPPED if plan.options.svg.gzip else 1)
+        self._bytes_each = (
+            KILOBYTES_PER_GAUSSIAN * 1000 * (_GZIPPED if plan.options.svg.gzip else 1)
+        )
         self._bytes_known = False
         self._candidates = Candidates(plan)
         self._additive: FitResult | None = None
@@ -99,7 +98,7 @@ class TargetSearch:
             self._begin()
 
     def run(self) -> Outcome:
-        """Fit, then correct until the targets are met or out of reach."""
+        """Fit, then correct until the targets are met or unreachable."""
         with kernel_lock:
             self._look_for_stop()
             if self._plan.options.svg.portable:
@@ -107,10 +106,10 @@ class TargetSearch:
             elif self._resumed and self._resumed["stage"] != FIT:
                 raise damaged("the checkpoint", ValueError("it is of an additive fit"))
             self._session.fit()
-            if not self._ended:  # what was saved then is before its hasty end
+            if not self._ended:  # else the checkpoint is of the interrupted fit
                 self._save(FIT, self._session, due=True)
-            if self._limit.name == "time_limit":  # too late for the policy to be asked again
-                self._session.trim(self._limit.gaussians)
+            if self._limit.name == "time_limit":  # found after growth ended
+                self._session.prune_to(self._limit.gaussians)
             self._add_candidate()
             best, found = self._corrected()
             for _ in range(_CALIBRATIONS):
@@ -128,7 +127,7 @@ class TargetSearch:
         )
 
     def _begin(self) -> None:
-        """A session of the fit that is written, in the time that is left."""
+        """Create the session of the fit that is written, in the time that is left."""
         labels, exporter = self._exporter.document.labels, self._exporter
         self._session = FitSession(
             exporter.working, self._plan.fit_config, self._policy, self._budget.fit_deadline(),
@@ -151,7 +150,7 @@ class TargetSearch:
             self._restore(ADDITIVE, session)
             session.fit()
             self._additive = session.result()
-        if isinstance(self._policy, AdaptiveCount):  # what additive rounds bought still holds
+        if isinstance(self._policy, AdaptiveCount):  # it keeps the gains of the additive rounds
             self._policy.revise = self._revise
         self._begin()
         if self._additive is not None and not continues:
@@ -163,12 +162,12 @@ class TargetSearch:
         if plan.count is not None and not plan.count_adapts:
             return fixed_count(config)
         preset, (height, width) = plan.preset, self._exporter.working.shape[:2]
-        # Nine numbers a Gaussian, three a pixel: more would be no model of the picture.
+        # Nine numbers per Gaussian, three per pixel: more would exceed the image itself.
         cap = min(preset.cap, max(1, width * height // 3))
-        limits = GrowthLimits(preset.gain, KILOBYTES_A_GAUSSIAN, preset.enough, cap)
+        limits = GrowthLimits(preset.gain, KILOBYTES_PER_GAUSSIAN, preset.enough, cap)
         if plan.count is not None:
             limits = GrowthLimits(
-                0.0, KILOBYTES_A_GAUSSIAN, math.inf, plan.count, cap_named="gaussians"
+                0.0, KILOBYTES_PER_GAUSSIAN, math.inf, plan.count, cap_named="gaussians"
             )
         if self._target is not None:
             wanted = self._target + AIM + 10 * math.log10(1 + _WRITING_LOSS)
@@ -182,7 +181,7 @@ class TargetSearch:
         return AdaptiveCount(limits, revise)
 
     def _revise(self, limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
-        """The limits with as many Gaussians as the bytes and the time allow."""
+        """The limits, capped by the bytes and the time."""
         most, named = self._limit
         if self._max_bytes is not None:
             refining = now.done > GROWTH_SHARE
@@ -212,7 +211,7 @@ class TargetSearch:
 
     def _look_for_stop(self) -> None:
         self._ended = self._ended or self._stop()
-        # No steps are left that would make up for a palette: all colours are written.
+        # No steps are left to compensate for a palette: all colours are written.
         self._exporter.every_color = self._ended and self._max_bytes is None
 
     def _export_seconds(self, psnr: float) -> float:
@@ -236,7 +235,7 @@ class TargetSearch:
         self._candidates.made.append(self._exporter.candidate(scene, rasterized))
 
     def _corrected(self) -> tuple[Candidate, RoundTrip]:
-        """The best candidate after corrections of the count, and what it measures."""
+        """The best candidate after corrections of the count, and its measurement."""
         self._correct()
         best = self._candidates.best()
         if self._max_bytes is not None:
@@ -264,12 +263,12 @@ class TargetSearch:
             self._add_candidate()
 
     def _calibrate(self, best: Candidate, measured: RoundTrip) -> bool:
-        """Whether the photo's own size tells another PSNR than the search went by."""
+        """Correct the PSNR of the search by that at the photo's size; False if there is no need."""
         target, photo = self._target, self._exporter.photo
         smaller = photo.shape != self._exporter.working.shape
         if target is None or not smaller or measured.raster.shape != photo.shape:
             return False
-        if math.isnan(best.error):  # pruned to its bytes: nothing is left to search for
+        if math.isnan(best.error):  # it was pruned to its bytes
             return False
         if target - TOLERANCE <= measured.psnr_lowest <= target + TOO_GOOD:
             return False
@@ -289,7 +288,7 @@ class TargetSearch:
         reason = self._policy.stop_reason
         if reason != "target_psnr":
             return reason
-        # The policy took the target for reached, and the corrections have run out.
+        # Growth ended at the target, which the corrections did not reach.
         return (
             self._limit.name
             if len(best.scene) > _AT_THE_CAP * self._limit.gaussians
@@ -315,7 +314,7 @@ class TargetSearch:
         }
 
     def _restore(self, stage: str, session: FitSession) -> None:
-        """Put a session into the state that a checkpoint of this stage has."""
+        """Load the state of a checkpoint of this stage into a session."""
         saved = self._resumed
         if saved.get("stage") != stage:
             return
@@ -325,9 +324,9 @@ class TargetSearch:
             self._bytes_known = bool(saved["bytes_known"])
             most, named = saved["limit"]
             self._limit = Limit(whole_number("limit", most, 0, 2**62), str(named))
-            if saved["additive"] is not None:  # of which its costs alone are asked
+            if saved["additive"] is not None:  # only its costs are used
                 self._additive = FitResult(scene=session.scene(), **saved["additive"])
         except (MemoryError, AssertionError):
             raise
-        except Exception as error:  # whatever its values are, they are no fit's
+        except Exception as error:  # invalid values raise anything
             raise damaged("the checkpoint", error) from error

@@ -1,19 +1,19 @@
-"""The time of a run with a limit: how much of it the fit may use."""
+"""The time budget of a run: how much of the time limit the fit may use."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-_RESERVE_SHARE = 0.3  # of the time left, for what follows the fit, until it is estimated
-_ESTIMATE_AT = 0.4  # share of the fit done
-_MOST_RESERVED = 0.6  # share of the time left then for what follows; with more, Gaussians go
+_RESERVE_SHARE = 0.3  # of the time left, reserved for the export until it is estimated
+_ESTIMATE_AT = 0.4  # share of the fit done at the estimate
+_MOST_RESERVED = 0.6  # of the time left; if the export needs more, Gaussians are removed
 
 
 class TimeBudget:
-    """How much time is left, and how much of it the fit may use.
+    """The time left, and how much of it the fit may use.
 
-    deadline  as time.perf_counter() counts, in s, or None
+    deadline  by time.perf_counter() in s, or None
     """
 
     def __init__(self, deadline: float | None) -> None:
@@ -21,7 +21,7 @@ class TimeBudget:
         self._estimated = deadline is None
 
     def fit_deadline(self, share: float = 1 - _RESERVE_SHARE) -> float | None:
-        """When the fit is to end that may use this share of the time left."""
+        """End of a fit that may use this share of the time left."""
         if self.deadline is None:
             return None
         now = time.perf_counter()
@@ -30,9 +30,10 @@ class TimeBudget:
     def reserve(
         self, done: float, count: int, estimate_s: Callable[[], float]
     ) -> tuple[float, int | None] | None:
-        """Once in a fit, when to end it, and the largest count for which time is left, or None.
+        """Once in a fit, its new deadline, and the largest count to export in time or None.
 
-        done        share of the fit that is over; count: its Gaussians
+        done        share of the fit that is over
+        count       of Gaussians
         estimate_s  measures how long writing, rasterising and measuring will take
         """
         if self.deadline is None or self._estimated or done <= _ESTIMATE_AT:

@@ -1,4 +1,4 @@
-"""The main job: photo in, accurate SVG out, with the numbers that say how accurate."""
+"""Vectorising a photo: load, fit, write, rasterise, measure."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from gauss2svg.errors import InputError, must_be, shown, whole_number
 from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.options import OptionGroup
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
-from gauss2svg.photo.image import ImageSource, Photo, load_image
+from gauss2svg.photo.load import ImageSource, load_image
+from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.candidate import Exporter, Outcome
 from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
 from gauss2svg.pipeline.document import document_for
@@ -31,11 +32,10 @@ from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import LARGEST_NUMBER
 
-# Under a time limit the fit runs on at most so many pixels for each second of it: rasterising and
-# measuring alone take 20 s for 12 megapixels.
-PIXELS_A_SECOND = 150_000
-# Canvases to which a shape may reach: its sigma is bounded by one, its cut lies at three.
-_MOST_REACH = 5
+# Largest size of the fit per second of a time limit: rasterising and measuring alone take 20 s for
+# 12 megapixels.
+PIXELS_PER_SECOND = 150_000
+_MOST_REACH = 5  # canvas sides that a shape may extend to: sigma is at most 1, the cut-off is at 3
 
 _Group = TypeVar("_Group", bound=OptionGroup)
 
@@ -64,15 +64,15 @@ def vectorize(
               by these names: vectorize("photo.jpg", max_bytes="500k")
     fit, densify, svg, document, run
               less common options; each class documents its fields
-    progress  called with a Progress at every step; nothing is ever printed
-    stop      called after every step; True ends the run with the best so far
+    progress  called with a Progress at every step; nothing is printed
+    stop      called after every step; True ends the run with the best result so far
 
     With a target, a given number of Gaussians is the largest allowed. The first limit reached ends
-    the run and is the report's stop_reason; targets that were missed are in its `unreached`. The
-    SVG has the photo's width and height also where the fit ran on a smaller picture.
-    Raises InputError for bad input, RendererError for a renderer that is missing. Calls from
-    several threads wait for each other; in a forked child of a process that has fitted already
-    numba's OpenMP refuses to work: start children by spawn.
+    the run and is the report's stop_reason; missed targets are in its `unreached`. The SVG has the
+    photo's width and height even if the fit ran on a smaller image.
+    Raises InputError for invalid input, RendererError for a missing renderer. Calls from several
+    threads wait for each other. Start child processes by spawn: numba's OpenMP does not work in a
+    forked child of a process that has already fitted.
     """
     given = {
         name: value
@@ -104,17 +104,17 @@ def vectorize_by(
     stop: Callable[[], bool] | None = None,
     started: float | None = None,
 ) -> Result:
-    """`vectorize` with all options in one; started is when time_limit and total_s begin.
+    """`vectorize` with all options in one object.
 
-    started  by time.perf_counter(); None: now
+    started  when time_limit and total_s begin, by time.perf_counter(); None: now
     """
     begun = time.perf_counter() if started is None else started
     plan, run = Plan(options), options.run
     plan.check_renderer()
     most_bytes = allowed(run.max_memory)
-    tell = progress or (lambda _: None)
+    notify = progress or (lambda _: None)
 
-    tell(Progress("read"))
+    notify(Progress("read"))
     matte = options.svg.matte
     photo = load_image(
         image, max_pixels=run.max_pixels, matte=None if matte is None else matte_color(matte)
@@ -135,17 +135,17 @@ def vectorize_by(
         saved = None if run.resume is None else resumed(run.resume, identity)
     limit = options.goal.time_limit
     with _threads(run.threads) as thread_count:
-        tell(Progress("compile"))
+        notify(Progress("compile"))
         compile_s = compile_kernels(blend=options.fit.blend)
         deadline = None
         if limit is not None:
-            # A compilation, once in a machine's life, does not count.
+            # The first compilation on a machine does not count.
             deadline = begun + limit + (compile_s if compile_s > COMPILED_S else 0.0)
         outcome: Outcome = TargetSearch(
             plan,
             Exporter(pixels, working, plan, document),
             TimeBudget(deadline),
-            lambda phase, fitting: tell(Progress(phase, fitting)),
+            lambda phase, fitting: notify(Progress(phase, fitting)),
             stop,
             checkpoint,
             saved,
@@ -167,7 +167,7 @@ def _instance(group: _Group | None, name: str, kind: type[_Group]) -> _Group:
 
 
 def _check_precision(side: int, plan: Plan) -> None:
-    """Refuse a precision at which numbers of the file would be too large, before the fit."""
+    """Raise InputError for a precision at which numbers of the file would be too large."""
     least = side * _MOST_REACH / LARGEST_NUMBER
     if plan.svg_format.precision < least:
         got = shown(f"{plan.svg_format.precision:g}")
@@ -175,15 +175,15 @@ def _check_precision(side: int, plan: Plan) -> None:
 
 
 def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, str | None]:
-    """Size in px that the fit runs on: the preset's, less where time or memory is short.
+    """Width and height in px of the fit: the preset's, smaller for lack of time or memory.
 
-    And a note where it is memory. Raises InputError where there is too little of it.
+    And a note if memory is the reason. Raises InputError for too little memory.
     """
     width, height = photo.width, photo.height
     goal, asked = plan.options.goal, plan.options.run.max_size is not None
     shrunk = min(1.0, plan.side / max(width, height))
     if goal.time_limit is not None and not asked:
-        shrunk = min(shrunk, math.sqrt(PIXELS_A_SECOND * goal.time_limit / (width * height)))
+        shrunk = min(shrunk, math.sqrt(PIXELS_PER_SECOND * goal.time_limit / (width * height)))
     most = plan.preset.cap if goal.target_psnr is None else CAP_FOR_PSNR
     load = Load(
         width,
@@ -200,7 +200,7 @@ def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, 
 
 @contextmanager
 def _threads(count: int | None) -> Iterator[int]:
-    """Use so many numba threads inside; one for each core if None."""
+    """Inside numba uses so many threads; one for each core if None."""
     most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     wanted = most if count is None else whole_number("threads", count, 1, most)
     before = get_num_threads()

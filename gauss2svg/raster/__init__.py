@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.photo.alpha import has_alpha, over
-from gauss2svg.photo.image import MOST_PIXELS
+from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
 from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import DRAW_BLENDS, DRAW_TURNED_BLURS, refuse_unsupported

@@ -1,4 +1,4 @@
-"""What there is to do, as the workers are told it, and the keys by which it is known as done."""
+"""The tasks of a gallery: requests to its workers, and the keys of finished work."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PHOTOS = "photos"  # the folder of the photos' folders
 
 @dataclass(frozen=True)
 class GallerySetup:
-    """What all the work of a gallery shares: its options, and threads and bytes of a process."""
+    """What all tasks share: the options, and the threads and memory (bytes) of a process."""
 
     options: GalleryOptions
     threads: int
@@ -29,34 +29,39 @@ class GallerySetup:
 
 @dataclass(frozen=True)
 class Task:
-    """A photo, or where variant is one, an SVG of it; folder: relative to the gallery, with /."""
+    """A photo to prepare, or an SVG to make of it.
+
+    variant  None for the photo itself
+    folder   relative to the gallery, with /
+    request  what the worker gets, as JSON
+    """
 
     photo: GalleryPhoto
     variant: Variant | None
     folder: str
-    work: dict[str, Any]
+    request: dict[str, Any]
 
     @property
     def label(self) -> str:
-        """What a progress bar calls it."""
+        """Its name in a progress bar."""
         return self.photo.name + (f", {self.variant.name}" if self.variant else "")
 
     @property
     def key(self) -> str:
-        """The same for the same work by the same code."""
-        return self.work["key"]
+        """A hash of all that the result depends on, the package's code among it."""
+        return self.request["key"]
 
 
 def photo_folder(photo: GalleryPhoto) -> str:
-    """Where a photo and what is made of it lie."""
+    """The folder of a photo and its SVGs."""
     return f"{PHOTOS}/{photo.slug}"
 
 
 def photo_task(root: Path, photo: GalleryPhoto, setup: GallerySetup) -> Task:
-    """To make of a photo what pages show of it."""
+    """The task to prepare a photo for the pages."""
     folder = photo_folder(photo)
-    work = _work("photo", root / folder, photo, setup, [])
-    return Task(photo, None, folder, work | {"digest": photo.digest})
+    request = _request("photo", root / folder, photo, setup, [])
+    return Task(photo, None, folder, request | {"digest": photo.digest})
 
 
 def variant_task(
@@ -66,12 +71,12 @@ def variant_task(
     setup: GallerySetup,
     record: Mapping[str, Any],
 ) -> Task:
-    """To make an SVG of a photo, of which pages show what the record says."""
+    """The task to make an SVG of a photo; record: of the photo's own task."""
     parent = photo_folder(photo)
     folder = f"{parent}/{variant.slug}"
-    ingredients = [variant.tool, variant.version, variant.settings, setup.options.seed]
-    work = _work("variant", root / folder, photo, setup, ingredients)
-    work |= {
+    parts = [variant.tool, variant.version, variant.settings, setup.options.seed]
+    request = _request("variant", root / folder, photo, setup, parts)
+    request |= {
         "shown": str(root / parent / record["photo"]),
         "tool": variant.tool,
         "settings": dict(variant.settings),
@@ -81,15 +86,15 @@ def variant_task(
         "max_memory": setup.max_memory,
         "peer_timeout": setup.options.peer_timeout,
     }
-    return Task(photo, variant, folder, work)
+    return Task(photo, variant, folder, request)
 
 
-def _work(
-    kind: str, folder: Path, photo: GalleryPhoto, setup: GallerySetup, ingredients: list[Any]
+def _request(
+    kind: str, folder: Path, photo: GalleryPhoto, setup: GallerySetup, parts: list[Any]
 ) -> dict[str, Any]:
-    # Jobs, threads, memory and timeouts are left out: they change no picture, or it is told.
+    # Processes, threads, memory and time limits are not part of the key: they change no image.
     measured_by = [code_digest(), renderer_version(DEFAULT_RENDERER)]
-    whole = [kind, photo.digest, setup.options.photo_size, *measured_by, *ingredients]
+    whole = [kind, photo.digest, setup.options.photo_size, *measured_by, *parts]
     return {
         "kind": kind,
         "key": hashlib.sha256(json.dumps(whole).encode()).hexdigest(),

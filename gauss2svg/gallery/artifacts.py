@@ -1,6 +1,6 @@
-"""What the pages of a photo need, made of it: pictures, SVGs and reports in folders of their own.
+"""The images, SVGs and reports of a photo, in folders of their own.
 
-A folder is finished when its record is there, which is written last.
+A folder is finished once it has its record, which is written last.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg.bench.machine import Stopwatch, machine
+from gauss2svg.bench.process import in_own_process
 from gauss2svg.bench.rows import TOOL, finite
-from gauss2svg.bench.runner import in_own_process
 from gauss2svg.errors import OutputError, PeerError
 from gauss2svg.files import as_json, as_png, write_all_atomically
 from gauss2svg.gallery.crops import worst_and_typical
 from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
-from gauss2svg.photo.image import WHITE, load_image
+from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
@@ -38,32 +38,32 @@ PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
 PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
 OUTLINES, ERRORS = "outlines.svg", "errors.png"
 THUMBNAIL_PX = 320
-_MOST_WEBP_PX = 16383  # a side: the format's own limit
+_MOST_WEBP_PX = 16383  # largest side of a WebP image
 _PNG_PHOTO = "photo.png"
 _WARM_UP_SIDE = 32  # px
 
-Work = Mapping[str, Any]
+Request = Mapping[str, Any]
 _ROUND = re.compile(r"round-([0-9]+)")
-_warm: set[str] = set()  # what this process has compiled and loaded already
+_warm: set[str] = set()  # tools whose first run in this process is over
 
 
-def make_photo(work: Work) -> dict[str, Any]:
-    """The photo as pages show it, without loss and without its metadata, and a thumbnail.
+def make_photo(request: Request) -> dict[str, Any]:
+    """Write the photo losslessly and without its metadata, and a thumbnail; returns the record.
 
-    work  path, digest, key, folder, photo_size, max_pixels
-    Returns the record. Raises InputError for what is no photo, OutputError for the folder.
+    request  path, digest, key, folder, photo_size, max_pixels
+    Raises InputError for a photo that cannot be read, OutputError for the folder.
     """
-    photo = load_image(work["path"], max_pixels=work["max_pixels"])
-    pixels = _sized(pixels_of(photo), work["photo_size"])
+    photo = load_image(request["path"], max_pixels=request["max_pixels"])
+    pixels = _sized(pixels_of(photo), request["photo_size"])
     height, width = pixels.shape[:2]
     name = PHOTO if max(width, height) <= _MOST_WEBP_PX else _PNG_PHOTO
     picture = _eight_bits(pixels)
     files = {name: _lossless(picture, name), THUMBNAIL: _thumbnail(pixels)}
     return _finish(
-        work,
+        request,
         files,
         {
-            "digest": work["digest"],
+            "digest": request["digest"],
             "photo": name,
             "width": width,
             "height": height,
@@ -72,46 +72,46 @@ def make_photo(work: Work) -> dict[str, Any]:
     )
 
 
-def make_variant(work: Work) -> dict[str, Any]:
-    """An SVG of the photo with its report, its thumbnail and its map of errors.
+def make_variant(request: Request) -> dict[str, Any]:
+    """Write an SVG of the photo, its report, thumbnail and error map; returns the record.
 
-    work  path, key, folder, photo_size, max_pixels, tool, settings, seed, jobs, threads,
-          max_memory, peer_timeout, and shown, the path of the photo as pages show it
-    Returns the record. Raises Gauss2SvgError where it cannot be made.
+    request  path, key, folder, photo_size, max_pixels, tool, settings, seed, jobs, threads,
+             max_memory, peer_timeout, and shown, the path of the photo that the pages show
+    Raises Gauss2SvgError where it cannot be made.
     """
-    # Shrunk photos are the 8-bit ones of the page; others are read as the command line does.
-    source = work["shown"] if work["photo_size"] else work["path"]
-    make = _own if work["tool"] == TOOL else _peer
-    files, report, raster, extra = make(source, work)
-    wanted = pixels_of(load_image(source, max_pixels=work["max_pixels"]))
-    drawn, photo = over(raster), over(wanted)
-    worst, typical = worst_and_typical(drawn, photo)
+    # A resized photo is the 8-bit one of the page; others are read as by the command line.
+    source = request["shown"] if request["photo_size"] else request["path"]
+    make = _own if request["tool"] == TOOL else _peer
+    files, report, raster, extra = make(source, request)
+    target = pixels_of(load_image(source, max_pixels=request["max_pixels"]))
+    rendered, photo = over(raster), over(target)
+    worst, typical = worst_and_typical(rendered, photo)
     files |= {
         REPORT: as_json(report),
         THUMBNAIL: _thumbnail(raster),
-        ERRORS: _encoded(error_map(drawn, photo), "PNG", optimize=True),
+        ERRORS: _encoded(error_map(rendered, photo), "PNG", optimize=True),
     }
     extra |= {"worst": worst._asdict(), "typical": typical._asdict()}
     extra["origin"] = {
         "date": datetime.now(UTC).date().isoformat(),
         "machine": machine(),
-        "jobs": work["jobs"],
-        "threads": work["threads"],
+        "jobs": request["jobs"],
+        "threads": request["threads"],
     }
-    return _finish(work, files, extra)
+    return _finish(request, files, extra)
 
 
-# Files, the report, what the renderer drew, and more for the record.
-_Drawn = tuple[dict[str, bytes], dict[str, Any], NDArray[np.float32], dict[str, Any]]
+# Files, the report, the rasterised SVG, and more entries of the record.
+_Made = tuple[dict[str, bytes], dict[str, Any], NDArray[np.float32], dict[str, Any]]
 
 
-def _own(source: str, work: Work) -> _Drawn:
-    given = {name: work[name] for name in ("seed", "threads", "max_memory", "max_pixels")}
-    options = Options.from_flat({**work["settings"], **given, "fragments": True})
-    if TOOL not in _warm:  # so that seconds are those of a second run on this machine
+def _own(source: str, request: Request) -> _Made:
+    given = {name: request[name] for name in ("seed", "threads", "max_memory", "max_pixels")}
+    options = Options.from_flat({**request["settings"], **given, "fragments": True})
+    if TOOL not in _warm:  # imports and compilation are not part of the time
         compile_kernels()
         noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-        warm_up = {"quality": "draft", "iterations": 2, "threads": work["threads"]}
+        warm_up = {"quality": "draft", "iterations": 2, "threads": request["threads"]}
         vectorize_by(Options.from_flat(warm_up), noise)
         _warm.add(TOOL)
     watch = Stopwatch()
@@ -128,7 +128,7 @@ def _own(source: str, work: Work) -> _Drawn:
 
 
 def rounds_of(svg: str) -> list[list[int]]:
-    """[round, shapes up to it] for each round that is a group of the file, from 1."""
+    """[round, shapes up to it] of each group of the SVG that is a round, from 1."""
     found: list[list[int]] = []
     total = 0
     for group in parse_document(svg):
@@ -138,33 +138,31 @@ def rounds_of(svg: str) -> list[list[int]]:
     return found
 
 
-def _peer(source: str, work: Work) -> _Drawn:
-    """What another tool makes of the photo over white, measured as any file is."""
-    folder = Path(work["folder"])
+def _peer(source: str, request: Request) -> _Made:
+    """The SVG of another tool for the photo over white, measured by `check`."""
+    folder = Path(request["folder"])
     folder.mkdir(parents=True, exist_ok=True)
-    png, drawn = folder / "input.png", folder / "drawn.svg"
-    photo = load_image(source, matte=WHITE, max_pixels=work["max_pixels"]).pixels
+    png, output = folder / "input.png", folder / "output.svg"
+    photo = load_image(source, matte=WHITE, max_pixels=request["max_pixels"]).pixels
     try:
         png.write_bytes(as_png(photo))
-        job = {
+        peer_request = {
             "image": str(png), "png": str(png), "folder": str(folder),
-            "tool": work["tool"], "settings": work["settings"], "scored": False,
+            "tool": request["tool"], "settings": request["settings"], "scored": False,
         }  # fmt: skip
-        row = in_own_process(job, work["peer_timeout"])
+        row = in_own_process(peer_request, request["peer_timeout"])
         if "error" in row:
             raise PeerError(row["error"])
-        if not drawn.exists():
-            raise PeerError(
-                f"{work['tool']} wrote no file; see what it says when it is run by hand"
-            )
-        svg = drawn.read_bytes()
+        if not output.exists():
+            raise PeerError(f"{request['tool']} wrote no file. Try running it by hand")
+        svg = output.read_bytes()
         result = check(png, svg)
     finally:
-        for path in (png, drawn):
+        for path in (png, output):
             path.unlink(missing_ok=True)
     clocks = {name: row[name] for name in ("total_s", "cpu_s", "other_cpu_s")}
-    told = {"tool": work["tool"], "settings": work["settings"], "total_s": row["total_s"]}
-    return {PICTURE: svg}, told | result.report, result.raster, clocks
+    own = {"tool": request["tool"], "settings": request["settings"], "total_s": row["total_s"]}
+    return {PICTURE: svg}, own | result.report, result.raster, clocks
 
 
 def _sized(pixels: NDArray[np.float32], side: int | None) -> NDArray[np.float32]:
@@ -195,11 +193,13 @@ def _encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
     return stream.getvalue()
 
 
-def _finish(work: Work, files: Mapping[str, bytes], extra: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the files, the record last: until it is there, nothing in the folder counts."""
-    folder = Path(work["folder"])
+def _finish(
+    request: Request, files: Mapping[str, bytes], extra: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write the files and then the record, without which the folder does not count as finished."""
+    folder = Path(request["folder"])
     record = {
-        "key": work["key"],
+        "key": request["key"],
         "files": {name: len(data) for name, data in files.items()},
         **finite(extra),
     }
@@ -208,7 +208,7 @@ def _finish(work: Work, files: Mapping[str, bytes], extra: Mapping[str, Any]) ->
         (folder / RECORD).unlink(missing_ok=True)
     except OSError as error:
         reason = error.strerror or error
-        raise OutputError(f"cannot write in {folder}: {reason}; choose another folder") from error
+        raise OutputError(f"cannot write in {folder}: {reason}. Try another folder") from error
     written: dict[str | os.PathLike[str], bytes] = {folder / n: data for n, data in files.items()}
     written[folder / RECORD] = json.dumps(record, indent=2).encode() + b"\n"
     write_all_atomically(written)
@@ -216,7 +216,7 @@ def _finish(work: Work, files: Mapping[str, bytes], extra: Mapping[str, Any]) ->
 
 
 def finished(folder: Path, key: str) -> dict[str, Any] | None:
-    """The record of a folder that holds what this key stands for, whole; None for any other."""
+    """The record of a folder that is complete and has this key; None for any other."""
     try:
         record = json.loads((folder / RECORD).read_bytes())
         if record["key"] != key:
@@ -227,5 +227,5 @@ def finished(folder: Path, key: str) -> dict[str, Any] | None:
         if REPORT in record["files"]:
             json.loads((folder / REPORT).read_bytes())
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        return None  # not there, or no record of ours: it is made again
+        return None  # missing or damaged: it is made again
     return record

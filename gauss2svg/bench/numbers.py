@@ -1,4 +1,4 @@
-"""Numbers as pages tell them."""
+"""Numbers as pages and plots show them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ _NONE = "\N{EN DASH}"
 
 
 def whole(value: float | None) -> str:
-    """A count or a sum, with its thousands apart."""
+    """A whole number with thousands separated."""
     return _NONE if value is None else f"{round(value):,}".replace(",", _SPACE)
 
 
 def size(count: float | None) -> str:
-    """Bytes in three digits: 940 B, 58.3 kB, 1.68 MB."""
+    """Bytes to three digits: 940 B, 58.3 kB, 1.68 MB."""
     if count is None:
         return _NONE
     for unit, name in ((1e6, "MB"), (1e3, "kB")):
@@ -22,7 +22,7 @@ def size(count: float | None) -> str:
 
 
 def short_size(count: float) -> str:
-    """Bytes of an axis: 5 kB, 20 kB, 0.5 B."""
+    """Bytes at a tick: 5 kB, 20 kB, 0.5 B."""
     for unit, name in ((1e6, "MB"), (1e3, "kB")):
         if count >= 0.9995 * unit:
             return f"{count / unit:g}{_SPACE}{name}"
@@ -30,17 +30,17 @@ def short_size(count: float) -> str:
 
 
 def short_seconds(value: float) -> str:
-    """Seconds of an axis: 0.5 s, 20 s."""
+    """Seconds at a tick: 0.5 s, 20 s."""
     return f"{value:g}{_SPACE}s"
 
 
 def seconds(value: float | None) -> str:
-    """Seconds in three digits at most: 0.84 s, 12.3 s, 401 s."""
+    """Seconds to at most three digits: 0.84 s, 12.3 s, 401 s."""
     return _NONE if value is None else f"{_three_digits(value)}{_SPACE}s"
 
 
 def decibels(value: float | None) -> str:
-    """A PSNR; of equal pictures, which have none, the word."""
+    """A PSNR; "equal" for None, which stands for the infinite PSNR of an exact SVG."""
     return "equal" if value is None else f"{value:.2f}{_SPACE}dB"
 
 

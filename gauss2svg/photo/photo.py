@@ -1,0 +1,49 @@
+"""A photo in memory: what loading gives, and what everything else takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, eq=False)
+class Photo:
+    """A decoded photo.
+
+    pixels  (height, width, 3) float32 sRGB in 0..1, straight alpha; 0 where alpha is 0
+    notes   conversions made while loading, for the report
+    dpi     px per inch across and down, by the resolution tag; None where the file has none
+    alpha   (height, width) float32 in 0..1; None where every pixel is opaque
+    """
+
+    pixels: NDArray[np.float32]
+    notes: tuple[str, ...] = ()
+    dpi: tuple[float, float] | None = None
+    alpha: NDArray[np.float32] | None = None
+
+    @classmethod
+    def from_samples(
+        cls, color: NDArray[np.float32], alpha: NDArray[np.float32] | None, **more: Any
+    ) -> Photo:
+        """A photo from color (h, w, 1 or 3) and alpha (h, w), which is dropped if it is all 1."""
+        if color.shape[2] == 1:
+            color = np.repeat(color, 3, axis=2)
+        if alpha is not None and not (alpha < 1).any():
+            alpha = None
+        if alpha is not None:
+            color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
+            alpha = np.ascontiguousarray(alpha)
+        return cls(np.ascontiguousarray(color), alpha=alpha, **more)
+
+    @property
+    def width(self) -> int:
+        """Width in px."""
+        return self.pixels.shape[1]
+
+    @property
+    def height(self) -> int:
+        """Height in px."""
+        return self.pixels.shape[0]
