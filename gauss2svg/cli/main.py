@@ -9,7 +9,7 @@ import warnings
 
 from cyclopts import App, CycloptsError, Group, Parameter
 
-from gauss2svg.cli.signals import STATUS_OF_SIGNAL, Terminated, terminable
+from gauss2svg.cli.signals import STATUS_OF_SIGNAL, Terminated, raising
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, on_one_line
@@ -61,11 +61,10 @@ def main(arguments: list[str] | None = None) -> int:
     for library in ("PIL", "tifffile"):  # whose complaints would be more lines than one
         logging.getLogger(library).addHandler(logging.NullHandler())
     try:
-        with terminable(), own_standard_error():
-            given = sys.argv[1:] if arguments is None else arguments
-            app = build_app(everything=_HELP_ALL in given)
-            given = given or ["--help"]
-            status = app(given, exit_on_error=False, print_error=False)
+        given = sys.argv[1:] if arguments is None else arguments
+        app = build_app(everything=_HELP_ALL in given)
+        with raising(), own_standard_error():
+            status = app(given or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
         return _refuse(f"{' '.join(str(error).split()).rstrip('.')}; see gauss2svg --help")
     except Gauss2SvgError as error:

@@ -114,15 +114,23 @@ def _one_photo(photos: tuple[str, ...]) -> str:
 
 
 def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> int:
-    from gauss2svg.cli.outputs import check_names, check_svg_name, default_output
     from gauss2svg.cli.signals import interruptible
-    from gauss2svg.cli.streams import standard_stream
-    from gauss2svg.cli.terminal import print_summary, show_progress
+
+    with interruptible() as interruption:
+        output, options = _checked(photo, output, options, files)
+        result = _result(photo, output, options, files, interruption)
+        _write(result, output, files)
+        _report(result, output, files, interruption)
+    return interruption.status
+
+
+def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -> tuple[str, Any]:
+    """The name of the SVG and the options that follow from it, once all names are checked."""
+    from gauss2svg.cli.outputs import check_names, check_svg_name, default_output
     from gauss2svg.errors import InputError
-    from gauss2svg.files import STANDARD_STREAM, refuse_option_like, write_all_atomically
-    from gauss2svg.pipeline.vectorize import vectorize_by
+    from gauss2svg.files import STANDARD_STREAM, refuse_option_like
     from gauss2svg.scene import ADD
-    from gauss2svg.svg.packing import file_bytes, is_svgz
+    from gauss2svg.svg.packing import is_svgz
 
     refuse_option_like(photo, output or "")
     if output is None:
@@ -132,10 +140,7 @@ def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> in
             "--outline must not be given with --blend add, whose signed colours have no strokes. "
             "Try --portable"
         )
-    if is_svgz(output):
-        options = options.changed(gzip=True)
-    to_stdout = output == STANDARD_STREAM
-    if not to_stdout:
+    if output != STANDARD_STREAM:
         check_svg_name("--output", output)
     check_names(
         [
@@ -146,44 +151,88 @@ def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> in
         ]
     )
     _check_files(photo, output, options, files)
+    return output, options.changed(gzip=True) if is_svgz(output) else options
+
+
+def _result(photo: str, output: str, options: Any, files: OutputFiles, interruption: Any) -> Any:
+    from gauss2svg.cli.streams import standard_stream
+    from gauss2svg.cli.terminal import show_progress
+    from gauss2svg.files import STANDARD_STREAM
+    from gauss2svg.pipeline.vectorize import vectorize_by
 
     source: Any = photo
     if photo == STANDARD_STREAM:
         source = standard_stream(sys.stdin, "input").read()
-    stdout = standard_stream(sys.stdout, "output") if to_stdout else None
-    with interruptible() as interruption, show_progress(files.quiet) as progress:
-        result = vectorize_by(
+    if output == STANDARD_STREAM:
+        standard_stream(sys.stdout, "output")  # refused now where it is closed
+    with show_progress(files.quiet) as show:
+
+        def progress(now: Any) -> None:
+            if now.phase in ("write", "measure"):
+                interruption.after_fit()
+            if show is not None:
+                show(now)
+
+        return vectorize_by(
             options,
             source,
             progress=progress,
             stop=interruption.asked,
             started=_BEGUN if options.goal.time_limit is not None else None,
         )
-    svg = file_bytes(result.svg, options.svg.gzip)
-    written: dict[str | os.PathLike[str], bytes] = {} if to_stdout else {output: svg}
-    written |= _further_files(result, files)
-    if stdout is not None:
+
+
+def _write(result: Any, output: str, files: OutputFiles) -> None:
+    import io
+
+    from gauss2svg.cli.streams import standard_stream
+    from gauss2svg.files import STANDARD_STREAM, as_json, as_png, write_all_atomically
+    from gauss2svg.svg.packing import file_bytes, is_svgz
+
+    svg = file_bytes(result.svg, result.report["gzip"])
+    written: dict[str | os.PathLike[str], bytes] = {}
+    if output == STANDARD_STREAM:
+        stdout = standard_stream(sys.stdout, "output")
         stdout.write(svg)
         stdout.flush()
-    write_all_atomically(written)
-    if files.quiet:
-        for line in result.report["unreached"]:  # bad news is reported all the same
-            print(f"gauss2svg: {line}", file=sys.stderr)
     else:
-        print_summary(result.report, None if to_stdout else output)
-    checkpoint = options.run.checkpoint
-    if result.report["checkpoint_trouble"] is not None:
-        print(f"gauss2svg: {result.report['checkpoint_trouble']}", file=sys.stderr)
+        written[output] = svg
+    if files.outline is not None:
+        written[files.outline] = file_bytes(result.outline(), is_svgz(files.outline))
+    if files.preview is not None:
+        written[files.preview] = as_png(result.raster)
+    if files.save_scene is not None:
+        stream = io.BytesIO()
+        result.scene.save(stream)
+        written[files.save_scene] = stream.getvalue()
+    if files.report is not None:
+        written[files.report] = as_json(result.report)
+    write_all_atomically(written)
+
+
+def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> None:
+    """What a person reads at the end, on standard error."""
+    from gauss2svg.cli.terminal import print_summary
+    from gauss2svg.files import STANDARD_STREAM
+
+    report, where = result.report, "standard output" if output == STANDARD_STREAM else output
+    if files.quiet:
+        lines = list(report["unreached"])  # bad news is reported all the same
+    else:
+        lines = []
+        print_summary(report, None if output == STANDARD_STREAM else output)
+    checkpoint = report["checkpoint"]
+    if report["checkpoint_trouble"] is not None:
+        lines.append(report["checkpoint_trouble"])
         checkpoint = None  # nothing to continue from
     if interruption.signal is not None:
         again = "" if checkpoint is None else f"; continue with --resume {shlex.quote(checkpoint)}"
-        where = "standard output" if to_stdout else output
-        print(
-            f"gauss2svg: interrupted after {result.report['iterations']} iterations; the best so "
-            f"far is in {where}{again}",
-            file=sys.stderr,
+        lines.append(
+            f"interrupted after {report['iterations']} iterations; the best so far is in "
+            f"{where}{again}"
         )
-    return interruption.status
+    for line in lines:
+        print(f"gauss2svg: {line}", file=sys.stderr)
 
 
 def _check_files(photo: str, output: str, options: Any, files: OutputFiles) -> None:
@@ -204,23 +253,3 @@ def _check_files(photo: str, output: str, options: Any, files: OutputFiles) -> N
     if run.checkpoint is not None:  # it may be the one that is continued from
         inputs.pop(str(run.resume), None)
         check_outputs(inputs, [*outputs, Path(run.checkpoint)])
-
-
-def _further_files(result: Any, files: OutputFiles) -> dict[str | os.PathLike[str], bytes]:
-    import io
-
-    from gauss2svg.files import as_json, as_png
-    from gauss2svg.svg.packing import file_bytes, is_svgz
-
-    written: dict[str | os.PathLike[str], bytes] = {}
-    if files.outline is not None:
-        written[files.outline] = file_bytes(result.outline(), is_svgz(files.outline))
-    if files.preview is not None:
-        written[files.preview] = as_png(result.raster)
-    if files.save_scene is not None:
-        stream = io.BytesIO()
-        result.scene.save(stream)
-        written[files.save_scene] = stream.getvalue()
-    if files.report is not None:
-        written[files.report] = as_json(result.report)
-    return written
