@@ -40,9 +40,11 @@ class Whole:
     most: int = 2**31 - 1
 
     def __call__(self, name: str, value: Any) -> int:
+        """The number; raises InputError that names it."""
         return whole_number(name, value, self.least, self.most)
 
     def parse(self, text: str) -> int:
+        """What a text stands for; raises ValueError or KeyError for any other."""
         # No int(): it also takes " 1_0".
         if not text.isdecimal():
             raise ValueError(text)
@@ -59,11 +61,13 @@ class Number:
     advice: str = ""
 
     def __call__(self, name: str, value: Any) -> float:
+        """The number; raises InputError that names it."""
         least = math.nextafter(self.least, math.inf) if self.above else self.least
         needed = f"above {self.least:g} and at most {self.most:g}" if self.above else ""
         return number_within(name, value, least, self.most, self.advice, needed)
 
     def parse(self, text: str) -> float:
+        """What a text stands for; raises ValueError or KeyError for any other."""
         return float(text)
 
 
@@ -74,12 +78,14 @@ class Flag:
     known = (False, True)
 
     def __call__(self, name: str, value: Any) -> bool:
+        """The value; raises InputError that names it."""
         value = _plain(value)
         if not isinstance(value, bool):
             raise InputError(must_be(name, "True or False", value))
         return value
 
     def parse(self, text: str) -> bool:
+        """What a text stands for; raises ValueError or KeyError for any other."""
         return {"True": True, "False": False, "true": True, "false": False}[text]
 
 
@@ -90,6 +96,7 @@ class OneOf:
     known: tuple[Any, ...]
 
     def __call__(self, name: str, value: Any) -> Any:
+        """The value; raises InputError that names it."""
         value = _plain(value)
         for one in self.known:
             if type(one) is type(value) and one == value:
@@ -97,6 +104,7 @@ class OneOf:
         raise InputError(must_be(name, f"one of {', '.join(map(str, self.known))}", value))
 
     def parse(self, text: str) -> Any:
+        """What a text stands for; raises ValueError or KeyError for any other."""
         return {str(one): one for one in self.known}[text]
 
 

@@ -63,7 +63,7 @@ def test_style_sheet_without_filters_filters_nothing():
     )
     sheet = "<style>#a{animation:b 1s}</style>"
     refuse_unsupported(blurred.format(sheet), 9, 9, "resvg")
-    with pytest.raises(RendererError, match="sheared"):
+    with pytest.raises(RendererError, match="skewed"):
         refuse_unsupported(blurred.format("<style>circle{filter:url(#f)}</style>"), 9, 9, "resvg")
 
 

@@ -253,12 +253,14 @@ def test_checkpoint_overwrites_nothing_else(taken, tmp_path, capsys):
 
 NUMBERS = st.one_of(st.none(), st.booleans(), st.integers(), st.floats(allow_nan=False))
 ARRAYS = st.lists(st.floats(), max_size=4).map(lambda v: np.array(v, np.float64))
-TREES = st.recursive(
-    st.one_of(NUMBERS, ARRAYS),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=5), inner, max_size=3)
-    ),
-    max_leaves=8,
+LEAVES = st.one_of(NUMBERS, ARRAYS)
+BRANCHES = st.one_of(
+    LEAVES, st.lists(LEAVES, max_size=3), st.dictionaries(st.text(max_size=5), LEAVES, max_size=3)
+)
+TREES = st.one_of(
+    BRANCHES,
+    st.lists(BRANCHES, max_size=3),
+    st.dictionaries(st.text(max_size=5), BRANCHES, max_size=3),
 )
 
 

@@ -189,7 +189,7 @@ def test_photo_without_a_resolution_has_no_physical_size(form, photo):
         data[38:46] = bytes(8)  # Pillow writes 96 dpi by itself
         stream = io.BytesIO(bytes(data))
     assert load_image(stream.getvalue()).dpi is None
-    with pytest.raises(InputError, match=r"size must be .* resolution; got 'photo'"):
+    with pytest.raises(InputError, match=r"size must be .* resolution tag; got 'photo'"):
         vectorize(stream.getvalue(), size="photo", **QUICK)
 
 

@@ -153,7 +153,7 @@ def test_rule_is_read_however_an_editor_spaces_it(sheet):
     ],
 )
 def test_rule_that_hides_more_is_refused(sheet):
-    with pytest.raises(InputError, match=r"style.*: it "):
+    with pytest.raises(InputError, match=r"style.*: .* must be animation only.*; got "):
         read_svg(written("plain").replace("<g ", f"<style><![CDATA[{sheet}]]></style><g ", 1))
 
 

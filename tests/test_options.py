@@ -70,7 +70,7 @@ def test_flat_options_come_back_and_fit_into_json():
     assert options.changed(title="b", gaussians=5).flat() == {
         **options.flat(), "title": "b", "gaussians": 5,
     }  # fmt: skip
-    with pytest.raises(InputError, match="option must be one of quality, .*; got 'speed'"):
+    with pytest.raises(InputError, match=r"option must be one of quality, .*; got 'speed'"):
         Options.from_flat({"speed": 1})
 
 
@@ -170,5 +170,5 @@ def test_the_command_takes_what_the_classes_take(monkeypatch):
     assert (seen["segments"], seen["stops"], seen["learning_rate"]) == (30, 8, 0.5)
     assert seen["portable"]
     assert seen["quiet"]
-    with pytest.raises(InputError, match="learning_rate must be a number in 1e-06..1e\\+06; got 0"):
+    with pytest.raises(InputError, match=r"learning_rate must be a number in .*; got 0"):
         app("p.jpg -o o.svg --learning-rate 0", exit_on_error=False)

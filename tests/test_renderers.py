@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from conftest import needs, random_scene
 
-from gauss2svg.cli.check import check_command
+from gauss2svg.cli.check import CheckOptions
 from gauss2svg.errors import RendererError
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import RunOptions
@@ -60,7 +60,7 @@ def test_every_renderer_draws_the_model_at_its_decibels(renderer):
 
 
 def test_the_command_line_knows_every_renderer():
-    for holder in (RunOptions, check_command):
+    for holder in (RunOptions, CheckOptions):
         assert get_args(get_type_hints(holder)["renderer"]) == RENDERERS
 
 

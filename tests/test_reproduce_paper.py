@@ -386,7 +386,7 @@ def test_foreign_files_and_missing_packages_are_refused_in_one_line(
     assert ended.value.code == 2
     assert output.out == ""
     assert output.err.count("\n") == 1
-    assert ("gauss2svg[bench,torch]" if there == "package" else str(out)) in output.err
+    assert (".[dev]" if there == "package" else str(out)) in output.err
     assert [path.name for path in tmp_path.rglob("photo.png")] == ["photo.png"] * (
         there == "folder"
     )

@@ -146,7 +146,7 @@ class Population:
         """
         splats = self.splats()
         _, cost = self.target.removal_cost(splats)
-        kept = (splats.paint[:, 0] >= LEAST_OPACITY) & (cost[:, 1] > 0)
+        kept = (splats.opacity >= LEAST_OPACITY) & (cost[:, 1] > 0)
         if self.target.is_transparent:
             kept &= cost[:, 0] > 0
         self.state = self.state.select(kept)

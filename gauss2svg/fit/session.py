@@ -359,7 +359,7 @@ class FitSession:
         """One optimiser step, at this share of the full learning rate."""
         state, target, blending = self.state, self.population.target, self.population.blending
         price = _BETA_PRICE * evaluated.loss / max(len(state), 1)
-        gradient = adam.gradients(evaluated.moments, splats.paint[:, 0], splats.shape[:, 5], price)
+        gradient = adam.gradients(evaluated.moments, splats.opacity, splats.beta, price)
         limits = adam.Limits(
             least_sigma=LEAST_SIGMA,
             most_sigma=float(max(target.width, target.height)),

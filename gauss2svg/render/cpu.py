@@ -72,11 +72,6 @@ class Splats(NamedTuple):
         """(n,) exponents of the falloff."""
         return self.shape[:, 5]
 
-    @property
-    def paint(self) -> NDArray[np.float64]:
-        """The former name of opacity_color."""
-        return self.opacity_color
-
 
 def splats_of(scene: Scene, scale: tuple[float, float] = (1.0, 1.0)) -> Splats:
     """What the kernels read of a scene, scaled along x and y.
