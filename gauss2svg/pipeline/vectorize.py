@@ -170,7 +170,7 @@ def _instance(group: _Group | None, name: str, kind: type[_Group]) -> _Group:
     if group is None:
         return kind()
     if not isinstance(group, kind):
-        raise InputError(must_be(name, f"a {kind.__name__}", shown(f"a {type(group).__name__}")))
+        raise InputError(must_be(name, f"a {kind.__name__}", shown(type(group).__name__)))
     return group
 
 
@@ -187,7 +187,7 @@ def _check_callable(name: str, function: object, *arguments: str) -> None:
     except TypeError:
         pass
     needed = f"a function of {' and '.join(arguments) or 'no arguments'}"
-    raise InputError(must_be(name, needed, shown(f"a {type(function).__name__}")))
+    raise InputError(must_be(name, needed, shown(type(function).__name__)))
 
 
 def _check_checkpoints(options: Options, image: ImageSource) -> None:
