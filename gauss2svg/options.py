@@ -134,9 +134,9 @@ class Field:
                 value = check(self.name, value)
             except InputError:
                 raise
-            except Exception as error:  # of the value's own methods, such as its repr
-                got = shown(f"a {type(given).__name__} that cannot be read as one")
-                raise InputError(must_be(self.name, "a valid value", got)) from error
+            except Exception as error:  # of the value's own methods
+                got = shown(f"{type(given).__name__}, which raises {type(error).__name__}")
+                raise InputError(must_be(self.name, "a plain value", got)) from error
         return value
 
     @property

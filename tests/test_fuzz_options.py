@@ -4,7 +4,7 @@ The short form of tests/fuzz_options.py.
 """
 
 import pytest
-from fuzz_options import PIXELS, outcome_of
+from fuzz_options import PIXELS, Pathless, Rude, outcome_of
 
 import gauss2svg
 from gauss2svg.errors import InputError, OutputError
@@ -94,3 +94,10 @@ def test_text_of_a_number_of_segments_is_a_number_as_on_the_command_line():
     assert Document(segments="./30").segments == "./30"
     with pytest.raises(InputError, match=r"segments must be a whole number in 1\.\.10000; got 0"):
         Document(segments="0")
+
+
+@pytest.mark.parametrize("value", [10**400, PIXELS, Rude(), Pathless()])
+@pytest.mark.parametrize("name", ["learning_rate", "animate", "max_memory", "checkpoint", "loss"])
+def test_a_value_that_raises_where_it_is_read_is_refused_by_its_name(name, value):
+    with pytest.raises(InputError, match=f"^{name} must be "):
+        Options.from_flat({name: value})
