@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import operator
 import os
 import re
 import types
@@ -23,7 +24,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from gauss2svg.errors import InputError, must_be, number_within, whole_number
+from gauss2svg.errors import InputError, must_be, number_within, shown, whole_number
 
 Check = Callable[[str, Any], Any]
 FileName = str | os.PathLike[str]
@@ -127,8 +128,15 @@ class Field:
             return None
         if isinstance(value, str) and value in self.words:
             return str(value)
+        given = value
         for check in self.checks:
-            value = check(self.name, value)
+            try:
+                value = check(self.name, value)
+            except InputError:
+                raise
+            except Exception as error:  # of the value's own methods
+                got = shown(f"{type(given).__name__}, which raises {type(error).__name__}")
+                raise InputError(must_be(self.name, "a plain value", got)) from error
         return value
 
     @property
@@ -200,8 +208,9 @@ def byte_size(name: str, value: Any) -> int:
     if isinstance(value, str):
         match = _SIZE.fullmatch(value.strip())
         size = float(match[1]) * _UNITS[match[2].lower()] if match else 0.0
-    elif not isinstance(value, bool) and hasattr(value, "__index__"):
-        size = value.__index__()
+    elif not isinstance(value, bool):
+        with suppress(TypeError):
+            size = operator.index(value)
     if not 1 <= size < 2**63:
         raise InputError(must_be(name, "a size of at least 1 byte", value, "150k or 1.5M"))
     return int(size)
@@ -209,9 +218,13 @@ def byte_size(name: str, value: Any) -> int:
 
 def file_name(name: str, value: Any) -> str:
     """A path as text; raises InputError that names it."""
-    if not isinstance(value, (str, os.PathLike)) or not os.fspath(value):
+    path = ""
+    if isinstance(value, (str, os.PathLike)):
+        with suppress(TypeError):  # of a __fspath__ that returns something else
+            path = str(os.fsdecode(value))
+    if not path:
         raise InputError(must_be(name, "the path of a file", value))
-    return os.fsdecode(value)
+    return path
 
 
 def _plain(value: Any) -> Any:

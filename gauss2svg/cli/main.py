@@ -9,7 +9,7 @@ import warnings
 
 from cyclopts import App, CycloptsError, Group, Parameter
 
-from gauss2svg.cli.signals import STATUS_OF_SIGNAL, Terminated, terminable
+from gauss2svg.cli.signals import STATUS_OF_SIGNAL, Terminated, raising
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, on_one_line
@@ -20,7 +20,7 @@ STATUS_BAD_INPUT = 2
 STATUS_INTERRUPTED = STATUS_OF_SIGNAL + signal.SIGINT
 STATUS_TERMINATED = STATUS_OF_SIGNAL + signal.SIGTERM
 
-_USAGE = "Usage: gauss2svg PHOTO -o OUT.svg [OPTIONS]     (--help-all lists all of them)"
+_USAGE = "Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all of them)"
 _HELP_ALL = "--help-all"
 
 
@@ -61,10 +61,10 @@ def main(arguments: list[str] | None = None) -> int:
     for library in ("PIL", "tifffile"):  # whose complaints would be more lines than one
         logging.getLogger(library).addHandler(logging.NullHandler())
     try:
-        with terminable(), own_standard_error():
-            given = sys.argv[1:] if arguments is None else arguments
-            app = build_app(everything=_HELP_ALL in given)
-            status = app(given, exit_on_error=False, print_error=False)
+        given = sys.argv[1:] if arguments is None else arguments
+        app = build_app(everything=_HELP_ALL in given)
+        with raising(), own_standard_error():
+            status = app(given or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
         return _refuse(f"{' '.join(str(error).split()).rstrip('.')}; see gauss2svg --help")
     except Gauss2SvgError as error:

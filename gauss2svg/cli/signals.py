@@ -1,6 +1,7 @@
 """Ctrl-C and SIGTERM: the first ends a fit with the best result so far, the second quits.
 
-A signal before the fit quits as well, because there is nothing to write yet.
+A signal before the fit quits as well, because there is nothing to write yet, and so does one after
+it: files are whole or untouched.
 """
 
 from __future__ import annotations
@@ -8,11 +9,13 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
+_SHOW_CURSOR = b"\x1b[?25h"  # which a progress bar hides
 _ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
 STATUS_OF_SIGNAL = 128  # plus the number of the signal, as in shells
 
@@ -26,12 +29,22 @@ class Interruption:
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        self._fitting = False
+        self._fitting = self._has_fitted = False
 
     def asked(self) -> bool:
-        """The `stop` of `vectorize`; it is called after every step, so a fit is under way."""
-        self._fitting = True
+        """The `stop` of `vectorize`; it is called after every step, so a fit is under way.
+
+        Where a signal came before the first step, and what it raised was lost in a callback of a
+        C library, this raises it again: there is nothing to write.
+        """
+        if not self._has_fitted and self.signal is not None:
+            raise_for(self.signal)
+        self._fitting = self._has_fitted = True
         return self.signal is not None
+
+    def after_fit(self) -> None:
+        """To be called when what follows a fit begins, in which a signal quits."""
+        self._fitting = False
 
     @property
     def status(self) -> int:
@@ -40,6 +53,8 @@ class Interruption:
 
     def _receive(self, number: int, _frame: FrameType | None) -> None:
         first, self.signal = self.signal is None, number
+        if not self._has_fitted:
+            _before_the_fit(number)
         if not (first and self._fitting):
             raise_for(number)
         # Not by print, which the main thread may be executing.
@@ -52,10 +67,33 @@ def raise_for(number: int, _frame: FrameType | None = None) -> None:
     raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
 
 
+def exit_for(number: int, _frame: FrameType | None = None) -> None:
+    """End the process at once, with one line; a signal handler for when nothing is to be cleaned.
+
+    An exception could be lost in a callback of a C library, or end an import half-way.
+    """
+    # Not by print, which the main thread may be executing.
+    with suppress(OSError):
+        os.write(2, (_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
+    os._exit(STATUS_OF_SIGNAL + number)
+
+
+_before_the_fit: Callable[[int], None] = raise_for
+
+
+def exit_before_fits() -> None:
+    """For the process of a command: signals end it at once until a fit or another command runs."""
+    global _before_the_fit
+    _before_the_fit = exit_for
+    for number in _SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, exit_for)
+
+
 @contextmanager
-def terminable() -> Iterator[None]:
-    """Inside SIGTERM raises Terminated, so that files are closed and child processes end."""
-    with _handled((signal.SIGTERM,), raise_for):
+def raising() -> Iterator[None]:
+    """Inside signals raise, so that files are closed and child processes end."""
+    with _handled(_SIGNALS, raise_for):
         yield
 
 

@@ -29,7 +29,7 @@ Parameters
 photo
     JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF; - is standard input.
 output
-    SVG to write; - is standard output.
+    SVG to write; photo.svg beside the photo if not given, - is standard output.
 """
 
 
@@ -49,6 +49,9 @@ class OutputFiles:
     save_scene: Path | None = None
     """Save the fitted Gaussians to this file, as NPZ."""
 
+    overwrite: bool = False
+    """Without -o, replace an SVG that another program wrote."""
+
     quiet: bool = False
     """Show neither progress nor summary."""
 
@@ -63,10 +66,10 @@ def vectorize_command(everything: bool) -> Callable[..., int]:
         return Group(name, sort_key=order, show=shown)
 
     def command(
-        photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
-        /,
-        *,
-        output: Annotated[str, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)],
+        *photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        output: Annotated[
+            str | None, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)
+        ] = None,
         goal: Annotated[Goal, Parameter(name="*", group=group("Goal", 1, shown=True))] = Goal(),
         files: Annotated[
             OutputFiles, Parameter(name="*", group=group("Output files", 2, shown=True))
@@ -85,70 +88,151 @@ def vectorize_command(everything: bool) -> Callable[..., int]:
         ] = RunOptions(),
     ) -> int:
         options = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
-        return _run(photo, output, options, files)
+        return _run(_one_photo(photo), output, options, files)
 
     command.__doc__ = HELP + _PARAMETERS
     return command
 
 
-def _run(photo: str, output: str, options: Any, files: OutputFiles) -> int:
-    from gauss2svg.cli.signals import interruptible
-    from gauss2svg.cli.streams import standard_stream
-    from gauss2svg.cli.terminal import print_summary, show_progress
-    from gauss2svg.errors import InputError
-    from gauss2svg.files import STANDARD_STREAM, refuse_option_like, write_all_atomically
-    from gauss2svg.pipeline.vectorize import vectorize_by
-    from gauss2svg.scene import ADD
-    from gauss2svg.svg.packing import file_bytes, is_svgz
+def _one_photo(photos: tuple[str, ...]) -> str:
+    from difflib import get_close_matches
 
-    refuse_option_like(photo, output)
+    from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.pipeline.options import option_names
+
+    for name in photos:
+        if name.startswith("--"):  # the name of no option ends up among the photos
+            known = [f"--{option.replace('_', '-')}" for option in option_names()]
+            close = get_close_matches(name, known, 1)
+            advice = close[0] if close else "gauss2svg --help-all"
+            raise InputError(must_be(name, "an option", shown("an unknown one"), advice))
+    if len(photos) != 1:
+        got = shown(", ".join(photos) or "none")
+        advice = "a command for each, or gauss2svg gallery" if photos else "gauss2svg --help"
+        raise InputError(must_be("the photo", "one file", got, advice))
+    return photos[0]
+
+
+def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> int:
+    from gauss2svg.cli.signals import interruptible
+
+    with interruptible() as interruption:
+        output, options = _checked(photo, output, options, files)
+        result = _result(photo, output, options, files, interruption)
+        _write(result, output, files)
+        _report(result, output, files, interruption)
+    return interruption.status
+
+
+def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -> tuple[str, Any]:
+    """The name of the SVG and the options that follow from it, once all names are checked."""
+    from gauss2svg.cli.outputs import check_names, check_svg_name, default_output
+    from gauss2svg.errors import InputError
+    from gauss2svg.files import STANDARD_STREAM, refuse_option_like
+    from gauss2svg.scene import ADD
+    from gauss2svg.svg.packing import is_svgz
+
+    refuse_option_like(photo, output or "")
+    if output is None:
+        output = default_output(photo, files.overwrite)
     if files.outline is not None and options.fit.blend == ADD and not options.svg.portable:
         raise InputError(
             "--outline must not be given with --blend add, whose signed colours have no strokes. "
             "Try --portable"
         )
-    if is_svgz(output):
-        options = options.changed(gzip=True)
-    to_stdout = output == STANDARD_STREAM
+    if output != STANDARD_STREAM:
+        check_svg_name("--output", output)
+    check_names(
+        [
+            ("--preview", files.preview, ".png"),
+            ("--report", files.report, ".json"),
+            ("--outline", files.outline, ".svg"),
+            ("--save-scene", files.save_scene, ".npz"),
+        ]
+    )
     _check_files(photo, output, options, files)
+    return output, options.changed(gzip=True) if is_svgz(output) else options
+
+
+def _result(photo: str, output: str, options: Any, files: OutputFiles, interruption: Any) -> Any:
+    from gauss2svg.cli.streams import standard_stream
+    from gauss2svg.cli.terminal import show_progress
+    from gauss2svg.files import STANDARD_STREAM
+    from gauss2svg.pipeline.vectorize import vectorize_by
 
     source: Any = photo
     if photo == STANDARD_STREAM:
         source = standard_stream(sys.stdin, "input").read()
-    stdout = standard_stream(sys.stdout, "output") if to_stdout else None
-    with interruptible() as interruption, show_progress(files.quiet) as progress:
-        result = vectorize_by(
+    if output == STANDARD_STREAM:
+        standard_stream(sys.stdout, "output")  # refused now where it is closed
+    with show_progress(files.quiet) as show:
+
+        def progress(now: Any) -> None:
+            if now.phase in ("write", "measure"):
+                interruption.after_fit()
+            if show is not None:
+                show(now)
+
+        return vectorize_by(
             options,
             source,
             progress=progress,
             stop=interruption.asked,
             started=_BEGUN if options.goal.time_limit is not None else None,
         )
-    svg = file_bytes(result.svg, options.svg.gzip)
-    written: dict[str | os.PathLike[str], bytes] = {} if to_stdout else {output: svg}
-    written |= _further_files(result, files)
-    if stdout is not None:
+
+
+def _write(result: Any, output: str, files: OutputFiles) -> None:
+    import io
+
+    from gauss2svg.cli.streams import standard_stream
+    from gauss2svg.files import STANDARD_STREAM, as_json, as_png, write_all_atomically
+    from gauss2svg.svg.packing import file_bytes, is_svgz
+
+    svg = file_bytes(result.svg, result.report["gzip"])
+    written: dict[str | os.PathLike[str], bytes] = {}
+    if output == STANDARD_STREAM:
+        stdout = standard_stream(sys.stdout, "output")
         stdout.write(svg)
         stdout.flush()
-    write_all_atomically(written)
-    if files.quiet:
-        for line in result.report["unreached"]:  # bad news is reported all the same
-            print(f"gauss2svg: {line}", file=sys.stderr)
     else:
-        print_summary(result.report, None if to_stdout else output)
-    checkpoint = options.run.checkpoint
-    if result.report["checkpoint_trouble"] is not None:
-        print(f"gauss2svg: {result.report['checkpoint_trouble']}", file=sys.stderr)
+        written[output] = svg
+    if files.outline is not None:
+        written[files.outline] = file_bytes(result.outline(), is_svgz(files.outline))
+    if files.preview is not None:
+        written[files.preview] = as_png(result.raster)
+    if files.save_scene is not None:
+        stream = io.BytesIO()
+        result.scene.save(stream)
+        written[files.save_scene] = stream.getvalue()
+    if files.report is not None:
+        written[files.report] = as_json(result.report)
+    write_all_atomically(written)
+
+
+def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> None:
+    """What a person reads at the end, on standard error."""
+    from gauss2svg.cli.terminal import print_summary
+    from gauss2svg.files import STANDARD_STREAM
+
+    report, where = result.report, "standard output" if output == STANDARD_STREAM else output
+    if files.quiet:
+        lines = list(report["unreached"])  # bad news is reported all the same
+    else:
+        lines = []
+        print_summary(report, None if output == STANDARD_STREAM else output)
+    checkpoint = report["checkpoint"]
+    if report["checkpoint_trouble"] is not None:
+        lines.append(report["checkpoint_trouble"])
         checkpoint = None  # nothing to continue from
     if interruption.signal is not None:
         again = "" if checkpoint is None else f"; continue with --resume {shlex.quote(checkpoint)}"
-        where = "standard output" if to_stdout else output
-        print(
-            f"gauss2svg: interrupted after {result.report['iterations']} iterations; the best so "
-            f"far is in {where}{again}",
-            file=sys.stderr,
+        lines.append(
+            f"interrupted after {report['iterations']} iterations; the best so far is in "
+            f"{where}{again}"
         )
-    return interruption.status
+    for line in lines:
+        print(f"gauss2svg: {line}", file=sys.stderr)
 
 
 def _check_files(photo: str, output: str, options: Any, files: OutputFiles) -> None:
@@ -169,23 +253,3 @@ def _check_files(photo: str, output: str, options: Any, files: OutputFiles) -> N
     if run.checkpoint is not None:  # it may be the one that is continued from
         inputs.pop(str(run.resume), None)
         check_outputs(inputs, [*outputs, Path(run.checkpoint)])
-
-
-def _further_files(result: Any, files: OutputFiles) -> dict[str | os.PathLike[str], bytes]:
-    import io
-
-    from gauss2svg.files import as_json, as_png
-    from gauss2svg.svg.packing import file_bytes, is_svgz
-
-    written: dict[str | os.PathLike[str], bytes] = {}
-    if files.outline is not None:
-        written[files.outline] = file_bytes(result.outline(), is_svgz(files.outline))
-    if files.preview is not None:
-        written[files.preview] = as_png(result.raster)
-    if files.save_scene is not None:
-        stream = io.BytesIO()
-        result.scene.save(stream)
-        written[files.save_scene] = stream.getvalue()
-    if files.report is not None:
-        written[files.report] = as_json(result.report)
-    return written

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from gauss2svg.errors import InputError, RendererError, must_be
-from gauss2svg.fit.options import FitConfig
+from gauss2svg.fit.options import DensifyOptions, FitConfig
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.presets import PRESETS, Preset
@@ -101,6 +101,10 @@ class Plan:
                     f"{name} must not be given unless the number of Gaussians is, without a "
                     f"target; got {value}. Try --gaussians 1000"
                 )
+        schedule = self.options.densify.schedule
+        if schedule != DensifyOptions.schedule and self.count_adapts:
+            needed = f"{DensifyOptions.schedule} unless the number of Gaussians is given, without "
+            raise InputError(must_be("schedule", f"{needed}a target", schedule, "--gaussians 1000"))
 
     @cached_property
     def preset(self) -> Preset:

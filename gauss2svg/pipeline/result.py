@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.files import write_atomically
 from gauss2svg.fit.options import FitProgress
+from gauss2svg.options import Flag, file_name
 from gauss2svg.pipeline.report import decibels
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
@@ -55,12 +56,15 @@ class Result:
     document: Document
 
     def save(self, path: str | os.PathLike[str], gzip: bool | None = None) -> None:
-        """Write the SVG, whole or not at all; raises OutputError if it cannot be written.
+        """Write the SVG, whole or not at all.
 
         gzip  None: if the path ends in .svgz, or the run had gzip=True
+        Raises InputError for something else than a path, OutputError if it cannot be written.
         """
-        usual = is_svgz(path) or bool(self.report["gzip"])
-        write_atomically(path, file_bytes(self.svg, usual if gzip is None else gzip))
+        path = file_name("path", path)
+        if gzip is None:
+            gzip = is_svgz(path) or bool(self.report["gzip"])
+        write_atomically(path, file_bytes(self.svg, Flag()("gzip", gzip)))
 
     def outline(self) -> str:
         """The SVG text of the outlines of the shapes; see gauss2svg.outline_svg."""

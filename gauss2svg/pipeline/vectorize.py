@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import math
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TypeVar
 
 from numba import get_num_threads, set_num_threads
 from numba.core import config
 
 from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions
-from gauss2svg.options import OptionGroup
+from gauss2svg.options import OptionGroup, file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.photo import Photo
@@ -110,8 +114,12 @@ def vectorize_by(
     begun = time.perf_counter() if started is None else started
     plan, run = Plan(options), options.run
     plan.check_renderer()
+    _check_callable("progress", progress, "a Progress")
+    _check_callable("stop", stop)
+    thread_count = _thread_count(run.threads)
+    _check_checkpoints(options, image)
     most_bytes = allowed(run.max_memory)
-    notify = progress or (lambda _: None)
+    notify = (lambda _: None) if progress is None else progress
 
     notify(Progress("read"))
     matte = options.svg.matte
@@ -133,7 +141,7 @@ def vectorize_by(
             checkpoint = Checkpoint(run.checkpoint, run.checkpoint_every, identity)
         saved = None if run.resume is None else resumed(run.resume, identity)
     limit = options.goal.time_limit
-    with _threads(run.threads) as thread_count:
+    with _threads(thread_count):
         notify(Progress("compile"))
         compile_s = compile_kernels(blend=options.fit.blend)
         deadline = None
@@ -161,8 +169,41 @@ def _instance(group: _Group | None, name: str, kind: type[_Group]) -> _Group:
     if group is None:
         return kind()
     if not isinstance(group, kind):
-        raise InputError(must_be(name, f"a {kind.__name__}", group))
+        raise InputError(must_be(name, f"a {kind.__name__}", shown(type(group).__name__)))
     return group
+
+
+def _check_callable(name: str, function: object, *arguments: str) -> None:
+    """Raise InputError for what cannot be called with so many arguments; None is allowed."""
+    if function is None:
+        return
+    try:
+        if callable(function):
+            inspect.signature(function).bind(*arguments)
+            return
+    except ValueError:  # a built-in function, whose arguments are not known
+        return
+    except TypeError:
+        pass
+    needed = f"a function of {' and '.join(arguments) or 'no arguments'}"
+    raise InputError(must_be(name, needed, shown(type(function).__name__)))
+
+
+def _check_checkpoints(options: Options, image: ImageSource) -> None:
+    """Raise InputError or OutputError for checkpoints that cannot be read or written."""
+    run = options.run
+    if run.resume is not None:
+        with reading(run.resume, "a file of --checkpoint"):
+            pass
+    if run.checkpoint is not None:
+        Checkpoint(run.checkpoint, run.checkpoint_every, {})  # checks the path
+        read = {"the photo": image, "the label image": options.document.segments}
+        names = {
+            file_name(what, source): what
+            for what, source in read.items()
+            if isinstance(source, (str, os.PathLike))
+        }
+        check_outputs(names, [Path(run.checkpoint)])
 
 
 def _check_precision(side: int, plan: Plan) -> None:
@@ -197,14 +238,18 @@ def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, 
     return size_that_fits(load, most_bytes, asked=asked)
 
 
-@contextmanager
-def _threads(count: int | None) -> Iterator[int]:
-    """Inside numba uses so many threads; one for each core if None."""
+def _thread_count(count: int | None) -> int:
+    """That number, or one for each core if None; raises InputError for more than the cores."""
     most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
-    wanted = most if count is None else whole_number("threads", count, 1, most)
+    return most if count is None else whole_number("threads", count, 1, most)
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Inside numba uses so many threads."""
     before = get_num_threads()
-    set_num_threads(wanted)
+    set_num_threads(count)
     try:
-        yield wanted
+        yield
     finally:
         set_num_threads(before)

@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, shown, whole_number
-from gauss2svg.options import Number, OptionGroup
+from gauss2svg.options import Number, OptionGroup, file_name
 
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE = "photo"
 _UNITS = ("px", "mm", "cm", "in", "pt", "pc")
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(_UNITS)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
+_COUNT = re.compile("[0-9]{1,18}")  # of segments
 _LARGEST_SIZE = 1e6  # of a width, whatever its unit
 _DECIMALS = 4  # of a size: a millionth of a metre where the unit is a centimetre
 _LARGEST_LABEL = 2**31 - 1
@@ -57,9 +58,11 @@ def check_aspect(name: str, aspect: Any) -> str:
 
 
 def check_segments(name: str, segments: Any) -> Any:
-    """A number, a path, or an array of labels, whose values are checked."""
+    """A number, also as text, a path, or an array of labels, whose values are checked."""
+    if isinstance(segments, str) and _COUNT.fullmatch(segments):  # as on the command line
+        segments = int(segments)
     if isinstance(segments, (str, os.PathLike)):
-        return os.fspath(segments)
+        return file_name(name, segments)
     if not isinstance(segments, np.ndarray) or segments.ndim == 0:
         return whole_number(name, segments, 1, MOST_SEGMENTS)
     labels = segments.astype(np.uint8) if segments.dtype == bool else segments

@@ -1,0 +1,74 @@
+"""Names of the files that commands write: where they go by default, and what they may be called."""
+
+from __future__ import annotations
+
+import mimetypes
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from gauss2svg.errors import InputError, must_be
+from gauss2svg.files import STANDARD_STREAM
+
+_SVG_TYPES = ("image/svg+xml", "text/xml", "application/xml")
+_OURS = b"written by gauss2svg"  # of the description of every file
+_HEAD = 65536  # bytes within which it stands
+
+
+def default_output(photo: str, overwrite: bool) -> str:
+    """The name of the SVG beside a photo: photo.svg of photo.jpg.
+
+    Raises InputError where that is the photo itself or, unless overwrite is True, an existing file
+    that gauss2svg did not write.
+    """
+    if photo == STANDARD_STREAM:
+        raise InputError(
+            "--output must be given where the photo is standard input. Try -o out.svg, or -o - for "
+            "standard output"
+        )
+    output = Path(photo).with_suffix(".svg")
+    if output == Path(photo):
+        raise InputError(must_be("the photo", "an image other than an SVG", photo))
+    if not overwrite and output.is_file() and not _is_ours(output):
+        raise InputError(
+            f"{output} must be given by name, for it exists and gauss2svg did not write it. Try "
+            f"-o {output} to replace it, or -o with another name"
+        )
+    return os.fspath(output)
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return _OURS in file.read(_HEAD)
+    except OSError:
+        return False
+
+
+def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
+    """Raise InputError for a file name that an SVG cannot have: empty, or of another format."""
+    text = os.fspath(path)
+    if not text:
+        raise InputError(must_be(name, "the name of a file", text))
+    if text.endswith(("/", os.sep)):
+        raise InputError(must_be(name, "the name of a file, not of a folder", text))
+    _check_type(name, text, _SVG_TYPES, ".svg or .svgz")
+
+
+def check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]) -> None:
+    """The same of further files: option, path or None, and the suffix of what is written there."""
+    for name, path, suffix in files:
+        if path is None:
+            continue
+        if suffix == ".svg":
+            check_svg_name(name, path)
+        else:
+            known = mimetypes.guess_type(f"x{suffix}")[0]
+            allowed = (known,) if known else ()
+            _check_type(name, os.fspath(path), (*allowed, "text/plain"), suffix)
+
+
+def _check_type(name: str, path: str, allowed: tuple[str, ...], suffixes: str) -> None:
+    kind = mimetypes.guess_type(os.path.basename(path), strict=False)[0]
+    if kind is not None and kind not in allowed:
+        raise InputError(must_be(name, f"a name that ends in {suffixes}", path))

@@ -1,0 +1,103 @@
+"""Laws of options: any combination gives a result or one refusal, and a refusal writes nothing.
+
+The short form of tests/fuzz_options.py.
+"""
+
+import pytest
+from fuzz_options import PIXELS, Pathless, Rude, outcome_of
+
+import gauss2svg
+from gauss2svg.errors import InputError, OutputError
+from gauss2svg.fit.options import DensifyOptions
+from gauss2svg.pipeline.options import Goal, Options, RunOptions
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.svg.document import Document
+
+NO_PHOTO = "missing.png"  # what is refused before the photo is read names something else
+
+
+def refused(seed: int, numbers: range) -> None:
+    kinds = set()
+    for number in numbers:
+        kind, said = outcome_of(seed, number)
+        assert not kind.startswith("FINDING"), f"{kind}: seed {seed}, number {number}: {said}"
+        kinds.add(kind)
+    assert {"result", "refused by InputError", "refused by the command"} <= kinds
+
+
+def test_some_combinations_give_a_result_or_one_refusal():
+    refused(1, range(60))
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("seed", range(2, 6))
+def test_many_combinations_give_a_result_or_one_refusal(seed):
+    refused(seed, range(250))
+
+
+@pytest.mark.parametrize(
+    ("given", "match"),
+    [
+        ({"progress": 5}, "progress must be a function of a Progress; got int"),
+        ({"progress": lambda: None}, "progress must be a function of a Progress; got function"),
+        ({"stop": "x"}, "stop must be a function of no arguments; got str"),
+        ({"stop": PIXELS}, "stop must be a function of no arguments; got ndarray"),
+        ({"run": RunOptions(threads=2**31 - 1)}, r"threads must be a whole number in 1\.\."),
+        ({"run": RunOptions(resume="none")}, "cannot read none: No such file"),
+        ({"run": RunOptions(resume=".")}, "cannot read .: it is a folder"),
+        ({"run": RunOptions(checkpoint=".")}, "checkpoint must be a regular file; got ., which"),
+        ({"run": RunOptions(checkpoint=NO_PHOTO)}, "output must be .*, which is also the photo"),
+        ({"densify": DensifyOptions(schedule="linear")}, "schedule must be exponential unless the"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_the_photo_is_read(given, match, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=match):
+        gauss2svg.vectorize(NO_PHOTO, **given)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_is_missing_is_refused_before_the_photo_is_read(tmp_path):
+    with pytest.raises(OutputError, match=r"cannot write .*: No such file"):
+        gauss2svg.vectorize(NO_PHOTO, run=RunOptions(checkpoint=tmp_path / "new" / "fit"))
+
+
+def test_built_in_functions_of_unknown_arguments_are_taken():
+    result = gauss2svg.vectorize(PIXELS, gaussians=2, quality="draft", stop=bool)
+    assert result.report["stop_reason"] != "interrupted"
+
+
+@pytest.mark.parametrize("schedule", ["linear", "all-at-once"])
+def test_a_schedule_needs_a_number_of_gaussians_without_a_target(schedule):
+    def plan(**goal):
+        return Plan(Options(goal=Goal(**goal), densify=DensifyOptions(schedule=schedule)))
+
+    assert plan(gaussians=30).fit_config.totals[-1] == 30
+    for goal in ({}, {"gaussians": "auto"}, {"gaussians": 30, "target_psnr": 30}):
+        with pytest.raises(InputError, match=f"given, without a target; got '{schedule}'. Try --g"):
+            plan(**goal)
+
+
+@pytest.mark.parametrize("path", [5, b"out.svg", None, "", object(), PIXELS])
+def test_a_result_is_saved_under_a_path_alone(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = gauss2svg.vectorize(PIXELS, gaussians=2, quality="draft")
+    with pytest.raises(InputError, match="path must be the path of a file; got"):
+        result.save(path)
+    with pytest.raises(InputError, match="gzip must be True or False; got 5"):
+        result.save("out.svg", gzip=5)
+    assert not list(tmp_path.iterdir())
+
+
+def test_text_of_a_number_of_segments_is_a_number_as_on_the_command_line():
+    assert Document(segments="30").segments == 30
+    assert Document(segments="./30").segments == "./30"
+    with pytest.raises(InputError, match=r"segments must be a whole number in 1\.\.10000; got 0"):
+        Document(segments="0")
+
+
+@pytest.mark.parametrize("value", [10**400, PIXELS, Rude(), Pathless()])
+@pytest.mark.parametrize("name", ["learning_rate", "animate", "max_memory", "checkpoint", "loss"])
+def test_a_value_that_raises_where_it_is_read_is_refused_by_its_name(name, value):
+    with pytest.raises(InputError, match=f"^{name} must be "):
+        Options.from_flat({name: value})
