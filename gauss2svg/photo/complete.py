@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 import math
 import re
+import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -19,10 +20,15 @@ from PIL.JpegImagePlugin import JpegImageFile
 # The next marker of a JPEG that is not within the data of a scan, as stuffing and restarts are.
 _MARKER = re.compile(rb"\xff+([\x01-\xcf\xd8-\xfe])")
 _END_OF_IMAGE, _START_OF_SCAN = 0xD9, 0xDA
-_ARITHMETIC = range(0xC9, 0xD0)  # frames of a coder whose data may leave out trailing zeros
+# Frames of a coder whose data may leave out trailing zeros.
+_ARITHMETIC = (0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF)
+_COEFFICIENTS = {0xC0: 1, 0xC1: 1, 0xC2: 64}  # that may have scans of their own, by the frame
 _WITHOUT_LENGTH = (0x01, 0xD8)
 _RESTARTS = range(0xD0, 0xD8)
-_PADDING = bytes(1 + 89 * n * n % 251 for n in range(500))  # no 0xFF; any pattern would do
+# Data of any kind without markers. The bits of one are the other's inverted: some code of a block
+# without content may begin with either.
+_PADDING = bytes(1 + 89 * n * n % 251 for n in range(500))
+_PADDINGS = (_PADDING, bytes(255 - byte for byte in _PADDING))
 _BAND = 256  # rows that are compared at once
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by colour type
 # First column, first row, step across and step down of each pass (PNG, third edition, 8.1).
@@ -34,6 +40,10 @@ _WIDTH, _HEIGHT, _SAMPLES, _PLANES = 256, 257, 277, 284  # tags of a TIFF
 _STRIPS, _TILES = (273, 279), (324, 325)  # offsets and byte counts
 _ROWS_PER_STRIP, _TILE_WIDTH, _TILE_HEIGHT = 278, 322, 323
 _SEPARATE = 2
+_COMPRESSION, _JPEG_TABLES = 259, 347
+_FAX_TAGS = (_COMPRESSION, 262, 266, 292, 293)  # and photometric, order of bits, options
+
+_Tags = dict[int, Any]
 
 
 def lack_of(image: Image.Image) -> Callable[[Image.Image], str]:
@@ -41,20 +51,15 @@ def lack_of(image: Image.Image) -> Callable[[Image.Image], str]:
 
     A file that cannot be understood lacks nothing here: that is for its decoder to say.
     """
-    if image.format == "TIFF":
-        tags = dict(getattr(image, "tag_v2", {}))
-        return lambda _: _lack_of_tiff(tags)
-    file = getattr(image, "fp", None)
-    check = {"PNG": _lack_of_png, "JPEG": _lack_of_jpeg, "MPO": _lack_of_jpeg}.get(
-        image.format or ""
-    )
+    file, check = getattr(image, "fp", None), _CHECKS.get(image.format or "")
     if file is None or check is None or not getattr(image, "tile", None):
         return lambda _: ""
     place = file.tell()
     file.seek(0)
     data = file.read()
     file.seek(place)
-    return lambda loaded: check(data, loaded)
+    tags = dict(getattr(image, "tag_v2", {}))  # loading turns the image, and they go
+    return lambda loaded: check(data, loaded, tags)
 
 
 def lack_of_parts(offsets: Sequence[int], counts: Sequence[int], number: int) -> str:
@@ -64,31 +69,74 @@ def lack_of_parts(offsets: Sequence[int], counts: Sequence[int], number: int) ->
     return f"{missing} of its {number} strips or tiles have no data" if missing else ""
 
 
-def _lack_of_tiff(tags: dict[int, Any]) -> str:
-    def number(tag: int, default: int) -> int:
-        value = tags.get(tag, default)
-        return value if isinstance(value, int) and value > 0 else default
-
-    width, height = number(_WIDTH, 1), number(_HEIGHT, 1)
-    parts = math.ceil(height / number(_ROWS_PER_STRIP, height))
+def _lack_of_tiff(file: bytes, _: Image.Image, tags: _Tags) -> str:
+    width, height = _number(tags, _WIDTH, 1), _number(tags, _HEIGHT, 1)
+    across, down = width, _number(tags, _ROWS_PER_STRIP, height)
     places, sizes = _STRIPS
     if _TILES[0] in tags:
         places, sizes = _TILES
-        parts = math.ceil(width / number(_TILE_WIDTH, width))
-        parts *= math.ceil(height / number(_TILE_HEIGHT, height))
-    if tags.get(_PLANES) == _SEPARATE:
-        parts *= number(_SAMPLES, 1)
+        across, down = _number(tags, _TILE_WIDTH, width), _number(tags, _TILE_HEIGHT, height)
+    columns, rows = math.ceil(width / across), math.ceil(height / down)
+    planes = _number(tags, _SAMPLES, 1) if tags.get(_PLANES) == _SEPARATE else 1
     offsets = _as_tuple(tags.get(places))
+    counts = _as_tuple(tags.get(sizes)) or (1,) * len(offsets)
     if not offsets:  # as in old files of JPEG data
         return ""
-    return lack_of_parts(offsets, _as_tuple(tags.get(sizes)) or (1,) * len(offsets), parts)
+    if missing := lack_of_parts(offsets, counts, columns * rows * planes):
+        return missing
+    ends = _ENDS.get(_number(tags, _COMPRESSION, 1))
+    for k, (offset, count) in enumerate(zip(offsets, counts, strict=False)) if ends else ():
+        tall = min(down, height - k // columns % rows * down) if columns * across == width else down
+        if ends and ends(file[offset : offset + count], tags, across, tall):
+            return f"the data of its strip or tile {k + 1} of {columns * rows * planes} end early"
+    return ""
+
+
+def _jpeg_ends(part: bytes, tags: _Tags, _width: int, _height: int) -> bool:
+    tables = tags.get(_JPEG_TABLES)
+    stream = tables[:-2] + part[2:] if isinstance(tables, bytes) else part
+    with JpegImageFile(io.BytesIO(stream), "") as image:
+        image.load()
+        return bool(_lack_of_jpeg(stream, image, tags))
+
+
+def _fax_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
+    """As of a JPEG; libtiff leaves what is missing white."""
+    images = [
+        Image.open(io.BytesIO(_one_strip(part + padding, tags, width, height)))
+        for padding in (b"", *map(_with_lines, _PADDINGS))
+    ]
+    try:
+        return len({image.tobytes() for image in images}) > 1
+    except OSError:  # the padding is no data of this kind, and was read
+        return True
+
+
+def _with_lines(padding: bytes) -> bytes:
+    """Data with ends of lines, up to which libtiff skips what it cannot read."""
+    return b"\0\x10".join(padding[k : k + 8] for k in range(0, len(padding), 8))
+
+
+def _one_strip(data: bytes, tags: _Tags, width: int, height: int) -> bytes:
+    """A TIFF of one strip of two levels."""
+    numbers = {_WIDTH: width, _HEIGHT: height, 258: 1, _ROWS_PER_STRIP: height}
+    numbers |= {tag: tags[tag] for tag in _FAX_TAGS if isinstance(tags.get(tag), int)}
+    numbers |= dict(zip(_STRIPS, (8, len(data)), strict=True))
+    entries = (struct.pack("<HHII", tag, 4, 1, numbers[tag]) for tag in sorted(numbers))
+    directory = struct.pack("<H", len(numbers)) + b"".join(entries) + bytes(4)
+    return b"II*\0" + struct.pack("<I", 8 + len(data)) + data + directory
+
+
+def _number(tags: _Tags, tag: int, default: int) -> int:
+    value = tags.get(tag, default)
+    return value if isinstance(value, int) and value > 0 else default
 
 
 def _as_tuple(value: Any) -> tuple[int, ...]:
     return value if isinstance(value, tuple) else () if value is None else (value,)
 
 
-def _lack_of_png(file: bytes, image: Image.Image) -> str:
+def _lack_of_png(file: bytes, image: Image.Image, _: _Tags) -> str:
     """By the length of its unpacked rows."""
     bits, color_type, _, _, interlaced = file[24:29]
     samples = bits * _PNG_CHANNELS.get(color_type, 0)
@@ -116,54 +164,72 @@ def _packed_rows(file: bytes) -> Iterator[bytes]:
         place = end + 4
 
 
-def _lack_of_jpeg(file: bytes, image: Image.Image) -> str:
-    """By whether more data at the end of a scan change the picture."""
-    padded = _padded(file)
-    if padded is None:
-        return ""
-    with JpegImageFile(io.BytesIO(padded), "") as other:
-        other.load()
-        if (other.size, other.mode) != (image.size, image.mode):  # its owner asked for a draft
+def _lack_of_jpeg(file: bytes, image: Image.Image, _: _Tags) -> str:
+    """By whether what follows the data of a scan changes the picture."""
+    for padding in _PADDINGS:
+        padded = _padded(file, padding)
+        if padded is None:
             return ""
-        width, height = image.size
-        for top in range(0, height, _BAND):
-            band = (0, top, width, min(top + _BAND, height))
-            one, two = image.crop(band), other.crop(band)
-            if one.tobytes() != two.tobytes():
-                changed = next(
-                    row for row in range(band[3] - top)
-                    if one.crop((0, row, width, row + 1)).tobytes()
-                    != two.crop((0, row, width, row + 1)).tobytes()
-                )  # fmt: skip
-                return f"its data end at row {top + changed} of {height}"
+        if not padded:
+            return "some of its scans are missing"
+        with JpegImageFile(io.BytesIO(padded), "") as other:
+            other.load()
+            if (other.size, other.mode) != (image.size, image.mode):  # its owner asked for a draft
+                return ""
+            row = _first_difference(image, other)
+        if row is not None:
+            return f"its data end at row {row} of {image.height}"
     return ""
 
 
-def _padded(file: bytes) -> bytes | None:
-    """The first JPEG of a file with more data in every scan, which those that are whole skip."""
+def _first_difference(one: Image.Image, other: Image.Image) -> int | None:
+    """The first row in which images of one size and mode differ; None where they are equal."""
+    width, height = one.size
+    top, rows = 0, _BAND
+    while top < height:
+        band = (0, top, width, min(top + rows, height))
+        if one.crop(band).tobytes() == other.crop(band).tobytes():
+            top += rows
+        elif rows == 1:
+            return top
+        else:
+            rows = 1
+    return None
+
+
+def _padded(file: bytes, padding: bytes) -> bytes | None:
+    """The first JPEG of a file with more data in every scan, which those that are whole skip.
+
+    None where that cannot be told, b"" where whole scans are missing.
+    """
     parts, done, place = [], 0, 0
+    lacking: set[tuple[int, int]] = set()  # components and their coefficients
     while found := _MARKER.search(file, place):
         kind = found[1][0]
         place = found.end()
         if kind == _END_OF_IMAGE:
-            return b"".join((*parts, file[done:place]))
-        if kind in _ARITHMETIC and kind != 0xCC:
+            return b"" if lacking else b"".join((*parts, file[done:place]))
+        if kind in _ARITHMETIC:
             return None
         if kind in _WITHOUT_LENGTH:
             continue
-        place += int.from_bytes(file[place : place + 2], "big")
+        head = file[place + 2 : (place := place + int.from_bytes(file[place : place + 2], "big"))]
+        if kind in _COEFFICIENTS:
+            lacking |= {(part, k) for part in head[6::3] for k in range(_COEFFICIENTS[kind])}
         if kind == _START_OF_SCAN:
-            if (end := _MARKER.search(file, place)) is None:
+            if (end := _MARKER.search(file, place)) is None or len(head) < 4:
                 return None
-            parts += [file[done : end.start()], _padding(file[place : end.start()])]
+            first, most, precision = head[-3:]
+            if not precision & 15:  # all of their bits
+                lacking -= {(part, k) for part in head[1:-3:2] for k in range(first, most + 1)}
+            scan = file[place : end.start()]
+            parts += [file[done : end.start()], padding]
+            last = max(_RESTARTS, key=lambda kind: scan.rfind(bytes((0xFF, kind))))
+            parts += [bytes((0xFF, 0xD0 | (last + n) & 7)) + padding for n in range(9)]
             done = place = end.start()
     return None
 
 
-def _padding(scan: bytes) -> bytes:
-    """Data that go on with those of a scan, also after each restart that may come next."""
-    last = max(_RESTARTS, key=lambda kind: scan.rfind(bytes((0xFF, kind))))
-    if scan.find(bytes((0xFF, last))) < 0:
-        last = _RESTARTS[-1]
-    following = (bytes((0xFF, 0xD0 | (last + n) & 7)) for n in range(1, 9))
-    return _PADDING + b"".join(restart + _PADDING for restart in following)
+_CHECKS = {"PNG": _lack_of_png, "JPEG": _lack_of_jpeg, "MPO": _lack_of_jpeg, "TIFF": _lack_of_tiff}
+# By the compression of a TIFF: whether a part ends early, where libtiff only warns.
+_ENDS = {2: _fax_ends, 3: _fax_ends, 4: _fax_ends, 32771: _fax_ends, 7: _jpeg_ends}
