@@ -38,8 +38,7 @@ def refuses(file: bytes) -> bool:
     try:
         load_image(file)
     except InputError as error:
-        assert "must be a complete image; got a broken" in str(error)
-        return True
+        return "must be a complete image; got a broken" in str(error)
     return False
 
 
@@ -58,11 +57,13 @@ def ends_of_scans(jpeg: bytes) -> Iterator[tuple[int, int]]:
 @pytest.mark.parametrize("name", JPEGS)
 def test_jpeg_whose_scans_end_early_is_refused(name):
     whole = jpeg_of(name)
-    assert not refuses(whole)
+    expected = load_image(whole).pixels
     for begin, end in ends_of_scans(whole):
         for left in (0, 0.1, 0.5, 0.9):
             data = whole[begin : begin + int(left * (end - begin))].rstrip(b"\xff")
-            assert refuses(whole[:begin] + data + whole[end:]), (begin, left)
+            shorter = whole[:begin] + data + whole[end:]
+            # One that says nothing changes nothing.
+            assert refuses(shorter) or (load_image(shorter).pixels == expected).all(), (begin, left)
             assert refuses(whole[:begin] + data + b"\xff\xd9"), (begin, left)
 
 
@@ -104,7 +105,8 @@ def test_png_whose_rows_end_early_is_refused(channels, bits, interlaced):
     assert not refuses(whole)
     place = whole.index(b"IDAT") - 4
     rows = zlib.decompress(whole[place + 8 : -16])
-    for left in (0, len(rows) // 2, len(rows) - 1):
+    last_row = 1 + -(-13 * channels * bits // 8)
+    for left in (0, len(rows) // 2, len(rows) - last_row, len(rows) - 1):
         packed = zlib.compress(rows[:left])  # complete in itself
         for data in ((packed,), (packed[:5], packed[5:])):
             parts = b"".join(chunk(b"IDAT", part) for part in data)
@@ -161,12 +163,10 @@ def test_tiff_that_claims_more_rows_than_it_has_is_refused():
         stream = io.BytesIO()
         tifffile.imwrite(stream, array, photometric="rgb", rowsperstrip=8)
         file = stream.getvalue()
-        with tifffile.TiffFile(stream) as tiff:
+        with tifffile.TiffFile(io.BytesIO(file)) as tiff:
             tag = tiff.pages[0].tags[257]
         at, size = tag.valueoffset, {3: 2, 4: 4}[int(tag.dtype)]
-        with pytest.raises(
-            InputError, match="812 of its 818 strips or tiles have no data|readable"
-        ):
+        with pytest.raises(InputError, match="812 of its 818 strips or tiles have no data"):
             load_image(file[:at] + (6544).to_bytes(size, "little") + file[at + size :])
 
 
