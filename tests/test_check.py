@@ -277,7 +277,7 @@ def test_standard_input_is_a_stream(which, fitted):
         (["PHOTO", "SVG", "--heatmap", "PHOTO"], "is also the photo"),
         (["PHOTO", "SVG", "--heatmap", "X", "--preview", "X"], "is also another output"),
         (["PHOTO", "SVG", "--heatmap", "no/such/folder/x"], "cannot write"),
-        (["PHOTO", "SVG", "--min-psnr", "nan"], "min_psnr must be a number above 0"),
+        (["PHOTO", "SVG", "--min-psnr", "nan"], "--min-psnr must be a number above 0"),
         (
             ["PHOTO", "SVG", "--max-svg-bytes", "9k"],
             "got more. try to raise --max-svg-bytes",

@@ -89,7 +89,7 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
         (["PHOTO", "-o", "OUT", "--gaussians", "many"], "many"),
         (
             ["PHOTO", "-o", "OUT", "--gaussians", "-3"],
-            "gaussians must be a whole number in 0..10000000; got -3",
+            "--gaussians must be a whole number in 0..10000000 or auto; got -3",
         ),
         (["PHOTO", "-o", "OUT", "--treads", "2"], "--treads"),
         (
@@ -105,14 +105,22 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
             "number above 0 and at most 1e+09; got -1",
         ),
         (["PHOTO", "-o", "OUT", "--time-limit", "nan"],
-         "time_limit must be a number above 0 and at most 1e+09; got nan"),
+         "--time-limit must be a number above 0 and at most 1e+09; got nan"),
         (
             ["PHOTO", "-o", "OUT", "--gaussians", "99999999999"],
             "; got 99999999999",
         ),
         (["PHOTO", "-o", "--quiet"], "got --quiet, which reads like an option. Try ./--quiet"),
-        (["PHOTO"], "--output"),
-        ([], "photo"),
+        (["-o", "OUT"], "the photo must be one file; got none. Try gauss2svg --help"),
+        (["PHOTO", "b.png", "-o", "OUT"], "must be one file; got"),
+        (["PHOTO", "--treads", "2"], "must be an option; got an unknown one. Try --threads"),
+        (["PHOTO", "-o", "FOLDER/o.png"], "--output must be a name that ends in .svg or .svgz"),
+        (["PHOTO", "-o", "FOLDER/x/"], "--output must be the name of a file, not of a folder"),
+        (["PHOTO", "-o", ""], "--output must be the name of a file; got ''"),
+        (["PHOTO", "-o", "OUT", "--preview", "FOLDER/a.jpg"], "a name that ends in .png"),
+        (["PHOTO", "-o", "OUT", "--report", "FOLDER/a.png"], "a name that ends in .json"),
+        (["PHOTO", "-o", "OUT", "--outline", "FOLDER/a.pdf"], "ends in .svg or .svgz"),
+        (["-"], "--output must be given where the photo is standard input"),
     ],
 )  # fmt: skip
 def test_mistake_is_one_line_status_two_and_no_file(arguments, message, picture, tmp_path, capsys):
@@ -126,6 +134,25 @@ def test_mistake_is_one_line_status_two_and_no_file(arguments, message, picture,
     assert err.count("\n") == 1
     assert "Traceback" not in err
     assert sorted(tmp_path.iterdir()) == before
+
+
+def test_without_a_name_the_svg_goes_beside_the_photo(picture, capsys):
+    beside = picture.with_suffix(".svg")
+    assert main([str(picture), *QUICK, "--quiet"]) == 0
+    ours = beside.read_bytes()
+    assert ours.startswith(b"<?xml")
+    assert main([str(picture), *QUICK, "--quiet", "--seed", "1"]) == 0  # it is ours
+    beside.write_text("<svg/>")
+    assert main([str(picture), *QUICK, "--quiet"]) == 2
+    assert "gauss2svg did not write it" in capsys.readouterr().err
+    assert beside.read_text() == "<svg/>"
+    assert main([str(picture), *QUICK, "--quiet", "--overwrite"]) == 0
+    assert beside.read_bytes() == ours
+
+
+def test_without_arguments_the_short_help_is_shown(capsys):
+    assert main([]) == 0
+    assert "--help-all" in capsys.readouterr().out
 
 
 def test_broken_photo_leaves_no_file(tmp_path, capsys):

@@ -104,8 +104,8 @@ def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkey
     command = [str(path), "-o", str(out), "--gaussians", "3", "--max-memory"]
     for size, message in {
         "100M": "and up to 3 Gaussians; got 100 MB. Try a smaller photo, or a larger",
-        "2X": "max_memory must be a size of at least 1 byte; got '2X'",
-        "0": "max_memory must be a size of at least 1 byte; got 0",
+        "2X": "--max-memory must be a size of at least 1 byte; got '2X'",
+        "0": "--max-memory must be a size of at least 1 byte; got 0",
     }.items():
         assert main([*command, size]) == 2
         err = capsys.readouterr().err

@@ -104,7 +104,7 @@ def _one_photo(photos: tuple[str, ...]) -> str:
         if name.startswith("--"):  # the name of no option ends up among the photos
             known = [f"--{option.replace('_', '-')}" for option in option_names()]
             close = get_close_matches(name, known, 1)
-            advice = close[0] if close else "gauss2svg --help-all"
+            advice = close[0] if close else f"./{name} for a file of that name, or --help-all"
             raise InputError(must_be(name, "an option", shown("an unknown one"), advice))
     if len(photos) != 1:
         got = shown(", ".join(photos) or "none")
@@ -140,6 +140,9 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
             "--outline must not be given with --blend add, whose signed colours have no strokes. "
             "Try --portable"
         )
+    if not output:
+        check_svg_name("--output", output)
+    _check_files(photo, output, options, files)
     if output != STANDARD_STREAM:
         check_svg_name("--output", output)
     check_names(
@@ -150,7 +153,6 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
             ("--save-scene", files.save_scene, ".npz"),
         ]
     )
-    _check_files(photo, output, options, files)
     return output, options.changed(gzip=True) if is_svgz(output) else options
 
 
