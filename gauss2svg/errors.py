@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import operator
-from typing import Any
+from typing import Any, TypeVar
 
+_Kind = TypeVar("_Kind")
 _MOST_SHOWN = 200  # characters of a value in an error
 
 
@@ -41,10 +42,16 @@ def on_one_line(text: str) -> str:
 
 def must_be(name: str, needed: str, got: Any, advice: str = "") -> str:
     """The line of an error: what was needed, what was got, and what to try."""
-    shown = got if isinstance(got, _AsItIs) else repr(got)
+    shown = got if isinstance(got, _AsItIs) else repr(plain_scalar(got))
     if len(shown) > _MOST_SHOWN:
         shown = shown[:_MOST_SHOWN] + "..."
     return f"{name} must be {needed}; got {shown}" + (f". Try {advice}" if advice else "")
+
+
+def plain_scalar(value: Any) -> Any:
+    """A NumPy scalar as the Python value that it holds; any other value as it is."""
+    item = getattr(value, "item", None)
+    return item() if item is not None and getattr(value, "ndim", 1) == 0 else value
 
 
 class _AsItIs(str):
@@ -54,6 +61,15 @@ class _AsItIs(str):
 def shown(text: Any) -> str:
     """The value of an error message as it is, without quotes."""
     return _AsItIs(text)
+
+
+def instance(value: _Kind | None, name: str, kind: type[_Kind]) -> _Kind:
+    """Value if it is of the kind, the kind's default if it is None; raises InputError else."""
+    if value is None:
+        return kind()
+    if not isinstance(value, kind):
+        raise InputError(must_be(name, f"a {kind.__name__}", shown(type(value).__name__)))
+    return value
 
 
 def whole_number(name: str, value: Any, least: int, most: int) -> int:

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from gauss2svg.errors import InputError, must_be, number_within, shown, whole_number
+from gauss2svg.errors import InputError, must_be, number_within, plain_scalar, shown, whole_number
 
 Check = Callable[[str, Any], Any]
 FileName = str | os.PathLike[str]
@@ -79,7 +79,7 @@ class Flag:
 
     def __call__(self, name: str, value: Any) -> bool:
         """The value; raises InputError that names it."""
-        value = _plain(value)
+        value = plain_scalar(value)
         if not isinstance(value, bool):
             raise InputError(must_be(name, "True or False", value))
         return value
@@ -97,7 +97,7 @@ class OneOf:
 
     def __call__(self, name: str, value: Any) -> Any:
         """The value; raises InputError that names it."""
-        value = _plain(value)
+        value = plain_scalar(value)
         for one in self.known:
             if type(one) is type(value) and one == value:
                 return one
@@ -132,8 +132,11 @@ class Field:
         for check in self.checks:
             try:
                 value = check(self.name, value)
-            except InputError:
-                raise
+            except InputError as error:
+                if not self.words:
+                    raise
+                words = " or ".join(map(str, self.words))
+                raise InputError(str(error).replace("; got", f" or {words}; got", 1)) from error
             except Exception as error:  # of the value's own methods
                 got = shown(f"{type(given).__name__}, which raises {type(error).__name__}")
                 raise InputError(must_be(self.name, "a plain value", got)) from error
@@ -225,9 +228,3 @@ def file_name(name: str, value: Any) -> str:
     if not path:
         raise InputError(must_be(name, "the path of a file", value))
     return path
-
-
-def _plain(value: Any) -> Any:
-    """A NumPy scalar as the Python value that it holds."""
-    item = getattr(value, "item", None)
-    return item() if item is not None and getattr(value, "ndim", 1) == 0 else value

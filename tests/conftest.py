@@ -29,6 +29,9 @@ from gauss2svg.errors import RendererError
 from gauss2svg.raster import RENDERERS, chromium, rasterize
 from gauss2svg.scene import Scene
 
+_KERNELS = ("additive", "cpu", "kernels", "powers", "simd", "tiles", "walk")
+_WITH_KERNELS = [f"render/{name}.py" for name in _KERNELS] + ["scene/falloff.py", "svg/room.py"]
+
 
 def _drop_stale_kernels() -> None:
     """Delete compiled kernels that are older than any file with kernels or their constants.
@@ -37,9 +40,7 @@ def _drop_stale_kernels() -> None:
     into would leave the old machine code in use.
     """
     package = Path(gauss2svg.__file__).parent
-    sources = [s for s in package.rglob("*.py") if "numba" in s.read_text()]
-    sources.append(package / "scene" / "falloff.py")
-    newest = max(source.stat().st_mtime for source in sources)
+    newest = max((package / source).stat().st_mtime for source in _WITH_KERNELS)
     for compiled in package.rglob("*.nb[ic]"):
         if compiled.stat().st_mtime < newest:
             compiled.unlink(missing_ok=True)  # by another process at the same time

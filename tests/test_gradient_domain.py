@@ -1,7 +1,5 @@
 """Gradients against finite differences of another arithmetic, over all of the domain.
 
-pytestmark = pytest.mark.sweep
-
 Differences are taken of the formula in whitened coordinates z, where each natural step of a shape
 (extremes.natural) is a smooth change, so that nothing cancels however thin it is: with
 k = sqrt(1 - rho^2) and a step t
@@ -26,6 +24,8 @@ from gauss2svg.render.autograd import fast_accumulate, fast_composite
 from gauss2svg.render.domain import below_one
 from gauss2svg.render.reference import accumulate, composite
 from gauss2svg.scene import ADD, LEAST_SIGMA, OVER, Scene, narrowing_of
+
+pytestmark = pytest.mark.sweep
 
 STEP, MASKED = 2e-5, 2e-3
 SHAPE = ("mean", "sigma", "rho")

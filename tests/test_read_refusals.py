@@ -183,4 +183,5 @@ def test_root_that_is_hidden_or_fades_all_is_refused():
     ],
 )
 def test_what_draws_as_it_is_written_is_read(body):
-    read_svg(document(body, USER_REGION))
+    scene = read_svg(document(body, USER_REGION))
+    assert len(scene) == body.count("<circle")

@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 from conftest import random_scene
+from flat import vectorize
 
 from gauss2svg.render import render
 from gauss2svg.render.threads import in_shares
@@ -61,12 +62,13 @@ def test_pairs_are_added_to_their_gaussian(dtype, shares):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 @pytest.mark.filterwarnings("default::DeprecationWarning")
-def test_a_forked_process_renders_with_threads_of_its_own(threads_given_back):
+def test_a_forked_process_renders_and_fits_with_threads_of_its_own(threads_given_back, photo):
     numba.set_num_threads(2)
     scene = random_scene(800, 200, 160, 1)  # enough for two shares
-    expected = render(scene)
+    expected, svg = render(scene), vectorize(photo[:40, :40], gaussians=9, iterations=9).svg
     child = os.fork()
     if child == 0:
         signal.alarm(60)
-        os._exit(0 if (render(scene) == expected).all() else 1)
+        again = vectorize(photo[:40, :40], gaussians=9, iterations=9).svg
+        os._exit(0 if (render(scene) == expected).all() and again == svg else 1)
     assert os.waitpid(child, 0)[1] == 0

@@ -6,14 +6,17 @@ import logging
 import signal
 import sys
 import warnings
+from collections.abc import Sequence
 
-from cyclopts import App, CycloptsError, Group, Parameter
+from cyclopts import App, CoercionError, CycloptsError, Group, Parameter
 
 from gauss2svg.cli.signals import STATUS_OF_SIGNAL, Terminated, raising
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors
 from gauss2svg.cli.vectorize import HELP, vectorize_command
-from gauss2svg.errors import Gauss2SvgError, on_one_line
+from gauss2svg.errors import Gauss2SvgError, InputError, on_one_line
+from gauss2svg.options import field_named
 from gauss2svg.photo.stderr import own_standard_error
+from gauss2svg.pipeline.options import GROUPS
 from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
@@ -57,7 +60,7 @@ def main(arguments: list[str] | None = None) -> int:
     of a benchmark or a gallery of which something failed, and of a check under its --min-psnr.
     """
     hold_closed_descriptors()
-    warnings.filterwarnings("ignore", module="PIL")  # told as errors where they matter
+    warnings.filterwarnings("ignore", module="PIL")  # reported as errors where they matter
     for library in ("PIL", "tifffile"):  # whose complaints would be more lines than one
         logging.getLogger(library).addHandler(logging.NullHandler())
     try:
@@ -66,9 +69,9 @@ def main(arguments: list[str] | None = None) -> int:
         with raising(), own_standard_error():
             status = app(given or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:
-        return _refuse(f"{' '.join(str(error).split()).rstrip('.')}; see gauss2svg --help")
+        return _refuse(_in_our_words(error))
     except Gauss2SvgError as error:
-        return _refuse(str(error))
+        return _refuse(_as_typed(str(error), given))
     except MemoryError as error:
         return _refuse(f"out of memory ({error}); try a smaller photo or fewer --gaussians")
     except OSError as error:  # a stream that broke: files are Gauss2SvgErrors already
@@ -91,6 +94,28 @@ def run() -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     sys.exit(status)
+
+
+def _in_our_words(error: CycloptsError) -> str:
+    """The line of an error of the parser of the command line."""
+    if isinstance(error, CoercionError) and error.token is not None and error.token.keyword:
+        option = error.token.keyword
+        found = field_named(GROUPS, option.lstrip("-").replace("-", "_"))
+        if found is not None:
+            try:
+                found[1].parsed(error.token.value)
+            except InputError as refusal:
+                return _as_typed(str(refusal), [option])
+    line = " ".join(str(error).split()).rstrip(".")
+    return f"{line}. Try gauss2svg --help-all, or --help after the name of a command"
+
+
+def _as_typed(line: str, given: Sequence[str]) -> str:
+    """An error line whose option is named as on the command line, where it was given there."""
+    name, _, rest = line.partition(" ")
+    option = f"--{name.replace('_', '-')}"
+    typed = any(one == option or one.startswith(f"{option}=") for one in given)
+    return f"{option} {rest}" if typed else line
 
 
 def _refuse(message: str) -> int:

@@ -19,7 +19,7 @@ from gauss2svg.pipeline.result import Progress, ProgressCallback
 
 _PHASES = {
     "read": "reading the photo",
-    "compile": "preparing kernels (compiled on the first run, about 10 s)",
+    "compile": "preparing kernels (compiled on the first run, some seconds)",
     "fit": "fitting",
     "write": "writing the SVG",
     "measure": "rasterising and measuring the SVG",

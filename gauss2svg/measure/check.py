@@ -72,7 +72,7 @@ class CheckResult:
 
     @cached_property
     def report(self) -> dict[str, Any]:
-        """The numbers, ready for JSON; see the README for the keys."""
+        """The numbers, ready for JSON; see docs/reference/report.md for the keys."""
         height, width = self.photo.shape[:2]
         return {
             "width": width,

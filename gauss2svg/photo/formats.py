@@ -12,6 +12,7 @@ from typing import BinaryIO
 from PIL import Image, ImageFile, features
 
 from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.photo.complete import lack_of
 from gauss2svg.photo.stderr import stderr_silenced
 
 # Formats that are read, and Pillow's plugin of each; anything else is refused undecoded.
@@ -143,9 +144,12 @@ def _too_large(sides: str, name: str, max_pixels: int, count: int) -> InputError
 def loaded(image: Image.Image, name: str) -> Image.Image:
     """The image with its pixels decoded; raises InputError if they are broken or truncated."""
     try:
+        lack = lack_of(image)
         # libtiff writes to standard error by itself.
         with stderr_silenced() if image.format == "TIFF" else nullcontext():
             image.load()
+        if missing := lack(image):
+            raise OSError(missing)
     except MemoryError:
         raise
     except Exception as error:  # hostile bytes make decoders raise anything

@@ -19,7 +19,7 @@ from gauss2svg.photo.alpha import over, pixels_of
 from gauss2svg.photo.decode import decode_file, decode_image
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS, check_size
 from gauss2svg.photo.photo import Photo
-from gauss2svg.photo.samples import unit
+from gauss2svg.photo.samples import plain_array, unit
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
 WHITE = (1.0, 1.0, 1.0)  # a matte: the background that browsers show
@@ -49,12 +49,11 @@ def load_image(
 def _load(source: ImageSource, max_pixels: int) -> Photo:
     torch = sys.modules.get("torch")  # a tensor can only exist once torch is loaded
     if torch is not None and isinstance(source, torch.Tensor):
-        dense = source.detach().cpu().to_dense()
-        array = (dense.float() if dense.dtype == torch.bfloat16 else dense).numpy()
+        array = _tensor_samples(source, torch.bfloat16)
         last = np.moveaxis(array, 0, -1) if array.ndim == 3 else array
         return _from_array(last, "tensor", max_pixels)
     if isinstance(source, np.ndarray):
-        return _from_array(source, "array", max_pixels)
+        return _from_array(plain_array(source, "array"), "array", max_pixels)
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
         return decode_image(source, "image")
@@ -86,6 +85,16 @@ def _seekable(file: Any) -> BinaryIO:
         got = shown(f"one that reads {type(data).__name__}")
         raise InputError(must_be("file object", "binary", got, "open(path, 'rb')"))
     return file
+
+
+def _tensor_samples(tensor: Any, bfloat16: Any) -> NDArray[Any]:
+    try:
+        dense = tensor.detach().cpu().to_dense()
+        return (dense.float() if dense.dtype == bfloat16 else dense).numpy()
+    except (RuntimeError, TypeError) as error:  # masked, quantized, nested, without data
+        needed, reason = "one that NumPy can hold", str(error).partition("\n")[0].rstrip(".")
+        advice = "a dense tensor of floating point"
+        raise InputError(must_be("tensor", needed, shown(reason), advice)) from error
 
 
 def _from_array(array: NDArray[Any], name: str, max_pixels: int) -> Photo:

@@ -10,6 +10,20 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, must_be, shown
 
 
+def plain_array(array: NDArray[Any], name: str) -> NDArray[Any]:
+    """An array of any subclass as a plain one, of the same samples.
+
+    np.matrix keeps two dimensions whatever its index, and other subclasses redefine operators.
+    Raises InputError for a masked array with masked samples, which have no value.
+    """
+    if np.ma.is_masked(array):
+        count = int(np.ma.getmaskarray(array).sum())
+        got = shown(f"{count} masked of {array.size}")
+        advice = ".filled(0), or another value"
+        raise InputError(must_be(name, "without masked samples", got, advice))
+    return np.asarray(array)
+
+
 def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
     """Samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
 

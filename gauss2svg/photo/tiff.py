@@ -6,6 +6,7 @@ PackBits.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.photo.complete import lack_of_parts
 from gauss2svg.photo.formats import broken, check_size
 from gauss2svg.photo.tags import Tags, dpi_in, tags_from
 
@@ -60,6 +62,10 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
                 )
                 needed = "a TIFF of grey or RGB, 8 or 16 bits or floating point, alpha or not"
                 raise InputError(must_be(name, needed, got, "saving it as such, or as PNG"))
+            if missing := lack_of_parts(
+                page.dataoffsets, page.databytecounts, math.prod(page.chunked)
+            ):
+                raise broken(name, OSError(missing))
             samples = _samples_last(page.asarray().reshape(page.shaped))
             kinds = [int(kind) for kind in page.extrasamples]
             profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)

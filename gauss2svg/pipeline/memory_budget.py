@@ -121,7 +121,7 @@ def _too_little(needed: float, limit: int, work: str, advice: str) -> InputError
 
 
 def _megabytes(size: float) -> str:
-    return f"{size / 1e6:.0f} MB"
+    return f"{size / 1e6:.0f} MB" if size >= 1e6 else f"{size:.0f} bytes"
 
 
 def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = _CGROUPS) -> int:

@@ -70,7 +70,8 @@ class Plan:
         """Raise InputError for options that an additive file cannot have."""
         svg, document = self.options.svg, self.options.document
         if svg.portable and self.options.fit.blend != ADD:
-            raise InputError(must_be("blend", f"{ADD} with portable", self.options.fit.blend))
+            blend = self.options.fit.blend
+            raise InputError(must_be("blend", f"{ADD} with portable", blend, f"--blend {ADD}"))
         if self.written_blend != ADD:
             return
         renderer = self.options.run.renderer

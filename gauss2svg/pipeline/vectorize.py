@@ -10,15 +10,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeVar
 
 from numba import get_num_threads, set_num_threads
 from numba.core import config
 
-from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.errors import InputError, instance, must_be, shown, whole_number
 from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions
-from gauss2svg.options import OptionGroup, file_name
+from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.photo.photo import Photo
@@ -40,8 +39,6 @@ from gauss2svg.svg.encode import LARGEST_NUMBER
 # 12 megapixels.
 PIXELS_PER_SECOND = 150_000
 _MOST_REACH = 5  # canvas sides that a shape may extend to: sigma is at most 1, the cut-off is at 3
-
-_Group = TypeVar("_Group", bound=OptionGroup)
 
 
 def vectorize(
@@ -75,8 +72,7 @@ def vectorize(
     the run and is the report's stop_reason; missed targets are in its `unreached`. The SVG has the
     photo's width and height even if the fit ran on a smaller image.
     Raises InputError for invalid input, RendererError for a missing renderer. Calls from several
-    threads wait for each other. Start child processes by spawn: numba's OpenMP does not work in a
-    forked child of a process that has already fitted.
+    threads wait for each other; a forked child may call it as well.
     """
     given = {
         name: value
@@ -90,12 +86,12 @@ def vectorize(
         if value is not None
     }
     options = Options(
-        goal=dataclasses.replace(_instance(goal, "goal", Goal), **given),
-        fit=_instance(fit, "fit", FitOptions),
-        densify=_instance(densify, "densify", DensifyOptions),
-        svg=_instance(svg, "svg", SvgOptions),
-        document=_instance(document, "document", Document),
-        run=_instance(run, "run", RunOptions),
+        goal=dataclasses.replace(instance(goal, "goal", Goal), **given),
+        fit=instance(fit, "fit", FitOptions),
+        densify=instance(densify, "densify", DensifyOptions),
+        svg=instance(svg, "svg", SvgOptions),
+        document=instance(document, "document", Document),
+        run=instance(run, "run", RunOptions),
     )
     return vectorize_by(options, image, progress=progress, stop=stop)
 
@@ -164,14 +160,6 @@ def vectorize_by(
     )  # fmt: skip
     report["checkpoint_trouble"] = None if checkpoint is None else checkpoint.trouble
     return Result(outcome.svg, outcome.scene, report, outcome.measured.raster, document)
-
-
-def _instance(group: _Group | None, name: str, kind: type[_Group]) -> _Group:
-    if group is None:
-        return kind()
-    if not isinstance(group, kind):
-        raise InputError(must_be(name, f"a {kind.__name__}", shown(type(group).__name__)))
-    return group
 
 
 def _check_callable(name: str, function: object, *arguments: str) -> None:

@@ -30,7 +30,6 @@ RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
 
 # Falloffs of a fit: beta = 1 everywhere, as in the paper, or a learned beta for each shape.
 GAUSSIAN, ADAPTIVE = "gaussian", "adaptive"
-FALLOFFS = (GAUSSIAN, ADAPTIVE)
 # The exponents of a file: gradients are shared by colour and exponent, and more exponents gain
 # nothing (docs/decisions/falloff.md).
 BETA_CLASSES = (1.0, 1.7, 3.0, 6.0, 16.0, 64.0)

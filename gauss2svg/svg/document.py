@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, shown, whole_number
 from gauss2svg.options import Number, OptionGroup, file_name
+from gauss2svg.photo.samples import plain_array
 
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE = "photo"
@@ -65,7 +66,8 @@ def check_segments(name: str, segments: Any) -> Any:
         return file_name(name, segments)
     if not isinstance(segments, np.ndarray) or segments.ndim == 0:
         return whole_number(name, segments, 1, MOST_SEGMENTS)
-    labels = segments.astype(np.uint8) if segments.dtype == bool else segments
+    labels = plain_array(segments, name)
+    labels = labels.astype(np.uint8) if labels.dtype == bool else labels
     if labels.ndim != 2 or not labels.size:
         got = shown(f"shape {labels.shape}")
         raise InputError(must_be(name, "an array (h, w) of whole numbers", got))

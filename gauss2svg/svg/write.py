@@ -27,7 +27,7 @@ from typing import Any
 import svgwrite
 from svgwrite.extensions import Inkscape
 
-from gauss2svg.errors import InputError, number_within
+from gauss2svg.errors import InputError, instance, number_within
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive import Ramp, encode_additive
 from gauss2svg.svg.document import Document, round_id
@@ -58,7 +58,8 @@ def write_svg(
     Raises InputError for an additive scene with segments, animation or fragments, and for a
     document whose segments or size depend on a photo.
     """
-    svg_format, document = svg_format or SvgFormat(), document or Document()
+    svg_format = instance(svg_format, "svg_format", SvgFormat)
+    document = instance(document, "document", Document)
     if scene.blend == ADD:
         return _write_additive(scene, svg_format, document)
     scene = grouped_by_segment(scene, document.labels)
@@ -90,7 +91,7 @@ def outline_svg(
     stroke_width  px, above 0
     Raises InputError for a width out of range, and for an additive scene.
     """
-    document = document or Document()
+    document = instance(document, "document", Document)
     if scene.blend == ADD:
         raise _not_for_additive(
             "outlines", "their colours are differences, which show nothing by themselves"

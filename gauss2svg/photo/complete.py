@@ -1,0 +1,235 @@
+"""Whether the data of an image file reach its last pixel, where the decoder does not ask.
+
+Pillow refuses what ends early in a GIF, WebP, BMP or AVIF. The pixels that it does not find it
+leaves black in a PNG and in a TIFF, and libjpeg makes them grey.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import struct
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from PIL import Image
+from PIL.JpegImagePlugin import JpegImageFile
+
+# The next marker of a JPEG that is not within the data of a scan, as stuffing and restarts are.
+_MARKER = re.compile(rb"\xff+([\x01-\xcf\xd8-\xfe])")
+_END_OF_IMAGE, _START_OF_SCAN = 0xD9, 0xDA
+# Frames of a coder whose data may leave out trailing zeros.
+_ARITHMETIC = (0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF)
+_COEFFICIENTS = {0xC0: 1, 0xC1: 1, 0xC2: 64}  # that may have scans of their own, by the frame
+_WITHOUT_LENGTH = (0x01, 0xD8)
+_RESTARTS = range(0xD0, 0xD8)
+# Data of any kind without markers. The bits of one are the other's inverted: some code of a block
+# without content may begin with either.
+_PADDING = bytes(1 + 89 * n * n % 251 for n in range(500))
+_PADDINGS = (_PADDING, bytes(255 - byte for byte in _PADDING))
+_BAND = 256  # rows that are compared at once
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by colour type
+# First column, first row, step across and step down of each pass (PNG, third edition, 8.1).
+_ADAM7 = (
+    (0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
+    (0, 1, 1, 2),
+)  # fmt: skip
+_WIDTH, _HEIGHT, _SAMPLES, _PLANES = 256, 257, 277, 284  # tags of a TIFF
+_STRIPS, _TILES = (273, 279), (324, 325)  # offsets and byte counts
+_ROWS_PER_STRIP, _TILE_WIDTH, _TILE_HEIGHT = 278, 322, 323
+_SEPARATE = 2
+_COMPRESSION, _JPEG_TABLES = 259, 347
+_FAX_TAGS = (_COMPRESSION, 262, 266, 292, 293)  # and photometric, order of bits, options
+
+_Tags = dict[int, Any]
+
+
+def lack_of(image: Image.Image) -> Callable[[Image.Image], str]:
+    """What to ask of an image after it is loaded, given before: what its file lacks, "" if nothing.
+
+    A file that cannot be understood lacks nothing here: that is for its decoder to say.
+    """
+    file, check = getattr(image, "fp", None), _CHECKS.get(image.format or "")
+    if file is None or check is None or not getattr(image, "tile", None):
+        return lambda _: ""
+    place = file.tell()
+    file.seek(0)
+    data = file.read()
+    file.seek(place)
+    tags = dict(getattr(image, "tag_v2", {}))  # loading turns the image, and they go
+    return lambda loaded: check(data, loaded, tags)
+
+
+def lack_of_parts(offsets: Sequence[int], counts: Sequence[int], number: int) -> str:
+    """What a TIFF lacks of its number of strips or tiles; 0 or none stands for one left out."""
+    present = sum(1 for offset, count in zip(offsets, counts, strict=False) if offset and count)
+    missing = number - min(present, number)
+    return f"{missing} of its {number} strips or tiles have no data" if missing else ""
+
+
+def _lack_of_tiff(file: bytes, _: Image.Image, tags: _Tags) -> str:
+    width, height = _number(tags, _WIDTH, 1), _number(tags, _HEIGHT, 1)
+    across, down = width, _number(tags, _ROWS_PER_STRIP, height)
+    places, sizes = _STRIPS
+    if _TILES[0] in tags:
+        places, sizes = _TILES
+        across, down = _number(tags, _TILE_WIDTH, width), _number(tags, _TILE_HEIGHT, height)
+    columns, rows = math.ceil(width / across), math.ceil(height / down)
+    planes = _number(tags, _SAMPLES, 1) if tags.get(_PLANES) == _SEPARATE else 1
+    offsets = _as_tuple(tags.get(places))
+    counts = _as_tuple(tags.get(sizes)) or (1,) * len(offsets)
+    if not offsets:  # as in old files of JPEG data
+        return ""
+    if missing := lack_of_parts(offsets, counts, columns * rows * planes):
+        return missing
+    ends = _ENDS.get(_number(tags, _COMPRESSION, 1))
+    for k, (offset, count) in enumerate(zip(offsets, counts, strict=False)) if ends else ():
+        tall = min(down, height - k // columns % rows * down) if columns * across == width else down
+        if ends and ends(file[offset : offset + count], tags, across, tall):
+            return f"the data of its strip or tile {k + 1} of {columns * rows * planes} end early"
+    return ""
+
+
+def _jpeg_ends(part: bytes, tags: _Tags, _width: int, _height: int) -> bool:
+    tables = tags.get(_JPEG_TABLES)
+    stream = tables[:-2] + part[2:] if isinstance(tables, bytes) else part
+    with JpegImageFile(io.BytesIO(stream), "") as image:
+        image.load()
+        return bool(_lack_of_jpeg(stream, image, tags))
+
+
+def _fax_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
+    """As of a JPEG; libtiff leaves what is missing white."""
+    images = [
+        Image.open(io.BytesIO(_one_strip(part + padding, tags, width, height)))
+        for padding in (b"", *map(_with_lines, _PADDINGS))
+    ]
+    try:
+        return len({image.tobytes() for image in images}) > 1
+    except OSError:  # the padding is no data of this kind, and was read
+        return True
+
+
+def _with_lines(padding: bytes) -> bytes:
+    """Data with ends of lines, up to which libtiff skips what it cannot read."""
+    return b"\0\x10".join(padding[k : k + 8] for k in range(0, len(padding), 8))
+
+
+def _one_strip(data: bytes, tags: _Tags, width: int, height: int) -> bytes:
+    """A TIFF of one strip of two levels."""
+    numbers = {_WIDTH: width, _HEIGHT: height, 258: 1, _ROWS_PER_STRIP: height}
+    numbers |= {tag: tags[tag] for tag in _FAX_TAGS if isinstance(tags.get(tag), int)}
+    numbers |= dict(zip(_STRIPS, (8, len(data)), strict=True))
+    entries = (struct.pack("<HHII", tag, 4, 1, numbers[tag]) for tag in sorted(numbers))
+    directory = struct.pack("<H", len(numbers)) + b"".join(entries) + bytes(4)
+    return b"II*\0" + struct.pack("<I", 8 + len(data)) + data + directory
+
+
+def _number(tags: _Tags, tag: int, default: int) -> int:
+    value = tags.get(tag, default)
+    return value if isinstance(value, int) and value > 0 else default
+
+
+def _as_tuple(value: Any) -> tuple[int, ...]:
+    return value if isinstance(value, tuple) else () if value is None else (value,)
+
+
+def _lack_of_png(file: bytes, image: Image.Image, _: _Tags) -> str:
+    """By the length of its unpacked rows."""
+    bits, color_type, _, _, interlaced = file[24:29]
+    samples = bits * _PNG_CHANNELS.get(color_type, 0)
+    width, height = image.size
+    needed = 0
+    for x, y, across, down in _ADAM7 if interlaced else ((0, 0, 1, 1),):
+        columns, rows = math.ceil((width - x) / across), math.ceil((height - y) / down)
+        if columns > 0 and rows > 0:
+            needed += rows * (1 + math.ceil(columns * samples / 8))
+    left, unpack = needed, zlib.decompressobj()
+    for data in _packed_rows(file):
+        while data and left > 0 and not unpack.eof:
+            left -= len(unpack.decompress(data, min(left, 1 << 20)))
+            data = unpack.unconsumed_tail
+    return f"its data end after {(needed - left) / needed:.1%} of its rows" if left > 0 else ""
+
+
+def _packed_rows(file: bytes) -> Iterator[bytes]:
+    """The data of each IDAT of a PNG."""
+    place = 8
+    while place + 8 <= len(file):
+        end = place + 8 + int.from_bytes(file[place : place + 4], "big")
+        if file[place + 4 : place + 8] == b"IDAT":
+            yield file[place + 8 : end]
+        place = end + 4
+
+
+def _lack_of_jpeg(file: bytes, image: Image.Image, _: _Tags) -> str:
+    """By whether what follows the data of a scan changes the picture."""
+    for padding in _PADDINGS:
+        padded = _padded(file, padding)
+        if padded is None:
+            return ""
+        if not padded:
+            return "some of its scans are missing"
+        with JpegImageFile(io.BytesIO(padded), "") as other:
+            other.load()
+            if (other.size, other.mode) != (image.size, image.mode):  # its owner asked for a draft
+                return ""
+            row = _first_difference(image, other)
+        if row is not None:
+            return f"its data end at row {row} of {image.height}"
+    return ""
+
+
+def _first_difference(one: Image.Image, other: Image.Image) -> int | None:
+    """The first row in which images of one size and mode differ; None where they are equal."""
+    width, height = one.size
+    top, rows = 0, _BAND
+    while top < height:
+        band = (0, top, width, min(top + rows, height))
+        if one.crop(band).tobytes() == other.crop(band).tobytes():
+            top += rows
+        elif rows == 1:
+            return top
+        else:
+            rows = 1
+    return None
+
+
+def _padded(file: bytes, padding: bytes) -> bytes | None:
+    """The first JPEG of a file with more data in every scan, which those that are whole skip.
+
+    None where that cannot be told, b"" where whole scans are missing.
+    """
+    parts, done, place = [], 0, 0
+    lacking: set[tuple[int, int]] = set()  # components and their coefficients
+    while found := _MARKER.search(file, place):
+        kind = found[1][0]
+        place = found.end()
+        if kind == _END_OF_IMAGE:
+            return b"" if lacking else b"".join((*parts, file[done:place]))
+        if kind in _ARITHMETIC:
+            return None
+        if kind in _WITHOUT_LENGTH:
+            continue
+        head = file[place + 2 : (place := place + int.from_bytes(file[place : place + 2], "big"))]
+        if kind in _COEFFICIENTS:
+            lacking |= {(part, k) for part in head[6::3] for k in range(_COEFFICIENTS[kind])}
+        if kind == _START_OF_SCAN:
+            if (end := _MARKER.search(file, place)) is None or len(head) < 4:
+                return None
+            first, most, precision = head[-3:]
+            if not precision & 15:  # all of their bits
+                lacking -= {(part, k) for part in head[1:-3:2] for k in range(first, most + 1)}
+            scan = file[place : end.start()]
+            parts += [file[done : end.start()], padding]
+            last = max(_RESTARTS, key=lambda kind: scan.rfind(bytes((0xFF, kind))))
+            parts += [bytes((0xFF, 0xD0 | (last + n) & 7)) + padding for n in range(9)]
+            done = place = end.start()
+    return None
+
+
+_CHECKS = {"PNG": _lack_of_png, "JPEG": _lack_of_jpeg, "MPO": _lack_of_jpeg, "TIFF": _lack_of_tiff}
+# By the compression of a TIFF: whether a part ends early, where libtiff only warns.
+_ENDS = {2: _fax_ends, 3: _fax_ends, 4: _fax_ends, 32771: _fax_ends, 7: _jpeg_ends}
