@@ -223,7 +223,7 @@ def file_name(name: str, value: Any) -> str:
     """A path as text; raises InputError that names it."""
     path = ""
     if isinstance(value, (str, os.PathLike)):
-        with suppress(TypeError):  # of a __fspath__ that returns something else
+        with suppress(Exception):  # of a __fspath__ that returns something else, or raises
             path = str(os.fsdecode(value))
     if not path:
         raise InputError(must_be(name, "the path of a file", value))
