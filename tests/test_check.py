@@ -358,7 +358,7 @@ def test_frame_is_one_that_renderers_hold(root, halves, monkeypatch):
             assert max(frame.width, frame.height, *map(abs, frame.view_box)) <= 1e30
             json.dumps(checked.report, allow_nan=False)
             let_through += 1
-    assert let_through >= 19
+    assert let_through >= 15
 
 
 @pytest.mark.parametrize("side", ["1e-30", "1e-12", "1e12", "1e30"])
