@@ -1,8 +1,10 @@
 """Laws of `gauss2svg check`: any SVG is scored as our own are, and files are whole or untouched."""
 
 import base64
+import contextlib
 import gzip
 import io
+import itertools
 import json
 import os
 import subprocess
@@ -322,11 +324,51 @@ def test_mistake_is_one_line_status_two_and_no_file(arguments, message, fitted, 
         ('viewBox="0 0 8 0"', "viewBox must be x, y, and a width and a height above 0"),
         ('viewBox="0 0 8 inf"', "viewBox must be finite numbers"),
         ('width="0" height="8"', "width of the SVG must be above 0"),
+        ('width="8" height="-8" viewBox="0 0 8 8"', "height of the SVG must be above 0"),
+        ('width="1e-320" height="8"', "width of the SVG must be above 0 and in 1e-30..1e.30 px"),
+        ('style="height:1e31px" viewBox="0 0 8 8"', "height of the SVG must be above 0 and in"),
+        ('width="1e9" viewBox="0 0 1e-29 8"', r"height of the SVG must be .*; got 8e\+38. Try"),
+        ('viewBox="0 0 1e-300 1e-300"', "width and a height of at least 1e-30; got '0 0 1e-300"),
+        ('viewBox="0 0 8 1e31"', r"viewBox must be of numbers up to 1e\+30"),
+        ('viewBox="-1e300 0 8 8"', r"viewBox must be of numbers up to 1e\+30"),
     ],
 )
 def test_svg_without_a_size_is_refused(root, message, halves):
     with pytest.raises(InputError, match=message):
         gauss2svg.check(halves, f"<svg {XMLNS} {root}/>")
+
+
+NUMBERS = ("1e-320", "1e-45", "1e-31", "1e-30", "1e-9", "1", "1e9", "1e30", "1e31", "1e300")
+FRAMES = (
+    'viewBox="0 0 {0} {1}"', 'width="{0}" height="{1}"', 'height="{0}" viewBox="0 0 {1} 1"',
+    'width="{0}" height="{1}" viewBox="0 0 8 8"', 'viewBox="{0} -{1} 8 8"',
+    'style="width:{0}px" viewBox="0 0 8 {1}"',
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("root", FRAMES)
+def test_frame_is_one_that_renderers_hold(root, halves, monkeypatch):
+    monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: halves)
+    let_through = 0
+    for numbers in itertools.product(NUMBERS, NUMBERS):
+        with contextlib.suppress(InputError):
+            checked = gauss2svg.check(halves, f"<svg {XMLNS} {root.format(*numbers)}/>")
+            frame = checked.frame
+            assert min(frame.width, frame.height, *frame.view_box[2:]) >= 1e-30
+            assert max(frame.width, frame.height, *map(abs, frame.view_box)) <= 1e30
+            json.dumps(checked.report, allow_nan=False)
+            let_through += 1
+    assert let_through >= 15
+
+
+@pytest.mark.parametrize("side", ["1e-30", "1e-12", "1e12", "1e30"])
+def test_scale_of_the_coordinates_does_not_matter(side, halves, drawn_here):
+    half = float(side) / 2
+    svg = (
+        f'<svg {XMLNS} viewBox="0 0 {side} {side}"><rect width="{side}" height="{side}" '
+        f'fill="#00f"/><rect width="{half!r}" height="{side}" fill="#f00"/></svg>'
+    )
+    assert gauss2svg.check(halves, svg).psnr == np.inf
 
 
 def test_crash_of_a_renderer_is_an_error(halves):

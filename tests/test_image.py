@@ -3,6 +3,7 @@ import io
 import numpy as np
 import pytest
 import torch
+from flat import vectorize
 from pictures import encoded
 from PIL import Image
 
@@ -10,6 +11,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.photo.alpha import shrunk
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import load_image
+from gauss2svg.svg.document import Document
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
@@ -108,6 +110,59 @@ def test_unusual_arrays_and_tensors_are_read():
     np.testing.assert_allclose(load_image(tensor.to_sparse()).pixels, BYTES / 255, atol=1e-7)
 
 
+class Odd(np.ndarray):
+    """Whose own operators are wrong."""
+
+    def __getitem__(self, _):
+        raise ZeroDivisionError
+
+    __mul__ = __truediv__ = __ge__ = __getitem__
+
+
+GREY = BYTES[:, :, 0]
+FORMS = {
+    "matrix": (GREY.view(np.matrix), GREY / 255),
+    "matrix of floats": ((GREY / 255).view(np.matrix), GREY / 255),
+    "subclass": (BYTES.view(Odd), BYTES / 255),
+    "nothing masked": (np.ma.array(BYTES), BYTES / 255),
+    "read-only": (np.frombuffer(BYTES.tobytes(), np.uint8).reshape(BYTES.shape), BYTES / 255),
+    "reversed": (BYTES[::-1, ::-2, ::-1], BYTES[::-1, ::-2, ::-1] / 255),
+    "by columns": (np.asfortranarray(BYTES), BYTES / 255),
+    "broadcast": (np.broadcast_to(np.uint8(51), (6, 9, 3)), np.full((6, 9), 0.2)),
+    "big-endian floats": ((BYTES / 255).astype(">f8"), BYTES / 255),
+    "unaligned": (
+        np.frombuffer(b"x" + np.float32(BYTES / 255).tobytes(), np.float32, offset=1)
+        .reshape(BYTES.shape), BYTES / 255,
+    ),
+    "long floats": (np.longdouble(BYTES) / 255, BYTES / 255),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_arrays_of_any_form_are_read_as_plain_ones(name):
+    array, expected = FORMS[name]
+    before = array.tobytes()
+    photo = load_image(array)
+    expected = np.atleast_3d(expected) * np.ones(3)
+    np.testing.assert_allclose(photo.pixels, expected, atol=1e-7)
+    assert type(photo.pixels) is np.ndarray
+    assert photo.pixels.flags.c_contiguous
+    assert photo.pixels.dtype.isnative
+    assert array.tobytes() == before
+
+
+def test_labels_of_any_form_are_read_as_plain_ones():
+    plain = RNG.integers(0, 4, (6, 9))
+    for labels in (plain.view(np.matrix), np.ma.array(plain), plain.astype(">i8"), plain[:, ::-1]):
+        document = Document(segments=labels)
+        assert type(document.labels) is np.ndarray
+        np.testing.assert_array_equal(document.labels, np.asarray(labels))
+    result = vectorize(BYTES, gaussians=3, iterations=1, segments=plain.view(np.matrix))
+    assert result.document.labels.shape == (6, 9)
+    with pytest.raises(InputError, match=r"segments must be without masked samples; got 54 masked"):
+        Document(segments=np.ma.masked_all((6, 9), np.int64))
+
+
 def test_picture_opened_lazily_and_broken_is_refused():
     with pytest.raises(InputError, match="broken"):
         load_image(Image.open(io.BytesIO(encoded(Image.fromarray(BYTES), "PNG")[:60])))
@@ -123,6 +178,20 @@ def test_picture_opened_lazily_and_broken_is_refused():
         (torch.full((3, 2, 2), float("nan")), "got nan at row 0"),
         (np.array([[0, float("inf")]]), "got inf at row 0, column 1, channel 0"),
         (42, "got int"),
+        (np.ma.array(BYTES, mask=BYTES > 100), r"array must be without masked .* Try .filled\(0\)"),
+        (
+            np.ma.masked_invalid([[0.5, np.nan]]),
+            "must be without masked samples; got 1 masked of 2",
+        ),
+        (BYTES.astype(object), "type of array must be uint8, .*; got object"),
+        (
+            np.zeros((4, 4), [("r", "u1"), ("g", "u1")]),
+            "type of array must be uint8, .*; got .*'r'",
+        ),
+        (np.array(3), r"shape of array must be .*; got \(\)"),
+        (np.full((4, 4), "a"), "type of array must be uint8, .*; got <U1"),
+        (torch.zeros(3, 4, 4, dtype=torch.complex64).conj(), "NumPy can hold; got .* conjugate"),
+        (torch.empty(3, 4, 4, device="meta"), "tensor must be one that NumPy can hold; got Cannot"),
         (io.StringIO("text"), "must be binary; got one that reads str"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import io
 import struct
+import time
 import zlib
 from collections.abc import Iterator
 
@@ -112,6 +113,24 @@ def test_png_whose_rows_end_early_is_refused(channels, bits, interlaced):
             parts = b"".join(chunk(b"IDAT", part) for part in data)
             assert refuses(whole[:place] + parts + chunk(b"IEND", b""))
     assert not refuses(whole[:place] + chunk(b"IDAT", zlib.compress(rows + b"abc")) + whole[-12:])
+
+
+@pytest.mark.parametrize("width", [1000, 1023, 262143, 349525, 600001])
+def test_png_that_packs_well_is_whole(width):
+    assert not refuses(png(np.zeros((3, width, 3), np.uint8)))
+
+
+def test_time_grows_no_faster_than_a_file_of_markers():
+    whole = jpeg_of("plain")
+    (begin, end), *_ = ends_of_scans(whole)
+    filled = whole[:end] + b"\xff" * 1_000_000 + whole[end:]
+    begun = time.process_time()
+    np.testing.assert_array_equal(load_image(filled).pixels, load_image(whole).pixels)
+    short = whole[: (begin + end) // 2].rstrip(b"\xff")
+    assert refuses(short + b"\xff" * 1_000_000 + b"\xff\xd9")
+    scan = whole[whole.index(b"\xff\xda") : end]
+    refuses(whole[:end] + scan[:14] * 50_000 + whole[end:])  # or not
+    assert time.process_time() - begun < 2
 
 
 def without(file: bytes, tag: int, kept: int) -> bytes:

@@ -26,6 +26,7 @@ ROOT = (
     'xmlns:any="http://www.w3.org/1999/xlink" '
     'xmlns:s="http://sodipodi.sourceforge.net/DTD/sodipodi-0.dtd" viewBox="0 0 8 8">'
 )
+XHTML = 'xmlns:h="http://www.w3.org/1999/xhtml"'
 LAUGHS = "".join(f'<!ENTITY l{i} "{f"&l{i - 1};" * 10}">' for i in range(1, 10))
 
 
@@ -87,6 +88,15 @@ REFUSED = {
     "escaped paint": (f"{ROOT}<g style='fill:\\75r\\6c(x.svg)'/></svg>", "got 'x.svg'"),
     "escaped import": (f"{ROOT}<style>@\\69mport 'x.css';</style></svg>", "@import of a style"),
     "instruction": (f'<?xml-stylesheet href="x.css"?>{ROOT}</svg>', "@import of a style sheet"),
+    "style sheet of a page": (
+        f'{ROOT}<h:style {XHTML}>@import "x.css";</h:style></svg>', "@import of a style sheet",
+    ),
+    "element in a style sheet": (
+        f'{ROOT}<style>@imp<g>x</g>ort "x.css";</style></svg>', "be of text alone; got <g> in it",
+    ),
+    "set of images": (f"{ROOT}<g style='fill:image-set(\"x.png\" 1x)'/></svg>", "got 'x.png'"),
+    "picture of a page": (f'{ROOT}<h:img {XHTML} src="x.png"/></svg>', "got 'x.png'"),
+    "base": (f'{ROOT}<image xml:base="/etc/x.png" href=""/></svg>', "got '/etc/x.png'"),
     "nested svg": (
         f'{ROOT}<image href="{data_of(NESTED)}"/></svg>', "data: in the SVG must be an image",
     ),
@@ -142,11 +152,55 @@ def test_it_is_refused_in_one_line(name, renderer, tmp_path, capsys):
         "<style>@namespace url(http://a); /* url(x) */ g { fill: url(#a) }</style>",
         "<style>@font-face { src: url(data:font/woff2;base64,AAAA) }</style>",
         '<image href=""/>',
+        "<style>g { fill: image-set(url(#a) 1x type('image/png'), 'data:image/png;base64,AA' 2x) }"
+        "</style>",
+        f'<h:a {XHTML} href="https://example.com"><h:img src="#a" alt="x.png"/></h:a>',
+        f'<h:img {XHTML} src="{data_of(png(3, 2))}" title="image-set"/>',
+        '<g class="image" data="1" src="x"/>',
         f'<image href="{data_of(png(3, 2))}"/>',
     ],
 )
 def test_what_stays_within_the_file_is_let_through(inner):
     assert survey(f"{ROOT}{inner}</svg>", 10).elements > 1
+
+
+LOADED = ("x.png", "file:///x.png", "https://a/x.png", "//a/x.png", "/etc/x.png")
+
+
+@pytest.mark.parametrize("function", ["url", "src", "image", "image-set", "cross-fade"])
+@pytest.mark.parametrize("prefix", ["", "-webkit-", "-MOZ-"])
+def test_no_function_of_css_loads(function, prefix):
+    spelled = {f"{prefix}{function}", function.upper(), f"\\{ord(function[0]):x} {function[1:]}"}
+    for name in spelled:
+        for target in LOADED:
+            for value in (f"{name}('{target}' 1x)", f"{name}( {name}('{target}'), #000)"):
+                sheet = f"g {{ background: none, {value} }}"
+                for svg in (f'<g style="fill: {value}"/>', f"<style>{sheet}</style>",
+                            f"<h:style {XHTML}>{sheet}</h:style>", f'<g fill="{value}"/>',
+                            f'<h:p {XHTML} style="content: {value}"/>'):  # fmt: skip
+                    with pytest.raises(InputError, match="reference in the SVG must be within"):
+                        survey(f"{ROOT}{svg}</svg>", 9)
+    indirect = f"--a: 'x.png'; background: {prefix}{function}(var(--a) 1x)"
+    if function != "url":  # a function of which no part is taken from elsewhere
+        with pytest.raises(InputError, match=r"got '.*\(var\(\)\)'"):
+            survey(f'{ROOT}<g style="{indirect}"/></svg>', 9)
+
+
+LOADING = ("src", "srcset", "href", "data", "poster", "background", "imagesrcset", "srcdoc", "code")
+
+
+@pytest.mark.parametrize("attribute", LOADING)
+@pytest.mark.parametrize(
+    "space", ["http://www.w3.org/1999/xhtml", "http://www.w3.org/1998/Math/MathML"]
+)
+def test_no_attribute_of_another_namespace_loads(attribute, space):
+    for tag in ("img", "object", "video", "body", "link", "style", "any"):
+        for target in LOADED:
+            inner = f'<x:{tag} xmlns:x="{space}" {attribute}="{target}"/>'
+            for svg in (inner, inner.replace("x:", "").replace("xmlns:x", "xmlns"),
+                        f"<foreignObject><g>{inner}</g></foreignObject>"):  # fmt: skip
+                with pytest.raises(InputError, match="reference in the SVG must be within"):
+                    survey(f"{ROOT}{svg}</svg>", 9)
 
 
 def test_gzip_bomb_is_refused_without_being_unpacked(monkeypatch):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.raster.css import declarations
 from gauss2svg.svg.reader.values import pixels_of, view_box
+
+# Renderers hold numbers in 32 bits, of which the transform to pixels needs some of the range.
+_LEAST, _MOST = 1e-30, 1e30
+_SCALE = "to scale it to the size of the photo"
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ def frame_of(root: Mapping[str, str]) -> Frame:
     """The frame of a root's attributes; a missing size follows from the rest.
 
     Raises InputError where there is neither a viewBox nor a width and a height in absolute
-    units, and for a size that is not positive.
+    units, and for numbers that renderers do not hold: see _LEAST and _MOST.
     """
     styled = dict(_styled_lengths(root.get("style", "")))
     width, height = (
@@ -46,9 +49,16 @@ def frame_of(root: Mapping[str, str]) -> Frame:
                 )
             )
         return Frame(width, height, (0.0, 0.0, width, height))
-    if width is None:
-        width = box[2] if height is None else height * box[2] / box[3]
-    return Frame(width, width * box[3] / box[2] if height is None else height, box)
+    if max(map(abs, box)) > _MOST or min(box[2:]) < _LEAST:
+        needed = f"of numbers up to {_MOST:g}, and a width and a height of at least {_LEAST:g}"
+        raise InputError(must_be("viewBox", needed, root["viewBox"], _SCALE))
+    if width is None and height is None:
+        width, height = box[2:]
+    elif width is None:
+        width = _side("width", height * box[2] / box[3])
+    elif height is None:
+        height = _side("height", width * box[3] / box[2])
+    return Frame(width, height, box)
 
 
 def _styled_lengths(style: str) -> Iterator[tuple[str, str]]:
@@ -62,6 +72,11 @@ def _styled_lengths(style: str) -> Iterator[tuple[str, str]]:
 def _length(name: str, text: str) -> float | None:
     """Pixels; None for a relative length."""
     pixels = pixels_of(text)
-    if pixels is not None and not 0 < pixels < math.inf:
-        raise InputError(must_be(f"{name} of the SVG", "above 0 and finite", text))
+    return None if pixels is None else _side(name, pixels, text)
+
+
+def _side(name: str, pixels: float, text: str = "") -> float:
+    if not _LEAST <= pixels <= _MOST:
+        needed, got = f"above 0 and in {_LEAST:g}..{_MOST:g} px", text or shown(f"{pixels:g}")
+        raise InputError(must_be(f"{name} of the SVG", needed, got, _SCALE))
     return pixels

@@ -6,8 +6,10 @@ browser would load more than any renderer here does, so that the score would be 
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator
+from typing import Any
 from urllib.request import DataHandler, Request
 
 from PIL import Image
@@ -15,10 +17,15 @@ from PIL import Image
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.raster.css import component_values
 
-_PICTURES = ("image", "feImage")
+_PICTURES = ("image", "feImage", "img")
 _FORMATS = ("PNG", "JPEG", "GIF", "WEBP")
 MOST_EMBEDDED_PIXELS = 100_000_000  # of all embedded pictures together
 _SPACE = " \t\r\n\f"
+# Functions of CSS whose strings are addresses, and what may spell one; after a vendor's prefix.
+_LOADING = ("url", "src", "image", "image-set", "cross-fade")
+_SUBSTITUTED = ("var", "env", "attr", "if")
+_VENDOR = re.compile(r"-[a-z]+-")
+_SUSPECT = re.compile(r"\\|@import|(src|image|image-set|cross-fade)\(")
 
 
 def check_css(text: str) -> int:
@@ -29,8 +36,7 @@ def check_css(text: str) -> int:
     """
     lowered = text.lower()
     # Without escapes a reference can be spelled in one way only; most are of this kind.
-    is_literal = "\\" not in text and "@import" not in lowered and "src(" not in lowered
-    if is_literal and all(map(_begins_within, lowered.split("url(")[1:])):
+    if not _SUSPECT.search(lowered) and all(map(_begins_within, lowered.split("url(")[1:])):
         return 0
     for target in _targets(text):
         if not target.startswith("#") and not _is_data(target):
@@ -64,10 +70,18 @@ def _targets(text: str) -> Iterator[str]:
                 lists.append(component_values(token.value))
             elif token.type == "function":
                 lists.append(token.arguments)
-                if token.lower_name in ("url", "src") and not skipped:
-                    yield from (t.value.strip() for t in token.arguments if t.type == "string")
+                if _VENDOR.sub("", token.lower_name, count=1) in _LOADING and not skipped:
+                    yield from _addresses(token)
             elif token.type.endswith(" block"):
                 lists.append(token.content)
+
+
+def _addresses(function: Any) -> Iterator[str]:
+    for token in function.arguments:
+        if token.type == "string":
+            yield token.value.strip()
+        elif token.type == "function" and token.lower_name in _SUBSTITUTED:
+            yield f"{function.name}({token.name}())"
 
 
 def check_link(tag: str, target: str) -> int:
@@ -83,6 +97,12 @@ def check_link(tag: str, target: str) -> int:
     if _is_data(target) and tag in _PICTURES:
         return _pixels(target)
     raise _outside(target)
+
+
+def check_unread(target: str) -> None:
+    """Raise InputError for what browsers may load by an attribute that is not taken apart here."""
+    if target.strip():
+        raise _outside(target)
 
 
 def _is_data(target: str) -> bool:

@@ -11,13 +11,17 @@ from defusedxml.common import DefusedXmlException, DTDForbidden
 from defusedxml.ElementTree import DefusedXMLParser
 
 from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.measure.references import MOST_EMBEDDED_PIXELS, check_css, check_link
+from gauss2svg.measure.references import MOST_EMBEDDED_PIXELS, check_css, check_link, check_unread
 from gauss2svg.raster.css import MOST_CSS
 
 SVG_NAMESPACE = "http://www.w3.org/2000/svg"
 _SVG = f"{{{SVG_NAMESPACE}}}"
 _GROUP_MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
 _LINKS = ("href", "absref")  # the latter of sodipodi, by which Inkscape finds local files
+_BASE = "{http://www.w3.org/XML/1998/namespace}base"  # CairoSVG adds links, even empty ones, to it
+# By which browsers load into elements of HTML, whichever part of an SVG they are in.
+_FOREIGN_LINKS = ("src", "data", "poster", "background")
+_FOREIGN_LISTS = ("srcset", "imagesrcset", "srcdoc", "archive", "code", "codebase", "classid")
 # Characters of the first piece; each next one is twice as long. Up to 2.5 expat rescans a token
 # that spans pieces, so that with pieces of one size an attribute of 200 MB took 252 s.
 _PIECE = 1 << 16
@@ -116,12 +120,19 @@ class _Counter:
             )
         self.tags[name] += 1
         self.layers += attributes.get(_GROUP_MODE) == "layer"
-        if name == "style":
-            self._css = []
         local = name.rpartition("}")[2]
+        if self._css is not None:
+            # Renderers disagree on which of its texts are the sheet.
+            got, advice = shown(f"<{local[:80]}> in it"), "to save it as plain SVG"
+            raise InputError(must_be("a style sheet in the SVG", "of text alone", got, advice))
+        if local == "style":
+            self._css = []
+        is_foreign = local != name
         for key, value in attributes.items():
-            if key.rpartition("}")[2] in _LINKS:
+            if key.rpartition("}")[2] in _LINKS or (is_foreign and key in _FOREIGN_LINKS):
                 self._follow(local, value)
+            elif key == _BASE or (is_foreign and key in _FOREIGN_LISTS):
+                check_unread(value)
             elif "(" in value:
                 self._check_css(value)
 
@@ -156,7 +167,7 @@ class _Counter:
             self._css.append(text)
 
     def end(self, tag: str) -> None:
-        if self._css is not None and tag.removeprefix(_SVG) == "style":
+        if self._css is not None and tag.rpartition("}")[2] == "style":
             self._check_css("".join(self._css))
             self._css = None
 

@@ -16,9 +16,10 @@ from typing import Any
 
 from PIL import Image
 from PIL.JpegImagePlugin import JpegImageFile
+from PIL.TiffImagePlugin import TiffImageFile
 
 # The next marker of a JPEG that is not within the data of a scan, as stuffing and restarts are.
-_MARKER = re.compile(rb"\xff+([\x01-\xcf\xd8-\xfe])")
+_MARKER = re.compile(rb"\xff([\x01-\xcf\xd8-\xfe])")
 _END_OF_IMAGE, _START_OF_SCAN = 0xD9, 0xDA
 # Frames of a coder whose data may leave out trailing zeros.
 _ARITHMETIC = (0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF)
@@ -29,6 +30,9 @@ _RESTARTS = range(0xD0, 0xD8)
 # without content may begin with either.
 _PADDING = bytes(1 + 89 * n * n % 251 for n in range(500))
 _PADDINGS = (_PADDING, bytes(255 - byte for byte in _PADDING))
+_PIECE = 1 << 18  # bytes
+_MOST_PADDED = 12_000  # parts of a padded JPEG, 12 to a scan; a hostile one has more scans
+_MOST_PART_PIXELS = 1 << 26  # of a strip or tile that is decoded once more
 _BAND = 256  # rows that are compared at once
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by colour type
 # First column, first row, step across and step down of each pass (PNG, third edition, 8.1).
@@ -84,18 +88,23 @@ def _lack_of_tiff(file: bytes, _: Image.Image, tags: _Tags) -> str:
         return ""
     if missing := lack_of_parts(offsets, counts, columns * rows * planes):
         return missing
-    ends = _ENDS.get(_number(tags, _COMPRESSION, 1))
-    for k, (offset, count) in enumerate(zip(offsets, counts, strict=False)) if ends else ():
-        tall = min(down, height - k // columns % rows * down) if columns * across == width else down
-        if ends and ends(file[offset : offset + count], tags, across, tall):
-            return f"the data of its strip or tile {k + 1} of {columns * rows * planes} end early"
+    ends, number = _ENDS.get(_number(tags, _COMPRESSION, 1)), columns * rows * planes
+    if ends is None or across * down > _MOST_PART_PIXELS:
+        return ""
+    for k, (offset, count) in enumerate(zip(offsets[:number], counts, strict=False)):
+        left = height - k // columns % rows * down
+        tall = min(down, left) if places == _STRIPS[0] else down  # tiles are as high throughout
+        if ends(file[offset : offset + count], tags, across, tall):
+            return f"the data of its strip or tile {k + 1} of {number} end early"
     return ""
 
 
-def _jpeg_ends(part: bytes, tags: _Tags, _width: int, _height: int) -> bool:
+def _jpeg_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
     tables = tags.get(_JPEG_TABLES)
     stream = tables[:-2] + part[2:] if isinstance(tables, bytes) else part
     with JpegImageFile(io.BytesIO(stream), "") as image:
+        if image.width > width or image.height > height:  # of which libtiff reads a part
+            return False
         image.load()
         return bool(_lack_of_jpeg(stream, image, tags))
 
@@ -103,7 +112,7 @@ def _jpeg_ends(part: bytes, tags: _Tags, _width: int, _height: int) -> bool:
 def _fax_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
     """As of a JPEG; libtiff leaves what is missing white."""
     images = [
-        Image.open(io.BytesIO(_one_strip(part + padding, tags, width, height)))
+        TiffImageFile(io.BytesIO(_one_strip(part + padding, tags, width, height)), "")
         for padding in (b"", *map(_with_lines, _PADDINGS))
     ]
     try:
@@ -148,19 +157,22 @@ def _lack_of_png(file: bytes, image: Image.Image, _: _Tags) -> str:
             needed += rows * (1 + math.ceil(columns * samples / 8))
     left, unpack = needed, zlib.decompressobj()
     for data in _packed_rows(file):
-        while data and left > 0 and not unpack.eof:
-            left -= len(unpack.decompress(data, min(left, 1 << 20)))
-            data = unpack.unconsumed_tail
+        rest, got = data, b"."
+        while left > 0 and (rest or got) and not unpack.eof:
+            got = unpack.decompress(rest, min(left, _PIECE))
+            left -= len(got)
+            rest = unpack.unconsumed_tail
     return f"its data end after {(needed - left) / needed:.1%} of its rows" if left > 0 else ""
 
 
 def _packed_rows(file: bytes) -> Iterator[bytes]:
-    """The data of each IDAT of a PNG."""
+    """The data of each IDAT of a PNG, in pieces: zlib copies what is left of one at each call."""
     place = 8
     while place + 8 <= len(file):
         end = place + 8 + int.from_bytes(file[place : place + 4], "big")
         if file[place + 4 : place + 8] == b"IDAT":
-            yield file[place + 8 : end]
+            for begin in range(place + 8, end, _PIECE):
+                yield file[begin : min(begin + _PIECE, end)]
         place = end + 4
 
 
@@ -219,11 +231,13 @@ def _padded(file: bytes, padding: bytes) -> bytes | None:
         if kind == _START_OF_SCAN:
             if (end := _MARKER.search(file, place)) is None or len(head) < 4:
                 return None
+            if len(parts) > _MOST_PADDED:
+                return None
             first, most, precision = head[-3:]
             if not precision & 15:  # all of their bits
                 lacking -= {(part, k) for part in head[1:-3:2] for k in range(first, most + 1)}
-            scan = file[place : end.start()]
-            parts += [file[done : end.start()], padding]
+            scan = file[place : end.start()].rstrip(b"\xff")  # bytes that fill up to the marker
+            parts += [file[done:place], scan, padding]
             last = max(_RESTARTS, key=lambda kind: scan.rfind(bytes((0xFF, kind))))
             parts += [bytes((0xFF, 0xD0 | (last + n) & 7)) + padding for n in range(9)]
             done = place = end.start()
