@@ -1,24 +1,24 @@
-// What the pages do beyond showing pictures. They are whole without it.
+// Interaction of the pages, which are complete without it.
 (() => {
   "use strict";
   const by = (id) => document.getElementById(id);
   const all = (selector, root = document) => [...root.querySelectorAll(selector)];
 
-  // ---- index: sort, filter, change the variant, draw live
+  // ---- first page: sort, filter, switch the variant, show thumbnails or SVGs
   function index() {
     const list = by("cards");
     const cards = all(".card", list).map((node, order) => ({
-      node, order, name: node.dataset.name, made: JSON.parse(node.dataset.made),
+      node, order, name: node.dataset.name, svgs: JSON.parse(node.dataset.svgs),
     }));
     const find = by("find"), least = by("least"), sort = by("sort"), reverse = by("reverse");
     const variant = by("variant"), live = by("live");
     const byName = new Intl.Collator(undefined, { numeric: true, sensitivity: "base" });
 
     function numberOf(card, key) {
-      const made = card.made[variant.value];
-      if (!made) return null;
-      if (key === "psnr_svg" && made[key] === null) return Infinity; // equal to its photo
-      return key === "gaussians" ? made.gaussians ?? made.elements : made[key];
+      const svg = card.svgs[variant.value];
+      if (!svg) return null;
+      if (key === "psnr_svg" && svg[key] === null) return Infinity; // equal to its photo
+      return key === "gaussians" ? svg.gaussians ?? svg.elements : svg[key];
     }
     function compare(a, b) {
       const key = sort.value, turn = reverse.checked ? -1 : 1;
@@ -26,7 +26,7 @@
       if (key === "photo") return turn * byName.compare(a.name, b.name) || a.order - b.order;
       const [x, y] = [numberOf(a, key), numberOf(b, key)];
       if (x === null || y === null) return (x === null) - (y === null) || a.order - b.order;
-      return (x === y ? 0 : turn * (x - y)) || a.order - b.order; // of two infinities none is larger
+      return (x === y ? 0 : turn * (x - y)) || a.order - b.order; // x - y is NaN for two infinities
     }
     function arrange() {
       const wanted = find.value.trim().toLocaleLowerCase(), floor = least.valueAsNumber;
@@ -39,22 +39,22 @@
         shown += fits;
         list.append(card.node);
       }
-      by("count").textContent = shown ? `${shown} of ${cards.length} shown` : "No photo is like that";
+      by("count").textContent = shown ? `${shown} of ${cards.length} shown` : "No photo matches";
     }
-    function draw() {
-      for (const { node, made } of cards) {
-        const one = made[variant.value];
+    function showVariant() {
+      for (const { node, svgs } of cards) {
+        const one = svgs[variant.value];
         const picture = node.querySelector("img");
         const label = node.querySelector(".variant");
         if (!one) {
           picture.src = node.dataset.photo;
-          if (Object.keys(made).length) label.textContent = "not made of this photo";
+          if (Object.keys(svgs).length) label.textContent = "not available for this photo";
           for (const cell of all("[data-number]", node)) cell.textContent = "–";
           continue;
         }
         const source = live.checked ? one.picture : one.thumbnail;
         if (picture.getAttribute("src") !== source) {
-          if (live.checked) picture.loading = "lazy"; // drawn when it comes into view
+          if (live.checked) picture.loading = "lazy"; // rasterised when it comes into view
           picture.src = source;
         }
         label.textContent = one.name;
@@ -64,51 +64,51 @@
       }
     }
     for (const control of [find, least, sort, reverse]) control.addEventListener("input", arrange);
-    live.addEventListener("input", draw);
-    variant.addEventListener("input", () => { draw(); arrange(); });
+    live.addEventListener("input", showVariant);
+    variant.addEventListener("input", () => { showVariant(); arrange(); });
     by("controls").addEventListener("submit", (event) => event.preventDefault());
-    draw();
+    showVariant();
     arrange();
-    // By now a browser that came back has put in again what was chosen before.
-    window.addEventListener("pageshow", () => { draw(); arrange(); });
+    // By then a browser that navigates back has restored the state of the controls.
+    window.addEventListener("pageshow", () => { showVariant(); arrange(); });
   }
 
   // ---- photo: the divider, zoom, rounds, error map, outlines, variants
   function photo() {
     const variants = JSON.parse(by("data").textContent);
-    const stage = by("stage"), slider = by("slider"), drawn = by("drawn"), outlines = all(".outlines");
+    const stage = by("stage"), slider = by("slider"), picture = by("svg"), outlines = all(".outlines");
     const form = by("controls"), rounds = by("rounds"), outlined = by("outlined");
     const side = (name) => Number(by("photo").getAttribute(name));
     const size = { w: side("width"), h: side("height") };
-    const centre = { x: 0.5, y: 0.5 }; // of what is seen, as a share of the picture
+    const centre = { x: 0.5, y: 0.5 }; // of the visible part, as a fraction of the image
     const chosen = (name) => form.elements[name].value;
     const variant = () => variants.find((one) => one.slug === chosen("variant"));
 
     function setSource(image, source) {
       if (image.getAttribute("src") !== source) image.src = source;
     }
-    // One after the other: a large SVG takes a while to be read, and of the rounds that a hand
-    // slides over in that time only the last is worth it.
-    let wanted = drawn.getAttribute("src"), isLoading = false;
-    function setDrawn(source) {
+    // One at a time: a large SVG takes a while to load, and of the rounds that the slider passes in
+    // that time only the last is needed.
+    let wanted = picture.getAttribute("src"), isLoading = false;
+    function setPicture(source) {
       wanted = source;
-      if (isLoading || drawn.getAttribute("src") === wanted) return;
+      if (isLoading || picture.getAttribute("src") === wanted) return;
       isLoading = true;
-      drawn.src = wanted;
+      picture.src = wanted;
     }
-    for (const kind of ["load", "error"]) drawn.addEventListener(kind, () => {
+    for (const kind of ["load", "error"]) picture.addEventListener(kind, () => {
       isLoading = false;
-      setDrawn(wanted);
+      setPicture(wanted);
     });
     function showPicture() {
       const one = variant(), errors = chosen("side") === "errors";
       const last = one.rounds.length, round = Number(rounds.value);
-      // The query keeps this image apart from the page's others of the same file: browsers share
-      // a document between images of one address, and with it the fragment.
+      // The query gives this image an address of its own: browsers share one document, and its
+      // fragment, between all images of the same address.
       const upTo = round < last ? `?rounds#round-${one.rounds[round - 1][0]}` : "";
-      setDrawn(errors ? one.errors : one.picture + upTo);
-      drawn.classList.toggle("pixels", errors);
-      drawn.alt = errors ? `Error map of ${one.name}` : `The SVG, ${one.name}`;
+      setPicture(errors ? one.errors : one.picture + upTo);
+      picture.classList.toggle("pixels", errors);
+      picture.alt = errors ? `Error map of ${one.name}` : `The SVG, ${one.name}`;
       by("badge").textContent = errors ? `Errors, ${one.name}` : `SVG, ${one.name}`;
       by("legend").hidden = !errors;
       if (last) {
@@ -124,7 +124,7 @@
         image.hidden = !strokes;
       }
       outlined.disabled = !one.outlines;
-      tellDivider();
+      describeDivider();
     }
     function showVariant() {
       const one = variant();
@@ -144,13 +144,13 @@
 
     const HINTS = {
       fit: "Drag the divider, or use the arrow keys.",
-      zoomed: "Drag the picture, or press Shift and the arrow keys, to move it. Drag the handle, or press the arrow keys, to move the divider.",
+      zoomed: "Drag the image, or press Shift and the arrow keys, to move it. Drag the handle, or press the arrow keys, to move the divider.",
     };
-    // Both sides and the outlines are laid out by the same four properties of the stage.
+    // Four properties of the stage lay out both sides and the outlines.
     function layOut() {
       const zoom = chosen("zoom"), fit = zoom === "fit";
       stage.classList.toggle("zoomed", !fit);
-      slider.handle = String(!fit); // elsewhere a drag moves the picture
+      slider.handle = String(!fit); // elsewhere, dragging moves the image
       by("hint").textContent = fit ? HINTS.fit : HINTS.zoomed;
       if (fit) {
         for (const name of ["--left", "--top", "--wide", "--high"]) stage.style.removeProperty(name);
@@ -172,7 +172,7 @@
       layOut();
     }
 
-    function tellDivider() {
+    function describeDivider() {
       const share = Math.round(slider.value);
       slider.setAttribute("aria-valuenow", share);
       const other = chosen("side") === "errors" ? "error map" : "SVG";
@@ -181,10 +181,10 @@
     for (const [name, value] of [["role", "slider"], ["aria-label", "Divider between the photo and the other side"],
       ["aria-valuemin", 0], ["aria-valuemax", 100], ["aria-orientation", "horizontal"], ["aria-describedby", "hint"]])
       slider.setAttribute(name, value);
-    slider.addEventListener("slide", tellDivider);
+    slider.addEventListener("slide", describeDivider);
     slider.addEventListener("keydown", (event) => {
       const arrows = { ArrowLeft: [1, 0], ArrowRight: [-1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
-      // The slider's own arrow keys move it for as long as they are held: not at all by a tap.
+      // The slider's own arrow keys move it only while they are held, and not at all by a tap.
       const steps = {
         Home: -100, End: 100, PageUp: 10, PageDown: -10,
         ArrowLeft: -2, ArrowDown: -2, ArrowRight: 2, ArrowUp: 2,
@@ -194,12 +194,12 @@
         move(...arrows[event.key].map((step) => step * 60));
       } else if (event.key in steps) {
         slider.value = Math.min(Math.max(slider.value + steps[event.key], 0), 100);
-        tellDivider();
+        describeDivider();
       } else return;
       event.preventDefault();
       event.stopImmediatePropagation(); // the slider's own listener would move the divider as well
     }, { capture: true });
-    // The slider takes every button of a mouse for the first one, and so a menu for a move.
+    // The slider reacts to all mouse buttons, so that opening a menu would move it.
     slider.addEventListener("mousedown", (event) => {
       if (event.button !== 0) event.stopImmediatePropagation();
     }, { capture: true });
@@ -227,7 +227,7 @@
         && event.clientY >= box.top && event.clientY <= box.bottom;
     }
 
-    function follow() { // the variant that the address names
+    function followAddress() { // show the variant that the address names
       const slug = location.hash.slice(1);
       if (!variants.some((one) => one.slug === slug)) return;
       form.elements.variant.value = slug;
@@ -242,11 +242,11 @@
     });
     form.addEventListener("submit", (event) => event.preventDefault());
     rounds.addEventListener("input", showPicture);
-    window.addEventListener("hashchange", follow);
+    window.addEventListener("hashchange", followAddress);
     new ResizeObserver(layOut).observe(stage);
     showVariant();
     layOut();
-    follow();
+    followAddress();
   }
 
   if (by("cards")) index();
