@@ -46,7 +46,6 @@ def test_many_combinations_give_a_result_or_one_refusal(seed):
         ({"run": RunOptions(resume="none")}, "cannot read none: No such file"),
         ({"run": RunOptions(resume=".")}, "cannot read .: it is a folder"),
         ({"run": RunOptions(checkpoint=".")}, "checkpoint must be a regular file; got ., which"),
-        ({"run": RunOptions(checkpoint=NO_PHOTO)}, "output must be .*, which is also the photo"),
         ({"densify": DensifyOptions(schedule="linear")}, "schedule must be exponential unless the"),
     ],
 )
@@ -60,6 +59,19 @@ def test_what_cannot_work_is_refused_before_the_photo_is_read(given, match, tmp_
 def test_a_folder_that_is_missing_is_refused_before_the_photo_is_read(tmp_path):
     with pytest.raises(OutputError, match=r"cannot write .*: No such file"):
         gauss2svg.vectorize(NO_PHOTO, run=RunOptions(checkpoint=tmp_path / "new" / "fit"))
+
+
+def test_a_checkpoint_replaces_neither_the_photo_nor_the_label_image(tmp_path):
+    for name in ("photo.png", "labels.png"):
+        (tmp_path / name).write_text("no image, which reading would find")
+    document = Document(segments=tmp_path / "labels.png")
+    for name, what in {"photo.png": "the photo", "labels.png": "the label image"}.items():
+        run = RunOptions(checkpoint=tmp_path / name)
+        with pytest.raises(InputError, match=f"output must be .*, which is also {what}"):
+            gauss2svg.vectorize(tmp_path / "photo.png", document=document, run=run)
+    for name in ("missing\0.png", "missing.png"):
+        with pytest.raises(InputError, match="cannot read missing"):
+            gauss2svg.vectorize(name, run=RunOptions(checkpoint=tmp_path / "fit"))
 
 
 def test_built_in_functions_of_unknown_arguments_are_taken():

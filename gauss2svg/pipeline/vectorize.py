@@ -192,7 +192,8 @@ def _check_checkpoints(options: Options, image: ImageSource) -> None:
             for what, source in read.items()
             if isinstance(source, (str, os.PathLike))
         }
-        check_outputs(names, [Path(run.checkpoint)])
+        there = {name: what for name, what in names.items() if os.path.exists(name)}
+        check_outputs(there, [Path(run.checkpoint)])
 
 
 def _check_precision(side: int, plan: Plan) -> None:
