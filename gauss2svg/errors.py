@@ -42,10 +42,17 @@ def on_one_line(text: str) -> str:
 
 def must_be(name: str, needed: str, got: Any, advice: str = "") -> str:
     """The line of an error: what was needed, what was got, and what to try."""
-    shown = got if isinstance(got, _AsItIs) else repr(plain_scalar(got))
+    shown = got if isinstance(got, _AsItIs) else _in_one_line(got)
     if len(shown) > _MOST_SHOWN:
         shown = shown[:_MOST_SHOWN] + "..."
     return f"{name} must be {needed}; got {shown}" + (f". Try {advice}" if advice else "")
+
+
+def _in_one_line(value: Any) -> str:
+    try:
+        return " ".join(repr(plain_scalar(value)).split())
+    except Exception:  # of the value's own methods: the error is about the value all the same
+        return type(value).__name__
 
 
 def plain_scalar(value: Any) -> Any:
@@ -89,7 +96,7 @@ def number_within(
     """Value as a float in least..most; raises InputError that names it."""
     try:
         number = math.nan if isinstance(value, (bool, str, bytes)) else float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if not least <= number <= most:
         needed = f"a number {needed or f'in {least:g}..{most:g}'}"

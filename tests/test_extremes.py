@@ -152,7 +152,7 @@ def test_ends_of_the_domain_are_drawn_finite_in_both_precisions(name, value):
 @pytest.mark.parametrize(("name", "value"), outside + nowhere)
 def test_beyond_the_domain_a_scene_is_refused_with_its_value_its_range_and_advice(name, value):
     scene = random_scene(4, 20, 18, 3)
-    got = rf"{name}\[.*\] (is {value}; needed is finite .*: |must be finite .* got {value})"
+    got = rf"{name}\[.*\] must be finite .* got {value}"
     with pytest.raises(SceneError, match=got):
         scene.replace(**changed(scene, name, value))
 

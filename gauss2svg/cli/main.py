@@ -63,8 +63,8 @@ def main(arguments: list[str] | None = None) -> int:
     warnings.filterwarnings("ignore", module="PIL")  # reported as errors where they matter
     for library in ("PIL", "tifffile"):  # whose complaints would be more lines than one
         logging.getLogger(library).addHandler(logging.NullHandler())
+    given = sys.argv[1:] if arguments is None else arguments
     try:
-        given = sys.argv[1:] if arguments is None else arguments
         app = build_app(everything=_HELP_ALL in given)
         with raising(), own_standard_error():
             status = app(given or ["--help"], exit_on_error=False, print_error=False)

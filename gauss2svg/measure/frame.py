@@ -52,10 +52,9 @@ def frame_of(root: Mapping[str, str]) -> Frame:
     if max(map(abs, box)) > _MOST or min(box[2:]) < _LEAST:
         needed = f"of numbers up to {_MOST:g}, and a width and a height of at least {_LEAST:g}"
         raise InputError(must_be("viewBox", needed, root["viewBox"], _SCALE))
-    if width is None and height is None:
-        width, height = box[2:]
-    elif width is None:
-        width = _side("width", height * box[2] / box[3])
+    if width is None:
+        width = box[2] if height is None else _side("width", height * box[2] / box[3])
+        height = box[3] if height is None else height
     elif height is None:
         height = _side("height", width * box[3] / box[2])
     return Frame(width, height, box)

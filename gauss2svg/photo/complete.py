@@ -145,7 +145,7 @@ def _as_tuple(value: Any) -> tuple[int, ...]:
     return value if isinstance(value, tuple) else () if value is None else (value,)
 
 
-def _lack_of_png(file: bytes, image: Image.Image, _: _Tags) -> str:
+def _lack_of_png(file: bytes, image: Image.Image, _tags: _Tags) -> str:
     """By the length of its unpacked rows."""
     bits, color_type, _, _, interlaced = file[24:29]
     samples = bits * _PNG_CHANNELS.get(color_type, 0)
