@@ -28,6 +28,7 @@ from gauss2svg.errors import InputError, must_be, number_within, plain_scalar, s
 
 Check = Callable[[str, Any], Any]
 FileName = str | os.PathLike[str]
+Renderer = Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"]
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([kmg]?)b?", re.IGNORECASE)
 

@@ -5,12 +5,13 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from gauss2svg.options import Number, OptionGroup, Whole, byte_size
+from gauss2svg.options import Number, OptionGroup, Renderer, Whole, byte_size
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.pipeline.options import color_name
 
 STATUS_UNDER = 1
 
@@ -19,7 +20,7 @@ STATUS_UNDER = 1
 class CheckOptions(OptionGroup):
     """How an SVG is measured: keywords of `gauss2svg.check`."""
 
-    renderer: Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"] = "resvg"
+    renderer: Renderer = "resvg"
     """Renderer that rasterises the SVG; the last four must be installed."""
 
     max_svg_bytes: Annotated[int | str, byte_size] = "256M"
@@ -28,13 +29,13 @@ class CheckOptions(OptionGroup):
     max_elements: Annotated[int, Whole(1)] = 1_000_000
     """Maximum number of elements of the SVG."""
 
-    draw_timeout: float = 300.0
+    draw_timeout: Annotated[float, Number(0, 86400, above=True)] = 300.0
     """Time limit (s) of rasterising, at most 86400; the last four renderers stop after 300."""
 
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of the photo, checked before it is decoded."""
 
-    matte: str | None = None
+    matte: Annotated[str | None, color_name] = None
     """Background colour to composite a transparent photo over: white, black, #fa0 or #ffaa00. If
     not given, alpha is compared as well."""
 

@@ -83,7 +83,7 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         "Gaussians": f"{report['gaussians']:,}, fitted in {report['iterations']} iterations",
         "match": f"{_match(report)}, rasterised by {report['renderer']}",
         **_of_alpha(report),
-        "fit": f"PSNR {decibels(report['psnr_model'])} before writing, which the SVG reproduces at "
+        "fit": f"PSNR {decibels(report['psnr_model'])} before writing; the SVG against it: "
         f"{decibels(report['psnr_roundtrip'])}, {report['bias_roundtrip']:+.2f} of 255 on average",
         "time": f"{report['total_s']:.1f} s, of which {report['fit_s']:.1f} s for the fit"
         + (f" and {report['compile_s']:.0f} s for a compilation, only once" if compiled else ""),

@@ -14,6 +14,7 @@ from gauss2svg.options import (
     Number,
     OneOf,
     OptionGroup,
+    Renderer,
     Whole,
     byte_size,
     field_named,
@@ -99,7 +100,7 @@ class SvgOptions(OptionGroup):
 class RunOptions(OptionGroup):
     """Resources, the measuring renderer, checkpoints."""
 
-    renderer: Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"] = "resvg"
+    renderer: Renderer = "resvg"
     """Renderer that rasterises the SVG to measure it; the last four must be installed."""
 
     max_size: Annotated[int | None, Whole(1)] = None

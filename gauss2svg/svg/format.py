@@ -17,8 +17,8 @@ class SvgFormat(OptionGroup):
     """How a scene is written; an additive one in gradients alone, and without opacities."""
 
     form: Literal["gradient", "blur"] = "gradient"
-    """Of shapes that are no solid ellipses: gradient; blur, a disc under feGaussianBlur, save for
-    small ones."""
+    """Form of the shapes that are not solid ellipses: a radial gradient, or, except for small
+    ones, a disc under feGaussianBlur."""
 
     stops: Annotated[int, OneOf(STOP_COUNTS)] = 5
     """Stops of a gradient, one of STOP_COUNTS."""
