@@ -18,13 +18,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from xml.parsers import expat
 
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.raster.css import declarations, first_word, statements
+from gauss2svg.svg.reader.affine import COUNTS, IDENTITY, Affine, affine_of, compose
+from gauss2svg.svg.reader.values import NUMBER
 
 BROWSERS = ("chromium", "firefox")
 DRAW_ROTATED_BLURS = (*BROWSERS, "inkscape")
@@ -43,11 +45,11 @@ _UNUSED = ("none", "normal", "inherit", "initial", "unset")  # values that switc
 # CSS without any of these is not parsed; an escape could hide a word.
 _CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
 _CALL = re.compile(r"\b(\w++)\s*+\(([^()]*+)\)")
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_NUMBER = re.compile(NUMBER)
 # Of the matrix's norm: so small a rotation has no visible effect.
 _STRAIGHT = 1e-3
 
-_Matrix = tuple[float, float, float, float]  # a b c d; where it moves to does not matter
+_KINDS = {kind.lower(): kind for kind in COUNTS}
 
 
 def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> None:
@@ -146,7 +148,7 @@ class _Survey:
     def __init__(self, width: int, height: int) -> None:
         self.uses = _Uses()
         self._size = width, height
-        self._matrices: list[_Matrix] = []
+        self._matrices: list[Affine] = []
         self._sheet: list[str] | None = None
         self._by_sheet = False
         # Whether a blur differs along x and y even where the scales are equal.
@@ -179,9 +181,9 @@ class _Survey:
     def _transform(self, transform: str, style: str, filtered: bool) -> None:
         matrix = self._matrices[-1]
         if transform:
-            matrix = _times(matrix, _product(_attribute_calls(transform)))
+            matrix = compose(matrix, _product(_attribute_calls(transform)))
         if "transform" in style.lower():
-            matrix = _times(matrix, _product(_style_calls(style)))
+            matrix = compose(matrix, _product(_style_calls(style)))
         self._matrices.append(matrix)
         if not _is_straight(matrix):
             skewed = not _keeps_circles(matrix)
@@ -224,34 +226,13 @@ def _uses(svg: str, width: int, height: int) -> _Uses:
     return survey.close()
 
 
-def _canvas(view_box: str, width: int, height: int) -> _Matrix:
+def _canvas(view_box: str, width: int, height: int) -> Affine:
     numbers = [float(n) for n in _NUMBER.findall(view_box)]
     if len(numbers) != 4 or numbers[2] <= 0 or numbers[3] <= 0:
-        return 1.0, 0.0, 0.0, 1.0
-    return width / numbers[2], 0.0, 0.0, height / numbers[3]
+        return IDENTITY
+    return width / numbers[2], 0.0, 0.0, height / numbers[3], 0.0, 0.0
 
 
-def _times(m: _Matrix, n: _Matrix) -> _Matrix:
-    return (
-        m[0] * n[0] + m[2] * n[1],
-        m[1] * n[0] + m[3] * n[1],
-        m[0] * n[2] + m[2] * n[3],
-        m[1] * n[2] + m[3] * n[3],
-    )
-
-
-def _turn(v: list[float]) -> _Matrix:
-    cosine, sine = math.cos(math.radians(v[0])), math.sin(math.radians(v[0]))
-    return cosine, sine, -sine, cosine
-
-
-_CALLS: dict[str, Callable[[list[float]], _Matrix]] = {
-    "matrix": lambda v: (v[0], v[1], v[2], v[3]),
-    "scale": lambda v: (v[0], 0.0, 0.0, v[-1]),
-    "rotate": _turn,
-    "skewx": lambda v: (1.0, 0.0, math.tan(math.radians(v[0])), 1.0),
-    "skewy": lambda v: (1.0, math.tan(math.radians(v[0])), 0.0, 1.0),
-}
 _DEGREES = {"grad": 0.9, "rad": math.degrees(1), "turn": 360.0}
 
 
@@ -274,27 +255,29 @@ def _style_calls(style: str) -> Iterator[tuple[str, list[float]]]:
                 )
 
 
-def _product(calls: Iterator[tuple[str, list[float]]]) -> _Matrix:
-    """The product of a transform list; translations and unknown functions are left out."""
-    product: _Matrix = (1.0, 0.0, 0.0, 1.0)
+def _product(calls: Iterator[tuple[str, list[float]]]) -> Affine:
+    """The product of a transform list; functions that are unknown or incomplete are left out."""
+    product = IDENTITY
     for name, numbers in calls:
         if not all(map(math.isfinite, numbers)):
             raise RendererError(
                 f"transform of the SVG must have finite numbers; got {name} of {numbers[:6]}. Try "
                 "smaller ones"
             )
-        if name in _CALLS and len(numbers) >= (4 if name == "matrix" else 1):
-            product = _times(product, _CALLS[name](numbers))
+        kind = _KINDS.get(name, "")
+        count = max((n for n in COUNTS.get(kind, ()) if n <= len(numbers)), default=0)
+        if count:
+            product = compose(product, affine_of(kind, numbers[:count]))
     return product
 
 
-def _is_straight(m: _Matrix) -> bool:
+def _is_straight(m: Affine) -> bool:
     """Whether both axes stay along axes, swapped or not."""
     allowed = _STRAIGHT * max(map(abs, m))
     return max(abs(m[1]), abs(m[2])) <= allowed or max(abs(m[0]), abs(m[3])) <= allowed
 
 
-def _keeps_circles(m: _Matrix) -> bool:
+def _keeps_circles(m: Affine) -> bool:
     """Whether circles stay circles: rotated, mirrored, uniformly scaled."""
     first, second = math.hypot(m[0], m[1]), math.hypot(m[2], m[3])
     longest = max(first, second)

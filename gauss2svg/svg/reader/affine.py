@@ -17,8 +17,14 @@ Affine = tuple[float, float, float, float, float, float]
 
 IDENTITY: Affine = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0)
 _CALL = re.compile(r"[\s,]*([a-zA-Z]+)\s*\(([^()]*)\)[\s,]*")
-_COUNTS = {"matrix": (6,), "translate": (1, 2), "scale": (1, 2), "rotate": (1, 3)}
-_COUNTS |= {"skewX": (1,), "skewY": (1,)}
+# How many numbers each transform function may have.
+COUNTS: dict[str, tuple[int, ...]] = {
+    "matrix": (6,),
+    "translate": (1, 2),
+    "scale": (1, 2),
+    "rotate": (1, 3),
+}
+COUNTS |= {"skewX": (1,), "skewY": (1,)}
 
 
 def compose(outer: Affine, inner: Affine) -> Affine:
@@ -43,15 +49,16 @@ def parse_transform(text: str, name: str = "transform") -> Affine:
     while at < len(text):
         call = _CALL.match(text, at)
         values = numbers(call[2], name) if call else []
-        if call is None or len(values) not in _COUNTS.get(call[1], ()):
+        if call is None or len(values) not in COUNTS.get(call[1], ()):
             needed = "a list of matrix, translate, scale, rotate, skewX, skewY"
             raise InputError(must_be(name, needed, text))
-        total = compose(total, _affine(call[1], values)) if at else _affine(call[1], values)
+        total = compose(total, affine_of(call[1], values)) if at else affine_of(call[1], values)
         at = call.end()
     return total
 
 
-def _affine(kind: str, values: list[float]) -> Affine:
+def affine_of(kind: str, values: list[float]) -> Affine:
+    """The map of one transform function, with as many values as one of its COUNTS."""
     first, second = values[0], values[1] if len(values) > 1 else None
     if kind == "matrix":
         a, b, c, d, e, f = values
