@@ -92,7 +92,7 @@ def pytest_configure(config) -> None:
 
     All tests are those without a choice of markers, as by `-m ""`.
     """
-    examples = 10 if config.getoption("markexpr") else 40
+    examples = 10 if config.getoption("markexpr") else 30
     settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=examples)
     settings.load_profile("repeatable")
 
