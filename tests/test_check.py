@@ -292,7 +292,10 @@ def test_standard_input_is_a_stream(which, fitted):
             ["PHOTO", "SVG", "--draw-timeout", "0"],
             "number above 0 and at most 86400; got 0",
         ),
-        (["PHOTO", "SVG", "--draw-timeout", "1e10"], "number above 0 and at most 86400; got 10000000000"),
+        (
+            ["PHOTO", "SVG", "--draw-timeout", "1e10"],
+            "number above 0 and at most 86400; got 10000000000",
+        ),
         (["PHOTO", "SVG", "--draw-timeout", "nan"], "number above 0 and at most 86400; got nan"),
         (["PHOTO", "SVG", "--draw-timeout", "1e-9"], "try a longer --draw-timeout"),
         (["PHOTO", "SVG", "--renderer", "paint"], "paint"),
