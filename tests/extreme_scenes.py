@@ -133,15 +133,11 @@ def picture(scene: Scene, z: NDArray[np.float64], **changed: NDArray[np.float64]
 
 
 def rounding_of(scene: Scene) -> float:
-    """What float64 may differ by: z2 loses eps / sqrt(1 - rho^2), and a rim is beta steep.
-
-    A peak of beta < 1 has no slope: there the fast falloff differs by up to (1e-14)^beta.
-    """
+    """What float64 may differ by: z2 loses eps / sqrt(1 - rho^2), and a rim is beta steep."""
     if not len(scene):
         return 1e-12
     steep = scene.betas * np.maximum(np.abs(scene.color).max(axis=1), 1)
-    peak = float(1e-14 ** scene.betas.min()) * len(scene) if scene.betas.min() < 1 else 0.0
-    return 1e-12 + peak + 1e-14 * float((steep / narrowing_of(scene.rho)).max()) * len(scene)
+    return 1e-12 + 1e-14 * float((steep / narrowing_of(scene.rho)).max()) * len(scene)
 
 
 def near_the_cut(scene: Scene, z: NDArray[np.float64], within: float) -> NDArray[np.bool_]:

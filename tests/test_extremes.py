@@ -168,7 +168,7 @@ def test_canvases_have_ends_too(side):
         scene = random_scene(3).replace(**{side: value})
         assert np.isfinite(render(scene, 5, 4)).all()
     for value in (0.99 * LEAST_CANVAS, 1.01 * MOST_CANVAS, math.inf):
-        with pytest.raises(SceneError, match=f"{side} (is|must be) .* scale"):
+        with pytest.raises(SceneError, match=f"{side} must be .* scale"):
             random_scene(3).replace(**{side: value})
 
 

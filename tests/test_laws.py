@@ -187,8 +187,11 @@ def test_a_saved_and_loaded_scene_renders_to_the_same_bits(dtype, data, blend):
 def test_both_renderers_draw_the_same(data, blend):
     scene = data.draw(extreme_scenes(blend))
     exact = render_reference(scene).numpy()
+    # A peak of beta < 1 has no slope: there the fast falloff differs by up to (1e-14)^beta.
+    peak = float((1e-14 ** scene.betas[scene.betas < 1]).sum())
     for dtype in DTYPES:
-        np.testing.assert_allclose(render(scene, dtype=dtype), exact, atol=allowed(scene, dtype))
+        off = allowed(scene, dtype) + peak
+        np.testing.assert_allclose(render(scene, dtype=dtype), exact, atol=off)
 
 
 # An independent reader of the file: matrices, gradients and colours by the arithmetic of SVG.

@@ -244,7 +244,7 @@ def test_scene_saved_before_there_was_transparency_is_opaque():
 def test_additive_scene_cannot_be_transparent():
     with pytest.raises(SceneError, match="background"):
         random_sum(3, 20, 20, 0).replace(transparent=True)
-    with pytest.raises(SceneError, match=r"transparent (is|must be .*got) 1"):
+    with pytest.raises(SceneError, match=r"transparent must be .*got 1"):
         random_scene(1).replace(transparent=1)
 
 
