@@ -267,3 +267,25 @@ def _screenshot() -> _Canvas:
     canvas.box(104, 212, 164, 236, "#2f6fd6", radius=5)
     canvas.text(134, 224, "Archive", 12, _WHITE, "mm")
     return canvas
+
+
+def flat_faces() -> Iterator[tuple[str, NDArray[np.float32]]]:
+    """Name and picture of two faces of few flat colours, as the demonstrations of LIVE have."""
+    smile = _Canvas(_WHITE)
+    smile.disc(128, 128, 108, 108, "#ffcc33", rim="#3b2a10", width=6)
+    for x in (90, 166):
+        smile.disc(x, 100, 13, 20, "#3b2a10")
+    smile.stroke(_arc(128, 138, 62, 52, 15, 165), 9, "#3b2a10")
+    bear = _Canvas("#cfe8f5")
+    for x in (68, 188):
+        bear.disc(x, 72, 36, 36, "#8a5a33")
+        bear.disc(x, 72, 20, 20, "#e3b98f")
+    bear.disc(128, 138, 92, 86, "#8a5a33")
+    bear.disc(128, 168, 46, 38, "#e3b98f")
+    bear.disc(128, 152, 15, 11, _BLACK)
+    for x in (94, 162):
+        bear.disc(x, 118, 10, 12, _BLACK)
+        bear.disc(x + 3, 113, 3, 3, _WHITE)
+    bear.stroke(_arc(128, 172, 22, 14, 20, 160), 4)
+    for name, canvas in (("smile", smile), ("bear", bear)):
+        yield name, np.asarray(canvas.image.reduce(_FINER), np.float32) / np.float32(255)

@@ -13,7 +13,9 @@ kernels' moments m of h (gauss2svg.render.kernels) the gradients are
     dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
 
 Sizes, ratios and exponents are stepped as logarithms, opacities as logits, and rho follows from L,
-which no step can make indefinite. Colours are bounded by 0..1: a step that leaves the bounds is
+which no step can make indefinite. The rim of a crisp shape is sigma / beta wide, so steps of mean
+and shape are multiplied by beta^-0.35: without it plain drawings diverge
+(docs/decisions/divergence.md). Colours are bounded by 0..1: a step that leaves the bounds is
 clipped to them, and the gradient there is that of the image, so that the first one that points
 inward moves the colour again. Colours as logits, whose gradient vanishes at the bounds, end no
 better (docs/decisions/adam.md).
@@ -77,6 +79,8 @@ EPSILON = 1e-12
 LEAST_RAW_BETA = 1e-6
 # Logits: opacities from 0.0003 to 0.999994, beyond which an 8-bit image shows no change.
 _LEAST_RAW_OPACITY, _MOST_RAW_OPACITY = -8.0, 12.0
+# Steps of mean and shape are multiplied by beta to this power (docs/decisions/divergence.md).
+_STEP_BY_BETA = -0.35
 # Gaussians that are stepped at a time, so that what is computed for them stays in the cache.
 _BLOCK = 4096
 
@@ -129,6 +133,8 @@ def _step_block(
     d = _directions(first, second, age, gradient, sizes)
     mean, raw_opacity = state.mean[block], state.raw_opacity[block]
     color, raw_beta = state.color[block], state.raw_beta[block]
+    blunted = np.exp(_STEP_BY_BETA * raw_beta)
+    d[:5] = [direction * blunted for direction in d[:5]]
     l11, l21, l22 = state.factor[block].T
     x = mean[:, 0] + l11 * d[0]
     y = mean[:, 1] + l21 * d[0] + l22 * d[1]

@@ -22,12 +22,13 @@ _STALLED, _STALLED_STEPS = 1.5, 25
 _WORSE_AT_END = 1.2
 _ROUNDING = 1 + 1e-6  # of a loss that is summed in another order
 # Mean squared error under which a fit cannot diverge: 50 dB.
-_NEGLIGIBLE = 1e-5
+NEGLIGIBLE = 1e-5
 # After a rollback steps begin at a quarter of those that diverged and grow to half of them, so one
 # bad step among many good ones costs little. Where the next few steps diverge as well, they grow
 # to a tenth only.
 _CEILING, _LOWERED, _GROWTH = 0.5, 0.5, 1.1
 _AGAIN, _CEILING_AGAIN = 3, 0.1
+_GENTLE = 0.25  # of the ceiling, where a finished fit continues
 
 
 class DivergenceGuard:
@@ -52,6 +53,10 @@ class DivergenceGuard:
         self._ceiling = max(self._ceiling, min(self._ceiling / _CEILING, self._usual))
         self._best, self.least, self._recent, self._since = None, math.inf, math.inf, 0
 
+    def begin_gently(self) -> None:
+        """Continue with small steps that grow: full ones undo a drawing that is nearly exact."""
+        self.rate = min(self.rate, _GENTLE * self._ceiling)
+
     def relocated(self) -> None:
         """Allow a larger loss after a relocation."""
         self._recent = math.inf
@@ -63,7 +68,7 @@ class DivergenceGuard:
         self._since += 1
         self._accepted += 1
         stalled = loss > _STALLED * self.least and self._since > _STALLED_STEPS
-        if error > _NEGLIGIBLE and (loss > _DIVERGED * self._recent or stalled):
+        if error > NEGLIGIBLE and (loss > _DIVERGED * self._recent or stalled):
             return False
         self._recent = min(self._recent, loss)
         self.rate = min(self.rate * _GROWTH, self._ceiling)

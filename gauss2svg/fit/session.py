@@ -17,7 +17,7 @@ from gauss2svg.errors import InputError, must_be, number_within
 from gauss2svg.fit import adam
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
-from gauss2svg.fit.divergence import DivergenceGuard
+from gauss2svg.fit.divergence import NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
@@ -128,6 +128,7 @@ class FitSession:
             if self.config.fit.learned_falloff:
                 self.state.raw_beta = np.maximum(self.state.raw_beta, adam.LEAST_RAW_BETA)
             self._begin_refining(iterations, _RESUME_AT, adjusting=False)
+            self.guard.begin_gently()
             self._refine()
 
     def scene(self) -> Scene:
@@ -342,6 +343,7 @@ class FitSession:
         """Relocate if it is time, then one optimiser step, or a rollback."""
         due = _RELOCATION_FROM < done < _RELOCATION_TO
         due = due and self.clock.iteration % _RELOCATION_EVERY == 0
+        due = due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
         if due and self.config.densify.relocate and self.population.relocate():
             self.guard.relocated()
         splats = self.population.splats()

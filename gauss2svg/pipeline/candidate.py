@@ -70,9 +70,8 @@ class Outcome:
 class Exporter:
     """Writes scenes of the working canvas as files of the photo's size.
 
-    photo        (h, w, 3) or (h, w, 4) float32 in 0..1, the reference of the measurements
-    working      the same, perhaps smaller: the image that the fit runs on
-    every_color  True once no steps are left to compensate for a palette
+    photo    (h, w, 3) or (h, w, 4) float32 in 0..1, the reference of the measurements
+    working  the same, perhaps smaller: the image that the fit runs on
     """
 
     def __init__(
@@ -85,17 +84,14 @@ class Exporter:
         self.photo = photo
         self.working = working
         self.document = document
-        self.every_color = False
         self._plan = plan
         self._gzipped = plan.options.svg.gzip
 
-    def quantization(self, count: int, error: float | None) -> Quantization:
-        """For a scene of so many Gaussians and, where it is known, this mean squared error."""
-        return Quantization(0, 0.0) if self.every_color else self._plan.quantization(count, error)
-
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
         """The scene on the photo's canvas, with the colours and exponents of its file."""
-        quantization = self.quantization(len(scene), None if psnr is None else 10 ** (-psnr / 10))
+        quantization = self._plan.quantization(
+            len(scene), None if psnr is None else 10 ** (-psnr / 10)
+        )
         return quantize(
             self._on_photo(scene),
             self._plan.svg_format.form,
@@ -115,6 +111,14 @@ class Exporter:
     def bytes_of(self, scene: Scene, psnr: float) -> int:
         """Bytes of that file."""
         return len(file_bytes(self.write(scene, psnr), self._gzipped))
+
+    @cached_property
+    def empty_bytes(self) -> int:
+        """Bytes of a file without Gaussians."""
+        height, width = self.photo.shape[:2]
+        none, pair = np.zeros(0), np.zeros((0, 2))
+        scene = Scene(width, height, pair, pair, none, np.zeros((0, 3)), none)
+        return len(file_bytes(write_svg(scene, document=self.document), self._gzipped))
 
     def candidate(self, scene: Scene, rasterized: bool) -> Candidate:
         """A scene of the working canvas as it would be written, rasterised on request."""
@@ -153,10 +157,13 @@ class Exporter:
         return scaled.replace(width=width, height=height)
 
 
-def pruned_to_size(candidate: Candidate, limit: int, image: NDArray[np.float32]) -> Candidate:
+def pruned_to_size(
+    candidate: Candidate, limit: int, empty: int, image: NDArray[np.float32]
+) -> Candidate:
     """The candidate without its least useful Gaussians, so that it has at most `limit` bytes.
 
     Useful ones reduce the error against image (h, w, 3) or (h, w, 4). The rest is not refined.
+    A file without any has `empty` bytes.
     """
     target = target_of(image, np.float32)
     while candidate.size > limit and len(candidate.scene):
@@ -164,7 +171,8 @@ def pruned_to_size(candidate: Candidate, limit: int, image: NDArray[np.float32])
         height, width = image.shape[:2]
         splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
         cost = target.removal_cost(splats)[1][:, 0]
-        kept = min(len(scene) - 1, int(len(scene) * limit / candidate.size))
+        share = max(limit - empty, 0) / (candidate.size - empty)
+        kept = min(len(scene) - 1, int(len(scene) * share))
         scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
         svg = write_svg(scene, candidate.format, candidate.document)
         candidate = dataclasses.replace(candidate, scene=scene, svg=svg, error=np.nan)

@@ -7,6 +7,7 @@ a larger photo is measured once and added.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 from gauss2svg.fit.densification import FIRST_ROUND
@@ -14,19 +15,22 @@ from gauss2svg.pipeline.candidate import Candidate
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.targets import TOLERANCE
 
+# PSNR (dB) from which more Gaussians do not show: an error of half a level of 255 has 54.1.
+INDISTINGUISHABLE = 54.0
 AIM = 0.12  # dB over the target that a correction aims at
 FILL = 0.975  # share of the allowed bytes that a fit aims at
 FULL = 0.93  # share of the allowed bytes from which a file counts as full
 TOO_GOOD = 0.35  # dB over the target from which Gaussians are removed
 _TOO_LITTLE = 0.02  # dB under the target from which Gaussians are added
 _LEAST_LEFT = 0.05  # share of a candidate's error that remains after any correction for size
-# dB under and over the preset's PSNR up to which there is no correction; over it only where there
-# are more than a few Gaussians to remove.
+# dB under and over the preset's PSNR up to which there is no correction. Together less than the
+# presets lie apart, so that none ends under a cheaper one (docs/decisions/monotone.md).
 _LESS_THAN_ENOUGH, _FAR_MORE = 0.8, 3.0
-_FEW = 100
 _SAME = 0.004  # relative difference up to which counts are the same
 _TELLING = 0.25  # doublings between two candidates from which a slope is derived
-_SLOPES = 1.5, 6.0  # dB per doubling; slopes are clipped to these
+# Doublings of a reduction at most: many at once end worse than a few after one another.
+_MOST_REDUCED = -0.5
+_SLOPES = 1.5, 12.0  # dB per doubling; slopes are clipped to these
 
 
 class Limit(NamedTuple):
@@ -46,14 +50,16 @@ class Correction(NamedTuple):
 class Candidates:
     """The candidates of the search for the targets of a plan.
 
+    A file without Gaussians has empty_bytes.
+
     made    candidates in order
     detail  mean squared error that measuring at the photo's size adds to that at the fit's
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, empty_bytes: int) -> None:
         self.made: list[Candidate] = []
         self.detail = 0.0
-        self._plan = plan
+        self._plan, self._empty = plan, empty_bytes
         goal = plan.options.goal
         self._max_bytes = goal.max_bytes if isinstance(goal.max_bytes, int) else None
         self._target = goal.target_psnr
@@ -83,7 +89,8 @@ class Candidates:
             room = last.size < (self._max_bytes or math.inf)
             return (min(FIRST_ROUND, cap) if lacking and room and cap else None), stop_reason
         if self._max_bytes is not None:
-            cap = min(cap, int(self._max_bytes * FILL * count / last.size))
+            room = max(self._max_bytes * FILL - self._empty, 0)
+            cap = min(cap, int(room * count / (last.size - self._empty)))
             if last.size > self._max_bytes:
                 return min(cap, count - 1), "max_bytes"
         wanted, slope = count, self._slope(usual_slope)
@@ -92,27 +99,24 @@ class Candidates:
             if not target - _TOO_LITTLE <= psnr <= target + TOO_GOOD:
                 missing = (target + AIM - psnr) / slope
                 wanted = min(round(count * 2 ** max(min(missing, 2.0), -2.0)), cap)
-        elif stop_reason in ("max_bytes", "enough"):
+        else:
             wanted, stop_reason = self._enough(count, Limit(cap, limit.name), stop_reason, slope)
         return (wanted if abs(wanted - count) > _SAME * count else None), stop_reason
 
     def _enough(self, count: int, most: Limit, stop_reason: str, slope: float) -> Correction:
-        """Count for the preset's PSNR, or as near to it as the bytes allow."""
-        last = self.made[-1]
+        """Count for the preset's PSNR, or with a limit of bytes as many as they allow."""
+        last, limit = self.made[-1], self._max_bytes
+        if limit is not None:
+            full = last.size > FULL * limit or last.model >= INDISTINGUISHABLE
+            wanted = count if full else min(4 * count, most.gaussians)
+            return Correction(wanted, "max_bytes" if wanted > count else stop_reason)
         missing = self._plan.preset.enough - last.model
-        if self._plan.count is not None:
-            missing = math.inf
-        far_more = missing < -_FAR_MORE and count > _FEW
-        if missing <= _LESS_THAN_ENOUGH and not far_more:
+        if self._plan.count is not None or -_FAR_MORE <= missing <= _LESS_THAN_ENOUGH:
             return Correction(count, stop_reason)
-        limit = self._max_bytes
-        if missing > 0 and limit is not None and last.size > FULL * limit:
+        if missing > 0 and stop_reason != "enough":
             return Correction(count, stop_reason)
-        needed = count * 2 ** max(min(missing / slope, 2.0), -2.0)
-        if needed < most.gaussians:
-            stop_reason = "enough"
-        else:
-            stop_reason = most.name if limit is None else "max_bytes"
+        needed = count * 2 ** max(min(missing / slope, 2.0), _MOST_REDUCED)
+        stop_reason = "enough" if needed < most.gaussians else most.name
         return Correction(min(math.ceil(needed), most.gaussians), stop_reason)
 
     def _slope(self, usual: float) -> float:
@@ -136,11 +140,20 @@ class Candidates:
             return min(self.made, key=lambda c: c.size)
         target = self._target
         if target is None:
-            enough = self._plan.preset.enough - _LESS_THAN_ENOUGH
-            good = [c for c in small if c.model >= enough and self._plan.count is None]
-            return min(good, key=lambda c: c.size) if good else max(small, key=lambda c: c.model)
-        good = [c for c in small if self.psnr(c) >= target - TOLERANCE]
-        if good:
-            close = [c for c in good if self.psnr(c) <= target + TOO_GOOD]
-            return min(close or good, key=lambda c: len(c.scene))
-        return max(small, key=self.psnr)
+            if self._plan.count is not None or self._max_bytes is not None:
+                return max(small, key=lambda c: c.model)
+            enough = self._plan.preset.enough
+            return _nearest(small, lambda c: c.model - enough, _LESS_THAN_ENOUGH, _FAR_MORE)
+        return _nearest(small, lambda c: self.psnr(c) - target, TOLERANCE, TOO_GOOD)
+
+
+def _nearest(
+    candidates: list[Candidate], over: Callable[[Candidate], float], little: float, much: float
+) -> Candidate:
+    """The smallest file of those that are `little` under the goal to `much` over it, in dB.
+
+    Otherwise the smallest of those beyond, otherwise the nearest one below.
+    """
+    good = [c for c in candidates if over(c) >= -little]
+    close = [c for c in good if over(c) <= much]
+    return min(close or good, key=lambda c: c.size) if good else max(candidates, key=over)

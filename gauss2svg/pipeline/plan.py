@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -33,9 +34,13 @@ class Quantization:
 
 @dataclass(frozen=True)
 class Plan:
-    """The resolved options of a run; raises InputError for options that exclude each other."""
+    """The resolved options of a run; raises InputError for options that exclude each other.
+
+    fit_side  longest side in px of the image that the fit runs on, None before the photo is read
+    """
 
     options: Options
+    fit_side: int | None = None
 
     def __post_init__(self) -> None:
         goal, svg, run = self.options.goal, self.options.svg, self.options.run
@@ -113,6 +118,19 @@ class Plan:
         return PRESETS[self.options.goal.quality]
 
     @property
+    def iterations(self) -> int:
+        """Those of the preset; at a size that cheaper presets fit as well, no fewer than theirs.
+
+        Otherwise a small drawing that needs as few Gaussians in both would end worse
+        (docs/decisions/monotone.md).
+        """
+        presets = list(PRESETS.values())
+        cheaper, side = presets[: presets.index(self.preset)], self.fit_side or math.inf
+        return max(
+            self.preset.iterations, *(p.iterations for p in cheaper if side <= p.max_size), 0
+        )
+
+    @property
     def count(self) -> int | None:
         """The given number of Gaussians, None if it adapts to the image."""
         gaussians = self.options.goal.gaussians
@@ -154,7 +172,7 @@ class Plan:
             options.goal.target_psnr is None and options.goal.max_bytes is None
         )
         if iterations is None and not only_time:
-            iterations = self.preset.iterations
+            iterations = self.iterations
         falloff = options.fit.falloff if blend == self.written_blend else None
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(

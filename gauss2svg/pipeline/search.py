@@ -28,7 +28,15 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.alpha import over
 from gauss2svg.pipeline.candidate import Candidate, Exporter, Outcome, pruned_to_size
-from gauss2svg.pipeline.candidates import AIM, FILL, FULL, TOO_GOOD, Candidates, Limit
+from gauss2svg.pipeline.candidates import (
+    AIM,
+    FILL,
+    FULL,
+    INDISTINGUISHABLE,
+    TOO_GOOD,
+    Candidates,
+    Limit,
+)
 from gauss2svg.pipeline.checkpoint import ADDITIVE, FIT, Checkpoint, damaged
 from gauss2svg.pipeline.export_time import estimate_export_seconds
 from gauss2svg.pipeline.plan import Plan
@@ -89,7 +97,7 @@ class TargetSearch:
             KILOBYTES_PER_GAUSSIAN * 1000 * (_GZIPPED if plan.options.svg.gzip else 1)
         )
         self._bytes_known = False
-        self._candidates = Candidates(plan)
+        self._candidates = Candidates(plan, exporter.empty_bytes)
         self._additive: FitResult | None = None
         self._limit = Limit(0, "gaussians")
         portable = plan.options.svg.portable
@@ -120,7 +128,7 @@ class TargetSearch:
         return Outcome(
             scene=best.scene,
             svg=best.svg,
-            quantization=self._exporter.quantization(len(best.scene), None),
+            quantization=self._plan.quantization(len(best.scene), None),
             fitted=self._session.result().after(self._additive, reason),
             measured=found,
             corrections=len(self._candidates.made) - 1,
@@ -165,6 +173,8 @@ class TargetSearch:
         # Nine numbers per Gaussian, three per pixel: more would exceed the image itself.
         cap = min(preset.cap, max(1, width * height // 3))
         limits = GrowthLimits(preset.gain, KILOBYTES_PER_GAUSSIAN, preset.enough, cap)
+        if self._max_bytes is not None:  # the best that fits, not what the preset calls enough
+            limits = dataclasses.replace(limits, gain=0.0, psnr=INDISTINGUISHABLE)
         if plan.count is not None:
             limits = GrowthLimits(
                 0.0, KILOBYTES_PER_GAUSSIAN, math.inf, plan.count, cap_named="gaussians"
@@ -187,9 +197,11 @@ class TargetSearch:
             refining = now.done > GROWTH_SHARE
             if now.count >= _LEAST_MEASURED and (refining or not self._bytes_known):
                 self._bytes_known = True
-                self._bytes_each = self._exporter.bytes_of(now.scene(), now.psnr) / now.count
-            if self._max_bytes * FILL / self._bytes_each < most:
-                most, named = int(self._max_bytes * FILL / self._bytes_each), "max_bytes"
+                shapes = self._exporter.bytes_of(now.scene(), now.psnr) - self._exporter.empty_bytes
+                self._bytes_each = shapes / now.count
+            room = max(self._max_bytes * FILL - self._exporter.empty_bytes, 0)
+            if room / self._bytes_each < most:
+                most, named = int(room / self._bytes_each), "max_bytes"
         if self._session.clock.growth_is_late and now.done <= GROWTH_SHARE and now.count < most:
             most, named = max(now.count, 1), "time_limit"
         return dataclasses.replace(limits, cap=most, cap_named=named)
@@ -211,8 +223,6 @@ class TargetSearch:
 
     def _look_for_stop(self) -> None:
         self._ended = self._ended or self._stop()
-        # No steps are left to compensate for a palette: all colours are written.
-        self._exporter.every_color = self._ended and self._max_bytes is None
 
     def _export_seconds(self, psnr: float) -> float:
         exporter = self._exporter
@@ -239,13 +249,14 @@ class TargetSearch:
         self._correct()
         best = self._candidates.best()
         if self._max_bytes is not None:
-            best = pruned_to_size(best, self._max_bytes, self._exporter.working)
+            empty = self._exporter.empty_bytes
+            best = pruned_to_size(best, self._max_bytes, empty, self._exporter.working)
         self._report("measure", None)
         return best, self._exporter.measured(best, self._budget.deadline)
 
     def _correct(self) -> None:
         """Change the count and refine until the last candidate needs no correction."""
-        iterations = self._plan.fit_config.iterations or self._plan.preset.iterations
+        iterations = self._plan.fit_config.iterations or self._plan.iterations
         steps = max(_LEAST_STEPS, round(_CORRECTION_SHARE * iterations))
         policy = self._policy
         for _ in range(_CORRECTIONS):

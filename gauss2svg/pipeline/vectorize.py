@@ -128,6 +128,7 @@ def vectorize_by(
     width, height, note = _working_size(photo, plan, most_bytes)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
+    plan = dataclasses.replace(plan, fit_side=max(width, height))
     pixels = pixels_of(photo)
     working = shrunk(pixels, height, width)
     document = document_for(photo, working, options.document)
