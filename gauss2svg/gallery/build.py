@@ -166,7 +166,7 @@ class _Build:
                 else:
                     self._fail(photo, None, photo.problem)
             if jobs > 1 and any(variant.is_own for variant in self._variants):
-                # Once, by one process: numba's cache mixes up what several save at a time.
+                # Once, by one process: workers that start together would each compile them.
                 compile_kernels()
             photos = self._missing([photo_task(self._root, p, self._setup) for p in readable])
             # Finished SVGs are looked up first, so that an interruption shows them.
