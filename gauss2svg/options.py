@@ -220,12 +220,12 @@ def byte_size(name: str, value: Any) -> int:
     return int(size)
 
 
-def file_name(name: str, value: Any) -> str:
+def file_name(name: str, value: Any, needed: str = "the path of a file") -> str:
     """A path as text; raises InputError that names it."""
     path = ""
     if isinstance(value, (str, os.PathLike)):
         with suppress(Exception):  # of a __fspath__ that returns something else, or raises
             path = str(os.fsdecode(value))
     if not path:
-        raise InputError(must_be(name, "the path of a file", value))
+        raise InputError(must_be(name, needed, value))
     return path

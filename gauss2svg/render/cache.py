@@ -12,7 +12,7 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 
 def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """numba's njit with these options, as a decorator; machine code is kept on disk.
+    """Decorate by numba's njit with these options; machine code is kept on disk.
 
     Where no folder can be written, functions are compiled in every process.
     """
