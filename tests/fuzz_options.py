@@ -189,7 +189,7 @@ class Case:
             others[name] = rng.choice(odd_values() if name in GROUPS else odd_callables())
         photo = rng.choice([PIXELS, "photo.png", Path("photo.png")])
         if rng.random() < 0.03:
-            photo = rng.choice([value for value in odd_values() if not isinstance(value, Rude)])
+            photo = rng.choice(odd_values())
         self._reads_photo = isinstance(photo, (str, Path))
         path = rng.choice(odd_values()) if rng.random() < 0.5 else "out.svg"
         if isinstance(path, (str, Path)) and str(path) == "photo.png":  # replaced where asked for

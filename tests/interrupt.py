@@ -44,7 +44,7 @@ AFTER_FIT = (
     ["--preview", "preview.png"],
     ["--report", "report.json"],
     ["--outline", "outline.svg", "-o", "out.svg"],
-    ["--save-scene", "scene.npz", "--animate"],
+    ["--save-scene", "scene.npz", "--animate", "2"],
     ["--checkpoint", "fit", "--checkpoint-every", "0.05", "-o", "out.svg"],
     ["--preview", "preview.png", "--report", "report.json", "--outline", "outline.svg"],
 )
