@@ -213,7 +213,7 @@ def byte_size(name: str, value: Any) -> int:
         match = _SIZE.fullmatch(value.strip())
         size = float(match[1]) * _UNITS[match[2].lower()] if match else 0.0
     elif not isinstance(value, bool):
-        with suppress(TypeError):
+        with suppress(Exception):  # of the value's own methods
             size = operator.index(value)
     if not 1 <= size < 2**63:
         raise InputError(must_be(name, "a size of at least 1 byte", value, "150k or 1.5M"))

@@ -11,8 +11,10 @@ from fuzz_options import PIXELS, Pathless, Rude, outcome_of
 
 import gauss2svg
 from gauss2svg.bench.runner import run_bench
+from gauss2svg.cli.check import CheckOptions
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.fit.options import DensifyOptions
+from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import Goal, Options, RunOptions
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.svg.document import Document
@@ -130,6 +132,20 @@ def test_a_path_that_raises_or_is_none_is_refused_by_its_name(
         call(path)
     assert "\n" not in str(refusal.value)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", [f.name for f in fields_of(CheckOptions)])
+@pytest.mark.parametrize("value", [["resvg"], PIXELS, Rude(), True, b"5", float("nan")])
+def test_what_check_cannot_take_is_refused_by_its_name(name, value):
+    with pytest.raises(InputError, match=f"^{name} must be "):
+        gauss2svg.check(PIXELS, SVG, **{name: value})
+
+
+def test_errors_are_one_line_whatever_files_are_called():
+    for call in (gauss2svg.vectorize, gauss2svg.read_svg):
+        with pytest.raises(InputError, match=r"a b\\x1b") as refusal:
+            call("a\nb\x1b")
+        assert str(refusal.value).isprintable()
 
 
 def test_text_of_a_number_of_segments_is_a_number_as_on_the_command_line():
