@@ -13,7 +13,7 @@ import gauss2svg
 from gauss2svg.bench.runner import run_bench
 from gauss2svg.cli.check import CheckOptions
 from gauss2svg.errors import InputError, OutputError
-from gauss2svg.fit.options import DensifyOptions
+from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import Goal, Options, RunOptions
 from gauss2svg.pipeline.plan import Plan
@@ -53,6 +53,10 @@ def test_many_combinations_give_a_result_or_one_refusal(seed):
         ({"run": RunOptions(resume="none")}, "cannot read none: No such file"),
         ({"run": RunOptions(resume=".")}, "cannot read .: it is a folder"),
         ({"run": RunOptions(checkpoint=".")}, "checkpoint must be a regular file; got ., which"),
+        (
+            {"fit": FitOptions(blend="add"), "document": Document(segments=9)},
+            "segments must not be given with additive blending",
+        ),
         ({"densify": DensifyOptions(schedule="linear")}, "schedule must be exponential unless the"),
     ],
 )
