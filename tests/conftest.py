@@ -49,35 +49,6 @@ def _drop_stale_kernels() -> None:
 _drop_stale_kernels()
 
 
-def _keep_kernels_one_at_a_time() -> None:
-    """Have the processes of a run add to numba's cache on disk one after the other.
-
-    numba reads a function's index, adds to it and writes it without a lock: where two processes
-    compile the function for different types at once, the one's file can be listed as the other's.
-    """
-    try:
-        import fcntl
-    except ImportError:  # not on Windows, which locks no folders
-        return
-    from numba.core.caching import IndexDataCacheFile
-
-    save = IndexDataCacheFile.save
-
-    def save_alone(self, key, data):
-        folder = os.open(self._cache_path, os.O_RDONLY)
-        try:
-            fcntl.flock(folder, fcntl.LOCK_EX)
-            save(self, key, data)
-        finally:
-            os.close(folder)  # and with it the lock
-
-    IndexDataCacheFile.save = save_alone
-
-
-if "PYTEST_XDIST_WORKER" in os.environ:
-    _keep_kernels_one_at_a_time()
-
-
 def pytest_addoption(parser):
     parser.addoption("--rewrite-golden", action="store_true", help="make the golden pictures anew")
 

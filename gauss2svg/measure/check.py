@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, whole_number
+from gauss2svg.errors import InputError, whole_number
 from gauss2svg.measure import metrics
 from gauss2svg.measure.drawing import draw
 from gauss2svg.measure.frame import Frame, frame_of
@@ -19,11 +19,11 @@ from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.measure.source import SvgSource, svg_source
 from gauss2svg.measure.survey import Survey, survey
-from gauss2svg.options import byte_size
+from gauss2svg.options import Number, OneOf, byte_size
 from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
-from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
+from gauss2svg.raster import DEFAULT_RENDERER, RENDERERS, renderer_version
 from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import BROWSERS
 
@@ -142,10 +142,8 @@ def check(
     """
     most_bytes = byte_size("max_svg_bytes", max_svg_bytes)
     whole_number("max_elements", max_elements, 1, 2**31)
-    if not 0 < draw_timeout <= LONGEST_DRAW_TIMEOUT_S:
-        needed = f"above 0 s and at most {LONGEST_DRAW_TIMEOUT_S:g} s"
-        raise InputError(must_be("draw_timeout", needed, draw_timeout))
-    drawn_by = renderer_version(renderer)
+    draw_timeout = Number(0, LONGEST_DRAW_TIMEOUT_S, above=True)("draw_timeout", draw_timeout)
+    drawn_by = renderer_version(OneOf(RENDERERS)("renderer", renderer))
     matted = None if matte is None else matte_color(matte)
     picture = load_image(photo, max_pixels=max_pixels, matte=matted)
     wanted = pixels_of(picture)
