@@ -15,6 +15,7 @@ from gauss2svg.gallery.artifacts import (
     THUMBNAIL,
     _finish,
 )
+from gauss2svg.measure.scores import packages
 
 
 def save(pixels, path, **options):
@@ -93,6 +94,7 @@ def canned(request):
     }  # fmt: skip
     files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
     extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1, "origin": ORIGIN}
+    extra["scored_by"] = packages()
     return {"record": _finish(request, files | {REPORT: as_json(report)}, extra)}
 
 

@@ -17,6 +17,7 @@ from gauss2svg.measure.drawing import draw
 from gauss2svg.measure.frame import Frame, frame_of
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.roundtrip import measure_pixels
+from gauss2svg.measure.scores import Scores, perceptual_scores
 from gauss2svg.measure.source import SvgSource, svg_source
 from gauss2svg.measure.survey import Survey, survey
 from gauss2svg.options import byte_size
@@ -50,6 +51,8 @@ class CheckResult:
     raster, photo  (h, w, 3) float32 in 0..1, the raster and the reference; both (h, w, 4) where
                    the photo has alpha
     notes          remarks on the comparison
+    scores         SSIMULACRA2 and FLIP, over the worse of white and black; see
+                   gauss2svg.measure.scores
     psnr_black     dB over black, psnr_alpha: of alpha; None where the photo is opaque. All
                    other numbers are over white
     """
@@ -67,6 +70,7 @@ class CheckResult:
     raster: NDArray[np.float32]
     photo: NDArray[np.float32]
     notes: tuple[str, ...]
+    scores: Scores
     psnr_black: float | None = None
     psnr_alpha: float | None = None
 
@@ -87,6 +91,7 @@ class CheckResult:
             "psnr_svg_alpha": _finite(self.psnr_alpha),
             "ssim_svg": self.ssim,
             "ms_ssim_svg": self.ms_ssim,
+            **self.scores.report,
             "largest_error_svg": self.largest_error,
             "bias_svg": self.bias,
             "svg_bytes": self.svg_bytes,
@@ -120,6 +125,7 @@ def check(
     draw_timeout: float = DRAW_TIMEOUT_S,
     max_pixels: int = DEFAULT_MAX_PIXELS,
     matte: str | None = None,
+    scores: bool = True,
 ) -> CheckResult:
     """Rasterise an SVG at a photo's size over white, and measure how closely it matches.
 
@@ -134,6 +140,7 @@ def check(
     max_pixels     limit of the photo, as of `vectorize`
     matte          colour, such as white or #fa0, over which the photo is composited first; None:
                    its alpha is compared too
+    scores         whether SSIMULACRA2 and FLIP are measured too, where they are installed
 
     The SVG is not trusted: entities, references to anything outside of it and files beyond the
     limits are refused, and it is drawn in a separate process, whose memory is not limited.
@@ -176,6 +183,7 @@ def check(
             *(f"photo {note}" for note in picture.notes),
             *_notes(surveyed, frame, picture.width, picture.height, renderer),
         ),
+        scores=perceptual_scores(raster, wanted) if scores else Scores(),
         psnr_black=measured["psnr_svg_black"],
         psnr_alpha=measured["psnr_svg_alpha"],
     )
