@@ -35,9 +35,6 @@ class CheckOptions(OptionGroup):
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of the photo, checked before it is decoded."""
 
-    scores: bool = True
-    """Also measure SSIMULACRA2 and FLIP, where the extra scores is installed."""
-
     matte: Annotated[str | None, color_name] = None
     """Background colour to composite a transparent photo over: white, black, #fa0 or #ffaa00. If
     not given, alpha is compared as well."""
@@ -77,9 +74,7 @@ def check_command(
         ),
     ],
     *,
-    options: Annotated[
-        CheckOptions, Parameter(name="*", group="Measuring", negative_bool="no-", negative=None)
-    ] = CheckOptions(),
+    options: Annotated[CheckOptions, Parameter(name="*", group="Measuring")] = CheckOptions(),
     output: Annotated[
         CheckOutput, Parameter(name="*", group="Output", negative=())
     ] = CheckOutput(),

@@ -26,7 +26,7 @@ from gauss2svg.files import as_json, as_png, write_all_atomically
 from gauss2svg.gallery.crops import worst_and_typical
 from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
-from gauss2svg.measure.scores import packages, perceptual_scores
+from gauss2svg.measure.scores import packages, packages_missing, perceptual_scores
 from gauss2svg.memory import held_bytes
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
 from gauss2svg.photo.load import WHITE, load_image
@@ -132,7 +132,7 @@ def _own(source: str, request: Request) -> _Made:
         OUTLINES: result.outline().encode(),
     }
     scores = perceptual_scores(result.raster, result.photo, request["max_memory"] - held_bytes())
-    report = result.report | scores.report
+    report = result.report | {"scores": not packages_missing()} | scores.report
     return files, report, result.raster, clocks | {"rounds": rounds_of(result.svg)}
 
 
@@ -183,7 +183,8 @@ def _scored(source: str, request: Request, record: dict[str, Any]) -> dict[str, 
         max_pixels=request["max_pixels"],
         matte=None if own else "white",
     )
-    report = as_json(json.loads((folder / REPORT).read_bytes()) | checked.scores.report)
+    asked = {"scores": not packages_missing()} if own else {}
+    report = as_json(json.loads((folder / REPORT).read_bytes()) | asked | checked.scores.report)
     record = record | {
         "files": record["files"] | {REPORT: len(report)},
         "scored_by": packages(),

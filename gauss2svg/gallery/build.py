@@ -101,10 +101,11 @@ def build_gallery(
     progress   called with a GalleryProgress whenever a step begins or ends
 
     Finished SVGs are kept, and made again only where the photo's bytes, the settings or this
-    package's code have changed; scores whose packages were missing then are added to them; an interruption loses only unfinished ones. A photo that cannot
-    be read is a failure, which the first page lists, and the others continue. The pages need
-    neither a server nor a network. Raises InputError for bad arguments and OutputError for a
-    folder that cannot be written, or that holds other files of the pages' names.
+    package's code have changed; scores whose packages were missing then are added to them. An
+    interruption loses only unfinished ones. A photo that cannot be read is a failure, which the
+    first page lists, and the others continue. The pages need neither a server nor a network.
+    Raises InputError for bad arguments and OutputError for a folder that cannot be written, or
+    that holds other files of the pages' names.
     """
     listed = gallery_photos(photos)
     wanted, absent = variants_of(variants, counts, peers)

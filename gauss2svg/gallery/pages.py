@@ -86,6 +86,7 @@ def write_pages(
         "summary": summary,
         "scores": shown,
         "unscored": _unscored(results),
+        "scored": any(svg.report.get("scores") for one in results for svg in one.svgs),
         "legend": _legend(),
         "most_levels": MOST,
         "crop_side": SIDE,

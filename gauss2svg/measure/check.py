@@ -125,11 +125,11 @@ def check(
     draw_timeout: float = DRAW_TIMEOUT_S,
     max_pixels: int = DEFAULT_MAX_PIXELS,
     matte: str | None = None,
-    scores: bool = True,
 ) -> CheckResult:
     """Rasterise an SVG at a photo's size over white, and measure how closely it matches.
 
     Where the photo has alpha, alpha is compared as well, and both are compared over black.
+    SSIMULACRA2 and FLIP are measured where the extra gauss2svg[scores] is installed.
 
     photo          any image that `vectorize` takes
     svg            a path, text that begins with <, bytes or a binary file; gzipped or not
@@ -140,7 +140,6 @@ def check(
     max_pixels     limit of the photo, as of `vectorize`
     matte          colour, such as white or #fa0, over which the photo is composited first; None:
                    its alpha is compared too
-    scores         whether SSIMULACRA2 and FLIP are measured too, where they are installed
 
     The SVG is not trusted: entities, references to anything outside of it and files beyond the
     limits are refused, and it is drawn in a separate process, whose memory is not limited.
@@ -183,7 +182,7 @@ def check(
             *(f"photo {note}" for note in picture.notes),
             *_notes(surveyed, frame, picture.width, picture.height, renderer),
         ),
-        scores=perceptual_scores(raster, wanted) if scores else Scores(),
+        scores=perceptual_scores(raster, wanted),
         psnr_black=measured["psnr_svg_black"],
         psnr_alpha=measured["psnr_svg_alpha"],
     )
