@@ -209,7 +209,7 @@ def threads_given_back() -> Iterator[None]:
 
 @pytest.fixture
 def drawn_here(monkeypatch) -> None:
-    """`check` draws without a process of its own, which takes a third of a second, and no scores."""
+    """`check` draws without a process of its own, which takes a third of a second; no scores."""
     monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *given: rasterize(*given[:4]))
     monkeypatch.setattr("gauss2svg.measure.check.perceptual_scores", lambda *_: Scores())
 

@@ -28,8 +28,8 @@ pytestmark = pytest.mark.process
 PROMISED = {
     "key", "tool", "image", "width", "height", "settings", "used", "gaussians", "rounds",
     "stop_reason", "psnr_model", "psnr_svg", "ssim_svg", "ssimulacra2_svg", "flip_svg",
-    "psnr_roundtrip", "bytes_raw", "bytes_gzipped", "fit_s", "fit_cpu_s", "total_s", "cpu_s", "warmup_s", "peak_bytes",
-    "renderer", "threads", "machine", "versions", "date",
+    "psnr_roundtrip", "bytes_raw", "bytes_gzipped", "fit_s", "fit_cpu_s", "total_s",
+    "cpu_s", "warmup_s", "peak_bytes", "renderer", "threads", "machine", "versions", "date",
 }  # fmt: skip
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -160,9 +160,9 @@ def test_a_run_measures_them_where_asked_as_check_does(photo):
     plain = vectorize(photo, gaussians=9, iterations=2)
     assert [plain.report[key] for key in KEYS] == [None, None, []]
     scored = vectorize(photo, gaussians=9, iterations=2, scores=True)
-    assert scoblank.svg == plain.svg
+    assert scored.svg == plain.svg
     np.testing.assert_array_equal(scored.photo, photo)
-    checked = gauss2svg.check(photo, scoblank.svg)
+    checked = gauss2svg.check(photo, scored.svg)
     assert [scored.report[key] for key in KEYS] == [checked.report[key] for key in KEYS]
     assert scored.report["flip_svg"] == checked.scores.flip > 0
     assert checked.report["scores_missing"] == [SMALL]
