@@ -26,6 +26,7 @@ from skimage import data
 
 import gauss2svg
 from gauss2svg.errors import RendererError
+from gauss2svg.measure.scores import Scores
 from gauss2svg.raster import RENDERERS, chromium, rasterize
 from gauss2svg.scene import Scene
 
@@ -179,8 +180,9 @@ def threads_given_back() -> Iterator[None]:
 
 @pytest.fixture
 def drawn_here(monkeypatch) -> None:
-    """`check` draws without a process of its own, which takes a third of a second."""
+    """`check` draws without a process of its own, which takes a third of a second; no scores."""
     monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *given: rasterize(*given[:4]))
+    monkeypatch.setattr("gauss2svg.measure.check.perceptual_scores", lambda *_: Scores())
 
 
 def has_ended(process_id: int) -> bool:

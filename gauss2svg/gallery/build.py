@@ -15,7 +15,7 @@ from numba.core import config
 from gauss2svg.bench.runner import make_folder
 from gauss2svg.errors import InputError, OutputError, on_one_line, whole_number
 from gauss2svg.files import check_writable
-from gauss2svg.gallery.artifacts import RECORD, finished
+from gauss2svg.gallery.artifacts import RECORD, finished, is_scored
 from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.gallery.pages import (
     ASSETS,
@@ -102,10 +102,11 @@ def build_gallery(
     progress   called with a GalleryProgress whenever a step begins or ends
 
     Finished SVGs are kept, and made again only where the photo's bytes, the settings or this
-    package's code have changed; an interruption loses only unfinished ones. A photo that cannot
-    be read is a failure, which the first page lists, and the others continue. The pages need
-    neither a server nor a network. Raises InputError for bad arguments and OutputError for a
-    folder that cannot be written, or that holds other files of the pages' names.
+    package's code have changed; scores whose packages were missing then are added to them. An
+    interruption loses only unfinished ones. A photo that cannot be read is a failure, which the
+    first page lists, and the others continue. The pages need neither a server nor a network.
+    Raises InputError for bad arguments and OutputError for a folder that cannot be written, or
+    that holds other files of the pages' names.
     """
     listed = gallery_photos(photos)
     wanted, absent = variants_of(variants, counts, peers)
@@ -214,7 +215,7 @@ class _Build:
             if task.folder in self._records:
                 continue
             record = finished(self._root / task.folder, task.key)
-            if record is None:
+            if record is None or not is_scored(record):
                 missing.append(task)
                 continue
             self._records[task.folder] = record
