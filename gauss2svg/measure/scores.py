@@ -24,7 +24,7 @@ from PIL import Image
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.measure.drawing import import_path
-from gauss2svg.memory import SHARE, free_bytes
+from gauss2svg.measure.memory import SHARE, free_bytes
 from gauss2svg.photo.alpha import views
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.fit.losses import DEFAULT_LOSS, has_ssim
-from gauss2svg.memory import SHARE, free_bytes, held_bytes
+from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.options import byte_size
 from gauss2svg.scene import ADD, OVER
 

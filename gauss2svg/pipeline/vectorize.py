@@ -17,8 +17,8 @@ from numba.core import config
 from gauss2svg.errors import InputError, instance, must_be, shown, whole_number
 from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions
+from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.scores import Scores, perceptual_scores
-from gauss2svg.memory import held_bytes
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, load_image
