@@ -39,10 +39,12 @@ def image_gradient(
         value, gradient = np.mean(difference**2, dtype=np.float64), 2 * difference
     if has_ssim(loss):
         weight = SSIM_WEIGHT if ssim_weight is None else ssim_weight
-        parts = [structural_similarity(*planes) for planes in zip(rendered, target, strict=True)]
-        similarities, slopes = zip(*parts, strict=True)
-        value = (1 - weight) * value + weight * (1 - np.mean(similarities))
-        gradient = (1 - weight) * gradient - weight * np.stack(slopes)
+        value *= 1 - weight
+        gradient *= 1 - weight
+        for channel, planes in enumerate(zip(rendered, target, strict=True)):
+            similarity, slope = structural_similarity(*planes)
+            value += weight * (1 - similarity) / len(rendered)
+            gradient[channel] -= weight * slope
     return float(value), gradient
 
 

@@ -29,7 +29,7 @@ class FitOptions(OptionGroup):
     """Number of optimiser steps; the default is the preset's."""
 
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
-    """Loss; l1 and ssim are the paper's, ssim takes several times as long."""
+    """Loss; l1 and ssim are the paper's, ssim takes some ten times as long."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
     """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""

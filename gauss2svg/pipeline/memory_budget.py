@@ -34,7 +34,7 @@ _BASE = 205e6  # a photo of a few pixels
 # Per pixel of the photo: held, while decoding, and while measuring.
 _OPAQUE, _ALPHA = (12, 31, 57), (28, 70, 151)
 _HELD = 36  # per pixel of the fit, after it
-_FIT = {False: 75, True: 105}  # per pixel of the fit, by whether the loss has SSIM
+_FIT = {False: 75, True: 130}  # per pixel of the fit, by whether the loss has SSIM
 _SHAPE = 3000
 _ADDITIVE = 110e6  # writing an additive scene
 _MARGIN = 1.2
