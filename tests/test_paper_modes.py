@@ -4,14 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
-import torch
 from conftest import random_sum
 from flat import choices, fit_config
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.fit import convert_additive, fit, fixed_count
-from gauss2svg.fit.losses import image_gradient, structural_similarity
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.schedule import totals
 from gauss2svg.fit.session import FitSession
@@ -222,13 +220,6 @@ def test_bad_options_are_refused_with_their_name(change, message):
         fit_config(**change)
 
 
-def test_losses_without_torch_are_refused_with_the_extra_to_install(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"loss must be mse .*; got 'l1'. Try pip install"):
-        fit_config(loss="l1")
-    assert fit_config(loss="mse").fit.loss == "mse"
-
-
 def test_falloff_follows_the_blending():
     assert fit_config().fit.learned_falloff
     assert not fit_config(blend="add").fit.learned_falloff
@@ -251,19 +242,6 @@ def test_without_relocation_no_gaussian_is_replaced(photo):
 
     assert moved(True) > 0
     assert moved(False) == 0
-
-
-@pytest.mark.parametrize("weight", [0.0, 0.3, 1.0])
-def test_losses_weight_ssim_by_their_option(weight):
-    rng = np.random.default_rng(0)
-    rendered, target = rng.random((2, 3, 20, 24))
-    pixel, by_pixel = image_gradient("l1", rendered, target)
-    value, gradient = image_gradient("l1+ssim", rendered, target, weight)
-    structure, by_structure = image_gradient("l1+ssim", rendered, target, 1.0)
-    assert value == pytest.approx((1 - weight) * pixel + weight * structure)
-    np.testing.assert_allclose(
-        gradient, (1 - weight) * by_pixel + weight * by_structure, atol=1e-12
-    )
 
 
 def test_rounds_run_at_full_size_without_reduce(photo):
@@ -292,33 +270,3 @@ def test_a_heavier_ssim_keeps_more_structure(photo):
     (psnr, ssim), (psnr_structure, ssim_structure) = scores
     assert ssim_structure > ssim + 0.01
     assert psnr_structure < psnr
-
-
-@pytest.mark.parametrize("loss", choices("loss"))
-def test_loss_gradient_is_that_of_finite_differences(loss):
-    rng = np.random.default_rng(0)
-    rendered, target = (rng.random((3, 12, 13)).astype(np.float32) for _ in range(2))
-    _, gradient = image_gradient(loss, rendered, target)
-    direction = rng.normal(size=rendered.shape).astype(np.float32)
-    values = [image_gradient(loss, rendered + s * direction, target)[0] for s in (1e-3, -1e-3)]
-    slope = (values[0] - values[1]) / 2e-3 * rendered.size
-    name = "l1" if loss.startswith("l1") else "mse"
-    pixel = {"l1": np.abs(rendered - target), "mse": (rendered - target) ** 2}[name].mean()
-    value = image_gradient(loss, rendered, target)[0]
-    assert value == pytest.approx(pixel, rel=1e-5) if loss == name else value > 0.8 * pixel
-    # |r - t| has kinks, which a difference steps over
-    assert np.sum(gradient * direction) == pytest.approx(slope, rel=0.06)
-
-
-def test_torch_ssim_is_that_of_scikit_image_inside(photo):
-    from skimage.metrics import structural_similarity as oracle
-
-    other = np.clip(photo + np.random.default_rng(0).normal(0, 0.1, photo.shape), 0, 1)
-    other = other.astype(np.float32)
-    full = oracle(
-        photo, other, data_range=1.0, channel_axis=-1, gaussian_weights=True, sigma=1.5,
-        use_sample_covariance=False, full=True,
-    )[1]  # fmt: skip
-    planes = (torch.from_numpy(np.moveaxis(p, -1, 0).copy()) for p in (photo, other))
-    value = structural_similarity(*planes).item()
-    assert value == pytest.approx(full[5:-5, 5:-5].mean(), abs=2e-3)

@@ -37,15 +37,3 @@ def test_a_module_that_needs_it_says_so(module):
     )
     expected = f"TorchMissingError the differentiable renderer {ADVICE}"
     assert printed(code).strip() == expected
-
-
-def test_a_loss_that_needs_it_says_so():
-    code = (
-        "import numpy as np\n"
-        "from gauss2svg.errors import InputError\n"
-        "from gauss2svg.fit.losses import image_gradient\n"
-        "image = np.zeros((3, 20, 20), np.float32)\n"
-        "try:\n    image_gradient('mse+ssim', image, image)\n"
-        "except InputError as error:\n    print(error)"
-    )
-    assert printed(code).strip() == f"loss 'mse+ssim' {ADVICE}"

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib.util
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, must_be, whole_number
-from gauss2svg.fit.losses import DEFAULT_LOSS, has_ssim
+from gauss2svg.fit.losses import has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, totals
 from gauss2svg.fit.weight import PERCEPTUAL, Tune
 from gauss2svg.options import Number, OptionGroup, Whole
@@ -31,7 +30,7 @@ class FitOptions(OptionGroup):
     """Number of optimiser steps; the default is the preset's."""
 
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
-    """Loss; ssim keeps more texture and takes longer, and all but mse need the extra torch."""
+    """Loss; l1 and ssim are the paper's, ssim takes some ten times as long."""
 
     tune: Tune = PERCEPTUAL
     """What the fit is best at: what people see (perceptual), where errors count less in texture and
@@ -107,10 +106,6 @@ class FitConfig:
         if self.fit.blend == ADD and self.fit.falloff not in (None, GAUSSIAN):
             needed = f"{GAUSSIAN} with additive blending"
             raise InputError(must_be("falloff", needed, self.fit.falloff, f"--blend {OVER}"))
-        if self.fit.loss != DEFAULT_LOSS and importlib.util.find_spec("torch") is None:
-            needed = f"{DEFAULT_LOSS} without the package torch"
-            advice = "pip install 'gauss2svg[torch]'"
-            raise InputError(must_be("loss", needed, self.fit.loss, advice))
         if self.fit.ssim_weight is not None and not has_ssim(self.fit.loss):
             needed, loss = "one with ssim where ssim_weight is given", self.fit.loss
             raise InputError(must_be("loss", needed, loss, f"--loss {loss}+ssim"))

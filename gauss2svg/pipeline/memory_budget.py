@@ -4,7 +4,7 @@ The estimate is an upper bound of the process's resident size in bytes, for a ph
 fit on F px: the largest of three stages,
 
     decoding    31 P
-    fitting     12 P + a F + t,  a by the loss, t for torch
+    fitting     12 P + a F,  a by the loss
     measuring   57 P + 36 F
 
 (70, 28 and 151 P for a transparent photo), plus that of the interpreter, the libraries and each
@@ -28,10 +28,9 @@ _BASE = 205e6  # a photo of a few pixels
 # Per pixel of the photo: held, while decoding, and while measuring.
 _OPAQUE, _ALPHA = (12, 31, 57), (28, 70, 151)
 _HELD = 36  # per pixel of the fit, after it
-_FIT = {False: 75, True: 105}  # per pixel of the fit, by whether the loss has SSIM
+_FIT = {False: 75, True: 130}  # per pixel of the fit, by whether the loss has SSIM
 _SHAPE = 3000
 _ADDITIVE = 110e6  # writing an additive scene
-_TORCH = 440e6  # imported for every loss but the default
 _MARGIN = 1.2
 
 
@@ -57,13 +56,10 @@ class Load:
     def bytes(self) -> int:
         """The estimate."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
-        by_torch = self.loss != DEFAULT_LOSS
         a_pixel = _FIT[has_ssim(self.loss)]
         held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
-        fitting = held * photo + a_pixel * fit + _TORCH * by_torch
-        measuring = (
-            measured * photo + _HELD * fit + _TORCH * by_torch + _ADDITIVE * (self.blend == ADD)
-        )
+        fitting = held * photo + a_pixel * fit
+        measuring = measured * photo + _HELD * fit + _ADDITIVE * (self.blend == ADD)
         most = max(decoded * photo, fitting, measuring)
         return math.ceil(_MARGIN * (_BASE + most + _SHAPE * self.gaussians))
 
