@@ -21,8 +21,8 @@ FULL = 0.93  # share of the allowed bytes from which a file counts as full
 # dB under and over the preset's PSNR up to which there is no correction. Together less than the
 # presets lie apart, so that none ends under a cheaper one (docs/decisions/monotone.md).
 _LESS_THAN_ENOUGH, _FAR_MORE = 0.8, 3.0
-# Gaussians that are not removed for that: they are a few kilobytes, and each shows in a drawing.
-_FEW = 100
+# Gaussians that are not removed for that: they are a kilobyte or two, and each shows.
+_FEW = 16
 _SAME = 0.004  # relative difference up to which counts are the same
 _TELLING = 0.25  # doublings between two candidates from which a slope is derived
 # Doublings of a reduction at most: many at once end worse than a few after one another.
