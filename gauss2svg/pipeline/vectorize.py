@@ -79,7 +79,7 @@ def vectorize(
     the run and is the report's stop_reason; missed targets are in its `unreached`. The SVG has the
     photo's width and height even if the fit ran on a smaller image.
     Raises InputError for invalid input, RendererError for a missing renderer. Calls from several
-    threads wait for each other; a forked child may call it as well, with the loss mse.
+    threads wait for each other; a forked child may call it as well.
     """
     given = {
         name: value
