@@ -49,7 +49,7 @@ class Series:
 
     @property
     def step_down(self) -> float:
-        """dB that a setting ends under the best of the cheaper ones, 0 where none does."""
+        """How far in dB a setting ends under the best of the cheaper ones."""
         best = np.maximum.accumulate(self.psnr)
         return float(max(best - self.psnr))
 

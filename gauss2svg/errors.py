@@ -11,7 +11,10 @@ _MOST_SHOWN = 200  # characters of a value in an error
 
 
 class Gauss2SvgError(Exception):
-    """Base of every error that gauss2svg raises on purpose."""
+    """Base of every error that gauss2svg raises on purpose; its message is one line."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(on_one_line(message))  # names of files may have several
 
 
 class InputError(Gauss2SvgError, ValueError):
@@ -83,7 +86,7 @@ def whole_number(name: str, value: Any, least: int, most: int) -> int:
     """Value as an int in least..most; raises InputError that names it."""
     try:
         number = None if isinstance(value, bool) else operator.index(value)
-    except TypeError:
+    except Exception:  # of the value's own methods
         number = None
     if number is None or not least <= number <= most:
         raise InputError(must_be(name, f"a whole number in {least}..{most}", value))
@@ -96,7 +99,7 @@ def number_within(
     """Value as a float in least..most; raises InputError that names it."""
     try:
         number = math.nan if isinstance(value, (bool, str, bytes)) else float(value)
-    except (TypeError, ValueError, OverflowError):
+    except Exception:  # of the value's own methods
         number = math.nan
     if not least <= number <= most:
         needed = f"a number {needed or f'in {least:g}..{most:g}'}"

@@ -7,6 +7,7 @@ import json
 import os
 import secrets
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -47,6 +48,7 @@ def check_writable(path: FileName) -> None:
     """Raise OutputError if no file can be written there; changes no existing file."""
     target = Path(path)
     try:
+        _mode_of(target)  # raises for links in a circle, which neither exist nor can be made
         if target.is_dir():
             raise OutputError(f"cannot write {target}: it is a folder. Try a file name")
         if target.exists() and not os.access(target, os.W_OK):
@@ -163,10 +165,10 @@ def refuse_option_like(*names: str) -> None:
 def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
     """Refuse outputs that cannot be written or would overwrite an input or each other.
 
-    inputs  what each input file is, by its name: {"photo.jpg": "the photo"}
+    inputs  what each input file is, by its name: {"photo.jpg": "the photo"}; - is standard input
     Raises InputError for a clash, OutputError for a target that cannot be written.
     """
-    taken = {name: what for name, what in inputs.items() if name != STANDARD_STREAM}
+    taken = dict(inputs)
     for target in map(os.fspath, targets):
         for name, what in taken.items():
             if _are_one(name, target):
@@ -179,16 +181,27 @@ def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
 
 def _are_one(name: str, other: str) -> bool:
     """Whether two names are of one file: by links, or by case where the file system ignores it."""
-    first, second = (os.path.realpath(path) for path in (name, other))
-    if first == second:
-        return True
+    if name == STANDARD_STREAM:
+        return _is_standard_input(other)
     try:
+        first, second = (os.path.realpath(path) for path in (name, other))
+        if first == second:
+            return True
         if os.path.lexists(first) and os.path.lexists(second):
             return os.path.samefile(first, second)
     except (OSError, ValueError):
         return False  # reading or writing it raises the error
     # At most one exists; a file system that ignores case would find it by both names.
     return first.casefold() == second.casefold() and folds_case(os.path.dirname(second))
+
+
+def _is_standard_input(path: str) -> bool:
+    """Whether a file is what standard input reads, as by `< photo.png`."""
+    try:
+        read = os.fstat(sys.stdin.fileno())
+        return stat.S_ISREG(read.st_mode) and os.path.samestat(read, os.stat(path))
+    except (AttributeError, OSError, ValueError):  # it is closed or no file, or nothing is there
+        return False
 
 
 def as_png(pixels: NDArray[np.floating]) -> bytes:

@@ -213,19 +213,19 @@ def byte_size(name: str, value: Any) -> int:
         match = _SIZE.fullmatch(value.strip())
         size = float(match[1]) * _UNITS[match[2].lower()] if match else 0.0
     elif not isinstance(value, bool):
-        with suppress(TypeError):
+        with suppress(Exception):  # of the value's own methods
             size = operator.index(value)
     if not 1 <= size < 2**63:
         raise InputError(must_be(name, "a size of at least 1 byte", value, "150k or 1.5M"))
     return int(size)
 
 
-def file_name(name: str, value: Any) -> str:
+def file_name(name: str, value: Any, needed: str = "the path of a file") -> str:
     """A path as text; raises InputError that names it."""
     path = ""
     if isinstance(value, (str, os.PathLike)):
         with suppress(Exception):  # of a __fspath__ that returns something else, or raises
             path = str(os.fsdecode(value))
     if not path:
-        raise InputError(must_be(name, "the path of a file", value))
+        raise InputError(must_be(name, needed, value))
     return path

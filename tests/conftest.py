@@ -26,6 +26,7 @@ from skimage import data
 
 import gauss2svg
 from gauss2svg.errors import RendererError
+from gauss2svg.measure.scores import Scores
 from gauss2svg.raster import RENDERERS, chromium, rasterize
 from gauss2svg.scene import Scene
 
@@ -47,35 +48,6 @@ def _drop_stale_kernels() -> None:
 
 
 _drop_stale_kernels()
-
-
-def _keep_kernels_one_at_a_time() -> None:
-    """Have the processes of a run add to numba's cache on disk one after the other.
-
-    numba reads a function's index, adds to it and writes it without a lock: where two processes
-    compile the function for different types at once, the one's file can be listed as the other's.
-    """
-    try:
-        import fcntl
-    except ImportError:  # not on Windows, which locks no folders
-        return
-    from numba.core.caching import IndexDataCacheFile
-
-    save = IndexDataCacheFile.save
-
-    def save_alone(self, key, data):
-        folder = os.open(self._cache_path, os.O_RDONLY)
-        try:
-            fcntl.flock(folder, fcntl.LOCK_EX)
-            save(self, key, data)
-        finally:
-            os.close(folder)  # and with it the lock
-
-    IndexDataCacheFile.save = save_alone
-
-
-if "PYTEST_XDIST_WORKER" in os.environ:
-    _keep_kernels_one_at_a_time()
 
 
 def pytest_addoption(parser):
@@ -208,8 +180,9 @@ def threads_given_back() -> Iterator[None]:
 
 @pytest.fixture
 def drawn_here(monkeypatch) -> None:
-    """`check` draws without a process of its own, which takes a third of a second."""
+    """`check` draws without a process of its own, which takes a third of a second; no scores."""
     monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *given: rasterize(*given[:4]))
+    monkeypatch.setattr("gauss2svg.measure.check.perceptual_scores", lambda *_: Scores())
 
 
 def has_ended(process_id: int) -> bool:

@@ -174,8 +174,8 @@ class Case:
 
     def _python(self) -> str:
         rng, given = self._rng, {key: {} for key in GROUPS}
-        if rng.random() < 0.05:
-            return self._gallery_options()
+        if rng.random() < 0.1:
+            return rng.choice([self._check, self._gallery_options])()
         for key, group in GROUPS.items():
             for field in fields_of(group):
                 if field.name in _QUICK:
@@ -189,7 +189,7 @@ class Case:
             others[name] = rng.choice(odd_values() if name in GROUPS else odd_callables())
         photo = rng.choice([PIXELS, "photo.png", Path("photo.png")])
         if rng.random() < 0.03:
-            photo = rng.choice([value for value in odd_values() if not isinstance(value, Rude)])
+            photo = rng.choice(odd_values())
         self._reads_photo = isinstance(photo, (str, Path))
         path = rng.choice(odd_values()) if rng.random() < 0.5 else "out.svg"
         if isinstance(path, (str, Path)) and str(path) == "photo.png":  # replaced where asked for
@@ -211,6 +211,20 @@ class Case:
             assert _files(self._folder) == before, "a refused name of save has changed files"
             return "result, save " + _refused(error)
         return "result"
+
+    def _check(self) -> str:
+        rng = self._rng
+        given = {f.name: drawn(rng, f) for f in rng.sample(fields_of(CheckOptions), 2)}
+        sources: list[Any] = [PIXELS, _SVG]
+        if rng.random() < 0.3:
+            sources[rng.randrange(2)] = rng.choice(odd_values())
+        self._reads_photo = True
+        self.said = f"check({_shown(sources)}, {_shown(given)})"
+        try:
+            json.dumps(gauss2svg.check(*sources, **given).report, allow_nan=False)
+        except Gauss2SvgError as error:
+            return _refused(error)
+        return "result of check"
 
     def _gallery_options(self) -> str:
         fields = self._rng.sample(fields_of(GalleryOptions), 2)

@@ -15,6 +15,7 @@ from gauss2svg.gallery.artifacts import (
     THUMBNAIL,
     _finish,
 )
+from gauss2svg.measure.scores import packages
 
 
 def save(pixels, path, **options):
@@ -89,10 +90,12 @@ def canned(request):
     report = {
         "gaussians": count, "svg_bytes": 100 * count, "svgz_bytes": 10 * count, "fit_s": 0.1,
         "total_s": 0.1 * count, "psnr_svg": None if count == 7 else 20.0 + request["seed"],
-        "ssim_svg": 0.5, "renderer": "resvg 1", "seed": request["seed"], "notes": [],
+        "ssim_svg": 0.5, "ssimulacra2_svg": -20.0, "flip_svg": 0.25,
+        "renderer": "resvg 1", "seed": request["seed"], "notes": [],
     }  # fmt: skip
     files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
     extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1, "origin": ORIGIN}
+    extra["scored_by"] = packages()
     return {"record": _finish(request, files | {REPORT: as_json(report)}, extra)}
 
 

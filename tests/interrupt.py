@@ -32,6 +32,7 @@ from skimage import data
 import gauss2svg
 from gauss2svg.cli.signals import _ENDING
 from gauss2svg.pipeline.checkpoint import unpacked
+from gauss2svg.scene import Scene
 
 OLD = "<!-- written by gauss2svg -->"
 LONGEST_S = 300.0  # of a command
@@ -43,6 +44,7 @@ AFTER_FIT = (
     ["--preview", "preview.png"],
     ["--report", "report.json"],
     ["--outline", "outline.svg", "-o", "out.svg"],
+    ["--save-scene", "scene.npz", "--animate", "2"],
     ["--checkpoint", "fit", "--checkpoint-every", "0.05", "-o", "out.svg"],
     ["--preview", "preview.png", "--report", "report.json", "--outline", "outline.svg"],
 )
@@ -121,6 +123,8 @@ class Run:
             ElementTree.parse(path)
         elif path.suffix == ".png":
             Image.open(path).load()
+        elif path.suffix == ".npz":
+            Scene.load(path)
         elif path.suffix == ".json":
             json.loads(path.read_text())
         else:

@@ -19,6 +19,7 @@ from gauss2svg.bench.plots import NAMES, plots_of
 from gauss2svg.bench.process import in_own_process
 from gauss2svg.bench.rows import finite, flat
 from gauss2svg.bench.runner import run_bench
+from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.bench.summary import summarise
 from gauss2svg.cli.main import main
 
@@ -26,9 +27,9 @@ pytestmark = pytest.mark.process
 
 PROMISED = {
     "key", "tool", "image", "width", "height", "settings", "used", "gaussians", "rounds",
-    "stop_reason", "psnr_model", "psnr_svg", "ssim_svg", "psnr_roundtrip", "bytes_raw",
-    "bytes_gzipped", "fit_s", "fit_cpu_s", "total_s", "cpu_s", "warmup_s", "peak_bytes",
-    "renderer", "threads", "machine", "versions", "date",
+    "stop_reason", "psnr_model", "psnr_svg", "ssim_svg", "ssimulacra2_svg", "flip_svg",
+    "psnr_roundtrip", "bytes_raw", "bytes_gzipped", "fit_s", "fit_cpu_s", "total_s",
+    "cpu_s", "warmup_s", "peak_bytes", "renderer", "threads", "machine", "versions", "date",
 }  # fmt: skip
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -59,6 +60,7 @@ def requests(monkeypatch):
             return {"error": "unlucky"}
         return {
             "psnr_svg": 20 + math.log2(1 + count), "ssim_svg": 0.5, "psnr_model": None,
+            "ssimulacra2_svg": 9.0 - count, "flip_svg": 0.5 / count,
             "cpu_s": 0.01 * count, "total_s": 0.01 * count, "peak_bytes": 10**8,
             "bytes_raw": 200 * count, "bytes_gzipped": 20 * count, "gaussians": count,
         }  # fmt: skip
@@ -105,8 +107,8 @@ def test_real_run_has_all_that_was_promised_and_a_failing_one_is_an_error_row(me
 def test_jpeg_bytes_and_fidelity_fall_with_quality(measured):
     jpegs = [row for row in measured[2]["rows"] if row["tool"] == "jpeg"]
     jpegs.sort(key=lambda row: row["settings"]["quality"])
-    for name in ("bytes_raw", "psnr_svg", "ssim_svg"):
-        values = [row[name] for row in jpegs]
+    for name in ("bytes_raw", "psnr_svg", "ssim_svg", "flip_svg"):
+        values = [-row[name] if name == "flip_svg" else row[name] for row in jpegs]
         assert values == sorted(set(values)), name
 
 
@@ -309,7 +311,8 @@ def test_exact_results_have_no_finite_psnr_and_the_rest_continues(picture, tmp_p
     assert [row["below_seconds_dB"] for row in summary] == [0, None]
     json.dumps(finite([math.inf, {"a": (math.nan, 1.0)}]), allow_nan=False)
     assert plots_of(summary).keys() == set(NAMES)
-    assert all("No run has a finite PSNR" in svg for svg in plots_of([]).values())
+    for axis in SCORE_AXES:
+        assert f"No run has a finite {axis.name}." in plots_of([])[f"{axis.slug}_bytes.svg"]
 
 
 def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_path, requests):
@@ -318,12 +321,12 @@ def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_p
     run_bench([picture], tmp_path, axes={"quality": ["draft", "fast"]}, peers=["jpeg"])
     summary = json.loads((tmp_path / "bench.json").read_text())["summary"]
     assert len(summary) == 6
-    for name in NAMES:
+    for axis, name in zip(np.repeat(SCORE_AXES, 2), NAMES, strict=True):
         root = ElementTree.fromstring((tmp_path / name).read_text())
         points = root.findall(f".//{SVG}g[@class]/{SVG}title/..")
         titles = [point.findtext(f"{SVG}title") for point in points]
         for row, title in zip(summary, titles, strict=True):
-            assert title.startswith(f"{row['label']}: {row['psnr_svg']:.2f}")
+            assert title.startswith(f"{row['label']}: {axis.text(row[axis.key])}, ")
         series = [(p.get("class"), p.find(f"{SVG}g")[1].tag) for p in points]
         assert len(set(series)) == 3  # each preset, and all of a peer
         assert series[2:] == series[2:3] * 4

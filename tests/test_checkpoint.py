@@ -88,6 +88,8 @@ def test_costs_of_both_parts_are_reported(small, checkpoints, tmp_path):
         ({"gaussians": 61}, "with gaussians 61; got one with gaussians 60"),
         ({"seed": 1}, "with seed 1; got one with seed 0"),
         ({"loss": "l1"}, "with loss 'l1'; got one with loss 'mse'"),
+        ({"title": "b"}, "with title 'b'; got one with title 'Vectorised photo'"),
+        ({"size": "5mm"}, "with size '5mm'; got one with size None"),
         ({"segments": 4}, "of this photo; got one of another photo"),
         ({"target_psnr": 30.0}, "with target_psnr 30.0; got one with target_psnr None"),
     ],

@@ -71,6 +71,13 @@ def test_worse_last_steps_are_rolled_back(photo, monkeypatch):
     assert psnr_of(scene, photo) > max(seen) - 0.02
 
 
+@pytest.mark.parametrize("level", [0, 128, 255])
+def test_what_is_exact_already_is_left_as_it_is(level):
+    report = vectorize(np.full((32, 40, 3), level, np.uint8), gaussians=5).report
+    assert (report["gaussians"], report["psnr_svg"]) == (5, None)  # None: equal pixels
+    assert report["rollbacks"] == 0
+
+
 @pytest.mark.parametrize("rate", [0.0, -1.0, 1e7, np.nan, np.inf, "fast"])
 def test_rates_outside_of_their_domain_are_refused(rate):
     with pytest.raises(InputError, match="learning_rate"):

@@ -266,6 +266,49 @@ def test_output_that_is_the_photo_or_another_output_is_refused(
     assert content(tmp_path) == before
 
 
+@pytest.mark.parametrize("link", [False, True])
+def test_output_that_standard_input_reads_is_refused(link, picture, svg, tmp_path, capsys):
+    read, other = tmp_path / "read", tmp_path / "other"
+    given = {"the photo": picture, "the SVG": svg}
+    commands = [("the photo", ["-", "-o", "NAME"])]
+    further = ("--preview", "--report", "--outline", "--save-scene", "--checkpoint")
+    commands += [("the photo", ["-", "-o", tmp_path / "o.svg", one, "NAME"]) for one in further]
+    for one in ("--preview", "--report", "--heatmap"):
+        commands.append(("the photo", ["check", "-", svg, one, "NAME"]))
+        commands.append(("the SVG", ["check", picture, "-", one, "NAME"]))
+    for what, command in commands:
+        read.write_bytes(given[what].read_bytes())
+        if link:
+            other.hardlink_to(read)
+        name = other if link else read
+        before = content(tmp_path)
+        with read.open() as stdin, pytest.MonkeyPatch.context() as patch:
+            patch.setattr("sys.stdin", stdin)
+            err = refused([name if word == "NAME" else word for word in command], capsys)
+        assert f"{name}, which is also {what}. Try another name" in err
+        assert content(tmp_path) == before
+        other.unlink(missing_ok=True)
+
+
+def test_another_file_than_standard_input_reads_is_written(picture, tmp_path, monkeypatch):
+    with picture.open() as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        assert main(["-", "-o", str(tmp_path / "o.svg"), *TINY]) == 0
+
+
+def test_links_in_a_circle_are_refused_before_the_photo_is_read(tmp_path, capsys):
+    (tmp_path / "a.svg").symlink_to("b.svg")
+    (tmp_path / "b.svg").symlink_to("a.svg")
+    err = refused([tmp_path / "missing.png", "-o", tmp_path / "a.svg"], capsys)
+    assert "a.svg: Too many levels of symbolic links" in err
+
+
+@pytest.mark.parametrize("name", ["null\0.png", "a.svg", "\ud800.png", "x" * 5000])
+def test_the_name_of_no_file_clashes_with_no_output(name, tmp_path):
+    (tmp_path / "a.svg").symlink_to("a.svg")
+    files.check_outputs({str(tmp_path / name): "the photo"}, [tmp_path / "o.svg"])
+
+
 def test_names_that_differ_by_case_are_one_where_the_file_system_says_so(
     picture, tmp_path, monkeypatch, capsys
 ):

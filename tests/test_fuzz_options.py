@@ -3,16 +3,23 @@
 The short form of tests/fuzz_options.py.
 """
 
+from pathlib import Path
+
 import pytest
+from fuzz_options import _SVG as SVG
 from fuzz_options import PIXELS, Pathless, Rude, outcome_of
 
 import gauss2svg
+from gauss2svg.bench.runner import run_bench
+from gauss2svg.cli.check import CheckOptions
 from gauss2svg.errors import InputError, OutputError
-from gauss2svg.fit.options import DensifyOptions
+from gauss2svg.fit.options import DensifyOptions, FitOptions
+from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import Goal, Options, RunOptions
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.svg.document import Document
 
+A_PHOTO = Path(__file__).parent / "golden" / "crisp-0.png"
 NO_PHOTO = "missing.png"  # what is refused before the photo is read names something else
 
 
@@ -46,6 +53,10 @@ def test_many_combinations_give_a_result_or_one_refusal(seed):
         ({"run": RunOptions(resume="none")}, "cannot read none: No such file"),
         ({"run": RunOptions(resume=".")}, "cannot read .: it is a folder"),
         ({"run": RunOptions(checkpoint=".")}, "checkpoint must be a regular file; got ., which"),
+        (
+            {"fit": FitOptions(blend="add"), "document": Document(segments=9)},
+            "segments must not be given with additive blending",
+        ),
         ({"densify": DensifyOptions(schedule="linear")}, "schedule must be exponential unless the"),
     ],
 )
@@ -99,6 +110,46 @@ def test_a_result_is_saved_under_a_path_alone(path, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="gzip must be True or False; got 5"):
         result.save("out.svg", gzip=5)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("path", [Rude(), Pathless()])
+@pytest.mark.parametrize(
+    ("name", "call"),
+    {
+        "photo": gauss2svg.vectorize,
+        "photo of check": lambda path: gauss2svg.check(path, SVG),
+        "svg": lambda path: gauss2svg.check(PIXELS, path),
+        "source": gauss2svg.read_svg,
+        "file": gauss2svg.Scene(4, 4).save,
+        "scene file": gauss2svg.Scene.load,
+        "photos": lambda path: gauss2svg.build_gallery([path], "new"),
+        "directory": lambda path: gauss2svg.build_gallery(["photo.png"], path),
+        "images": lambda path: run_bench([path], "new"),
+        "directory of a benchmark": lambda path: run_bench([A_PHOTO], path),
+    }.items(),
+)
+def test_a_path_that_raises_or_is_none_is_refused_by_its_name(
+    name, call, path, tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=f"^{name.partition(' of ')[0]} must be ") as refusal:
+        call(path)
+    assert "\n" not in str(refusal.value)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", [f.name for f in fields_of(CheckOptions)])
+@pytest.mark.parametrize("value", [["resvg"], PIXELS, Rude(), True, b"5", float("nan")])
+def test_what_check_cannot_take_is_refused_by_its_name(name, value):
+    with pytest.raises(InputError, match=f"^{name} must be "):
+        gauss2svg.check(PIXELS, SVG, **{name: value})
+
+
+def test_errors_are_one_line_whatever_files_are_called():
+    for call in (gauss2svg.vectorize, gauss2svg.read_svg):
+        with pytest.raises(InputError, match=r"a b\\x1b") as refusal:
+            call("a\nb\x1b")
+        assert str(refusal.value).isprintable()
 
 
 def test_text_of_a_number_of_segments_is_a_number_as_on_the_command_line():

@@ -5,16 +5,18 @@ import re
 from html.parser import HTMLParser
 from urllib.parse import unquote, urlsplit
 
+import numpy as np
 import pytest
 from gallery_site import COUNTS, HOSTILE, PHONE, WIDE, box, pages_of, shot
 
 from gauss2svg.bench import numbers
+from gauss2svg.bench.score_axes import SCORE_AXES
 
 pytestmark = pytest.mark.browser
 
 GRAVE = ("serious", "critical")
 SLUGS = [f"gaussians-{count}" for count in COUNTS]
-KEYS = ("photo", "psnr_svg", "ssim_svg", "svg_bytes", "gaussians", "total_s")
+KEYS = ("photo", "psnr_svg", "ssim_svg", "flip_svg", "svg_bytes", "gaussians", "total_s")
 # Sum of the shifts that the browser has seen; 1 is a screenful by its whole height.
 SHIFT = """() => new Promise((done) => {
     let sum = 0;
@@ -169,6 +171,22 @@ def test_index_shows_what_fits_and_counts_it(gallery, visit):
         assert page.locator("#count").text_content() == told
 
 
+def test_score_of_the_charts_is_chosen_by_keys_and_without_scripts(visit):
+    page = visit(java_script_enabled=False).go("trade-off.html")
+    sections = page.locator("section[data-score]")
+    assert sections.count() == 6
+    chosen = page.locator("[name=score]:checked")
+    for slug in ("psnr", "ssim", "flip"):
+        assert chosen.get_attribute("value") == slug
+        seen = [one.get_attribute("data-score") for one in sections.all() if one.is_visible()]
+        assert seen == [slug] * 2
+        chosen.focus()
+        page.keyboard.press("ArrowRight")
+    assert "SSIMULACRA2 is not measured: it needs at least 225 px a side." in (
+        page.locator("main").text_content()
+    )
+
+
 def test_index_shows_and_links_the_chosen_variant(gallery, visit):
     page = visit().go("index.html")
     for variant in SLUGS:
@@ -178,6 +196,7 @@ def test_index_shows_and_links_the_chosen_variant(gallery, visit):
             told = card.locator("dd").all_text_contents()
             assert told == [
                 numbers.decibels(row["psnr_svg"]), numbers.ratio(row["ssim_svg"]),
+                numbers.ten_thousandths(row["flip_svg"]),
                 numbers.size(row["svg_bytes"]), numbers.whole(row["gaussians"]),
                 numbers.seconds(row["total_s"]),
             ]  # fmt: skip
@@ -249,22 +268,23 @@ def test_summary_is_that_of_the_data(gallery, visit):
         assert cells[0] == row["variant"]
         assert cells[1] == str(row["photos"]) == "4"
         assert cells[6] == numbers.decibels(row["median_psnr_svg"])
-        assert cells[8] == numbers.size(row["total_svg_bytes"])
+        assert cells[9] == numbers.size(row["total_svg_bytes"])
 
 
 def test_each_point_of_the_trade_off_opens_its_svg(gallery, visit):
     one = visit()
     page = one.go("trade-off.html")
     charts = page.locator(".chart svg")
-    assert charts.count() == 2
+    axes = [axis for axis in SCORE_AXES if axis.key != "ssimulacra2_svg"]  # they are too small
+    assert charts.count() == 2 * len(axes)
     wanted = {f"{row['page']}#{row['files']['SVG'].split('/')[-2]}" for row in gallery.rows}
-    for chart in charts.all():
+    for chart, axis in zip(charts.all(), np.repeat(axes, 2), strict=True):
         links = chart.locator("a").evaluate_all("all => all.map((e) => e.getAttribute('href'))")
         assert sorted(links) == sorted(wanted)
         told = chart.locator("a").evaluate_all("all => all.map((e) => e.ariaLabel)")
         for row, text in zip(gallery.rows, told, strict=True):
             assert text.startswith(f"{row['photo']}, {row['variant']}: ")
-            assert numbers.decibels(row["psnr_svg"]) in text
+            assert f": {axis.text(row[axis.key])}, " in text
     charts.first.locator(f"a[href='{gallery.rows[0]['page']}#{SLUGS[0]}']").click()
     for address in [page.url.removeprefix(one.site.as_uri() + "/"), *sorted(wanted)]:
         one.go(address)
@@ -277,7 +297,9 @@ def test_without_scripts_pictures_and_links_are_there_and_no_dead_control(galler
     one = visit(java_script_enabled=False)
     for name in pages_of(gallery.directory):
         page = one.go(name)
-        assert not [e for e in page.locator(CONTROLS).all() if e.is_visible()], name
+        seen = [e for e in page.locator(CONTROLS).all() if e.is_visible()]
+        # The score of the charts is chosen by the style sheet.
+        assert {e.get_attribute("name") for e in seen} <= {"score"}, name
         assert page.evaluate(OVERFLOW) == 0
     page = one.go("index.html")
     assert [e.get_attribute("href") for e in page.locator(".card > a").all()] == [

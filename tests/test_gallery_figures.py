@@ -73,7 +73,7 @@ points = st.lists(
     st.builds(
         Point,
         cost=st.floats(1e-2, 1e7) | st.sampled_from([1.27, 3.0, 3.0, 7.0]),
-        psnr=st.none() | st.floats(-5, 120) | st.sampled_from([30.0, 35.0]),
+        score=st.none() | st.floats(-5, 120) | st.sampled_from([30.0, 35.0]),
         series=st.integers(0, 3),
         group=st.none() | st.integers(0, 2),
         text=st.just(""),
@@ -94,13 +94,13 @@ def test_points_and_ticks_lie_in_the_frame_in_their_order(given_points):
     for placed in chart.points:
         assert chart.left < placed.x < chart.right
         assert chart.top <= placed.y <= chart.bottom
-        assert (placed.y == chart.equal_y) == (placed.point.psnr is None)
-    assert (chart.equal_y is None) == all(point.psnr is not None for point in given_points)
+        assert (placed.y == chart.equal_y) == (placed.point.score is None)
+    assert (chart.equal_y is None) == all(point.score is not None for point in given_points)
     by_cost = sorted(chart.points, key=lambda placed: placed.point.cost)
     assert all(one.x <= other.x for one, other in pairwise(by_cost))
     finite = sorted(
-        (placed for placed in chart.points if placed.point.psnr is not None),
-        key=lambda placed: placed.point.psnr,
+        (placed for placed in chart.points if placed.point.score is not None),
+        key=lambda placed: placed.point.score,
     )
     assert all(one.y >= other.y for one, other in pairwise(finite))
     if chart.equal_y is not None:
@@ -116,7 +116,7 @@ def test_points_and_ticks_lie_in_the_frame_in_their_order(given_points):
     levels = [float(text) for _, text in chart.y_ticks]
     assert levels == sorted(set(levels))
     for placed in finite:
-        assert levels[0] <= placed.point.psnr <= levels[-1]
+        assert levels[0] <= placed.point.score <= levels[-1]
 
 
 @given(points)

@@ -12,6 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.bench.peers import PEERS
+from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.gallery.artifacts import finished, rounds_of
 from gauss2svg.gallery.options import GalleryOptions
@@ -202,7 +203,7 @@ def test_styles_of_a_peer_are_variants_of_their_own(monkeypatch, tmp_path):
 
 def row_of(variant, **values):
     usual = dict.fromkeys(
-        ("gaussians", "svg_bytes", "svgz_bytes", "total_s", "psnr_svg", "ssim_svg"), 1
+        ("gaussians", "svg_bytes", "svgz_bytes", "total_s", *(a.key for a in SCORE_AXES)), 1
     )
     return {"variant": variant.name, **usual, **values}
 

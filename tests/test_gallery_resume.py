@@ -64,6 +64,42 @@ def test_finished_work_is_kept_until_what_it_depends_on_changes(
     assert made()[0] == everything
 
 
+def test_scores_that_were_missing_are_added_without_another_fit(
+    two, photo, tmp_path, asked, monkeypatch
+):
+    from gauss2svg.gallery import artifacts
+
+    def made():
+        gallery = build_gallery(two, tmp_path / "out", counts=[5])
+        return asked.take(), gallery.rows
+
+    with monkeypatch.context() as patch:
+        patch.setattr("galleries.packages", dict)
+        lacking = made()[1]
+    requests = all_requests("ab", ["gaussians-5"])
+    again = [request for request in requests if request[0] == "variant"]
+    folder = tmp_path / "out" / "photos" / "a" / "gaussians-5"
+    (folder / PICTURE).write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">'.ljust(200) + "</svg>"
+    )
+    record = json.loads((folder / "record.json").read_text())
+    record["files"][PICTURE] = (folder / PICTURE).stat().st_size
+    (folder / "record.json").write_text(json.dumps(record))
+    answered = artifacts.make_variant(
+        {
+            "folder": str(folder), "key": record["key"], "tool": "gauss2svg", "photo_size": None,
+            "path": str(two[0]), "max_pixels": 10**6,
+        }
+    )  # fmt: skip
+    report = json.loads((folder / REPORT).read_text())
+    assert report["gaussians"] == lacking[0]["gaussians"]
+    assert 0 < report["flip_svg"] <= 1
+    assert artifacts.finished(folder, record["key"]) == answered
+    assert artifacts.is_scored(answered)
+    assert made()[0] == again[1:]
+    assert made()[0] == []
+
+
 def test_svg_of_which_a_file_is_gone_or_cut_short_is_made_again(two, tmp_path, asked):
     first = build_gallery(two, tmp_path / "out", counts=[5, 7])
     folder = tmp_path / "out" / "photos" / "a" / "gaussians-5"

@@ -3,6 +3,7 @@
 import itertools
 import json
 import signal
+from contextlib import suppress
 
 import pytest
 from PIL import Image
@@ -86,6 +87,21 @@ def test_signal_before_the_fit_ends_everything(number, command, tmp_path, monkey
     monkeypatch.setattr("gauss2svg.pipeline.vectorize.load_image", signalled)
     assert main(command) == STATUS[number]
     assert "every file is whole or untouched" in capsys.readouterr().err
+    assert (tmp_path / "out.svg").read_text() == "old"
+
+
+@pytest.mark.parametrize("number", STATUS)
+def test_signal_that_a_callback_loses_before_the_fit_ends_everything(
+    number, command, tmp_path, monkeypatch, capsys
+):
+    def losing(**_):
+        with suppress(KeyboardInterrupt):  # as a callback of a C library does, or __del__
+            signal.raise_signal(number)
+        return 0.0
+
+    monkeypatch.setattr("gauss2svg.pipeline.vectorize.compile_kernels", losing)
+    assert main(command) == STATUS[number]
+    assert capsys.readouterr().err == "gauss2svg: interrupted; every file is whole or untouched\n"
     assert (tmp_path / "out.svg").read_text() == "old"
 
 

@@ -47,6 +47,8 @@ def test_scene_does_not_share_the_arrays_it_was_given():
         ({"color": "red"}, "color must be an array of real numbers"),
         ({"mean": np.ones((2, 2)) + 1j}, "mean must be an array of real numbers; got complex"),
         ({"mean": [[1, 2], [3]]}, "mean must be an array"),
+        ({"rho": np.ma.array([0.1, 0.2], mask=[0, 1])}, "rho must be .* numbers; got masked ones"),
+        ({"round_index": np.ma.masked_all(2, int)}, "round_index must be .*; got masked ones"),
         ({"background": [10**400, 0, 0]}, "background must be an array"),
         ({"round_index": [0, np.inf]}, "whole numbers up to 2147483647"),
         ({"round_index": [0, 2**40]}, "whole numbers up to 2147483647"),

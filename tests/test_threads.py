@@ -10,6 +10,7 @@ import pytest
 from conftest import random_scene
 from flat import vectorize
 
+from gauss2svg.errors import InputError
 from gauss2svg.render import render
 from gauss2svg.render.threads import in_shares
 from gauss2svg.render.walk import add_pairs
@@ -71,4 +72,20 @@ def test_a_forked_process_renders_and_fits_with_threads_of_its_own(threads_given
         signal.alarm(60)
         again = vectorize(photo[:40, :40], gaussians=9, iterations=9).svg
         os._exit(0 if (render(scene) == expected).all() and again == svg else 1)
+    assert os.waitpid(child, 0)[1] == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+@pytest.mark.filterwarnings("default::DeprecationWarning")
+def test_a_forked_process_refuses_what_torch_would_wait_for(photo):
+    options = {"gaussians": 4, "iterations": 5, "loss": "l1"}
+    vectorize(photo[:40, :40], **options)
+    child = os.fork()
+    if child == 0:
+        signal.alarm(60)
+        try:
+            vectorize(photo[:40, :40], **options)
+        except InputError as error:
+            os._exit(0 if "Try multiprocessing's start method spawn" in str(error) else 1)
+        os._exit(2)
     assert os.waitpid(child, 0)[1] == 0

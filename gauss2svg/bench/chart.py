@@ -1,4 +1,4 @@
-"""Scatter charts of PSNR over a cost: where points, ticks and lines lie, and the SVG of it."""
+"""Scatter charts of a score over a cost: where points, ticks and lines lie, and the SVG of it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+from gauss2svg.bench.score_axes import PSNR, ScoreAxis
 
 WIDTH, HEIGHT = 720, 440  # user units
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 20, 34, 46
@@ -19,7 +21,7 @@ class Point:
     """A point of a chart.
 
     cost    > 0
-    psnr    dB; None where the SVG equals its photo
+    score   of the chart's axis; None where the PSNR is infinite
     series  index of its series, which decides its colour and shape
     group   the points of a group are joined by a line, in order of cost; None: not joined
     text    tooltip
@@ -27,7 +29,7 @@ class Point:
     """
 
     cost: float
-    psnr: float | None
+    score: float | None
     series: int
     group: int | None
     text: str
@@ -50,6 +52,7 @@ class Chart:
     x_ticks, y_ticks  (place, text)
     lines             the points attribute of each polyline
     equal_y           where points of exact SVGs lie; None without such points
+    score             title of the vertical axis
     """
 
     x_ticks: list[tuple[float, str]]
@@ -57,6 +60,7 @@ class Chart:
     lines: list[str]
     points: list[Placed]
     equal_y: float | None
+    score: str
     left: float = _LEFT
     right: float = WIDTH - _RIGHT
     top: float = _TOP
@@ -65,18 +69,22 @@ class Chart:
     height: float = HEIGHT
 
 
-def scatter(points: Sequence[Point], format_cost: Callable[[float], str]) -> Chart | None:
-    """A chart of PSNR over cost, on a logarithmic axis; None without points.
+def scatter(
+    points: Sequence[Point], format_cost: Callable[[float], str], axis: ScoreAxis = PSNR
+) -> Chart | None:
+    """A chart of a score over cost, on a logarithmic axis; None without points.
 
-    SVGs that equal their photo have an infinite PSNR and get a row of their own at the top.
+    Better is higher: an axis of scores that fall is upside down. SVGs that equal their photo have
+    an infinite PSNR and get a row of their own at the top.
     """
     if not points:
         return None
     costs = [point.cost for point in points]
     low, high = min(costs) / _MARGIN, max(costs) * _MARGIN
-    finite = [point.psnr for point in points if point.psnr is not None] or [0.0]
-    some_equal = any(point.psnr is None for point in points)
-    step = _step(max(finite) - min(finite))
+    sign = axis.sign
+    finite = [sign * point.score for point in points if point.score is not None] or [0.0]
+    some_equal = any(point.score is None for point in points)
+    step = _step(max(finite) - min(finite), axis.least_step)
     bottom = math.floor(min(finite) / step) * step
     # The highest mark stays clear of the frame.
     top = math.ceil((max(finite) + step / 5) / step) * step
@@ -86,25 +94,32 @@ def scatter(points: Sequence[Point], format_cost: Callable[[float], str]) -> Cha
         share = math.log(cost / low) / math.log(high / low)
         return round(_LEFT + share * (WIDTH - _RIGHT - _LEFT), 1)
 
-    def y_of(psnr: float | None) -> float:
-        share = ((ceiling if psnr is None else psnr) - bottom) / (ceiling - bottom)
+    def y_of(height: float) -> float:
+        share = (height - bottom) / (ceiling - bottom)
         return round(HEIGHT - _BOTTOM - share * (HEIGHT - _BOTTOM - _TOP), 1)
 
-    placed = [Placed(x_of(point.cost), y_of(point.psnr), point) for point in points]
+    placed = [
+        Placed(
+            x_of(point.cost), y_of(ceiling if point.score is None else sign * point.score), point
+        )
+        for point in points
+    ]
     groups: dict[int, list[Placed]] = {}
     for one in placed:
         if one.point.group is not None:
             groups.setdefault(one.point.group, []).append(one)
-    count = round((top - bottom) / step)
+    heights = [bottom + k * step for k in range(round((top - bottom) / step) + 1)]
+    highest = math.inf if axis.best is None else sign * axis.best + step / 2
     return Chart(
         x_ticks=[(x_of(value), format_cost(value)) for value in _ticks(low, high)],
-        y_ticks=[(y_of(bottom + k * step), f"{bottom + k * step:g}") for k in range(count + 1)],
+        y_ticks=[(y_of(at), _tick(sign * at)) for at in heights if at < highest],
         lines=[
             " ".join(f"{one.x},{one.y}" for one in sorted(group, key=lambda one: one.x))
             for group in groups.values()
         ],
         points=placed,
-        equal_y=y_of(None) if some_equal else None,
+        equal_y=y_of(ceiling) if some_equal else None,
+        score=axis.title,
     )
 
 
@@ -120,9 +135,15 @@ def template_environment(*packages: str) -> Environment:
     )
 
 
-def _step(span: float) -> float:
-    """Distance (dB) of ticks, for six ticks or fewer."""
-    return next(step for step in (1, 2, 5, 10, 20, 50, 1000) if span / step <= 6)
+def _step(span: float, least: float) -> float:
+    """Distance of ticks, for six ticks or fewer: least, or 2, 5, 10, 20, .. times as much."""
+    steps = (least * factor * 10**power for power in range(7) for factor in (1, 2, 5))
+    return next(step for step in steps if span / step <= 6)
+
+
+def _tick(value: float) -> str:
+    """A tick's number, without the digits and the sign that rounding adds to zero."""
+    return f"{round(value, 6) + 0.0:g}"
 
 
 def _ticks(low: float, high: float) -> list[float]:

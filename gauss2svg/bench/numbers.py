@@ -49,6 +49,16 @@ def ratio(value: float | None) -> str:
     return _NONE if value is None else f"{value:.3f}"
 
 
+def tenths(value: float | None) -> str:
+    """A SSIMULACRA2."""
+    return _NONE if value is None else f"{value:.1f}"
+
+
+def ten_thousandths(value: float | None) -> str:
+    """A FLIP."""
+    return _NONE if value is None else f"{value:.4f}"
+
+
 def _three_digits(value: float) -> str:
     decimals = 2 if value < 9.995 else 1 if value < 99.95 else 0
     text = f"{value:.{decimals}f}"

@@ -1,8 +1,8 @@
-"""Plots of a benchmark's summary as SVG: PSNR over CPU seconds and over gzipped bytes."""
+"""Plots of a benchmark's summary as SVG: each score over CPU seconds and over gzipped bytes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from gauss2svg.bench import numbers
@@ -10,50 +10,70 @@ from gauss2svg.bench.chart import Point, scatter, template_environment
 from gauss2svg.bench.front import front
 from gauss2svg.bench.peers import PEERS
 from gauss2svg.bench.rows import TOOL
+from gauss2svg.bench.score_axes import SCORE_AXES, ScoreAxis
 from gauss2svg.bench.summary import BYTES, SECONDS
 from gauss2svg.pipeline.presets import PRESETS
 
 # (cost, its axis, its least value: a cost of 0 has no place on a logarithmic axis, its text in a
 # tooltip, its text at a tick)
-_PLOTS = {
-    "psnr_seconds.svg": (
+_COSTS = {
+    "seconds": (
         SECONDS, "CPU seconds, after a warm-up", 1e-4, numbers.seconds, numbers.short_seconds,
     ),
-    "psnr_bytes.svg": (BYTES, "bytes, gzipped", 1.0, numbers.size, numbers.short_size),
+    "bytes": (BYTES, "bytes, gzipped", 1.0, numbers.size, numbers.short_size),
 }  # fmt: skip
-NAMES = tuple(_PLOTS)
+NAMES = tuple(f"{axis.slug}_{cost}.svg" for axis in SCORE_AXES for cost in _COSTS)
 # A series keeps its mark whichever others a plot has.
 _SERIES = (*PRESETS, "other settings", *PEERS)
 
 
 def plots_of(summary: Sequence[dict[str, Any]]) -> dict[str, str]:
-    """The plots as SVG, by the names of their files; settings without a finite PSNR are left out.
+    """The plots as SVG, by the names of their files; settings without a finite score are left out.
 
     Each tool, each preset and all other settings are a series; a line joins the Pareto front of
     gauss2svg. The label and the numbers of a point are its tooltip.
     """
-    rows = [row for row in summary if row["psnr_svg"] is not None]
+    return {
+        f"{axis.slug}_{cost}.svg": _plot(summary, axis, *_COSTS[cost])
+        for axis in SCORE_AXES
+        for cost in _COSTS
+    }
+
+
+def _plot(
+    summary: Sequence[dict[str, Any]],
+    axis: ScoreAxis,
+    cost: str,
+    cost_title: str,
+    least: float,
+    in_tooltip: Callable[[float | None], str],
+    at_tick: Callable[[float], str],
+) -> str:
+    rows = [row for row in summary if row[axis.key] is not None]
     own = [row for row in rows if row["tool"] == TOOL]
     used = {_series(row) for row in rows}
-    key = [(at, name) for at, name in enumerate(_SERIES) if at in used]
-    template = template_environment().get_template("plot.svg.jinja")
-    found = {}
-    for name, (cost, axis, least, in_tooltip, at_tick) in _PLOTS.items():
-        best = front([row["psnr_svg"] for row in own], [row[cost] for row in own])
-        on_front = [own[at] for at in best] if len(best) > 1 else []
-        points = [
-            Point(
-                cost=max(row[cost], least),
-                psnr=row["psnr_svg"],
-                series=_series(row),
-                group=0 if row in on_front else None,
-                text=f"{row['label']}: {numbers.decibels(row['psnr_svg'])}, "
-                f"{in_tooltip(row[cost])}",
-            )
-            for row in rows
-        ]
-        found[name] = template.render(chart=scatter(points, at_tick), cost=axis, key=key)
-    return found
+    best = front([axis.sign * row[axis.key] for row in own], [row[cost] for row in own])
+    on_front = [own[at] for at in best] if len(best) > 1 else []
+    points = [
+        Point(
+            cost=max(row[cost], least),
+            score=row[axis.key],
+            series=_series(row),
+            group=0 if row in on_front else None,
+            text=f"{row['label']}: {axis.text(row[axis.key])}, {in_tooltip(row[cost])}",
+        )
+        for row in rows
+    ]
+    return (
+        template_environment()
+        .get_template("plot.svg.jinja")
+        .render(
+            chart=scatter(points, at_tick, axis),
+            score=axis.name,
+            cost=cost_title,
+            key=[(at, name) for at, name in enumerate(_SERIES) if at in used],
+        )
+    )
 
 
 def _series(row: dict[str, Any]) -> int:

@@ -23,6 +23,7 @@ from gauss2svg.bench.rows import TOOL, Row, RowStore, csv_text, json_text
 from gauss2svg.bench.summary import markdown, summarise
 from gauss2svg.errors import InputError, OutputError, must_be, number_within, whole_number
 from gauss2svg.files import as_png, check_writable, write_all_atomically
+from gauss2svg.options import file_name
 from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.version import __version__
 
@@ -84,7 +85,7 @@ def run_bench(
     ]
     plan += _peer_runs(present, photos)
     names = [name for _, name, _ in photos]
-    folder = Path(directory)
+    folder = Path(file_name("directory", directory, "the name of a folder"))
     make_folder(folder)
     for name in _OUTPUTS:
         check_writable(folder / name)
@@ -107,7 +108,7 @@ def _photos(images: Sequence[str | os.PathLike[str]]) -> list[tuple[str, str, st
     """(path, name, digest) of each; a name is the shortest end of the path that is unique."""
     if not images:
         raise InputError(must_be("images", "the paths of one or more photos", []))
-    paths = [Path(image) for image in images]
+    paths = [Path(file_name("images", image)) for image in images]
     digests: dict[str, Path] = {}
     for path in paths:
         load_image(path)  # a bad photo is reported now, not after hours of runs

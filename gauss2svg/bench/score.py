@@ -8,12 +8,13 @@ from typing import Any
 
 from gauss2svg.errors import RendererError
 from gauss2svg.measure.roundtrip import measure_pixels
+from gauss2svg.measure.scores import perceptual_scores
 from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize, renderer_version
 
 
 def score(output: Path, image: str) -> dict[str, Any]:
-    """Size (bytes), PSNR (dB) and SSIM of an SVG or an image against the photo.
+    """Size (bytes) and scores of an SVG or an image against the photo.
 
     An SVG is rasterised at the photo's size. Raises RendererError for one that cannot be
     rasterised and for an image of another size.
@@ -31,7 +32,7 @@ def score(output: Path, image: str) -> dict[str, Any]:
             raise RendererError(
                 f"image must be {width}x{height} px; got {raster.shape[1]}x{raster.shape[0]}"
             )
-    measured = measure_pixels(raster, photo)
+    measured, perceptual = measure_pixels(raster, photo), perceptual_scores(raster, photo)
     return {
         "width": width,
         "height": height,
@@ -39,6 +40,8 @@ def score(output: Path, image: str) -> dict[str, Any]:
         "psnr_model": None,
         "psnr_svg": measured["psnr_svg"],
         "ssim_svg": measured["ssim_svg"],
+        "ssimulacra2_svg": perceptual.ssimulacra2,
+        "flip_svg": perceptual.flip,
         "bytes_raw": len(data),
         "bytes_gzipped": len(gzip.compress(data, compresslevel=9, mtime=0)),
     }

@@ -22,7 +22,7 @@ _WARM_UP: dict[str, Any] = {"iterations": 2}
 _FROM_REPORT = (
     "width", "height", "fit_width", "fit_height", "gaussians", "iterations", "rounds",
     "stop_reason", "threads", "renderer", "psnr_model", "psnr_svg", "ssim_svg",
-    "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs",
+    "ssimulacra2_svg", "flip_svg", "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs",
 )  # fmt: skip
 
 
@@ -40,6 +40,7 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
     import numpy as np
 
     from gauss2svg.bench.grid import AXES
+    from gauss2svg.measure.scores import perceptual_scores
     from gauss2svg.pipeline.kernels import compile_kernels
     from gauss2svg.pipeline.options import Options
     from gauss2svg.pipeline.vectorize import vectorize_by
@@ -53,14 +54,15 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
     vectorize_by(Options.from_flat(given | _WARM_UP), noise)
     warmup_s = time.perf_counter() - warming
     watch = Stopwatch()
-    report = vectorize_by(options, request["image"]).report
-    clocks = watch.read()
+    result = vectorize_by(options, request["image"])
+    clocks, peak = watch.read(), peak_bytes()  # without what the scores take
+    report = result.report | perceptual_scores(result.raster, result.photo).report
     return {
         "used": request["settings"] | {name: report[name] for name in AXES if name in report},
         **{name: report[name] for name in _FROM_REPORT},
         **clocks,
         "warmup_s": warmup_s,
-        "peak_bytes": peak_bytes(),
+        "peak_bytes": peak,
         "bytes_raw": report["svg_bytes"],
         "bytes_gzipped": report["svgz_bytes"],
         "versions": report["versions"],

@@ -55,12 +55,15 @@ def bench_command(
     from gauss2svg.bench.peers import check_peers
     from gauss2svg.bench.runner import run_bench
     from gauss2svg.cli.progress_bar import counting_bar
+    from gauss2svg.measure.scores import packages_missing
 
     names = [name.strip() for name in peers.split(",") if name.strip()]
     axes = parse_axes(axis or ())
     absent = check_peers(names)[1]
     if absent:
         _print(f"skipped, not installed: {', '.join(absent)}")
+    for line in packages_missing():
+        _print(line)
     last: list[BenchProgress] = []
     with counting_bar(quiet) as update:
 

@@ -51,6 +51,7 @@ def gallery_command(
     """Write web pages that compare the results for photos; they open from the disk."""
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.gallery.build import build_gallery
+    from gauss2svg.measure.scores import packages_missing
 
     with counting_bar(quiet) as update:
         gallery = build_gallery(
@@ -63,6 +64,8 @@ def gallery_command(
             command=shlex.join(["gauss2svg", *sys.argv[1:]]),
             progress=lambda at: update("; ".join(at.now), at.done, at.total),
         )
+    for line in packages_missing():
+        _print(line)
     if gallery.absent:
         _print(f"skipped, not installed: {', '.join(gallery.absent)}")
     for failure in gallery.failures:

@@ -83,6 +83,7 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         "Gaussians": f"{report['gaussians']:,}, fitted in {report['iterations']} iterations",
         "match": f"{_match(report)}, rasterised by {report['renderer']}",
         **_of_alpha(report),
+        **_scores(report),
         "fit": f"PSNR {decibels(report['psnr_model'])} before writing; the SVG against it: "
         f"{decibels(report['psnr_roundtrip'])}, {report['bias_roundtrip']:+.2f} of 255 on average",
         "time": f"{report['total_s']:.1f} s, of which {report['fit_s']:.1f} s for the fit"
@@ -106,6 +107,7 @@ def print_check(report: dict[str, Any], svg: str | None) -> None:
         "match": f"{_match(report)}, MS-SSIM {_ssim(report['ms_ssim_svg'], 176)}, rasterised by "
         f"{report['renderer']} at {report['width']}x{report['height']} px",
         **_of_alpha(report),
+        **_scores(report),
         "errors": f"{report['largest_error_svg']:.0f} of 255 at most, "
         f"{report['bias_svg']:+.2f} of 255 on average",
     }
@@ -116,6 +118,18 @@ def _match(report: dict[str, Any]) -> str:
     return (
         f"PSNR {decibels(report['psnr_svg'])}, SSIM {_ssim(report['ssim_svg'])} against the photo"
     )
+
+
+def _scores(report: dict[str, Any]) -> dict[str, str]:
+    """A row for the perceptual scores, and why one is missing; none where they were not asked."""
+    named = {"SSIMULACRA2": ("ssimulacra2_svg", ".1f"), "FLIP": ("flip_svg", ".4f")}
+    parts = [
+        f"{name} {report[key]:{form}}"
+        for name, (key, form) in named.items()
+        if report[key] is not None
+    ]
+    text = "; ".join([*([", ".join(parts)] if parts else []), *report["scores_missing"]])
+    return {"scores": text} if text else {}
 
 
 def _notes(report: dict[str, Any]) -> list[tuple[str, str]]:

@@ -23,6 +23,9 @@ _WORSE_AT_END = 1.2
 _ROUNDING = 1 + 1e-6  # of a loss that is summed in another order
 # Mean squared error under which a fit cannot diverge: 50 dB.
 NEGLIGIBLE = 1e-5
+# Mean squared error that no step can improve: 120 dB, at which no pixel of a million is off by half
+# a level. Adam would take full steps all the same.
+EXACT = 1e-12
 # After a rollback steps begin at a quarter of those that diverged and grow to half of them, so one
 # bad step among many good ones costs little. Where the next few steps diverge as well, they grow
 # to a tenth only.

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from gauss2svg.errors import InputError, must_be, whole_number
 from gauss2svg.fit.losses import DEFAULT_LOSS, has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, totals
+from gauss2svg.fit.weight import PERCEPTUAL, Tune
 from gauss2svg.options import Number, OptionGroup, Whole
 from gauss2svg.scene import ADD, OVER, Scene
 from gauss2svg.scene.falloff import ADAPTIVE, GAUSSIAN
@@ -31,6 +32,10 @@ class FitOptions(OptionGroup):
 
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
     """Loss; ssim keeps more texture and takes longer, and all but mse need the extra torch."""
+
+    tune: Tune = PERCEPTUAL
+    """What the fit is best at: what people see (perceptual), where errors count less in texture and
+    more on smooth areas, or PSNR (psnr)."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
     """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""

@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.target import Target
+from gauss2svg.fit.weight import PERCEPTUAL
 
 FIRST_RAW_BETA = 0.1  # ln beta; the start hardly matters
 _LEAST_SIGMA = 0.8  # px
@@ -96,6 +97,8 @@ class _Placer:
             surplus = (over_white - over_black).mean(axis=0)  # of alpha, over the target's
             self._residual *= np.where(surplus > _TOO_COVERED, _COVERED_WEIGHT, 1.0)
         self._color = self._residual if blending.color_from_residual else target.source_color
+        if target.weight is not None and target.tune == PERCEPTUAL:
+            self._residual = self._residual * np.sqrt(target.weight)
         self._spacing = spacing
         self._rng = rng
         self._initial_sigma = blending.initial_sigma

@@ -24,10 +24,6 @@ from gauss2svg.scene import ADD, Scene
 # Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
 
-# Flat areas count up to 1 + this times in the squared error, so that streaks over skies and walls
-# fade (docs/decisions/fit.md has the cost).
-FLAT_WEIGHT = 8.0
-
 _RELOCATION_SHARE = 0.08
 
 
@@ -50,7 +46,7 @@ class Population:
         if has_alpha(pixels):
             self.background = np.ones(3)  # not written
         self.rng = np.random.default_rng(config.fit.seed)
-        self._pyramid = TargetPyramid(pixels, config.dtype, FLAT_WEIGHT)
+        self._pyramid = TargetPyramid(pixels, config.dtype, config.fit.tune)
         self._reduction = 1
         self.target = self._pyramid.reduced(1)
         self._order = None if segment_at is None else SegmentOrder(segment_at)
@@ -134,7 +130,7 @@ class Population:
         if least == -math.inf or not len(self):
             return
         rendered, cost = self.target.removal_cost(self.splats())
-        error = float(np.sum(np.square(rendered - self.target.planar), dtype=np.float64))
+        error = self.target.weighted_squares(rendered)
         # Removing one turns the error e into e + cost: it gains 10 log10(1 + cost / e) dB.
         least_cost = error * (10 ** (least / 10) - 1)
         self.state = self.state.select(cost[:, 0] > least_cost)

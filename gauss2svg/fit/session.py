@@ -17,7 +17,7 @@ from gauss2svg.errors import InputError, must_be, number_within
 from gauss2svg.fit import adam
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
-from gauss2svg.fit.divergence import NEGLIGIBLE, DivergenceGuard
+from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
@@ -350,7 +350,8 @@ class FitSession:
         evaluated = self._evaluate(splats)
         if self.guard.accepts(evaluated.loss, evaluated.error, self.state, self._shared):
             self._errors.append(evaluated.error)
-            self._optimize(splats, evaluated, rate(done))
+            if evaluated.error > EXACT:
+                self._optimize(splats, evaluated, rate(done))
         else:
             self._roll_back()
         self.pixel_pairs += evaluated.pairs

@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 from scipy.special import expit, logit
 
 from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
+from gauss2svg.fit.weight import pixel_weight, slopes
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, shrunk
 from gauss2svg.render.cpu import (
     Splats,
@@ -22,9 +23,6 @@ from gauss2svg.render.cpu import (
     squared_error,
 )
 
-# Flat areas: gradients under 0.02 a px (5 levels of 255) within some 4 px.
-_FLAT_ENERGY = 0.02**2
-_FLAT_REACH = 4.0
 _PIXELS_A_ROW = 16  # of a tile, the unit in which the kernels count pairs
 _LEAST_ALPHA = 0.5 / 255  # of a visible pixel
 _LEAST_OPACITY, _MOST_OPACITY = 0.02, 0.98  # initially, on a target with alpha
@@ -72,14 +70,13 @@ class Target:
     planar        (3, h, w), or (6, h, w) over both backdrops: what the loss compares
     source_color  (3, h, w): colours for new Gaussians, those of the nearest visible pixel
     visible       (h, w) where alpha is above zero; None where the image is opaque
-    weight        (h, w) in 1..1 + flat_weight, large in flat areas, where a streak of two levels
-                  is visible that the squared error alone hardly counts
+    weight        (h, w) of the squared error, by gauss2svg.fit.weight; None: 1 everywhere
     """
 
     def __init__(
         self,
         color: NDArray[np.floating],
-        flat_weight: float = 0.0,
+        tune: str | None = None,
         alpha: NDArray[np.floating] | None = None,
     ) -> None:
         self.height, self.width = color.shape[1:]
@@ -96,10 +93,10 @@ class Target:
             self._views = tuple(
                 View(self.planar[3 * k : 3 * k + 3], b) for k, b in enumerate(BACKDROPS)
             )
-        self._slopes = [_slopes(view.planar) for view in self._views]
-        energy = reduce(add, (gx * gx + gy * gy for gx, gy in self._slopes)) / len(self._views)
-        energy = gaussian_filter(energy, _FLAT_REACH)
-        self.weight = (1 + flat_weight * np.exp(-energy / _FLAT_ENERGY)).astype(color.dtype)
+        self.tune = tune
+        self.weight = None
+        if tune is not None:
+            self.weight = pixel_weight([view.planar for view in self._views], tune)
 
     @property
     def is_transparent(self) -> bool:
@@ -117,7 +114,8 @@ class Target:
 
         From the structure tensor, the smoothed products of the gradient.
         """
-        products = [(gx * gx, gy * gy, gx * gy) for gx, gy in self._slopes]
+        by_view = [slopes(view.planar.mean(axis=0)) for view in self._views]
+        products = [(gx * gx, gy * gy, gx * gy) for gx, gy in by_view]
         jxx, jyy, jxy = (
             gaussian_filter(reduce(add, parts), 2.0) for parts in zip(*products, strict=True)
         )
@@ -180,33 +178,38 @@ class Target:
         return LossAndGradient(value, squares / view.planar.size, moments, rows * _PIXELS_A_ROW)
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
-        """Sum of squared differences, and the moments of the gradient of half of it."""
-        parts = [squared_error(view.over_backdrop(splats), view.planar) for view in self._views]
-        return sum(part[1] for part in parts), reduce(add, (part[2] for part in parts))
+        """Weighted sum of squared differences, and the moments of the gradient of half of it."""
+        parts = [
+            squared_error(view.over_backdrop(splats), view.planar, self.weight)
+            for view in self._views
+        ]
+        rendered = _joined([part[0] for part in parts])
+        return self.weighted_squares(rendered), reduce(add, (part[2] for part in parts))
+
+    def weighted_squares(self, rendered: NDArray[np.floating]) -> float:
+        """Weighted sum of squared differences of a render, like planar."""
+        squares = np.square(rendered - self.planar)
+        if self.weight is not None:
+            squares *= self.weight
+        return float(np.sum(squares, dtype=np.float64))
 
     def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
         """The render, like planar, and what removing each costs; see gauss2svg.render.cpu."""
-        parts = [removal_cost(view.over_backdrop(splats), view.planar) for view in self._views]
+        parts = [
+            removal_cost(view.over_backdrop(splats), view.planar, self.weight)
+            for view in self._views
+        ]
         return _joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 
-def target_of(pixels: NDArray[np.floating], dtype: Any, flat_weight: float = 0.0) -> Target:
+def target_of(pixels: NDArray[np.floating], dtype: Any, tune: str | None = None) -> Target:
     """The target of an image (h, w, 3) or (h, w, 4)."""
     planar = np.ascontiguousarray(np.moveaxis(pixels, -1, 0), dtype)
-    return Target(planar[:3], flat_weight, planar[3] if has_alpha(pixels) else None)
+    return Target(planar[:3], tune, planar[3] if has_alpha(pixels) else None)
 
 
 def _joined(images: list[NDArray[np.floating]]) -> NDArray[np.floating]:
     return images[0] if len(images) == 1 else np.concatenate(images)
-
-
-def _slopes(planar: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Derivatives (h, w) of the smoothed luma along x and y."""
-    luma = gaussian_filter(planar.mean(axis=0), 1.0)
-    height, width = planar.shape[1:]
-    gy = np.gradient(luma, axis=0) if height > 1 else np.zeros_like(luma)
-    gx = np.gradient(luma, axis=1) if width > 1 else np.zeros_like(luma)
-    return gx, gy
 
 
 def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[np.floating]:
@@ -221,13 +224,13 @@ def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[
 class TargetPyramid:
     """An image (h, w, 3) or (h, w, 4) as targets of reduced size.
 
-    dtype and flat_weight are those of Target.
+    dtype and tune are those of Target.
     """
 
-    def __init__(self, pixels: NDArray[np.float32], dtype: Any, flat_weight: float) -> None:
+    def __init__(self, pixels: NDArray[np.float32], dtype: Any, tune: str) -> None:
         self.pixels = pixels
         self._dtype = dtype
-        self._flat_weight = flat_weight
+        self._tune = tune
         self._targets: dict[int, Target] = {}
 
     def reduced(self, factor: int) -> Target:
@@ -236,5 +239,5 @@ class TargetPyramid:
             height, width = self.pixels.shape[:2]
             size = max(1, height // factor), max(1, width // factor)
             small = shrunk(self.pixels, *size)
-            self._targets[factor] = target_of(small, self._dtype, self._flat_weight)
+            self._targets[factor] = target_of(small, self._dtype, self._tune)
         return self._targets[factor]

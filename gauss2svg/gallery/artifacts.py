@@ -26,6 +26,8 @@ from gauss2svg.files import as_json, as_png, write_all_atomically
 from gauss2svg.gallery.crops import worst_and_typical
 from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
+from gauss2svg.measure.memory import held_bytes
+from gauss2svg.measure.scores import packages, packages_missing, perceptual_scores
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
 from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.pipeline.kernels import compile_kernels
@@ -77,10 +79,14 @@ def make_variant(request: Request) -> dict[str, Any]:
 
     request  path, key, folder, photo_size, max_pixels, tool, settings, seed, jobs, threads,
              max_memory, peer_timeout, and shown, the path of the photo that the pages show
-    Raises Gauss2SvgError where it cannot be made.
+    Where it is there already and only scores are missing, whose packages have been installed
+    since, nothing is fitted anew. Raises Gauss2SvgError where it cannot be made.
     """
     # A resized photo is the 8-bit one of the page; others are read as by the command line.
     source = request["shown"] if request["photo_size"] else request["path"]
+    kept = finished(Path(request["folder"]), request["key"])
+    if kept is not None:
+        return _scored(source, request, kept)
     make = _own if request["tool"] == TOOL else _peer
     files, report, raster, extra = make(source, request)
     target = pixels_of(load_image(source, max_pixels=request["max_pixels"]))
@@ -92,6 +98,7 @@ def make_variant(request: Request) -> dict[str, Any]:
         ERRORS: _encoded(error_map(rendered, photo), "PNG", optimize=True),
     }
     extra |= {"worst": worst._asdict(), "typical": typical._asdict()}
+    extra["scored_by"] = packages()
     extra["origin"] = {
         "date": datetime.now(UTC).date().isoformat(),
         "machine": machine(),
@@ -124,7 +131,9 @@ def _own(source: str, request: Request) -> _Made:
         SCENE: scene.getvalue(),
         OUTLINES: result.outline().encode(),
     }
-    return files, result.report, result.raster, clocks | {"rounds": rounds_of(result.svg)}
+    scores = perceptual_scores(result.raster, result.photo, request["max_memory"] - held_bytes())
+    report = result.report | {"scores": not packages_missing()} | scores.report
+    return files, report, result.raster, clocks | {"rounds": rounds_of(result.svg)}
 
 
 def rounds_of(svg: str) -> list[list[int]]:
@@ -163,6 +172,30 @@ def _peer(source: str, request: Request) -> _Made:
     clocks = {name: row[name] for name in ("total_s", "cpu_s", "other_cpu_s")}
     own = {"tool": request["tool"], "settings": request["settings"], "total_s": row["total_s"]}
     return {PICTURE: svg}, own | result.report, result.raster, clocks
+
+
+def _scored(source: str, request: Request, record: dict[str, Any]) -> dict[str, Any]:
+    """Add the scores to the report of a finished SVG; returns the record."""
+    folder, own = Path(request["folder"]), request["tool"] == TOOL
+    checked = check(
+        source,
+        folder / PICTURE,
+        max_pixels=request["max_pixels"],
+        matte=None if own else "white",
+    )
+    asked = {"scores": not packages_missing()} if own else {}
+    report = as_json(json.loads((folder / REPORT).read_bytes()) | asked | checked.scores.report)
+    record = record | {
+        "files": record["files"] | {REPORT: len(report)},
+        "scored_by": packages(),
+    }
+    write_all_atomically({folder / REPORT: report, folder / RECORD: _as_text(record)})
+    return record
+
+
+def is_scored(record: Mapping[str, Any]) -> bool:
+    """Whether a finished SVG has been scored by all packages that are installed; True of photos."""
+    return packages().items() <= record.get("scored_by", packages()).items()
 
 
 def _sized(pixels: NDArray[np.float32], side: int | None) -> NDArray[np.float32]:
@@ -210,9 +243,13 @@ def _finish(
         reason = error.strerror or error
         raise OutputError(f"cannot write in {folder}: {reason}. Try another folder") from error
     written: dict[str | os.PathLike[str], bytes] = {folder / n: data for n, data in files.items()}
-    written[folder / RECORD] = json.dumps(record, indent=2).encode() + b"\n"
+    written[folder / RECORD] = _as_text(record)
     write_all_atomically(written)
     return record
+
+
+def _as_text(record: Mapping[str, Any]) -> bytes:
+    return json.dumps(record, indent=2).encode() + b"\n"
 
 
 def finished(folder: Path, key: str) -> dict[str, Any] | None:

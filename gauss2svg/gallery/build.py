@@ -13,9 +13,9 @@ from typing import Any
 from numba.core import config
 
 from gauss2svg.bench.runner import make_folder
-from gauss2svg.errors import InputError, OutputError, must_be, on_one_line, whole_number
+from gauss2svg.errors import InputError, OutputError, on_one_line, whole_number
 from gauss2svg.files import check_writable
-from gauss2svg.gallery.artifacts import RECORD, finished
+from gauss2svg.gallery.artifacts import RECORD, finished, is_scored
 from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.gallery.pages import (
     ASSETS,
@@ -38,6 +38,7 @@ from gauss2svg.gallery.tasks import (
     variant_task,
 )
 from gauss2svg.gallery.variants import Variant, variants_of
+from gauss2svg.options import file_name
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.memory_budget import allowed
 
@@ -101,10 +102,11 @@ def build_gallery(
     progress   called with a GalleryProgress whenever a step begins or ends
 
     Finished SVGs are kept, and made again only where the photo's bytes, the settings or this
-    package's code have changed; an interruption loses only unfinished ones. A photo that cannot
-    be read is a failure, which the first page lists, and the others continue. The pages need
-    neither a server nor a network. Raises InputError for bad arguments and OutputError for a
-    folder that cannot be written, or that holds other files of the pages' names.
+    package's code have changed; scores whose packages were missing then are added to them. An
+    interruption loses only unfinished ones. A photo that cannot be read is a failure, which the
+    first page lists, and the others continue. The pages need neither a server nor a network.
+    Raises InputError for bad arguments and OutputError for a folder that cannot be written, or
+    that holds other files of the pages' names.
     """
     listed = gallery_photos(photos)
     wanted, absent = variants_of(variants, counts, peers)
@@ -121,7 +123,7 @@ def build_gallery(
     provenance = Provenance(
         title=options.title,
         command=on_one_line(
-            command or f"build_gallery([.. {len(listed)} photos ..], {os.fspath(directory)!r}, ..)"
+            command or f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
         ),
         date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
         seed=options.seed,
@@ -166,7 +168,7 @@ class _Build:
                 else:
                     self._fail(photo, None, photo.problem)
             if jobs > 1 and any(variant.is_own for variant in self._variants):
-                # Once, by one process: numba's cache mixes up what several save at a time.
+                # Once, by one process: workers that start together would each compile them.
                 compile_kernels()
             photos = self._missing([photo_task(self._root, p, self._setup) for p in readable])
             # Finished SVGs are looked up first, so that an interruption shows them.
@@ -213,7 +215,7 @@ class _Build:
             if task.folder in self._records:
                 continue
             record = finished(self._root / task.folder, task.key)
-            if record is None:
+            if record is None or not is_scored(record):
                 missing.append(task)
                 continue
             self._records[task.folder] = record
@@ -261,9 +263,7 @@ class _Build:
 
 def _folder(directory: str | os.PathLike[str], photos: Iterable[GalleryPhoto]) -> Path:
     """The folder, created if missing; refused where files of others would be overwritten."""
-    if not os.fspath(directory):
-        raise OutputError(must_be("directory", "the name of a folder", "", ". for this folder"))
-    root = Path(directory)
+    root = Path(file_name("directory", directory, "the name of a folder, such as . for this one"))
     make_folder(root)
     if not is_gallery(root / DATA):
         foreign = [root / name for name in (PHOTOS, ASSETS) if _is_foreign(root / name)]

@@ -16,6 +16,7 @@ from jinja2 import Environment
 from gauss2svg.bench import numbers
 from gauss2svg.bench.chart import Point, scatter, template_environment
 from gauss2svg.bench.rows import csv_text, json_text
+from gauss2svg.bench.score_axes import PSNR, SCORE_AXES, ScoreAxis
 from gauss2svg.files import write_all_atomically
 from gauss2svg.gallery.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
 from gauss2svg.gallery.crops import SIDE
@@ -72,6 +73,7 @@ def write_pages(
     """
     rows = rows_of(results)
     summary = summary_of(rows, variants)
+    shown = _shown_scores(rows)
     shared = {
         "provenance": provenance,
         "version": __version__,
@@ -82,6 +84,9 @@ def write_pages(
         "rows": rows,
         "renderers": _renderers(rows),
         "summary": summary,
+        "scores": shown,
+        "unscored": _unscored(results),
+        "scored": any(svg.report.get("scores") for one in results for svg in one.svgs),
         "legend": _legend(),
         "most_levels": MOST,
         "crop_side": SIDE,
@@ -99,7 +104,7 @@ def write_pages(
         root / DATA: json_text(_document(provenance, summary, rows, failures)).encode(),
         root / TABLE: csv_text(rows).encode(),
         root / INDEX: page("index", cards=[_card(one) for one in results]),
-        root / TRADE_OFF: page("trade-off", charts=_charts(results, variants)),
+        root / TRADE_OFF: page("trade-off", charts=_charts(results, variants, shown)),
         root / HOW: page("how", versions=_versions(results), origins=_origins(results)),
     }
     for at, one in enumerate(results):
@@ -188,14 +193,12 @@ def _card(one: PhotoResult) -> dict[str, Any]:
             "elements": svg.report.get("elements"),
             "svg_bytes": svg.report["svg_bytes"],
             "total_s": svg.report["total_s"],
-            "psnr_svg": svg.report["psnr_svg"],
-            "ssim_svg": svg.report["ssim_svg"],
+            **{axis.key: svg.report.get(axis.key) for axis in SCORE_AXES},
             "texts": {
                 "shapes": _shapes(svg),
                 "svg_bytes": numbers.size(svg.report["svg_bytes"]),
                 "total_s": numbers.seconds(svg.report["total_s"]),
-                "psnr_svg": numbers.decibels(svg.report["psnr_svg"]),
-                "ssim_svg": numbers.ratio(svg.report["ssim_svg"]),
+                **{axis.key: axis.text(svg.report.get(axis.key)) for axis in SCORE_AXES},
             },
             "thumbnail": f"{svg.folder}/{THUMBNAIL}",
             "picture": f"{svg.folder}/{PICTURE}",
@@ -230,27 +233,49 @@ def _viewer(one: PhotoResult) -> list[dict[str, Any]]:
     return found
 
 
-def _charts(results: Sequence[PhotoResult], variants: Sequence[Variant]) -> list[dict[str, Any]]:
-    """PSNR over bytes and over seconds; each point links to its page."""
+def _shown_scores(rows: Iterable[Row]) -> list[ScoreAxis]:
+    """PSNR, and every other score that an SVG has."""
+    return [
+        axis
+        for axis in SCORE_AXES
+        if axis is PSNR or any(row[axis.key] is not None for row in rows)
+    ]
+
+
+def _unscored(results: Iterable[PhotoResult]) -> list[str]:
+    """Why some SVGs lack a score, each reason once."""
+    lines = (
+        line for one in results for svg in one.svgs for line in svg.report.get("scores_missing", ())
+    )
+    return list(dict.fromkeys(lines))
+
+
+def _charts(
+    results: Sequence[PhotoResult], variants: Sequence[Variant], axes: Iterable[ScoreAxis]
+) -> list[dict[str, Any]]:
+    """Each score over bytes and over seconds; each point links to its page."""
     series = {variant.slug: at for at, variant in enumerate(variants)}
     found = []
-    for name, word, axis, format_cost, format_tick in _COSTS:
-        points = [
-            Point(
-                cost=svg.report[name],
-                psnr=svg.report["psnr_svg"],
-                series=series[svg.variant.slug],
-                group=at if svg.variant.is_own else None,
-                href=f"{one.folder}/{INDEX}#{svg.variant.slug}",
-                text=(
-                    f"{one.photo.name}, {svg.variant.name}: "
-                    f"{numbers.decibels(svg.report['psnr_svg'])}, {format_cost(svg.report[name])}"
-                ),
-            )
-            for at, one in enumerate(results)
-            for svg in one.svgs
-        ]
-        found.append({"word": word, "axis": axis, "chart": scatter(points, format_tick)})
+    for axis in axes:
+        for name, word, cost_title, format_cost, format_tick in _COSTS:
+            points = [
+                Point(
+                    cost=svg.report[name],
+                    score=score,
+                    series=series[svg.variant.slug],
+                    group=at if svg.variant.is_own else None,
+                    href=f"{one.folder}/{INDEX}#{svg.variant.slug}",
+                    text=(
+                        f"{one.photo.name}, {svg.variant.name}: {axis.text(score)}, "
+                        f"{format_cost(svg.report[name])}"
+                    ),
+                )
+                for at, one in enumerate(results)
+                for svg in one.svgs
+                if axis.has(score := svg.report.get(axis.key))
+            ]
+            chart = scatter(points, format_tick, axis)
+            found.append({"score": axis, "word": word, "axis": cost_title, "chart": chart})
     return found
 
 

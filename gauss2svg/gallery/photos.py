@@ -46,7 +46,7 @@ def gallery_photos(paths: Sequence[str | os.PathLike[str]]) -> list[GalleryPhoto
         raise InputError(must_be("photos", "a sequence of paths", paths, f"[{paths!r}]"))
     try:
         named = [os.fsdecode(path) for path in paths or ()]
-    except TypeError as error:
+    except Exception as error:  # of the values' own methods
         raise InputError(must_be("photos", "a sequence of paths", paths)) from error
     if not named:
         raise InputError(must_be("photos", "the paths of one or more photos", paths))

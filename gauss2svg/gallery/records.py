@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.errors import OutputError
 from gauss2svg.gallery.artifacts import OUTLINES, PICTURE, REPORT, SCENE
 from gauss2svg.gallery.photos import GalleryPhoto
@@ -19,9 +20,11 @@ Row = dict[str, Any]
 # Keys of a report; a peer's report lacks some.
 NUMBERS = (
     "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s", "psnr_svg",
-    "ssim_svg", "psnr_model", "psnr_roundtrip",
+    "ssim_svg", "ssimulacra2_svg", "flip_svg", "psnr_model", "psnr_roundtrip",
 )  # fmt: skip
-_MEDIANS = ("gaussians", "svg_bytes", "svgz_bytes", "total_s", "psnr_svg", "ssim_svg")
+_MEDIANS = (
+    "gaussians", "svg_bytes", "svgz_bytes", "total_s", *(axis.key for axis in SCORE_AXES),
+)  # fmt: skip
 _TOTALS = ("svg_bytes", "total_s")
 
 

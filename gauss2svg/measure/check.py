@@ -11,19 +11,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, whole_number
+from gauss2svg.errors import InputError, whole_number
 from gauss2svg.measure import metrics
 from gauss2svg.measure.drawing import draw
 from gauss2svg.measure.frame import Frame, frame_of
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.roundtrip import measure_pixels
+from gauss2svg.measure.scores import Scores, perceptual_scores
 from gauss2svg.measure.source import SvgSource, svg_source
 from gauss2svg.measure.survey import Survey, survey
-from gauss2svg.options import byte_size
+from gauss2svg.options import Number, OneOf, byte_size
 from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
-from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
+from gauss2svg.raster import DEFAULT_RENDERER, RENDERERS, renderer_version
 from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import BROWSERS
 
@@ -50,6 +51,8 @@ class CheckResult:
     raster, photo  (h, w, 3) float32 in 0..1, the raster and the reference; both (h, w, 4) where
                    the photo has alpha
     notes          remarks on the comparison
+    scores         SSIMULACRA2 and FLIP, over the worse of white and black; see
+                   gauss2svg.measure.scores
     psnr_black     dB over black, psnr_alpha: of alpha; None where the photo is opaque. All
                    other numbers are over white
     """
@@ -67,6 +70,7 @@ class CheckResult:
     raster: NDArray[np.float32]
     photo: NDArray[np.float32]
     notes: tuple[str, ...]
+    scores: Scores
     psnr_black: float | None = None
     psnr_alpha: float | None = None
 
@@ -87,6 +91,7 @@ class CheckResult:
             "psnr_svg_alpha": _finite(self.psnr_alpha),
             "ssim_svg": self.ssim,
             "ms_ssim_svg": self.ms_ssim,
+            **self.scores.report,
             "largest_error_svg": self.largest_error,
             "bias_svg": self.bias,
             "svg_bytes": self.svg_bytes,
@@ -124,6 +129,7 @@ def check(
     """Rasterise an SVG at a photo's size over white, and measure how closely it matches.
 
     Where the photo has alpha, alpha is compared as well, and both are compared over black.
+    SSIMULACRA2 and FLIP are measured where the extra gauss2svg[scores] is installed.
 
     photo          any image that `vectorize` takes
     svg            a path, text that begins with <, bytes or a binary file; gzipped or not
@@ -142,10 +148,8 @@ def check(
     """
     most_bytes = byte_size("max_svg_bytes", max_svg_bytes)
     whole_number("max_elements", max_elements, 1, 2**31)
-    if not 0 < draw_timeout <= LONGEST_DRAW_TIMEOUT_S:
-        needed = f"above 0 s and at most {LONGEST_DRAW_TIMEOUT_S:g} s"
-        raise InputError(must_be("draw_timeout", needed, draw_timeout))
-    drawn_by = renderer_version(renderer)
+    draw_timeout = Number(0, LONGEST_DRAW_TIMEOUT_S, above=True)("draw_timeout", draw_timeout)
+    drawn_by = renderer_version(OneOf(RENDERERS)("renderer", renderer))
     matted = None if matte is None else matte_color(matte)
     picture = load_image(photo, max_pixels=max_pixels, matte=matted)
     wanted = pixels_of(picture)
@@ -176,6 +180,7 @@ def check(
             *(f"photo {note}" for note in picture.notes),
             *_notes(surveyed, frame, picture.width, picture.height, renderer),
         ),
+        scores=perceptual_scores(raster, wanted),
         psnr_black=measured["psnr_svg_black"],
         psnr_alpha=measured["psnr_svg_alpha"],
     )

@@ -35,7 +35,7 @@ def draw(
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": _path()},
+        env={**os.environ, "PYTHONPATH": import_path()},
     )
     with process:
         try:
@@ -58,7 +58,7 @@ def draw(
     return np.frombuffer(drawn, np.float32).reshape(height, width, channels)
 
 
-def _path() -> str:
+def import_path() -> str:
     """Import path of this process without the current folder."""
     entries = [os.path.abspath(entry) for entry in sys.path if entry]
     # Last: the package itself may be imported from there.

@@ -8,6 +8,7 @@ import re
 from typing import Any
 
 from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.options import file_name
 from gauss2svg.svg.reader.parse import GZIP, gunzipped
 
 SvgSource = Any  # a path, text that begins with <, bytes or a binary file
@@ -48,14 +49,13 @@ def _read(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
     if isinstance(source, (bytes, bytearray, memoryview)):
         return bytes(source), "SVG"
     if isinstance(source, (str, os.PathLike)):
+        name = file_name("svg", source)
         try:
-            with open(source, "rb") as file:
-                return file.read(most_bytes + 1), os.fsdecode(source)
+            with open(name, "rb") as file:
+                return file.read(most_bytes + 1), name
         except (OSError, ValueError) as error:
             reason = getattr(error, "strerror", None) or str(error)
-            raise InputError(
-                f"cannot read {os.fsdecode(source)}: {reason}. Try the path of an SVG"
-            ) from error
+            raise InputError(f"cannot read {name}: {reason}. Try the path of an SVG") from error
     if hasattr(source, "read"):
         data = source.read(most_bytes + 1)
         if isinstance(data, bytes):

@@ -15,6 +15,7 @@ from PIL import Image
 
 from gauss2svg.errors import InputError, must_be, shown, whole_number
 from gauss2svg.files import reading
+from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import over, pixels_of
 from gauss2svg.photo.decode import decode_file, decode_image
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS, check_size
@@ -60,8 +61,9 @@ def _load(source: ImageSource, max_pixels: int) -> Photo:
     if isinstance(source, (bytes, bytearray, memoryview)):
         return decode_file(io.BytesIO(source), f"photo of {len(source)} bytes", max_pixels)
     if isinstance(source, (str, os.PathLike)):
-        with reading(source, "the path of a photo, or - for standard input") as file:
-            return decode_file(file, os.fsdecode(source), max_pixels)
+        name = file_name("photo", source)
+        with reading(name, "the path of a photo, or - for standard input") as file:
+            return decode_file(file, name, max_pixels)
     if hasattr(source, "read"):
         return decode_file(_seekable(source), "file object", max_pixels)
     raise InputError(

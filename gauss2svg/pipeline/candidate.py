@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit.options import FitResult
 from gauss2svg.fit.target import target_of
+from gauss2svg.fit.weight import PERCEPTUAL
 from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.photo.alpha import views
@@ -97,6 +98,7 @@ class Exporter:
             self._plan.svg_format.form,
             quantization.palette,
             quantization.color_error,
+            self._weight,
         )
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
@@ -111,6 +113,12 @@ class Exporter:
     def bytes_of(self, scene: Scene, psnr: float) -> int:
         """Bytes of that file."""
         return len(file_bytes(self.write(scene, psnr), self._gzipped))
+
+    @cached_property
+    def _weight(self) -> NDArray[np.floating] | None:
+        """That of a fit for perception, by which colours are quantised as well."""
+        tune = self._plan.options.fit.tune
+        return target_of(self.working, np.float32, tune).weight if tune == PERCEPTUAL else None
 
     @cached_property
     def empty_bytes(self) -> int:

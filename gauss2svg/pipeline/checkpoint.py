@@ -32,6 +32,7 @@ _ARRAY = "array:"
 # Options that do not change the result, except by arrays whose sizes and hash the identity has.
 _NOT_OF_IDENTITY = {
     "threads", "max_memory", "max_pixels", "checkpoint", "checkpoint_every", "resume", "segments",
+    "scores",
 }  # fmt: skip
 
 StateDict = dict[str, Any]

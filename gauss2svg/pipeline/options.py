@@ -103,6 +103,10 @@ class RunOptions(OptionGroup):
     renderer: Renderer = "resvg"
     """Renderer that rasterises the SVG to measure it; the last four must be installed."""
 
+    scores: bool = False
+    """Also measure SSIMULACRA2 and FLIP, with some seconds more for each megapixel; needs the extra
+    scores."""
+
     max_size: Annotated[int | None, Whole(1)] = None
     """Longest side (px) of the image that the fit runs on; the preset's if not given."""
 

@@ -9,6 +9,7 @@ from functools import cached_property
 
 from gauss2svg.errors import InputError, RendererError, must_be
 from gauss2svg.fit.options import DensifyOptions, FitConfig
+from gauss2svg.measure.scores import require_packages
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.presets import PRESETS, Preset
@@ -51,6 +52,13 @@ class Plan:
                 f"form must be {GRADIENT} with the renderer {run.renderer}, which does not render "
                 f"rotated blurs; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
             )
+        if run.scores:
+            require_packages()
+            if goal.time_limit is not None:
+                raise InputError(
+                    "scores must not be given with time_limit, because how long they take is not "
+                    f"known; got {goal.time_limit:g}. Try gauss2svg check on the SVG"
+                )
         for name in ("checkpoint", "resume"):
             if getattr(run, name) is not None and goal.time_limit is not None:
                 raise InputError(

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from skimage.transform import resize
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.pipeline.palette import best_palette, quantize_signed
@@ -20,7 +21,11 @@ _WEIGHING_SIDE = 768
 
 
 def quantize(
-    scene: Scene, form: str = GRADIENT, palette: int = 0, color_error: float = 0.0
+    scene: Scene,
+    form: str = GRADIENT,
+    palette: int = 0,
+    color_error: float = 0.0,
+    weight: NDArray[np.floating] | None = None,
 ) -> Scene:
     """The scene with colours and exponents of a palette; the operation is idempotent.
 
@@ -28,22 +33,23 @@ def quantize(
     palette      largest number of gradients, one for each pair of a colour and an exponent, in
                  proportion if some shapes are blurred; 0: no limit
     color_error  mean squared error that fewer gradients may add; 0: as many as the palette has
+    weight       (h, w) of a pixel's error, of any size and mean 1; None: 1 everywhere
 
     Solid ellipses and blurred discs need no gradient and keep their colour, rounded to 8 bits. In
     an additive scene only colours are quantised, and not rounded. Raises InputError for an additive
     scene in another form than gradients.
     """
     if scene.blend == ADD:
-        return _quantize_additive(scene, form, palette, color_error)
+        return _quantize_additive(scene, form, palette, color_error, weight)
     exact, scene = scene, snapped(scene, form)
     blurred = (drawn_blurs(scene) >= 0) & (form != GRADIENT)
     shaded = ~is_solid(exact) & ~blurred
     if not shaded.any() or not (palette or color_error):
         return scene
     count = max(1, math.ceil(palette * (1 - blurred.mean()))) if palette else len(scene)
-    weight, pixels = visible_mass(exact)
+    mass, pixels = visible_mass(exact, weight)
     found = best_palette(
-        exact.color[shaded], exact.betas[shaded], weight[shaded], count, color_error * 3 * pixels
+        exact.color[shaded], exact.betas[shaded], mass[shaded], count, color_error * 3 * pixels
     )
     beta, color = scene.betas.copy(), scene.color.copy()
     color[shaded] = found.color[found.entry] / 255
@@ -51,26 +57,33 @@ def quantize(
     return with_exponents(exact, beta).replace(color=color)
 
 
-def _quantize_additive(scene: Scene, form: str, palette: int, color_error: float) -> Scene:
+def _quantize_additive(
+    scene: Scene, form: str, palette: int, color_error: float, weight: NDArray[np.floating] | None
+) -> Scene:
     if form != GRADIENT:
         raise InputError(must_be("form", f"{GRADIENT!r} for an additive scene", form))
     if not len(scene) or not (palette or color_error):
         return scene
-    weight, pixels = visible_mass(scene)
+    mass, pixels = visible_mass(scene, weight)
     count = palette or len(scene)
     return scene.replace(
-        color=quantize_signed(scene.color, weight, count, color_error * 3 * pixels)
+        color=quantize_signed(scene.color, mass, count, color_error * 3 * pixels)
     )
 
 
-def visible_mass(scene: Scene) -> tuple[NDArray[np.float64], int]:
-    """(n,) visible mass of each shape, sum over the canvas of (alpha transmittance)^2, in px.
+def visible_mass(
+    scene: Scene, weight: NDArray[np.floating] | None = None
+) -> tuple[NDArray[np.float64], int]:
+    """(n,) visible mass of each shape, sum over the canvas of weight (alpha transmittance)^2, in px.
 
     And the pixels of the canvas that it was computed on, which is reduced if large. A change d of
-    a colour changes the total squared error by visible_mass d^2.
+    a colour changes the weighted sum of squared errors by visible_mass d^2. weight is as for
+    `quantize`.
     """
     shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
     splats = splats_of(scene, (width / scene.width, height / scene.height))
     blank = np.zeros((3, height, width), np.float32)
-    return np.maximum(removal_cost(splats, blank)[1][:, 1], 0.0), width * height
+    if weight is not None:
+        weight = resize(weight, (height, width), order=1, mode="edge", anti_aliasing=True)
+    return np.maximum(removal_cost(splats, blank, weight)[1][:, 1], 0.0), width * height

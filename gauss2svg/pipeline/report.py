@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss2svg.measure.scores import Scores
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.candidate import Outcome
 from gauss2svg.pipeline.kernels import COMPILED_S
@@ -28,6 +29,7 @@ def run_report(
     photo: Photo,
     outcome: Outcome,
     fit_size: tuple[int, int],
+    scores: Scores,
     *,
     threads: int,
     compile_s: float,
@@ -77,6 +79,7 @@ def run_report(
             for field in dataclasses.fields(measured)
             if field.name != "raster"
         },
+        **scores.report,
         "bytes_by_part": bytes_by_part(outcome.svg),
         "transparent": photo.alpha is not None,
         "notes": _notes(photo, outcome),
@@ -116,7 +119,8 @@ def _versions() -> dict[str, str]:
     found = {"gauss2svg": __version__, "python": platform.python_version()}
     for name in (
         "numpy", "numba", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG",
+        "ssimulacra2", "flip-evaluator",
     ):  # fmt: skip
-        with suppress(PackageNotFoundError):  # torch may be missing
+        with suppress(PackageNotFoundError):  # extras may be missing
             found[name] = version(name)
     return found

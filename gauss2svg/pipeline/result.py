@@ -46,6 +46,7 @@ class Result:
     report    options and results of the run, ready for JSON; see docs/reference/report.md
     raster    (h, w, 3) float32 in 0..1, the rasterised SVG; of a transparent photo (h, w, 4) with
               straight alpha
+    photo     of the same shape, what the raster was compared with
     document  of the file
     """
 
@@ -53,6 +54,7 @@ class Result:
     scene: Scene
     report: dict[str, Any]
     raster: NDArray[np.float32]
+    photo: NDArray[np.float32]
     document: Document
 
     def save(self, path: str | os.PathLike[str], gzip: bool | None = None) -> None:

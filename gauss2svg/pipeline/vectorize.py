@@ -17,6 +17,8 @@ from numba.core import config
 from gauss2svg.errors import InputError, instance, must_be, shown, whole_number
 from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions
+from gauss2svg.measure.memory import held_bytes
+from gauss2svg.measure.scores import Scores, perceptual_scores
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, load_image
@@ -72,7 +74,7 @@ def vectorize(
     the run and is the report's stop_reason; missed targets are in its `unreached`. The SVG has the
     photo's width and height even if the fit ran on a smaller image.
     Raises InputError for invalid input, RendererError for a missing renderer. Calls from several
-    threads wait for each other; a forked child may call it as well.
+    threads wait for each other; a forked child may call it as well, with the loss mse.
     """
     given = {
         name: value
@@ -155,12 +157,17 @@ def vectorize_by(
             checkpoint,
             saved,
         ).run()
+    raster = outcome.measured.raster
+    reference = pixels if raster.shape == pixels.shape else working
+    scores = Scores()
+    if run.scores:
+        scores = perceptual_scores(raster, reference, most_bytes - held_bytes())
     report = run_report(
-        plan, document, photo, outcome, (width, height), threads=thread_count,
+        plan, document, photo, outcome, (width, height), scores, threads=thread_count,
         compile_s=compile_s, total_s=time.perf_counter() - begun,
     )  # fmt: skip
     report["checkpoint_trouble"] = None if checkpoint is None else checkpoint.trouble
-    return Result(outcome.svg, outcome.scene, report, outcome.measured.raster, document)
+    return Result(outcome.svg, outcome.scene, report, raster, reference, document)
 
 
 def _check_callable(name: str, function: object, *arguments: str) -> None:

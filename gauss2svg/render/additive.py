@@ -105,11 +105,13 @@ def backpropagate_additive_tile(
 
 
 @tile_kernel
-def removal_additive_tile(order, first, end, y0, opacity_color, gaussian, rows, alpha, error, cost):
-    """Change of the summed squared error if a pair's Gaussian alone were removed.
+def removal_additive_tile(
+    order, first, end, y0, opacity_color, gaussian, rows, alpha, error, weight, cost
+):  # fmt: skip
+    """Change of the weighted sum of squared errors if a pair's Gaussian alone were removed.
 
-    Its pixels change by d = -a c, the sum by d.(d + 2 error). cost (p, 2): that, and the sum of
-    a^2, written; error (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image.
+    Its pixels change by d = -a c, the sum by weight d.(d + 2 error). cost (p, 2): that, and the
+    sum of weight a^2, written; error (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image.
     """
     zero = splat(0.0, error)
     row = 0
@@ -121,10 +123,11 @@ def removal_additive_tile(order, first, end, y0, opacity_color, gaussian, rows, 
         for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
             a = load(alpha, row)
             row += TILE_WIDTH
-            mass = mass + a * a
+            counts = load(weight, y * TILE_WIDTH)
+            mass = mass + counts * (a * a)
             for channel in range(3):
                 d = a * splat(-opacity_color[i, 1 + channel], error)
                 e = load(error, channel * PLANE + y * TILE_WIDTH)
-                change = change + d * (d + e + e)
+                change = change + counts * (d * (d + e + e))
         cost[p, 0] = total(change)
         cost[p, 1] = total(mass)

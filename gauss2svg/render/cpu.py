@@ -107,7 +107,8 @@ def _visit(
     # One numba type for all callers: read-only arrays would be compiled for once more.
     image = np.require(image, requirements=["C", "W"])
     if weight is None:
-        weight = np.ones((1, 1) if mode != SQUARED_ERROR else image.shape[1:], image.dtype)
+        read = mode in (SQUARED_ERROR, REMOVAL)
+        weight = np.ones(image.shape[1:] if read else (1, 1), image.dtype)
     weight = np.require(weight, image.dtype, ["C", "W"])
     pairs = find_pairs(splats.mean, splats.sigma, splats.rho, splats.radius, *image.shape[1:])
     row_count = int((pairs.rows[:, 1] - pairs.rows[:, 0]).sum())
@@ -163,12 +164,12 @@ def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.f
 
 
 def removal_cost(
-    splats: Splats, target: NDArray[Real]
+    splats: Splats, target: NDArray[Real], weight: NDArray[Real] | None = None
 ) -> tuple[NDArray[Real], NDArray[np.float64]]:
-    """Image, and (n, 2): what removing each Gaussian would cost, and the sum of its w^2.
+    """Image, and (n, 2): what removing each Gaussian would cost, and its mass, sum weight w^2.
 
-    The cost is the change of the summed squared error against target (3, h, w) as what lies
-    behind shows through; it is negative where the image would match better.
+    The cost is the change of sum weight (rendered - target)^2 as what lies behind shows through,
+    weight (h, w) > 0 or None for 1; it is negative where the image would match better.
     """
-    image, _, cost, _ = _visit(REMOVAL, splats, target, 2)
+    image, _, cost, _ = _visit(REMOVAL, splats, target, 2, weight)
     return image, cost

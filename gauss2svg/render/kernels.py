@@ -316,17 +316,18 @@ def backpropagate_tile(
 
 @tile_kernel
 def removal_tile(
-    order, first, end, y0, opacity_color, gaussian, rows, alpha, transmittance, at, error, behind,
-    cost,
+    order, first, end, y0, opacity_color, gaussian, rows, alpha, transmittance, at, error, weight,
+    behind, cost,
 ):  # fmt: skip
-    """Change of the summed squared error if a pair's Gaussian alone were removed.
+    """Change of the weighted sum of squared errors if a pair's Gaussian alone were removed.
 
     Without k its pixels change by d = w_k (B_k - c_k), so the sum changes by
-    d.(d + 2 error).
+    weight d.(d + 2 error).
 
     error   (3, TILE_HEIGHT, 16) rendered - target, 0 outside the image
+    weight  (TILE_HEIGHT, 16) of the pixels
     behind  (3, TILE_HEIGHT, 16) the background on entry, overwritten
-    cost    (p, 2): that change, and the sum of w_k^2, written
+    cost    (p, 2): that change, and the sum of weight w_k^2, written
     """
     zero = splat(0.0, error)
     for k in range(end - 1, first - 1, -1):
@@ -341,7 +342,8 @@ def removal_tile(
             t = load(transmittance, row)
             row += TILE_WIDTH
             w = a * t
-            mass = mass + w * w
+            counts = load(weight, y * TILE_WIDTH)
+            mass = mass + counts * (w * w)
             for channel in range(3):
                 j = channel * PLANE + y * TILE_WIDTH
                 b = load(behind, j)
@@ -349,6 +351,6 @@ def removal_tile(
                 store(behind, j, b - a * lift)
                 d = w * lift
                 e = load(error, j)
-                change = change + d * (d + e + e)
+                change = change + counts * (d * (d + e + e))
         cost[p, 0] = total(change)
         cost[p, 1] = total(mass)

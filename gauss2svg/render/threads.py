@@ -16,8 +16,10 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from numba import get_num_threads, njit
 
+from gauss2svg.render.cache import cached
+
 # A kernel that Python calls. No kernel divides by zero, so Python's check for it is left out.
-kernel = njit(cache=True, nogil=True, error_model="numpy")
+kernel = cached(nogil=True, error_model="numpy")
 # A function that only kernels call: compiled into each of them, without entries from Python and
 # without reference counts, which would only take time to compile.
 _INSIDE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}

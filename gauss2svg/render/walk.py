@@ -120,6 +120,14 @@ def _errors_of_tile(
     return squares
 
 
+@njit(inline="always")
+def _weights_of_tile(x0, y0, h, w, weight, out):
+    """Write a tile's weights to out, 0 outside the image."""
+    for y in range(TILE_HEIGHT):
+        for x in range(TILE_WIDTH):
+            out[y, x] = weight[y0 + y, x0 + x] if y < h and x < w else 0.0
+
+
 @kernel
 def walk_tiles(
     mode, share, shares, shape, opacity_color, background, image, weight,
@@ -129,7 +137,7 @@ def walk_tiles(
     """Alpha-composite one share of the tiles, front to back, in one of the four modes.
 
     background, image, weight, pair_out and out are all float32 or all float64.
-    weight (h, w) scales the gradient of the squared error, and is read for nothing else.
+    weight (h, w) scales the squared error's gradient and removal costs, and is read for these.
     gaussian to order are those of gauss2svg.render.tiles.Pairs, layers to columns TileBuffers.
     """
     height, width = out.shape[1:]
@@ -167,9 +175,11 @@ def walk_tiles(
                 for y in range(TILE_HEIGHT):
                     for x in range(TILE_WIDTH):
                         behind[channel, y, x] = background[channel]
+            # The transmittance has been read; the next tile begins with its own.
+            _weights_of_tile(x0, y0, h, w, weight, remaining)
             removal_tile(
                 order, first, end, y0, opacity_color, gaussian, rows,
-                alpha, transmittance, filled, gradient, behind, pair_out,
+                alpha, transmittance, filled, gradient, remaining, behind, pair_out,
             )  # fmt: skip
 
 
@@ -204,9 +214,11 @@ def walk_tiles_additive(
                 alpha, gradient, pair_out,
             )  # fmt: skip
         elif mode == REMOVAL:
+            _weights_of_tile(x0, y0, h, w, weight, behind[0])
             removal_additive_tile(
-                order, first, end, y0, opacity_color, gaussian, rows, alpha, gradient, pair_out
-            )
+                order, first, end, y0, opacity_color, gaussian, rows, alpha, gradient, behind[0],
+                pair_out,
+            )  # fmt: skip
 
 
 @kernel

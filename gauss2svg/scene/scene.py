@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import Gauss2SvgError, InputError, SceneError, must_be, shown
 from gauss2svg.files import write_atomically
+from gauss2svg.options import file_name
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 
 OVER, ADD = "over", "add"
@@ -147,6 +148,8 @@ class Scene:
         """A copy of a field as an array of dtype, if that changes no value."""
         given: ArrayLike = getattr(self, name)
         try:
+            if np.ma.is_masked(given):  # they have no value
+                raise ValueError("masked ones")
             array = np.asarray(given)
             if np.iscomplexobj(array):
                 raise ValueError("complex numbers")
@@ -297,13 +300,16 @@ class Scene:
     def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
         """Write the scene as .npz, without loss; a named file is written atomically.
 
-        Raises OutputError if the file cannot be written.
+        Raises InputError for something else than a file, OutputError if it cannot be written.
         """
         if isinstance(file, (str, os.PathLike)):
             whole = io.BytesIO()
             self.save(whole)
-            write_atomically(file, whole.getvalue())
+            write_atomically(file_name("file", file), whole.getvalue())
             return
+        if not hasattr(file, "write"):
+            needed, got = "a path or a binary file", shown(type(file).__name__)
+            raise InputError(must_be("file", needed, got))
         fields: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         np.savez_compressed(file, format_version=_FORMAT_VERSION, **fields)
 

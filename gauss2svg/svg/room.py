@@ -10,12 +10,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from gauss2svg.render.cache import cached
 from gauss2svg.scene import Scene, narrowing_of, whitening_of
 from gauss2svg.scene.falloff import cut_radius, profile
 
+_kernel = cached()
 _FINEST = 4.0  # samples of the grid per px, each way
 _SIDE = 1536  # samples of the grid, at most
 # Samples of the grid that all Gaussians together may touch, without means: a coarser grid is
@@ -96,14 +97,14 @@ def range_of(
     return picture, low, high
 
 
-@njit(cache=True)
+@_kernel
 def add_all(samples, order, total, lowest, highest):
     """Add Gaussians one by one to total (m, 3); lowest and highest (m, 3) follow it."""
     for i in order:
         _add(samples, i, total, lowest, highest)
 
 
-@njit(cache=True)
+@_kernel
 def order_of(samples, picture, low, high, background, pattern, patterns, by_mass):
     """All Gaussians, each once, in the order in which to draw them on a canvas of low..high.
 
@@ -150,7 +151,7 @@ def order_of(samples, picture, low, high, background, pattern, patterns, by_mass
     return order
 
 
-@njit(cache=True)
+@_kernel
 def _least(samples, waiting, total, picture, low, high, seen, lacks):
     """The waiting Gaussian that lacks least; lower bounds in lacks are made exact on the way."""
     exact = np.zeros(lacks.size, np.bool_)
@@ -162,7 +163,7 @@ def _least(samples, waiting, total, picture, low, high, seen, lacks):
         exact[i] = True
 
 
-@njit(cache=True)
+@_kernel
 def _lacking(samples, i, total, picture, low, high, seen, any_will_do):
     """How far beyond low..high the i-th Gaussian would lead, and at which sample.
 
@@ -184,7 +185,7 @@ def _lacking(samples, i, total, picture, low, high, seen, any_will_do):
     return most, worst
 
 
-@njit(cache=True)
+@_kernel
 def _beyond(samples, i, at, total, picture, low, high):
     """How far beyond low..high the i-th Gaussian would lead a sample; at most 0 where not."""
     alpha = _alpha(samples, i, at)
@@ -198,7 +199,7 @@ def _beyond(samples, i, at, total, picture, low, high):
     return most
 
 
-@njit(cache=True)
+@_kernel
 def _add(samples, i, total, lowest, highest):
     for row in range(*_rows(samples, i)):
         first, last = _interval(samples, i, row)
@@ -211,7 +212,7 @@ def _add(samples, i, total, lowest, highest):
                 highest[at, c] = max(highest[at, c], after)
 
 
-@njit(cache=True)
+@_kernel
 def _rows(samples, i):
     shape = samples.shape
     rows = samples.start.size - 1
@@ -220,7 +221,7 @@ def _rows(samples, i):
     return int(first), int(last)
 
 
-@njit(cache=True)
+@_kernel
 def _interval(samples, i, row):
     """First and last of a row's samples that the i-th Gaussian may reach."""
     shape = samples.shape
@@ -234,7 +235,7 @@ def _interval(samples, i, row):
     return first, max(first, _left_of(samples, row, right))
 
 
-@njit(cache=True)
+@_kernel
 def _left_of(samples, row, x):
     """The first of a row's samples, all sorted, that does not lie left of x."""
     low, high = samples.start[row], samples.start[row + 1]
@@ -247,7 +248,7 @@ def _left_of(samples, row, x):
     return low
 
 
-@njit(cache=True)
+@_kernel
 def _alpha(samples, i, at):
     """The falloff of the i-th Gaussian at a sample, by linear interpolation."""
     shape, falloff = samples.shape, samples.falloff

@@ -11,13 +11,13 @@ import gzip
 import io
 import os
 import zlib
-from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import TreeBuilder
 
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
 from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.options import file_name
 
 GZIP = b"\x1f\x8b"
 MOST_BYTES = 256_000_000  # gunzipped: a gzip bomb expands a thousandfold
@@ -62,9 +62,9 @@ def parse_document(
     """
     name = "the SVG"
     if isinstance(source, os.PathLike) or (isinstance(source, str) and "<" not in source):
-        name = os.fspath(source)
+        name = file_name("source", source)
         try:
-            with Path(source).open("rb") as stream:
+            with open(name, "rb") as stream:
                 data: str | bytes = stream.read(max_bytes + 1)
         except (OSError, ValueError) as error:  # ValueError: a null character in the path
             reason = getattr(error, "strerror", None) or error
