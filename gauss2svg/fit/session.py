@@ -77,13 +77,12 @@ class FitSession:
     ) -> None:
         self.config = config
         self.policy = policy
-        self.clock = Clock(
-            config.iterations, policy.rounds, deadline, config.densify.round_iterations, stop
-        )
+        self._size = pixels.shape[1], pixels.shape[0]
+        steps = config.steps(*self._size)
+        self.clock = Clock(steps, policy.rounds, deadline, config.densify.round_iterations, stop)
         self.population = Population(pixels, config, segment_at)
         self.guard = DivergenceGuard(config.fit.learning_rate)
         self.pixel_pairs = 0
-        self._size = pixels.shape[1], pixels.shape[0]
         self._progress = progress or (lambda _: None)
         self._as_written = as_written
         self._stage = Stage()
@@ -232,17 +231,15 @@ class FitSession:
             )
         self.guard.reset()
         if total <= count:
-            population.reduce_to(1)
             population.densify_or_prune(total)
             return False
-        width, height = self._size
-        population.reduce_to(reduction(total, width, height) if self.config.reduce else 1)
+        population.reduce_to(reduction(total, *self._size) if self.config.reduce else 1)
         population.round_index = index
         population.densify_or_prune(total)
         return True
 
     def _after_growth(self) -> None:
-        total = self.config.iterations
+        total = self.clock.iterations
         steps = None if total is None else total - self.clock.iteration
         self._begin_refining(steps, GROWTH_SHARE)
 
@@ -250,7 +247,7 @@ class FitSession:
         if not len(self.state):
             self._stage = Stage(FINISHED)
             return
-        self.clock.begin_refinement(steps, done)
+        self.clock.begin_refinement(steps, done, self.population.reduction_at(done) > 1)
         self._errors.clear()
         self.guard.reset()
         self._stage = Stage(
@@ -265,6 +262,7 @@ class FitSession:
         """Optimise all Gaussians; relocate, adjust, prune and quantise at their times."""
         stage, population = self._stage, self.population
         while (done := self.clock.refinement_progress()) < 1:
+            self._change_size(done)
             if stage.adjust_at and done >= stage.adjust_at[0]:
                 stage.adjust_at = [at for at in stage.adjust_at if at > done]
                 count = self.policy.adjust(self._snapshot(done, self._recent_psnr))
@@ -286,12 +284,22 @@ class FitSession:
                     self.state, population.splats, population.target, population.rng
                 )
             self._step(done)
+        self._change_size(1.0)
         if not stage.quantized:  # no time or no steps were left for it
             self._quantize()
         self._restore_best()
         population.keep_in_segments()
         population.prune_invisible()
         stage.name, self._shared = FINISHED, None
+
+    def _change_size(self, done: float) -> None:
+        """Continue on the target of this progress; losses of different sizes do not compare."""
+        factor = self.population.reduction_at(done)
+        if factor != self.population.reduction:
+            self._restore_best(tolerant=True)
+            self.population.reduce_to(factor)
+            self._errors.clear()
+            self.guard.reset()
 
     def _restore_best(self, tolerant: bool = False) -> None:
         """Return to the best state of a stage that ends worse.
