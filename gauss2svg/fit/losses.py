@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import reduce
 from operator import add
 
@@ -75,3 +76,8 @@ def structural_similarity(image, other):
     top = (2 * a * b + _C1) * (2 * covariance + _C2)
     bottom = (a * a + b * b + _C1) * (variance_a + variance_b + _C2)
     return (top / bottom).mean()
+
+
+def psnr_of(error: float) -> float:
+    """PSNR in dB of a mean squared error; infinity for 0."""
+    return -10 * math.log10(error) if error > 0 else math.inf

@@ -22,12 +22,15 @@ LARGEST_REDUCTION = 8
 # Refinement of few Gaussians runs on half the picture up to the first progress, on a quarter up to
 # the second, as long as each Gaussian keeps 16 pixels (docs/decisions/few.md, also for the next
 # two).
-FULL_FROM = 0.5, 0.42
+FULL_FROM = 0.55, 0.45
 _REFINED_PIXELS = 16
+_SMALLEST_REFINED_SIDE = 128  # on smaller pictures a step costs little anyway
 # Share of the steps of refinement until the full picture, and how many times a preset's steps a
 # fit takes where they are reduced.
-REDUCED_STEPS = 0.64
+REDUCED_STEPS = 0.72
 _EXTENDED = 2
+# Relocation, docs/decisions/fit.md: progress between which it happens, iterations between two.
+_RELOCATION, _RELOCATION_EVERY = (0.2, 0.75), 10
 _SMALLEST_SIDE = 32
 
 
@@ -86,7 +89,7 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
     factor = 1
     for until in FULL_FROM:
         pixels = width * height / (4 * factor**2 * max(gaussians, 1))
-        fits = min(width, height) / (2 * factor) >= _SMALLEST_SIDE
+        fits = min(width, height) / (2 * factor) >= _SMALLEST_REFINED_SIDE
         if done < until and pixels >= _REFINED_PIXELS and fits:
             factor *= 2
     return factor
@@ -96,6 +99,12 @@ def steps_of(iterations: int, gaussians: int, width: int, height: int) -> int:
     """Optimiser steps of a preset with so many iterations: twice those where most are reduced."""
     reduced = refinement_reduction(GROWTH_SHARE, gaussians, width, height) > 1
     return iterations * _EXTENDED if reduced and gaussians else iterations
+
+
+def relocates(done: float, iteration: int) -> bool:
+    """Whether Gaussians are relocated before this step, at progress `done` in 0..1."""
+    first, last = _RELOCATION
+    return first < done < last and iteration % _RELOCATION_EVERY == 0
 
 
 def rate(done: float) -> float:

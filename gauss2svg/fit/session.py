@@ -14,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, number_within
-from gauss2svg.fit import adam
+from gauss2svg.fit import adam, schedule
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
-from gauss2svg.fit.losses import DEFAULT_LOSS
+from gauss2svg.fit.losses import DEFAULT_LOSS, psnr_of
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population
-from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, QUANTIZED_FROM, rate, reduction
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.stage import FINISHED, GROWING, REFINING, Stage
 from gauss2svg.fit.state import State
@@ -44,8 +43,6 @@ _OPAQUE_LOGIT = 12.0
 # Progress at which shapes may exchange their colours; later they hardly do.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
 
-_RELOCATION_EVERY = 10  # iterations
-_RELOCATION_FROM, _RELOCATION_TO = 0.2, 0.75
 # Progress at which a fit resumes after its count has changed: some relocation, then decay.
 _RESUME_AT = 0.6
 _STEPS_AVERAGED = 5  # in the PSNR that a policy sees during refinement
@@ -233,7 +230,7 @@ class FitSession:
         if total <= count:
             population.densify_or_prune(total)
             return False
-        population.reduce_to(reduction(total, *self._size) if self.config.reduce else 1)
+        population.reduce_to(schedule.reduction(total, *self._size) if self.config.reduce else 1)
         population.round_index = index
         population.densify_or_prune(total)
         return True
@@ -241,7 +238,7 @@ class FitSession:
     def _after_growth(self) -> None:
         total = self.clock.iterations
         steps = None if total is None else total - self.clock.iteration
-        self._begin_refining(steps, GROWTH_SHARE)
+        self._begin_refining(steps, schedule.GROWTH_SHARE)
 
     def _begin_refining(self, steps: int | None, done: float, adjusting: bool = True) -> None:
         if not len(self.state):
@@ -270,12 +267,12 @@ class FitSession:
                     self._restore_best(tolerant=True)
                     population.densify_or_prune(count)
                     self.guard.reset()
-            if done >= DECAY_START and not stage.pruned:
+            if done >= schedule.DECAY_START and not stage.pruned:
                 stage.pruned = True
                 self._restore_best(tolerant=True)
                 population.prune(self.policy.least_gain())
                 self.guard.reset()
-            if done >= QUANTIZED_FROM and not stage.quantized:
+            if done >= schedule.QUANTIZED_FROM and not stage.quantized:
                 stage.quantized = True
                 self._quantize()
             if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
@@ -337,11 +334,11 @@ class FitSession:
         return Snapshot(len(self.state), done, psnr, self.scene)
 
     def _psnr_now(self) -> float:
-        return _psnr_of(self.population.error())
+        return psnr_of(self.population.error())
 
     def _recent_psnr(self) -> float:
         """Mean PSNR of the last steps, which ran at full size."""
-        return _psnr_of(float(np.mean(self._errors))) if self._errors else self._psnr_now()
+        return psnr_of(float(np.mean(self._errors))) if self._errors else self._psnr_now()
 
     def _evaluate(self, splats: Splats) -> LossAndGradient:
         options = self.config.fit
@@ -349,8 +346,7 @@ class FitSession:
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one optimiser step, or a rollback."""
-        due = _RELOCATION_FROM < done < _RELOCATION_TO
-        due = due and self.clock.iteration % _RELOCATION_EVERY == 0
+        due = schedule.relocates(done, self.clock.iteration)
         due = due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
         if due and self.config.densify.relocate and self.population.relocate():
             self.guard.relocated()
@@ -359,7 +355,7 @@ class FitSession:
         if self.guard.accepts(evaluated.loss, evaluated.error, self.state, self._shared):
             self._errors.append(evaluated.error)
             if evaluated.error > EXACT:
-                self._optimize(splats, evaluated, rate(done))
+                self._optimize(splats, evaluated, schedule.rate(done))
         else:
             self._roll_back()
         self.pixel_pairs += evaluated.pairs
@@ -397,12 +393,8 @@ class FitSession:
                 iteration=self.clock.iteration,
                 done=done,
                 gaussians=len(self.state),
-                psnr=self._recent_psnr() if not self._errors else _psnr_of(self._errors[-1]),
+                psnr=self._recent_psnr() if not self._errors else psnr_of(self._errors[-1]),
                 elapsed_s=elapsed,
                 remaining_s=elapsed / max(done, 0.01) * (1 - done),
             )
         )
-
-
-def _psnr_of(error: float) -> float:
-    return -10 * math.log10(error) if error > 0 else math.inf
