@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import decimal
 import math
+import numbers
 import operator
 from typing import Any, TypeVar
 
@@ -93,12 +95,18 @@ def whole_number(name: str, value: Any, least: int, most: int) -> int:
     return number
 
 
+def _is_number(value: Any) -> bool:
+    """Whether a value is a number and no truth value, text or bytes, which float() takes too."""
+    return isinstance(value, (numbers.Number, decimal.Decimal)) and not isinstance(value, bool)
+
+
 def number_within(
     name: str, value: Any, least: float, most: float, advice: str = "", needed: str = ""
 ) -> float:
     """Value as a float in least..most; raises InputError that names it."""
     try:
-        number = math.nan if isinstance(value, (bool, str, bytes)) else float(value)
+        plain = plain_scalar(value)
+        number = float(plain) if _is_number(plain) else math.nan
     except Exception:  # of the value's own methods
         number = math.nan
     if not least <= number <= most:

@@ -137,16 +137,18 @@ def test_fused_squared_error_is_that_of_the_picture(dtype):
 def test_removal_cost_is_what_removal_costs(dtype):
     scene = random_sum(12, 37, 21, 4)  # 37: the last tile ends beyond the picture
     target = np.random.default_rng(0).random((3, 21, 37)).astype(dtype)
-    _, cost = removal_cost(splats_of(scene), target)
+    weight = np.random.default_rng(1).uniform(0.1, 2.0, (21, 37)).astype(dtype)
+    _, cost = removal_cost(splats_of(scene), target, weight)
 
     def error(one: Scene) -> float:
-        return float(np.sum((added_by_numpy(one) - np.moveaxis(target, 0, -1)) ** 2))
+        off = added_by_numpy(one) - np.moveaxis(target, 0, -1)
+        return float(np.sum(weight[:, :, None] * off**2))
 
     for k in range(12):
         without = scene.select(np.arange(12) != k)
         assert cost[k, 0] == pytest.approx(error(without) - error(scene), rel=1e-3, abs=1e-3)
         alone = scene.select(np.array([k])).replace(color=np.ones((1, 3)), background=np.zeros(3))
-        mass = np.sum(added_by_numpy(alone)[:, :, 0] ** 2)
+        mass = np.sum(weight * added_by_numpy(alone)[:, :, 0] ** 2)
         assert cost[k, 1] == pytest.approx(mass, rel=1e-4, abs=1e-9)
 
 

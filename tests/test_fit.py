@@ -13,6 +13,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit import session as session_module
+from gauss2svg.fit import target as target_module
 from gauss2svg.fit.adam import Limits, Rates, gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.densification import FixedCount
@@ -141,12 +142,13 @@ def test_relocation_moves_the_least_useful_and_raises_psnr(photo, monkeypatch):
 
     def spy(state, index):
         if np.issubdtype(index.dtype, np.integer):
-            cost = removal_cost(state.splats(background), target)[1][:, 0]
+            cost = removal_cost(state.splats(background), target, weight)[1][:, 0]
             gone = np.setdiff1d(np.arange(len(state)), index)
             moved.append(cost[gone].max() <= cost[index].min())
         return real(state, index)
 
     target = np.ascontiguousarray(np.moveaxis(photo, -1, 0))
+    weight = Target(target, "perceptual").weight
     background = np.round(photo.mean(axis=(0, 1), dtype=np.float64) * 255) / 255
     with monkeypatch.context() as patch:
         patch.setattr(session_module.State, "select", spy)
@@ -353,21 +355,39 @@ def test_selective_finds_the_centre_the_area_and_the_colour():
 def test_weight_is_large_where_the_picture_is_flat():
     planar = np.zeros((3, 60, 60), np.float32)
     planar[:, :, 30:] = 1
-    weight = Target(planar, flat_weight=8.0).weight
+    weight = Target(planar, "psnr").weight
+    assert weight is not None
     assert weight[:, 0].min() == pytest.approx(9, rel=1e-3)
     assert weight[:, 28:32].max() == pytest.approx(1, rel=1e-3)
-    assert (Target(planar).weight == 1).all()
+    assert Target(planar).weight is None
 
 
-def test_flat_weight_lowers_the_error_of_flat_areas(monkeypatch):
+def test_perceptual_weight_falls_with_the_local_contrast():
+    noise = np.random.default_rng(0).normal(0, 1, (1, 60, 300))
+    contrast = np.repeat([0.0, 0.02, 0.06, 0.2, 0.6], 60)
+    planar = np.repeat(0.5 + noise * contrast, 3, axis=0).astype(np.float32)
+    weight = Target(planar, "perceptual").weight
+    assert weight is not None
+    assert weight.mean() == pytest.approx(1, rel=0.02)
+    assert 1 / 30 <= weight.min() < weight.max() <= 30
+    means = np.array([weight[10:-10, x + 15 : x + 45].mean() for x in range(0, 300, 60)])
+    assert (np.diff(means) < 0).all()
+    # far above the threshold it is inversely proportional to the contrast
+    assert means[3] / means[4] == pytest.approx(3, rel=0.15)
+
+
+@pytest.mark.parametrize("tune", ["perceptual", "psnr"])
+def test_weight_lowers_the_error_of_flat_areas(tune, monkeypatch):
     pixels = np.full((96, 96, 3), 0.8, np.float32)
     pixels[:, 40:] = np.random.default_rng(0).random((96, 56, 1))
     flat = (slice(None), slice(0, 24))
 
     def flat_error() -> float:
-        image = render(fit(pixels, fit_config(150, 100)).scene)
+        image = render(fit(pixels, fit_config(150, 100, tune=tune)).scene)
         return metrics.mean_squared_error(image[flat], pixels[flat])
 
     weighted = flat_error()
-    monkeypatch.setattr(population_module, "FLAT_WEIGHT", 0.0)
+    monkeypatch.setattr(
+        target_module, "pixel_weight", lambda views, _: np.ones(views[0].shape[1:], np.float32)
+    )
     assert weighted < 0.8 * flat_error()

@@ -165,16 +165,22 @@ def test_fused_squared_error_equals_the_torch_loss(dtype):
     assert rows > 0
 
 
+@pytest.mark.parametrize("weighted", [False, True])
 @in_both
-def test_removal_cost_is_what_removal_costs(dtype):
-    scene = random_scene(12, 40, 30, 9)
-    target = np.random.default_rng(3).random((30, 40, 3))
+def test_removal_cost_is_what_removal_costs(dtype, weighted):
+    scene, rng = random_scene(12, 40, 30, 9), np.random.default_rng(3)
+    target = rng.random((30, 40, 3))
+    weight = rng.uniform(0.1, 2.0, (30, 40)) if weighted else np.ones((30, 40))
     planar = np.ascontiguousarray(np.moveaxis(target, -1, 0), dtype)
-    _, cost = removal_cost(splats_of(scene), planar)
-    whole = np.square(composite_by_numpy(scene) - target).sum()
+    given = weight.astype(dtype) if weighted else None
+    _, cost = removal_cost(splats_of(scene), planar, given)
+
+    def error(one):
+        return (weight[:, :, None] * np.square(composite_by_numpy(one) - target)).sum()
+
+    whole = error(scene)
     for k in range(12):
-        without = scene.select(np.arange(12) != k)
-        expected = np.square(composite_by_numpy(without) - target).sum() - whole
+        expected = error(scene.select(np.arange(12) != k)) - whole
         assert cost[k, 0] == pytest.approx(expected, abs=GRADIENT_OFF[dtype] * whole)
 
 
@@ -182,12 +188,13 @@ def test_removal_cost_is_what_removal_costs(dtype):
 def test_removal_mass_is_the_curvature_of_the_error_in_the_colour(dtype):
     scene = random_scene(5, 40, 30, 10)
     blank = np.zeros((3, 30, 40), dtype)
-    mass = removal_cost(splats_of(scene), blank)[1][:, 1]
+    weight = np.random.default_rng(4).uniform(0.1, 2.0, (30, 40)).astype(dtype)
+    mass = removal_cost(splats_of(scene), blank, weight)[1][:, 1]
     for k in range(5):
         color = np.zeros((5, 3))
         color[k] = 1
         alone = composite_by_numpy(scene.replace(color=color, background=np.zeros(3)))
-        expected = np.square(alone[:, :, 0]).sum()
+        expected = (weight * np.square(alone[:, :, 0])).sum()
         assert mass[k] == pytest.approx(expected, rel=GRADIENT_OFF[dtype], abs=0.1 * OFF[dtype])
 
 

@@ -113,12 +113,19 @@ def test_file_that_cannot_be_so_small_is_written_without_gaussians_and_reported(
     assert "<rect" in result.svg
 
 
+def test_cap_is_named_where_the_limit_of_bytes_does_not_bind():
+    noise = np.random.default_rng(0).random((24, 24, 3)).astype(np.float32)
+    report = vectorize(noise, max_bytes="3M", **QUICK).report
+    assert report["stop_reason"] == "cap"
+    assert report["svg_bytes"] < 300_000
+
+
 def test_limit_without_room_for_a_gaussian_is_reported(photo):
     report = vectorize(photo, max_bytes=700, **QUICK).report
     assert (report["gaussians"], report["stop_reason"]) == (0, "max_bytes")
     assert report["svg_bytes"] <= 700
     assert report["unreached"] == [
-        "limit of 700 bytes leaves no room for a Gaussian: the picture is one flat colour. "
+        "limit of 700 bytes leaves no room for a Gaussian: the file has none. "
         "Try a larger --max-bytes"
     ]
     flat = vectorize(np.full((9, 9, 3), 0.4, np.float32), max_bytes=700).report

@@ -43,6 +43,7 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "max_size": (256, 512, 1024),
     "max_bytes": (20_000, 100_000, 500_000),
     "target_psnr": (28.0, 32.0, 36.0),
+    "target_ssimulacra2": (30.0, 50.0, 70.0),
     "form": ("gradient",),  # the only one that the default renderer supports
     "renderer": ("resvg", "cairo"),  # the others may not be installed
 }

@@ -32,6 +32,7 @@ _STOPPED = {
     "enough": "quality target reached",
     "cap": "the preset's maximum number of Gaussians reached",
     "target_psnr": "target PSNR reached",
+    "target_ssimulacra2": "target SSIMULACRA2 reached",
     "max_bytes": "maximum file size reached",
     "time_limit": "time limit reached",
     "interrupted": "interrupted",

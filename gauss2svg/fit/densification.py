@@ -21,8 +21,8 @@ from gauss2svg.scene import Scene
 # number of Gaussians is reached; interrupted: the caller stopped it; the others: the targets of
 # that name.
 STOP_REASONS = (
-    "iterations", "gaussians", "gain", "enough", "cap", "target_psnr", "max_bytes", "time_limit",
-    "interrupted",
+    "iterations", "gaussians", "gain", "enough", "cap", "target_psnr", "target_ssimulacra2",
+    "max_bytes", "time_limit", "interrupted",
 )  # fmt: skip
 
 FIRST_ROUND = 8

@@ -22,7 +22,7 @@ PERCEPTUAL, PSNR = "perceptual", "psnr"
 
 # Standard deviation of luma in 0..1 from which an error is masked, and how fast it fades.
 _CONTRAST, _EXPONENT = 0.03, 0.5
-_WINDOW = 1.5  # px, sigma of the window of the variance
+_WINDOW = 2.0  # px, sigma of the window of the variance
 _LEAST, _MOST = 1 / 30, 30.0  # times the mean
 FLAT = 8.0
 # Flat areas: gradients under 0.02 a px (5 levels of 255) within some 4 px.
@@ -46,7 +46,7 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
 def slopes(luma: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Derivatives (h, w) of the smoothed luma (h, w) along x and y."""
     luma = gaussian_filter(luma, 1.0)
-    height, width = luma.shape
+    height, width = len(luma), len(luma[0])
     gy = np.gradient(luma, axis=0) if height > 1 else np.zeros_like(luma)
     gx = np.gradient(luma, axis=1) if width > 1 else np.zeros_like(luma)
     return gx, gy

@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from gauss2svg.fit.options import FitResult
 from gauss2svg.fit.target import target_of
 from gauss2svg.fit.weight import PERCEPTUAL
-from gauss2svg.measure import metrics
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
-from gauss2svg.photo.alpha import views
 from gauss2svg.pipeline.plan import Plan, Quantization
 from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.raster import rasterize_like
@@ -34,8 +32,7 @@ class Candidate:
     """A quantised scene on the photo's canvas, and its SVG.
 
     model  PSNR (dB) of the scene itself against the working image
-    error  mean squared error of the rasterised SVG against it, with alpha the larger of those
-           over white and over black; NaN if it was not rasterised
+    score  of the rasterised SVG against it, by the plan's aim; NaN if it was not rasterised
     """
 
     scene: Scene
@@ -44,7 +41,7 @@ class Candidate:
     document: Document
     gzipped: bool
     model: float
-    error: float
+    score: float
 
     @cached_property
     def size(self) -> int:
@@ -57,12 +54,14 @@ class Outcome:
     """A fitted, written and measured scene on the photo's canvas.
 
     quantization  of its file
+    reached       its score, by the plan's aim; None without one
     corrections   how often the count was changed after the fit
     """
 
     scene: Scene
     svg: str
     quantization: Quantization
+    reached: float | None
     fitted: FitResult
     measured: RoundTrip
     corrections: int
@@ -126,21 +125,21 @@ class Exporter:
         height, width = self.photo.shape[:2]
         none, pair = np.zeros(0), np.zeros((0, 2))
         scene = Scene(width, height, pair, pair, none, np.zeros((0, 3)), none)
-        return len(file_bytes(write_svg(scene, document=self.document), self._gzipped))
+        svg = write_svg(scene, self._plan.svg_format, self.document)
+        return len(file_bytes(svg, self._gzipped))
 
-    def candidate(self, scene: Scene, rasterized: bool) -> Candidate:
-        """A scene of the working canvas as it would be written, rasterised on request."""
+    def candidate(self, scene: Scene) -> Candidate:
+        """A scene of the working canvas as it would be written, rasterised if there is an aim."""
         model = model_psnr(scene, self.working)
         # Colours are in the palette already, except those of ellipses that are no longer solid.
         exact = grouped_by_segment(self.quantized(scene, None), self.document.labels)
         svg = write_svg(exact, self._plan.svg_format, self.document)
-        error = math.nan
-        if rasterized:
+        aim, score = self._plan.aim, math.nan
+        if aim is not None:
             raster = rasterize_like(svg, self.working, self._plan.options.run.renderer)
-            pairs = zip(views(raster), views(self.working), strict=True)
-            error = max(metrics.mean_squared_error(one, other) for one, other in pairs)
+            score = aim.score(raster, self.working)
         return Candidate(
-            exact, svg, self._plan.svg_format, self.document, self._gzipped, model, error
+            exact, svg, self._plan.svg_format, self.document, self._gzipped, model, score
         )
 
     def measured(self, best: Candidate, deadline: float | None) -> RoundTrip:
@@ -183,5 +182,5 @@ def pruned_to_size(
         kept = min(len(scene) - 1, int(len(scene) * share))
         scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
         svg = write_svg(scene, candidate.format, candidate.document)
-        candidate = dataclasses.replace(candidate, scene=scene, svg=svg, error=np.nan)
+        candidate = dataclasses.replace(candidate, scene=scene, svg=svg, score=math.nan)
     return candidate

@@ -13,19 +13,16 @@ from typing import NamedTuple
 from gauss2svg.fit.densification import FIRST_ROUND
 from gauss2svg.pipeline.candidate import Candidate
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.targets import TOLERANCE
 
 # PSNR (dB) from which more Gaussians do not show: an error of half a level of 255 has 54.1.
 INDISTINGUISHABLE = 54.0
-AIM = 0.12  # dB over the target that a correction aims at
 FILL = 0.975  # share of the allowed bytes that a fit aims at
 FULL = 0.93  # share of the allowed bytes from which a file counts as full
-TOO_GOOD = 0.35  # dB over the target from which Gaussians are removed
-_TOO_LITTLE = 0.02  # dB under the target from which Gaussians are added
-_LEAST_LEFT = 0.05  # share of a candidate's error that remains after any correction for size
 # dB under and over the preset's PSNR up to which there is no correction. Together less than the
 # presets lie apart, so that none ends under a cheaper one (docs/decisions/monotone.md).
 _LESS_THAN_ENOUGH, _FAR_MORE = 0.8, 3.0
+# Gaussians that are not removed for that: they are a few kilobytes, and each shows in a drawing.
+_FEW = 100
 _SAME = 0.004  # relative difference up to which counts are the same
 _TELLING = 0.25  # doublings between two candidates from which a slope is derived
 # Doublings of a reduction at most: many at once end worse than a few after one another.
@@ -53,7 +50,7 @@ class Candidates:
     A file without Gaussians has empty_bytes.
 
     made    candidates in order
-    detail  mean squared error that measuring at the photo's size adds to that at the fit's
+    detail  what measuring at the photo's size adds to the score at the fit's, see Aim
     """
 
     def __init__(self, plan: Plan, empty_bytes: int) -> None:
@@ -62,16 +59,13 @@ class Candidates:
         self._plan, self._empty = plan, empty_bytes
         goal = plan.options.goal
         self._max_bytes = goal.max_bytes if isinstance(goal.max_bytes, int) else None
-        self._target = goal.target_psnr
+        self._aim = plan.aim
 
-    def psnr(self, candidate: Candidate) -> float:
-        """PSNR (dB) of its rasterised SVG against the photo; -inf if it was not rasterised."""
-        if math.isnan(candidate.error):
+    def score(self, candidate: Candidate) -> float:
+        """That of its rasterised SVG against the photo; -inf if it was not rasterised."""
+        if self._aim is None or math.isnan(candidate.score):
             return -math.inf
-        error = candidate.error + self.detail
-        # A negative detail from another candidate may exceed the error.
-        error = max(error, candidate.error * _LEAST_LEFT)
-        return -10 * math.log10(error) if error > 0 else math.inf
+        return self._aim.with_detail(candidate.score, self.detail)
 
     def correction(
         self, count: int, limit: Limit, stop_reason: str, usual_slope: float
@@ -83,21 +77,23 @@ class Candidates:
         stop_reason  of the growth
         usual_slope  dB gained per doubling during growth
         """
-        last, cap, target = self.made[-1], limit.gaussians, self._target
+        last, cap, aim = self.made[-1], limit.gaussians, self._aim
         if not count:
-            lacking = target is not None and self.psnr(last) < target - TOLERANCE
+            lacking = aim is not None and not aim.reached(self.score(last))
             room = last.size < (self._max_bytes or math.inf)
             return (min(FIRST_ROUND, cap) if lacking and room and cap else None), stop_reason
         if self._max_bytes is not None:
             room = max(self._max_bytes * FILL - self._empty, 0)
-            cap = min(cap, int(room * count / (last.size - self._empty)))
+            by_bytes = int(room * count / max(last.size - self._empty, 1))
+            if by_bytes < cap:
+                cap, limit = by_bytes, Limit(by_bytes, "max_bytes")
             if last.size > self._max_bytes:
                 return min(cap, count - 1), "max_bytes"
         wanted, slope = count, self._slope(usual_slope)
-        if target is not None:
-            psnr = self.psnr(last)
-            if not target - _TOO_LITTLE <= psnr <= target + TOO_GOOD:
-                missing = (target + AIM - psnr) / slope
+        if aim is not None:
+            score = self.score(last)
+            if not aim.value - aim.too_little <= score <= aim.value + aim.too_good:
+                missing = (aim.value + aim.over - score) / slope
                 wanted = min(round(count * 2 ** max(min(missing, 2.0), -2.0)), cap)
         else:
             wanted, stop_reason = self._enough(count, Limit(cap, limit.name), stop_reason, slope)
@@ -109,48 +105,56 @@ class Candidates:
         if limit is not None:
             full = last.size > FULL * limit or last.model >= INDISTINGUISHABLE
             wanted = count if full else min(4 * count, most.gaussians)
-            return Correction(wanted, "max_bytes" if wanted > count else stop_reason)
+            return Correction(wanted, most.name if wanted > count else stop_reason)
         missing = self._plan.preset.enough - last.model
         if self._plan.count is not None or -_FAR_MORE <= missing <= _LESS_THAN_ENOUGH:
             return Correction(count, stop_reason)
         if missing > 0 and stop_reason != "enough":
             return Correction(count, stop_reason)
         needed = count * 2 ** max(min(missing / slope, 2.0), _MOST_REDUCED)
+        if missing < 0:
+            needed = max(needed, min(count, _FEW))
         stop_reason = "enough" if needed < most.gaussians else most.name
         return Correction(min(math.ceil(needed), most.gaussians), stop_reason)
 
     def _slope(self, usual: float) -> float:
-        """PSNR (dB) gained per doubling, by the last two candidates or by the growth."""
-        slope = usual
+        """Score gained per doubling, by the last two candidates or by the growth.
+
+        Without an aim, and in `usual`, the score is PSNR in dB.
+        """
+        aim, slope = self._aim, usual
+        if aim is not None and not aim.is_psnr:
+            slope = aim.slope
         if len(self.made) >= 2:
             before, last = self.made[-2:]
             doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
             if abs(doublings) > _TELLING:
                 rise = last.model - before.model
-                if self._target is not None:
-                    rise = self.psnr(last) - self.psnr(before)
+                if aim is not None:
+                    rise = self.score(last) - self.score(before)
                 slope = rise / doublings
-        return min(max(slope, _SLOPES[0]), _SLOPES[1])
+        least, most = _SLOPES if aim is None else aim.slopes
+        return min(max(slope, least), most)
 
     def best(self) -> Candidate:
-        """The candidate of fewest Gaussians that meets every target, else the nearest one."""
+        """The smallest file that meets every target, else the nearest one."""
         limit = self._max_bytes or math.inf
         small = [c for c in self.made if c.size <= limit]
         if not small:
             return min(self.made, key=lambda c: c.size)
-        target = self._target
-        if target is None:
+        aim = self._aim
+        if aim is None:
             if self._plan.count is not None or self._max_bytes is not None:
                 return max(small, key=lambda c: c.model)
             enough = self._plan.preset.enough
             return _nearest(small, lambda c: c.model - enough, _LESS_THAN_ENOUGH, _FAR_MORE)
-        return _nearest(small, lambda c: self.psnr(c) - target, TOLERANCE, TOO_GOOD)
+        return _nearest(small, lambda c: self.score(c) - aim.value, aim.tolerance, aim.too_good)
 
 
 def _nearest(
     candidates: list[Candidate], over: Callable[[Candidate], float], little: float, much: float
 ) -> Candidate:
-    """The smallest file of those that are `little` under the goal to `much` over it, in dB.
+    """The smallest file of those that are `little` under the goal to `much` over it.
 
     Otherwise the smallest of those beyond, otherwise the nearest one below.
     """

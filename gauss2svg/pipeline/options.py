@@ -55,6 +55,11 @@ class Goal(OptionGroup):
     ] = None
     """Target PSNR (dB) of the rasterised SVG."""
 
+    target_ssimulacra2: Annotated[
+        float | None, Number(0, 99, advice="50 for medium, 70 for high quality")
+    ] = None
+    """Target SSIMULACRA2 of the SVG (extra scores)."""
+
     max_bytes: Annotated[int | str | None, byte_size] = None
     """Maximum file size: 150000, 150k or 1.5M."""
 
@@ -65,6 +70,9 @@ class Goal(OptionGroup):
         super().__post_init__()
         if self.gaussians == AUTO:
             object.__setattr__(self, "gaussians", None)
+        if self.target_psnr is not None and self.target_ssimulacra2 is not None:
+            got = f"{self.target_ssimulacra2:g}"
+            raise InputError(must_be("target_ssimulacra2", "given without target_psnr", got))
 
 
 @dataclass(frozen=True, kw_only=True)

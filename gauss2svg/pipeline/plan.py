@@ -11,6 +11,7 @@ from gauss2svg.errors import InputError, RendererError, must_be
 from gauss2svg.fit.options import DensifyOptions, FitConfig
 from gauss2svg.measure.scores import require_packages
 from gauss2svg.photo.photo import Photo
+from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.presets import PRESETS, Preset
 from gauss2svg.raster import DRAW_BLENDS, DRAW_ROTATED_BLURS, renderer_version
@@ -21,6 +22,7 @@ from gauss2svg.svg.format import SvgFormat
 # Mean squared error that a palette may add in any case: 38 dB, about three levels of 255. With
 # eight levels, which a coarse fit of foliage would allow, sky and leaves change their hue.
 LARGEST_COLOR_ERROR = 1.6e-4
+_NEARLY = 1.5  # times a preset's largest side, which it then reduces little
 # dB that the palette of a given count may cost by having fewer entries than allowed.
 _UNSEEN_COLOR_LOSS = 0.03
 
@@ -52,12 +54,13 @@ class Plan:
                 f"form must be {GRADIENT} with the renderer {run.renderer}, which does not render "
                 f"rotated blurs; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
             )
-        if run.scores:
+        name = "scores" if run.scores else "target_ssimulacra2"
+        if run.scores or goal.target_ssimulacra2 is not None:
             require_packages()
             if goal.time_limit is not None:
                 raise InputError(
-                    "scores must not be given with time_limit, because how long they take is not "
-                    f"known; got {goal.time_limit:g}. Try gauss2svg check on the SVG"
+                    f"{name} must not be given with time_limit, because how long scores take is "
+                    f"not known; got {goal.time_limit:g}. Try gauss2svg check on the SVG"
                 )
         for name in ("checkpoint", "resume"):
             if getattr(run, name) is not None and goal.time_limit is not None:
@@ -127,16 +130,21 @@ class Plan:
 
     @property
     def iterations(self) -> int:
-        """Those of the preset; at a size that cheaper presets fit as well, no fewer than theirs.
+        """Those of the preset; where cheaper presets reduce the image little, no fewer than theirs.
 
         Otherwise a small drawing that needs as few Gaussians in both would end worse
         (docs/decisions/monotone.md).
         """
         presets = list(PRESETS.values())
-        cheaper, side = presets[: presets.index(self.preset)], self.fit_side or math.inf
-        return max(
-            self.preset.iterations, *(p.iterations for p in cheaper if side <= p.max_size), 0
-        )
+        cheaper = presets[: presets.index(self.preset)]
+        side = math.inf if self.fit_side is None else self.fit_side
+        fits = [p.iterations for p in cheaper if side <= _NEARLY * p.max_size]
+        return max([self.preset.iterations, *fits])
+
+    @cached_property
+    def aim(self) -> Aim | None:
+        """The target of the rasterised SVG."""
+        return aim_of(self.options.goal)
 
     @property
     def count(self) -> int | None:
@@ -177,7 +185,7 @@ class Plan:
     def _config(self, blend: str) -> FitConfig:
         options, iterations = self.options, self.options.fit.iterations
         only_time = options.goal.time_limit is not None and (
-            options.goal.target_psnr is None and options.goal.max_bytes is None
+            self.aim is None and options.goal.max_bytes is None
         )
         if iterations is None and not only_time:
             iterations = self.iterations
@@ -217,4 +225,4 @@ class Plan:
 
 def has_targets(goal: Goal) -> bool:
     """Whether there is a target or limit besides the preset."""
-    return any(t is not None for t in (goal.target_psnr, goal.max_bytes, goal.time_limit))
+    return any(t is not None for t in (aim_of(goal), goal.max_bytes, goal.time_limit))

@@ -66,15 +66,13 @@ def _quantize_additive(
         return scene
     mass, pixels = visible_mass(scene, weight)
     count = palette or len(scene)
-    return scene.replace(
-        color=quantize_signed(scene.color, mass, count, color_error * 3 * pixels)
-    )
+    return scene.replace(color=quantize_signed(scene.color, mass, count, color_error * 3 * pixels))
 
 
 def visible_mass(
     scene: Scene, weight: NDArray[np.floating] | None = None
 ) -> tuple[NDArray[np.float64], int]:
-    """(n,) visible mass of each shape, sum over the canvas of weight (alpha transmittance)^2, in px.
+    """(n,) visible mass in px of each shape, sum over the canvas of weight (alpha transmittance)^2.
 
     And the pixels of the canvas that it was computed on, which is reduced if large. A change d of
     a colour changes the weighted sum of squared errors by visible_mass d^2. weight is as for
@@ -85,5 +83,5 @@ def visible_mass(
     splats = splats_of(scene, (width / scene.width, height / scene.height))
     blank = np.zeros((3, height, width), np.float32)
     if weight is not None:
-        weight = resize(weight, (height, width), order=1, mode="edge", anti_aliasing=True)
+        weight = np.asarray(resize(weight, (height, width), order=1, mode="edge"))
     return np.maximum(removal_cost(splats, blank, weight)[1][:, 1], 0.0), width * height

@@ -43,7 +43,7 @@ def run_report(
     run_s = total_s - (compile_s if compile_s > COMPILED_S else 0.0)
     size_reached = measured.svgz_bytes if options.svg.gzip else measured.svg_bytes
     missed = unreached(
-        options.goal, measured.psnr_lowest, size_reached, run_s, fitted.stop_reason,
+        options.goal, outcome.reached, size_reached, run_s, fitted.stop_reason,
         len(outcome.scene),
     )  # fmt: skip
     return {

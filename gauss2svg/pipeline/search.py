@@ -28,26 +28,17 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.alpha import over
 from gauss2svg.pipeline.candidate import Candidate, Exporter, Outcome, pruned_to_size
-from gauss2svg.pipeline.candidates import (
-    AIM,
-    FILL,
-    FULL,
-    INDISTINGUISHABLE,
-    TOO_GOOD,
-    Candidates,
-    Limit,
-)
+from gauss2svg.pipeline.candidates import FILL, FULL, INDISTINGUISHABLE, Candidates, Limit
 from gauss2svg.pipeline.checkpoint import ADDITIVE, FIT, Checkpoint, damaged
 from gauss2svg.pipeline.export_time import estimate_export_seconds
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.targets import TOLERANCE
 from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.svg.layers import segment_at
 
 # Of the file, palette included (docs/decisions/numbers.md); measured if the bytes are limited.
 KILOBYTES_PER_GAUSSIAN = 0.12
-CAP_FOR_PSNR = 50000  # largest number of Gaussians for a target PSNR, whatever the preset
+CAP_FOR_TARGET = 50000  # largest number of Gaussians for a target, whatever the preset
 _GZIPPED = 0.17  # compressed share of the bytes, until it is measured
 _LEAST_MEASURED = 200  # Gaussians from which the bytes of one are measured
 _CORRECTIONS = 5
@@ -91,13 +82,13 @@ class TargetSearch:
         self._resumed = resumed or {}
         self._phase = "fit"
         goal = plan.options.goal
-        self._target = goal.target_psnr
+        self._aim = plan.aim
         self._max_bytes = goal.max_bytes if isinstance(goal.max_bytes, int) else None
         self._bytes_each = (
             KILOBYTES_PER_GAUSSIAN * 1000 * (_GZIPPED if plan.options.svg.gzip else 1)
         )
         self._bytes_known = False
-        self._candidates = Candidates(plan, exporter.empty_bytes)
+        self._candidates = Candidates(plan, exporter.empty_bytes if self._max_bytes else 0)
         self._additive: FitResult | None = None
         self._limit = Limit(0, "gaussians")
         portable = plan.options.svg.portable
@@ -118,17 +109,21 @@ class TargetSearch:
                 self._save(FIT, self._session, due=True)
             if self._limit.name == "time_limit":  # found after growth ended
                 self._session.prune_to(self._limit.gaussians)
+            if self._limit.name == "cap" and self._aim is not None:
+                self._limit = Limit(self._cap_for_target, "cap")
             self._add_candidate()
             best, found = self._corrected()
             for _ in range(_CALIBRATIONS):
                 if self._ended or not self._calibrate(best, found):
                     break
                 best, found = self._corrected()
-        reason = self._stop_reason(best, found.psnr_lowest)
+        reached = self._reached(found)
+        reason = self._stop_reason(best, reached)
         return Outcome(
             scene=best.scene,
             svg=best.svg,
             quantization=self._plan.quantization(len(best.scene), None),
+            reached=reached,
             fitted=self._session.result().after(self._additive, reason),
             measured=found,
             corrections=len(self._candidates.made) - 1,
@@ -179,14 +174,18 @@ class TargetSearch:
             limits = GrowthLimits(
                 0.0, KILOBYTES_PER_GAUSSIAN, math.inf, plan.count, cap_named="gaussians"
             )
-        if self._target is not None:
-            wanted = self._target + AIM + 10 * math.log10(1 + _WRITING_LOSS)
-            cap = limits.cap
+        aim = self._aim
+        self._cap_for_target = limits.cap
+        if aim is not None:
             if plan.count is None:
-                cap = max(cap, min(CAP_FOR_PSNR, width * height))
-            limits = dataclasses.replace(
-                limits, gain=0.0, psnr=wanted, psnr_named="target_psnr", cap=cap
-            )
+                self._cap_for_target = max(cap, min(CAP_FOR_TARGET, width * height))
+            limits = dataclasses.replace(limits, gain=0.0)
+            if aim.is_psnr:
+                wanted = aim.value + aim.over + 10 * math.log10(1 + _WRITING_LOSS)
+                limits = dataclasses.replace(
+                    limits, psnr=wanted, psnr_named=aim.name, cap=self._cap_for_target
+                )
+            # Else growth ends at what the preset calls enough, and corrections find the score.
         self._limit = Limit(limits.cap, limits.cap_named)
         return AdaptiveCount(limits, revise)
 
@@ -238,11 +237,9 @@ class TargetSearch:
 
     def _add_candidate(self) -> None:
         self._report("write", None)
-        if self._target is not None:
+        if self._aim is not None:
             self._report("measure", None)
-        scene = self._session.scene()
-        rasterized = self._target is not None
-        self._candidates.made.append(self._exporter.candidate(scene, rasterized))
+        self._candidates.made.append(self._exporter.candidate(self._session.scene()))
 
     def _corrected(self) -> tuple[Candidate, RoundTrip]:
         """The best candidate after corrections of the count, and its measurement."""
@@ -274,22 +271,35 @@ class TargetSearch:
             self._add_candidate()
 
     def _calibrate(self, best: Candidate, measured: RoundTrip) -> bool:
-        """Correct the PSNR of the search by that at the photo's size; False if there is no need."""
-        target, photo = self._target, self._exporter.photo
+        """Correct the scores by that at the photo's size; False if there is no need."""
+        aim, photo = self._aim, self._exporter.photo
         smaller = photo.shape != self._exporter.working.shape
-        if target is None or not smaller or measured.raster.shape != photo.shape:
+        if aim is None or not smaller or measured.raster.shape != photo.shape:
             return False
-        if math.isnan(best.error):  # it was pruned to its bytes
+        if math.isnan(best.score):  # it was pruned to its bytes
             return False
-        if target - TOLERANCE <= measured.psnr_lowest <= target + TOO_GOOD:
+        reached = self._reached(measured)
+        assert reached is not None  # there is an aim
+        if aim.reached(reached) and reached <= aim.value + aim.too_good:
             return False
         before = self._candidates.detail
-        self._candidates.detail = 10 ** (-measured.psnr_lowest / 10) - best.error
+        self._candidates.detail = aim.detail(reached, best.score)
         return self._candidates.detail != before
 
-    def _stop_reason(self, best: Candidate, psnr: float) -> str:
-        if self._target is not None and psnr >= self._target - TOLERANCE:
-            return "target_psnr"
+    def _reached(self, measured: RoundTrip) -> float | None:
+        """The score of a measured file by the aim, if there is one."""
+        if self._aim is None:
+            return None
+        if self._aim.is_psnr:
+            return measured.psnr_lowest
+        exporter, shape = self._exporter, measured.raster.shape
+        photo = exporter.photo if shape == exporter.photo.shape else exporter.working
+        return self._aim.score(measured.raster, photo)
+
+    def _stop_reason(self, best: Candidate, reached: float | None) -> str:
+        aim = self._aim
+        if aim is not None and reached is not None and aim.reached(reached):
+            return aim.name
         if self._ended:
             return "interrupted"
         if self._session.clock.out_of_time:

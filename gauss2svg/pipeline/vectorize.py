@@ -18,7 +18,11 @@ from gauss2svg.errors import InputError, instance, must_be, shown, whole_number
 from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.measure.memory import held_bytes
-from gauss2svg.measure.scores import Scores, perceptual_scores
+from gauss2svg.measure.scores import (
+    LEAST_SIDE_FOR_SSIMULACRA2,
+    Scores,
+    perceptual_scores,
+)
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, load_image
@@ -32,7 +36,7 @@ from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.result import Progress, ProgressCallback, Result
-from gauss2svg.pipeline.search import CAP_FOR_PSNR, TargetSearch
+from gauss2svg.pipeline.search import CAP_FOR_TARGET, TargetSearch
 from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import LARGEST_NUMBER
@@ -50,6 +54,7 @@ def vectorize(
     quality: str | None = None,
     gaussians: int | str | None = None,
     target_psnr: float | None = None,
+    target_ssimulacra2: float | None = None,
     max_bytes: int | str | None = None,
     time_limit: float | None = None,
     fit: FitOptions | None = None,
@@ -63,8 +68,8 @@ def vectorize(
     """Fit Gaussians to a photo, write them as an SVG, rasterise it and measure it.
 
     image     path, bytes, binary file, PIL image, numpy array or torch tensor
-    goal      quality, gaussians, target_psnr, max_bytes and time_limit, which may also be given
-              by these names: vectorize("photo.jpg", max_bytes="500k")
+    goal      quality, gaussians, target_psnr, target_ssimulacra2, max_bytes and time_limit, which
+              may also be given by these names: vectorize("photo.jpg", max_bytes="500k")
     fit, densify, svg, document, run
               less common options; each class documents its fields
     progress  called with a Progress at every step; nothing is printed
@@ -82,6 +87,7 @@ def vectorize(
             "quality": quality,
             "gaussians": gaussians,
             "target_psnr": target_psnr,
+            "target_ssimulacra2": target_ssimulacra2,
             "max_bytes": max_bytes,
             "time_limit": time_limit,
         }.items()
@@ -130,6 +136,7 @@ def vectorize_by(
     width, height, note = _working_size(photo, plan, most_bytes)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
+    _check_side(min(width, height), options.goal)
     plan = dataclasses.replace(plan, fit_side=max(width, height))
     pixels = pixels_of(photo)
     working = shrunk(pixels, height, width)
@@ -160,7 +167,7 @@ def vectorize_by(
     raster = outcome.measured.raster
     reference = pixels if raster.shape == pixels.shape else working
     scores = Scores()
-    if run.scores:
+    if run.scores or options.goal.target_ssimulacra2 is not None:
         scores = perceptual_scores(raster, reference, most_bytes - held_bytes())
     report = run_report(
         plan, document, photo, outcome, (width, height), scores, threads=thread_count,
@@ -212,6 +219,14 @@ def _check_precision(side: int, plan: Plan) -> None:
         raise InputError(must_be("precision", f"at least {least:.4f} for {side} px", got))
 
 
+def _check_side(side: int, goal: Goal) -> None:
+    """Raise InputError for a fit on an image that is too small for the score of its target."""
+    least = LEAST_SIDE_FOR_SSIMULACRA2
+    if goal.target_ssimulacra2 is not None and side < least:
+        needed = f"at least {least} px, at which SSIMULACRA2 is measured"
+        raise InputError(must_be("short side of the image that is fitted", needed, f"{side} px"))
+
+
 def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, str | None]:
     """Width and height in px of the fit: the preset's, smaller for lack of time or memory.
 
@@ -222,7 +237,7 @@ def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, 
     shrunk = min(1.0, plan.side / max(width, height))
     if goal.time_limit is not None and not asked:
         shrunk = min(shrunk, math.sqrt(PIXELS_PER_SECOND * goal.time_limit / (width * height)))
-    most = plan.preset.cap if goal.target_psnr is None else CAP_FOR_PSNR
+    most = plan.preset.cap if plan.aim is None else CAP_FOR_TARGET
     load = Load(
         width,
         height,

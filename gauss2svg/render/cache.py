@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 from numba import njit
-from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.caching import IndexDataCacheFile
 
 
 def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
@@ -22,9 +22,11 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             dispatcher = njit(cache=True, **options)(function)
         except RuntimeError:  # numba finds no folder that can be written
             return njit(**options)(function)
-        kept = getattr(dispatcher, "_cache", None)  # not where NUMBA_DISABLE_JIT is set
-        if isinstance(kept, FunctionCache):
-            kept._cache_file.__class__ = KernelFiles
+        # None where NUMBA_DISABLE_JIT is set, and where numba keeps its files in another way: then
+        # two processes that compile at once may have to compile again.
+        files = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        if type(files) is IndexDataCacheFile:
+            files.__class__ = KernelFiles
         return dispatcher
 
     return compiled
