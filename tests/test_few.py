@@ -37,11 +37,11 @@ def test_refinement_ends_at_full_size(count):
 
 
 def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
-    factors = [refinement_reduction(0.3, n, 768, 512) for n in (1, 1024, 6144, 6145, 10_000)]
-    assert factors == [4, 4, 2, 1, 1]
+    factors = [refinement_reduction(0.3, n, 768, 512) for n in (1, 682, 683, 2730, 2731, 10_000)]
+    assert factors == [4, 4, 2, 2, 1, 1]
     assert [refinement_reduction(d, 256, 768, 512) for d in (0.3, 0.5, 0.55, 1)] == [4, 2, 1, 1]
     assert refinement_reduction(0.3, 1, 255, 512) == 1
-    assert [steps_of(200, n, 768, 512) for n in (0, 256, 6145)] == [200, 400, 200]
+    assert [steps_of(200, n, 768, 512) for n in (0, 256, 2731)] == [200, 400, 200]
 
 
 def test_an_interrupted_reduced_refinement_ends_at_full_size():

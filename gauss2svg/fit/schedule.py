@@ -20,10 +20,9 @@ QUANTIZED_FROM = 0.85
 _PIXELS_PER_GAUSSIAN = 36
 LARGEST_REDUCTION = 8
 # Refinement of few Gaussians runs on half the picture up to the first progress, on a quarter up to
-# the second, as long as each Gaussian keeps 16 pixels (docs/decisions/few.md, also for the next
-# two).
+# the second, as long as each Gaussian keeps as many pixels (docs/decisions/few.md, also for the
+# next two).
 FULL_FROM = 0.55, 0.45
-_REFINED_PIXELS = 16
 _SMALLEST_REFINED_SIDE = 128  # on smaller pictures a step costs little anyway
 # Share of the steps of refinement until the full picture, and how many times a preset's steps a
 # fit takes where they are reduced.
@@ -84,13 +83,13 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
     """The factor by which width and height are divided in refinement at progress `done` in 0..1.
 
     Each of FULL_FROM that is still ahead halves the picture once more, as long as each Gaussian
-    keeps 16 pixels.
+    keeps 36 pixels.
     """
     factor = 1
     for until in FULL_FROM:
         pixels = width * height / (4 * factor**2 * max(gaussians, 1))
         fits = min(width, height) / (2 * factor) >= _SMALLEST_REFINED_SIDE
-        if done < until and pixels >= _REFINED_PIXELS and fits:
+        if done < until and pixels >= _PIXELS_PER_GAUSSIAN and fits:
             factor *= 2
     return factor
 

@@ -5,6 +5,9 @@ own pairs, and pairs are added up Gaussian by Gaussian: the number of threads ch
 any result.
 """
 
+# pyright: reportCallIssue=false
+# The intrinsics of simd.py take a typing context that numba passes by itself.
+
 from typing import Any, NamedTuple
 
 import numpy as np
