@@ -6,7 +6,6 @@ from flat import fit_config, vectorize
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
-from gauss2svg.fit import session as session_module
 from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
@@ -65,7 +64,7 @@ def test_report_notes_rollbacks(photo):
 
 def test_worse_last_steps_are_rolled_back(photo, monkeypatch):
     # Far too large at the very end, where nothing would make up for it.
-    monkeypatch.setattr(session_module, "rate", lambda done: 1.0 if done < 0.98 else 40.0)
+    monkeypatch.setattr("gauss2svg.fit.schedule.rate", lambda done: 1.0 if done < 0.98 else 40.0)
     seen: list[float] = []
     scene = fit(photo, fit_config(100, 60), progress=lambda now: seen.append(now.psnr)).scene
     assert psnr_of(scene, photo) > max(seen) - 0.02

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from gauss2svg.errors import number_within, whole_number
-from gauss2svg.fit.schedule import GROWTH_SHARE
+from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, REDUCED_STEPS
 
 # Where only time is limited, a round of growth takes at most this many steps: the rest of the time
 # is better spent once all Gaussians exist.
@@ -41,6 +41,7 @@ class Clock:
         self._stage_first = 0
         self._stage_steps: int | None = None
         self._from = 0.0
+        self._reduced = False
         self.out_of_time = False
         self._stop = stop or (lambda: False)
         self._stopped = False
@@ -76,8 +77,12 @@ class Clock:
         """Progress in 0..GROWTH_SHARE at the end of round `index`."""
         return GROWTH_SHARE * min((index + 1) / self._rounds, 1.0)
 
-    def begin_refinement(self, steps: int | None, progress: float) -> None:
-        """From here on `steps` iterations, or the time left, take `progress` to 1."""
+    def begin_refinement(self, steps: int | None, progress: float, reduced: bool = False) -> None:
+        """From here on `steps` iterations, or the time left, take `progress` to 1.
+
+        reduced: whether the first ones run on reduced pictures, which then get more of them.
+        """
+        self._reduced = reduced
         self._stage_first, self._stage_steps = self.iteration, steps
         self._stage_begun, self._from = time.perf_counter(), progress
 
@@ -95,7 +100,12 @@ class Clock:
             left = self.deadline - self._stage_begun
             by_time = (now - self._stage_begun) / left if left > 0 else 1.0
         self.out_of_time = by_time > by_steps
-        return self._from + (1 - self._from) * min(max(by_steps, by_time), 1.0)
+        share = min(max(by_steps, by_time), 1.0)
+        if not self._reduced:
+            return self._from + (1 - self._from) * share
+        if share < REDUCED_STEPS:
+            return self._from + (FULL_FROM[0] - self._from) * share / REDUCED_STEPS
+        return 1 - (1 - FULL_FROM[0]) * (1 - share) / (1 - REDUCED_STEPS)
 
     def state_dict(self) -> dict[str, Any]:
         """The clock's state for `load_state_dict`, without the deadline."""
@@ -104,6 +114,7 @@ class Clock:
             "stage_first": self._stage_first,
             "stage_steps": self._stage_steps,
             "from": self._from,
+            "reduced": self._reduced,
             "elapsed_s": self.elapsed_s,
         }
 
@@ -112,6 +123,7 @@ class Clock:
         most = _MOST_STEPS if self.iterations is None else self.iterations
         self.iteration = whole_number("iteration", saved["iteration"], 0, most)
         self._from = number_within("from", saved["from"], 0, 1)
+        self._reduced = bool(saved["reduced"])
         self._stage_first = whole_number("stage_first", saved["stage_first"], 0, self.iteration)
         steps = saved["stage_steps"]
         self._stage_steps = None if steps is None else whole_number("stage_steps", steps, 0, most)

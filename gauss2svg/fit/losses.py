@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
@@ -85,3 +87,8 @@ def structural_similarity(
     gradient = gathered(by_mean) + target * gathered(2 * a1 * over)
     gradient -= 2 * image * gathered(similarity / b2)
     return float(similarity.mean(dtype=np.float64)), gradient * (image.size / similarity.size)
+
+
+def psnr_of(error: float) -> float:
+    """PSNR in dB of a mean squared error; infinity for 0."""
+    return -10 * math.log10(error) if error > 0 else math.inf

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, must_be, whole_number
 from gauss2svg.fit.losses import has_ssim
-from gauss2svg.fit.schedule import GROWTH_SHARE, totals
+from gauss2svg.fit.schedule import GROWTH_SHARE, steps_of, totals
 from gauss2svg.fit.weight import PERCEPTUAL, Tune
 from gauss2svg.options import Number, OptionGroup, Whole
 from gauss2svg.scene import ADD, OVER, Scene
@@ -87,7 +87,8 @@ class FitConfig:
     gaussians   number of Gaussians, >= 0; 0 gives the mean colour
     iterations  optimiser steps, >= 1; None: until the deadline
     dtype       one of DTYPES, which the kernels compute in
-    reduce      whether rounds of few Gaussians run on a reduced target, which is faster
+    reduce      whether few Gaussians are fitted on reduced targets first, which is faster
+    extend      whether a fit takes twice the iterations where most are on reduced targets
     """
 
     gaussians: int = 5000
@@ -96,6 +97,7 @@ class FitConfig:
     densify: DensifyOptions = DensifyOptions()
     dtype: str = DEFAULT_DTYPE
     reduce: bool = True
+    extend: bool = False
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
@@ -116,6 +118,12 @@ class FitConfig:
         """Ascending numbers of Gaussians after each round."""
         densify = self.densify
         return totals(densify.schedule, self.gaussians, self.iterations, densify.per_round)
+
+    def steps(self, width: int, height: int) -> int | None:
+        """Optimiser steps of a fit to a picture of this size; None: until the deadline."""
+        if self.iterations is None or not (self.extend and self.reduce):
+            return self.iterations
+        return steps_of(self.iterations, self.gaussians, width, height)
 
     def _check_rounds(self) -> None:
         each, per_round = self.densify.round_iterations, self.densify.per_round

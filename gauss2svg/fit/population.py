@@ -14,7 +14,7 @@ from gauss2svg.fit.convert import composited
 from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
-from gauss2svg.fit.schedule import LARGEST_REDUCTION
+from gauss2svg.fit.schedule import LARGEST_REDUCTION, refinement_reduction
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
@@ -47,7 +47,7 @@ class Population:
             self.background = np.ones(3)  # not written
         self.rng = np.random.default_rng(config.fit.seed)
         self._pyramid = TargetPyramid(pixels, config.dtype, config.fit.tune)
-        self._reduction = 1
+        self.reduction = 1
         self.target = self._pyramid.reduced(1)
         self._order = None if segment_at is None else SegmentOrder(segment_at)
 
@@ -80,7 +80,7 @@ class Population:
 
     def error(self) -> float:
         """Mean squared error at full size, also while the target is reduced."""
-        factor = self._reduction
+        factor = self.reduction
         self.reduce_to(1)
         error = self.target.error(self.splats())
         self.reduce_to(factor)
@@ -88,13 +88,23 @@ class Population:
 
     def reduce_to(self, factor: int) -> None:
         """Change to the target of 1 / factor the width and height."""
-        if factor == self._reduction:
+        if factor == self.reduction:
             return
         before, self.target = self.target, self._pyramid.reduced(factor)
-        self._reduction = factor
+        self.reduction = factor
         self.state = self.state.scaled(
             self.target.width / before.width, self.target.height / before.height
         )
+
+    def reduction_at(self, done: float) -> int:
+        """The factor by which refinement reduces the target at progress `done`.
+
+        1 where the count adapts, for then it is decided by errors at full size.
+        """
+        if not (self.config.reduce and self.config.gaussians):
+            return 1
+        height, width = self._pyramid.pixels.shape[:2]
+        return refinement_reduction(done, len(self), width, height)
 
     def adopt(self, scene: Scene) -> None:
         """Begin with the Gaussians of an additive scene, alpha-composited."""
@@ -194,15 +204,15 @@ class Population:
         return {
             "state": self.state.state_dict(),
             "round_index": self.round_index,
-            "reduction": self._reduction,
+            "reduction": self.reduction,
             "rng": self.rng.bit_generator.state,
             "home": None if self._order is None else self._order.home,
         }
 
     def load_state_dict(self, saved: dict[str, Any]) -> None:
         """Restore a saved state; raises InputError for values out of range."""
-        self._reduction = whole_number("reduction", saved["reduction"], 1, LARGEST_REDUCTION)
-        self.target = self._pyramid.reduced(self._reduction)
+        self.reduction = whole_number("reduction", saved["reduction"], 1, LARGEST_REDUCTION)
+        self.target = self._pyramid.reduced(self.reduction)
         self.state = State.from_state_dict(saved["state"])
         self.round_index = whole_number("round_index", saved["round_index"], 0, 2**31 - 1)
         self.rng.bit_generator.state = saved["rng"]

@@ -19,6 +19,17 @@ QUANTIZED_FROM = 0.85
 # pixel-Gaussian pairs at no loss of PSNR (docs/decisions/fit.md).
 _PIXELS_PER_GAUSSIAN = 36
 LARGEST_REDUCTION = 8
+# Refinement of few Gaussians runs on half the picture up to the first progress, on a quarter up to
+# the second, as long as each Gaussian keeps as many pixels (docs/decisions/few.md, also for the
+# next two).
+FULL_FROM = 0.55, 0.45
+_SMALLEST_REFINED_SIDE = 128  # on smaller pictures a step costs little anyway
+# Share of the steps of refinement until the full picture, and how many times a preset's steps a
+# fit takes where they are reduced.
+REDUCED_STEPS = 0.72
+_EXTENDED = 2
+# Relocation, docs/decisions/fit.md: progress between which it happens, iterations between two.
+_RELOCATION, _RELOCATION_EVERY = (0.2, 0.75), 10
 _SMALLEST_SIDE = 32
 
 
@@ -66,6 +77,33 @@ def reduction(gaussians: int, width: int, height: int) -> int:
     ):
         factor *= 2
     return factor
+
+
+def refinement_reduction(done: float, gaussians: int, width: int, height: int) -> int:
+    """The factor by which width and height are divided in refinement at progress `done` in 0..1.
+
+    Each of FULL_FROM that is still ahead halves the picture once more, as long as each Gaussian
+    keeps 36 pixels.
+    """
+    factor = 1
+    for until in FULL_FROM:
+        pixels = width * height / (4 * factor**2 * max(gaussians, 1))
+        fits = min(width, height) / (2 * factor) >= _SMALLEST_REFINED_SIDE
+        if done < until and pixels >= _PIXELS_PER_GAUSSIAN and fits:
+            factor *= 2
+    return factor
+
+
+def steps_of(iterations: int, gaussians: int, width: int, height: int) -> int:
+    """Optimiser steps of a preset with so many iterations: twice those where most are reduced."""
+    reduced = refinement_reduction(GROWTH_SHARE, gaussians, width, height) > 1
+    return iterations * _EXTENDED if reduced and gaussians else iterations
+
+
+def relocates(done: float, iteration: int) -> bool:
+    """Whether Gaussians are relocated before this step, at progress `done` in 0..1."""
+    first, last = _RELOCATION
+    return first < done < last and iteration % _RELOCATION_EVERY == 0
 
 
 def rate(done: float) -> float:

@@ -14,15 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, number_within
-from gauss2svg.fit import adam
+from gauss2svg.fit import adam, schedule
 from gauss2svg.fit.clock import Clock
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
-from gauss2svg.fit.losses import DEFAULT_LOSS
+from gauss2svg.fit.losses import DEFAULT_LOSS, psnr_of
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population
-from gauss2svg.fit.schedule import DECAY_START, GROWTH_SHARE, QUANTIZED_FROM, rate, reduction
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.stage import FINISHED, GROWING, REFINING, Stage
 from gauss2svg.fit.state import State
@@ -44,8 +43,6 @@ _OPAQUE_LOGIT = 12.0
 # Progress at which shapes may exchange their colours; later they hardly do.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
 
-_RELOCATION_EVERY = 10  # iterations
-_RELOCATION_FROM, _RELOCATION_TO = 0.2, 0.75
 # Progress at which a fit resumes after its count has changed: some relocation, then decay.
 _RESUME_AT = 0.6
 _STEPS_AVERAGED = 5  # in the PSNR that a policy sees during refinement
@@ -77,13 +74,12 @@ class FitSession:
     ) -> None:
         self.config = config
         self.policy = policy
-        self.clock = Clock(
-            config.iterations, policy.rounds, deadline, config.densify.round_iterations, stop
-        )
+        self._size = pixels.shape[1], pixels.shape[0]
+        steps = config.steps(*self._size)
+        self.clock = Clock(steps, policy.rounds, deadline, config.densify.round_iterations, stop)
         self.population = Population(pixels, config, segment_at)
         self.guard = DivergenceGuard(config.fit.learning_rate)
         self.pixel_pairs = 0
-        self._size = pixels.shape[1], pixels.shape[0]
         self._progress = progress or (lambda _: None)
         self._as_written = as_written
         self._stage = Stage()
@@ -232,25 +228,23 @@ class FitSession:
             )
         self.guard.reset()
         if total <= count:
-            population.reduce_to(1)
             population.densify_or_prune(total)
             return False
-        width, height = self._size
-        population.reduce_to(reduction(total, width, height) if self.config.reduce else 1)
+        population.reduce_to(schedule.reduction(total, *self._size) if self.config.reduce else 1)
         population.round_index = index
         population.densify_or_prune(total)
         return True
 
     def _after_growth(self) -> None:
-        total = self.config.iterations
+        total = self.clock.iterations
         steps = None if total is None else total - self.clock.iteration
-        self._begin_refining(steps, GROWTH_SHARE)
+        self._begin_refining(steps, schedule.GROWTH_SHARE)
 
     def _begin_refining(self, steps: int | None, done: float, adjusting: bool = True) -> None:
         if not len(self.state):
             self._stage = Stage(FINISHED)
             return
-        self.clock.begin_refinement(steps, done)
+        self.clock.begin_refinement(steps, done, self.population.reduction_at(done) > 1)
         self._errors.clear()
         self.guard.reset()
         self._stage = Stage(
@@ -265,6 +259,7 @@ class FitSession:
         """Optimise all Gaussians; relocate, adjust, prune and quantise at their times."""
         stage, population = self._stage, self.population
         while (done := self.clock.refinement_progress()) < 1:
+            self._change_size(done)
             if stage.adjust_at and done >= stage.adjust_at[0]:
                 stage.adjust_at = [at for at in stage.adjust_at if at > done]
                 count = self.policy.adjust(self._snapshot(done, self._recent_psnr))
@@ -272,12 +267,12 @@ class FitSession:
                     self._restore_best(tolerant=True)
                     population.densify_or_prune(count)
                     self.guard.reset()
-            if done >= DECAY_START and not stage.pruned:
+            if done >= schedule.DECAY_START and not stage.pruned:
                 stage.pruned = True
                 self._restore_best(tolerant=True)
                 population.prune(self.policy.least_gain())
                 self.guard.reset()
-            if done >= QUANTIZED_FROM and not stage.quantized:
+            if done >= schedule.QUANTIZED_FROM and not stage.quantized:
                 stage.quantized = True
                 self._quantize()
             if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
@@ -286,12 +281,22 @@ class FitSession:
                     self.state, population.splats, population.target, population.rng
                 )
             self._step(done)
+        self._change_size(1.0)
         if not stage.quantized:  # no time or no steps were left for it
             self._quantize()
         self._restore_best()
         population.keep_in_segments()
         population.prune_invisible()
         stage.name, self._shared = FINISHED, None
+
+    def _change_size(self, done: float) -> None:
+        """Continue on the target of this progress; losses of different sizes do not compare."""
+        factor = self.population.reduction_at(done)
+        if factor != self.population.reduction:
+            self._restore_best(tolerant=True)
+            self.population.reduce_to(factor)
+            self._errors.clear()
+            self.guard.reset()
 
     def _restore_best(self, tolerant: bool = False) -> None:
         """Return to the best state of a stage that ends worse.
@@ -329,11 +334,11 @@ class FitSession:
         return Snapshot(len(self.state), done, psnr, self.scene)
 
     def _psnr_now(self) -> float:
-        return _psnr_of(self.population.error())
+        return psnr_of(self.population.error())
 
     def _recent_psnr(self) -> float:
         """Mean PSNR of the last steps, which ran at full size."""
-        return _psnr_of(float(np.mean(self._errors))) if self._errors else self._psnr_now()
+        return psnr_of(float(np.mean(self._errors))) if self._errors else self._psnr_now()
 
     def _evaluate(self, splats: Splats) -> LossAndGradient:
         options = self.config.fit
@@ -341,8 +346,7 @@ class FitSession:
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one optimiser step, or a rollback."""
-        due = _RELOCATION_FROM < done < _RELOCATION_TO
-        due = due and self.clock.iteration % _RELOCATION_EVERY == 0
+        due = schedule.relocates(done, self.clock.iteration)
         due = due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
         if due and self.config.densify.relocate and self.population.relocate():
             self.guard.relocated()
@@ -351,7 +355,7 @@ class FitSession:
         if self.guard.accepts(evaluated.loss, evaluated.error, self.state, self._shared):
             self._errors.append(evaluated.error)
             if evaluated.error > EXACT:
-                self._optimize(splats, evaluated, rate(done))
+                self._optimize(splats, evaluated, schedule.rate(done))
         else:
             self._roll_back()
         self.pixel_pairs += evaluated.pairs
@@ -389,12 +393,8 @@ class FitSession:
                 iteration=self.clock.iteration,
                 done=done,
                 gaussians=len(self.state),
-                psnr=self._recent_psnr() if not self._errors else _psnr_of(self._errors[-1]),
+                psnr=self._recent_psnr() if not self._errors else psnr_of(self._errors[-1]),
                 elapsed_s=elapsed,
                 remaining_s=elapsed / max(done, 0.01) * (1 - done),
             )
         )
-
-
-def _psnr_of(error: float) -> float:
-    return -10 * math.log10(error) if error > 0 else math.inf

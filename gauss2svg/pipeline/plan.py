@@ -192,7 +192,11 @@ class Plan:
         falloff = options.fit.falloff if blend == self.written_blend else None
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
-            gaussians=self.count or 0, iterations=iterations, fit=fit, densify=options.densify
+            gaussians=self.count or 0,
+            iterations=iterations,
+            fit=fit,
+            densify=options.densify,
+            extend=options.fit.iterations is None and not self.count_adapts,
         )
 
     @cached_property

@@ -5,6 +5,9 @@ own pairs, and pairs are added up Gaussian by Gaussian: the number of threads ch
 any result.
 """
 
+# pyright: reportCallIssue=false
+# The intrinsics of simd.py take a typing context that numba passes by itself.
+
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +20,7 @@ from gauss2svg.render.additive import (
     removal_additive_tile,
 )
 from gauss2svg.render.kernels import backpropagate_tile, compose_tile, removal_tile
+from gauss2svg.render.simd import load, splat, store, total
 from gauss2svg.render.threads import kernel
 from gauss2svg.render.tiles import TILE_HEIGHT, TILE_WIDTH
 
@@ -60,10 +64,43 @@ def tile_buffers(most_rows: int, dtype: Any) -> TileBuffers:
 
 
 @njit(inline="always")
+def _errors_of_whole_rows(
+    mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
+):  # fmt: skip
+    """The same as _errors_of_tile, for a tile that no right edge cuts."""
+    squares = 0.0
+    height, width = out.shape[1:]
+    for channel in range(3):
+        ground = splat(background[channel], gradient)
+        for y in range(TILE_HEIGHT):
+            j = (channel * TILE_HEIGHT + y) * TILE_WIDTH
+            if y >= h:
+                store(gradient, j, splat(0.0, gradient))
+                continue
+            at = (channel * height + y0 + y) * width + x0
+            if mode == GIVEN_GRADIENT:
+                store(gradient, j, load(image, at))
+                continue
+            value = load(color, j) + load(remaining, y * TILE_WIDTH) * ground
+            store(out, at, value)
+            if mode in (SQUARED_ERROR, REMOVAL):
+                error = value - load(image, at)
+                squares += total(error * error)
+                if mode == SQUARED_ERROR:
+                    error = error * load(weight, (y0 + y) * width + x0)
+                store(gradient, j, error)
+    return squares
+
+
+@njit(inline="always")
 def _errors_of_tile(
     mode, x0, y0, h, w, color, remaining, background, image, weight, out, gradient
 ):  # fmt: skip
     """Write a tile to out and its pixels' gradient to gradient; returns its squared error."""
+    if w == TILE_WIDTH:
+        return _errors_of_whole_rows(
+            mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
+        )
     squares = 0.0
     for channel in range(3):
         ground = background[channel]

@@ -1,0 +1,86 @@
+"""Laws of fits of few Gaussians, whose refinement begins on reduced pictures."""
+
+import copy
+
+import numpy as np
+import pytest
+from flat import fit_config
+
+from gauss2svg.fit.densification import FixedCount
+from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, refinement_reduction, steps_of
+from gauss2svg.fit.session import FitSession
+
+
+def large(count, iterations=60, **given):
+    """A session on a picture large enough for reduced refinement, and the sizes of its steps."""
+    y, x = np.mgrid[:256, :320] / 256
+    stripes = 0.5 + 0.3 * np.sin(17 * x * (1 + y)) * np.cos(9 * y)
+    pixels = np.stack([stripes, x / 1.25, 1 - y], axis=-1).astype(np.float32)
+    config = fit_config(count, iterations, **given)
+    policy = FixedCount("exponential", count, iterations)
+    sizes: list[tuple[float, int]] = []
+    session = FitSession(
+        pixels, config, policy,
+        progress=lambda now: sizes.append((now.done, session.population.reduction)),
+    )  # fmt: skip
+    return session, sizes
+
+
+@pytest.mark.parametrize("count", [0, 40])
+def test_refinement_ends_at_full_size(count):
+    session, sizes = large(count)
+    session.fit()
+    refined = [(done, size) for done, size in sizes if done > GROWTH_SHARE]
+    assert session.population.reduction == 1
+    assert all(size == 1 for done, size in refined if done >= FULL_FROM[0])
+    assert count == 0 or refined[0][1] > 1
+
+
+def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
+    factors = [refinement_reduction(0.3, n, 768, 512) for n in (1, 682, 683, 2730, 2731, 10_000)]
+    assert factors == [4, 4, 2, 2, 1, 1]
+    assert [refinement_reduction(d, 256, 768, 512) for d in (0.3, 0.5, 0.55, 1)] == [4, 2, 1, 1]
+    assert refinement_reduction(0.3, 1, 255, 512) == 1
+    assert [steps_of(200, n, 768, 512) for n in (0, 256, 2731)] == [200, 400, 200]
+
+
+def test_an_interrupted_reduced_refinement_ends_at_full_size():
+    session, _ = large(40)
+    session.clock._stop = lambda: (
+        session.population.reduction > 1 and session._stage.name == ("refining")
+    )
+    session.fit()
+    assert session.clock.stopped
+    assert session.population.reduction == 1
+    assert session.scene().mean.max() > 160
+
+
+def test_a_reduced_refinement_continues_to_the_same_bits():
+    whole, _ = large(40)
+    whole.fit()
+    first, _ = large(40)
+    first.clock._stop = lambda: first.clock.iteration >= 30
+    saved = {}
+
+    def keep(now):
+        if first.clock.iteration == 30:
+            saved.update(copy.deepcopy(first.state_dict()))
+
+    first._progress = keep
+    first.fit()
+    assert saved["population"]["reduction"] > 1
+    assert saved["stage"]["name"] == "refining"
+    second, _ = large(40)
+    second.load_state_dict(saved)
+    second.fit()
+    np.testing.assert_array_equal(second.scene().mean, whole.scene().mean)
+    np.testing.assert_array_equal(second.scene().color, whole.scene().color)
+
+
+def test_a_fit_of_few_visits_fewer_pixels_than_one_of_many():
+    pairs = []
+    for count in (13, 520):  # as many pixels for each as 256 and 10 000 have on a photo
+        session, _ = large(count, 20, extend=True)
+        session.fit()
+        pairs.append(session.pixel_pairs)
+    assert 3 * pairs[0] <= pairs[1]
