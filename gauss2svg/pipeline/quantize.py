@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.transform import resize
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.pipeline.palette import best_palette, quantize_signed
@@ -83,5 +82,9 @@ def visible_mass(
     splats = splats_of(scene, (width / scene.width, height / scene.height))
     blank = np.zeros((3, height, width), np.float32)
     if weight is not None:
-        weight = np.asarray(resize(weight, (height, width), order=1, mode="edge"))
+        rows, columns = (
+            ((np.arange(n) + 0.5) * m / n).astype(np.intp)
+            for n, m in zip((height, width), weight.shape, strict=True)
+        )
+        weight = weight[np.ix_(rows, columns)]
     return np.maximum(removal_cost(splats, blank, weight)[1][:, 1], 0.0), width * height
