@@ -14,7 +14,7 @@ from gauss2svg.fit.convert import composited
 from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
-from gauss2svg.fit.schedule import LARGEST_REDUCTION, refinement_reduction
+from gauss2svg.fit.schedule import LARGEST_REDUCTION, reduction, refinement_reduction
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
@@ -86,15 +86,26 @@ class Population:
         self.reduce_to(factor)
         return error
 
-    def reduce_to(self, factor: int) -> None:
-        """Change to the target of 1 / factor the width and height."""
+    def reduce_to(self, factor: int, scale_moments: bool = False) -> None:
+        """Change to the target of 1 / factor the width and height.
+
+        scale_moments: as gradients, which are sums over pixels; pays in refinement alone
+        (docs/decisions/few.md).
+        """
         if factor == self.reduction:
             return
+        area = (self.reduction / factor) ** 2 if scale_moments else 1.0
         before, self.target = self.target, self._pyramid.reduced(factor)
         self.reduction = factor
         self.state = self.state.scaled(
             self.target.width / before.width, self.target.height / before.height
         )
+        self.state.first, self.state.second = self.state.first * area, self.state.second * area**2
+
+    def reduction_of_round(self, total: int) -> int:
+        """The factor by which a round that ends with `total` Gaussians reduces the target."""
+        height, width = self._pyramid.pixels.shape[:2]
+        return reduction(total, width, height) if self.config.reduce else 1
 
     def reduction_at(self, done: float) -> int:
         """The factor by which refinement reduces the target at progress `done`.

@@ -74,8 +74,7 @@ class FitSession:
     ) -> None:
         self.config = config
         self.policy = policy
-        self._size = pixels.shape[1], pixels.shape[0]
-        steps = config.steps(*self._size)
+        steps = config.steps(pixels.shape[1], pixels.shape[0])
         self.clock = Clock(steps, policy.rounds, deadline, config.densify.round_iterations, stop)
         self.population = Population(pixels, config, segment_at)
         self.guard = DivergenceGuard(config.fit.learning_rate)
@@ -228,9 +227,10 @@ class FitSession:
             )
         self.guard.reset()
         if total <= count:
+            population.reduce_to(population.reduction_at(schedule.GROWTH_SHARE))
             population.densify_or_prune(total)
             return False
-        population.reduce_to(schedule.reduction(total, *self._size) if self.config.reduce else 1)
+        population.reduce_to(population.reduction_of_round(total))
         population.round_index = index
         population.densify_or_prune(total)
         return True
@@ -294,7 +294,7 @@ class FitSession:
         factor = self.population.reduction_at(done)
         if factor != self.population.reduction:
             self._restore_best(tolerant=True)
-            self.population.reduce_to(factor)
+            self.population.reduce_to(factor, scale_moments=True)
             self._errors.clear()
             self.guard.reset()
 

@@ -132,11 +132,8 @@ class State:
 
     def scaled(self, scale_x: float, scale_y: float) -> State:
         """The same Gaussians on a working image scaled by scale_x and scale_y."""
-        area = scale_x * scale_y  # gradients are sums over pixels
         return dataclasses.replace(
             self,
-            first=self.first * area,
-            second=self.second * area**2,
             mean=self.mean * [scale_x, scale_y],
             factor=self.factor * [scale_x, scale_y, scale_y],
         )
