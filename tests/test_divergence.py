@@ -54,7 +54,7 @@ def test_usual_rates_never_roll_back_on_a_photo(photo):
 
 
 def test_report_notes_rollbacks(photo):
-    report = vectorize(photo[:48, :48], gaussians=30, iterations=30, learning_rate=1e5).report
+    report = vectorize(photo[:48, :48], gaussians=30, iterations=30, learning_rate=100).report
     assert report["rollbacks"] > 0
     assert any("diverged" in note and "rolled back" in note for note in report["notes"])
     calm = vectorize(photo[:48, :48], gaussians=30, iterations=30).report
