@@ -1,7 +1,7 @@
 """Measure gauss2svg on photos, optionally beside another fitter run right after each fit.
 
     python examples/measure.py IMAGES... [--gaussians 5000] [--palette N] [--against SCRIPT]
-        [--iterations 300] [--their-iterations 300] [--falloff adaptive]
+        [--iterations 300] [--their-iterations 300] [--falloff adaptive] [--tune perceptual]
 
 The script prints one line per photo and the means: PSNR of the model, PSNR of the SVG by resvg and
 CairoSVG against the photo and against the model, bytes per Gaussian raw and gzipped, CPU seconds
@@ -92,6 +92,7 @@ def main() -> None:
     parser.add_argument("--init", default="selective")
     parser.add_argument("--palette", type=int)
     parser.add_argument("--falloff")
+    parser.add_argument("--tune", default="perceptual")
     parser.add_argument("--blend", default="over")
     parser.add_argument("--threads", type=int)
     parser.add_argument("--against", type=Path)

@@ -1,10 +1,20 @@
 """More is not worse: presets, limits of bytes, and why plain drawings do not diverge."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
-from flat import vectorize
+from flat import fit_config, vectorize
 
 from gauss2svg.fit import adam
+from gauss2svg.fit.divergence import DivergenceGuard
+from gauss2svg.fit.fit import fit
+from gauss2svg.fit.population import Population
+from gauss2svg.fit.state import State
+from gauss2svg.pipeline.candidates import Candidates
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.presets import PRESETS
 
 _SIDE, _FINER = 96, 4
 
@@ -58,3 +68,48 @@ def test_interrupted_run_has_the_palette_of_a_finished_one(photo):
         each, usual = (r["svg_bytes"] / r["gaussians"] for r in (report, whole))
         assert each < 1.3 * usual
         last.clear()
+
+
+def test_small_picture_gets_no_fewer_steps_than_by_a_cheaper_preset():
+    fast = Options.from_flat({"quality": "fast"})
+    preset, cheaper = PRESETS["fast"], PRESETS["draft"]
+    assert cheaper.iterations > preset.iterations
+    assert Plan(fast, fit_side=cheaper.max_size).iterations == cheaper.iterations
+    assert Plan(fast, fit_side=preset.max_size).iterations == preset.iterations
+    assert Plan(fast).iterations == preset.iterations
+
+
+@pytest.mark.parametrize(
+    ("found", "best"),
+    [
+        ([(70, 34.3), (59, 28.4), (50, 24.0)], 59),  # near the goal of 28 dB, also if larger
+        ([(70, 30.9), (59, 27.3)], 59),  # the smaller of two that are near
+        ([(90, 43.0), (70, 34.3), (50, 24.0)], 70),  # the smaller of those beyond
+        ([(50, 24.0), (40, 23.0)], 50),  # the nearest below
+    ],
+)
+def test_best_candidate_is_the_smallest_near_the_goal(found, best):
+    candidates = Candidates(Plan(Options.from_flat({"quality": "draft"})), 0)
+    candidates.made = [SimpleNamespace(size=size, model=model) for size, model in found]  # pyright: ignore[reportAttributeAccessIssue]
+    assert candidates.best().size == best
+
+
+def test_finished_fit_continues_in_small_steps_that_grow():
+    guard = DivergenceGuard()
+    guard.begin_gently()
+    rates = [guard.rate]
+    while guard.rate < 1 and len(rates) < 50:
+        assert guard.accepts(1.0, 1.0, State.empty(), None)
+        rates.append(guard.rate)
+    assert rates[0] == 0.25
+    assert rates == sorted(rates)
+    assert 10 < len(rates) < 20
+
+
+@pytest.mark.parametrize(("contrast", "relocates"), [(0.2, True), (1e-3, False)])
+def test_nothing_is_relocated_where_the_error_does_not_show(contrast, relocates, monkeypatch):
+    calls = []
+    monkeypatch.setattr(Population, "relocate", lambda self: calls.append(len(self)))
+    noise = np.random.default_rng(0).random((40, 40, 3)).astype(np.float32)
+    fit(0.4 + np.float32(contrast) * noise, fit_config(40, 60))
+    assert bool(calls) == relocates
