@@ -2,9 +2,9 @@
 
 Tuned for perception, w = (1 + min(v, m) / c^2)^-g with v the local variance of luma: an error hides
 in texture and shows on smooth areas, as in visual masking (Daly, "The Visible Differences
-Predictor", 1993), but the crisp edges of drawings still count. Tuned for PSNR, w = 1 but up to 1 + FLAT on flat areas, where a streak of two levels is
-visible that the squared error alone hardly counts. docs/decisions/perceptual.md has what each
-gains.
+Predictor", 1993), but the crisp edges of drawings still count. Tuned for PSNR, w = 1 but up to
+1 + FLAT on flat areas, where a streak of two levels is visible that the squared error alone hardly
+counts. docs/decisions/perceptual.md has what each gains.
 """
 
 from __future__ import annotations
