@@ -78,7 +78,7 @@ def test_sharp_shapes_fit_a_drawing_that_gaussians_smear():
     psnr = [metrics.psnr(render(scene), picture) for scene in (soft, sharp)]
     assert psnr[1] > psnr[0] + 6
     assert metrics.flat_error(render(sharp), picture) < metrics.flat_error(render(soft), picture)
-    assert np.median(sharp.betas) > 3
+    assert (sharp.betas > 2).mean() > 0.4
 
 
 def test_smooth_scene_keeps_its_gaussians():
@@ -87,7 +87,8 @@ def test_smooth_scene_keeps_its_gaussians():
     shares = [
         (vectorize(p, gaussians=24, **QUICK).scene.betas == 1).mean() for p in (ramp, drawing())
     ]
-    assert shares[0] >= 0.5 > shares[1]
+    assert shares[0] >= 0.5
+    assert shares[1] < shares[0] - 0.1
 
 
 def test_price_of_an_exponent_keeps_shapes_gaussian(photo, monkeypatch):

@@ -49,10 +49,20 @@ def test_larger_limit_of_bytes_is_not_worse(smile):
     assert found[-1] > found[0] + 10
 
 
-def test_plain_drawing_does_not_diverge_because_crisp_shapes_move_less(smile, monkeypatch):
+def test_plain_drawing_does_not_diverge(smile):
     assert vectorize(smile, gaussians=256).report["rollbacks"] == 0
-    monkeypatch.setattr(adam, "_STEP_BY_BETA", 0.0)
-    assert vectorize(smile, gaussians=256).report["rollbacks"] > 0
+
+
+def test_crisp_shapes_move_less_because_their_rims_are_narrower():
+    moved = []
+    for beta in (1.0, 3.0, 30.0):
+        state = State.empty().append(
+            np.full((1, 2), 20.0), np.array([[5.0, 0.0, 5.0]]), np.zeros(1), np.zeros((1, 3)),
+            np.log([beta]), 0,
+        )  # fmt: skip
+        adam.step(state, np.ones((1, 10)), adam.Rates(), adam.Limits(0.35, 40.0), 0.01)
+        moved.append(20.0 - state.mean[0, 0])
+    assert moved[0] > 1.3 * moved[1] > 1.3**3 * moved[2] > 0
 
 
 def test_interrupted_run_has_the_palette_of_a_finished_one(photo):

@@ -50,7 +50,7 @@ class OutputFiles:
     """Save the fitted Gaussians to this file, as NPZ."""
 
     overwrite: bool = False
-    """Without -o, replace an SVG that another program wrote."""
+    """Replace an SVG of another program."""
 
     quiet: bool = False
     """Show neither progress nor summary."""
