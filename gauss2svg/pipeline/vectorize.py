@@ -224,7 +224,9 @@ def _check_side(side: int, goal: Goal) -> None:
     least = LEAST_SIDE_FOR_SSIMULACRA2
     if goal.target_ssimulacra2 is not None and side < least:
         needed = f"at least {least} px, at which SSIMULACRA2 is measured"
-        raise InputError(must_be("short side of the image that is fitted", needed, f"{side} px"))
+        raise InputError(
+            must_be("short side of the image that is fitted", needed, shown(f"{side} px"))
+        )
 
 
 def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, str | None]:
