@@ -30,6 +30,15 @@ SAME = 9.0  # levels of 255: a layer of its own is dithered otherwise, by fracti
 BARE = ".badge, .handle { visibility: hidden !important } .slider { --divider-width: 0 !important;"
 BARE += " --divider-shadow: none !important } .stage { border-radius: 0 !important }"
 DECODED = "() => Promise.all([...document.querySelectorAll('.layer[src]')].map((e) => e.decode()))"
+# A busy machine calls the observer of sizes late.
+CENTRED = """() => {
+    const [stage, photo] = ["#stage", "#photo"].map((one) =>
+        document.querySelector(one).getBoundingClientRect());
+    return ["left", "top"].every((near, axis) => {
+        const far = ["right", "bottom"][axis];
+        return Math.abs(stage[near] + stage[far] - photo[near] - photo[far]) < 2;
+    });
+}"""
 
 
 def opened(visit, name=f"{PAGE}/index.html", **options):
@@ -250,7 +259,7 @@ def test_layout_follows_the_window(visit):
         page.get_by_label(zoom).check()
         for size in (PHONE, WIDE):
             page.set_viewport_size(size)
-            page.wait_for_timeout(60)  # of the observer of sizes
+            page.wait_for_function(CENTRED)  # the observer of sizes has been called
             stage, place = box(page, "#stage"), box(page, "#photo")
             assert box(page, "#svg") == place
             centre = [place[a] + place[b] / 2 for a, b in (("x", "width"), ("y", "height"))]
