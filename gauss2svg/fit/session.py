@@ -197,11 +197,8 @@ class FitSession:
         """Wall-clock and CPU seconds of the fit so far."""
         if self._since is None:
             return self._wall_s, self._cpu_s
-        wall, cpu = self._since
-        return (
-            self._wall_s + time.perf_counter() - wall,
-            self._cpu_s + time.process_time() - cpu,
-        )
+        wall, cpu = time.perf_counter() - self._since[0], time.process_time() - self._since[1]
+        return self._wall_s + wall, self._cpu_s + cpu
 
     def _grow(self) -> None:
         """Rounds of new Gaussians, then the full-size target."""
@@ -277,9 +274,8 @@ class FitSession:
                 self._quantize()
             if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
                 stage.exchange_at = [at for at in stage.exchange_at if at > done]
-                self._shared.exchange(
-                    self.state, population.splats, population.target, population.rng
-                )
+                target, rng = population.target, population.rng
+                self._shared.exchange(self.state, population.splats, target, rng)
             self._step(done)
         self._change_size(1.0)
         if not stage.quantized:  # no time or no steps were left for it
@@ -331,7 +327,10 @@ class FitSession:
         self._shared = SharedColors(self.state, self.population.blending)
 
     def _snapshot(self, done: float, psnr: Callable[[], float]) -> Snapshot:
-        return Snapshot(len(self.state), done, psnr, self.scene)
+        def measured() -> tuple[float, float]:
+            return psnr(), psnr_of(self.population.error(weighted=True))
+
+        return Snapshot(len(self.state), done, measured, self.scene)
 
     def _psnr_now(self) -> float:
         return psnr_of(self.population.error())
@@ -341,8 +340,8 @@ class FitSession:
         return psnr_of(float(np.mean(self._errors))) if self._errors else self._psnr_now()
 
     def _evaluate(self, splats: Splats) -> LossAndGradient:
-        options = self.config.fit
-        return self.population.target.evaluate(splats, options.loss, options.ssim_weight)
+        fit = self.config.fit
+        return self.population.target.evaluate(splats, fit.loss, fit.ssim_weight)
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one optimiser step, or a rollback."""

@@ -1,8 +1,9 @@
 """What an error at a pixel counts: the weight map of the squared error.
 
-Tuned for perception, w = (1 + min(v, m) / c^2)^-g with v the local variance of luma: an error hides
-in texture and shows on smooth areas, as in visual masking (Daly, "The Visible Differences
-Predictor", 1993), but the crisp edges of drawings still count. Tuned for PSNR, w = 1 but up to
+Tuned for perception, w = (1 + min(v, m) / c^2)^-g with v the local variance of luma and m a
+hundred times its median, from .025 to .04: an error hides in texture and shows on smooth areas, as
+in visual masking (Daly, "The Visible Differences Predictor", 1993), but the crisp edges of
+drawings, where half of the picture is flat, still count. Tuned for PSNR, w = 1 but up to
 1 + FLAT on flat areas, where a streak of two levels is visible that the squared error alone hardly
 counts. docs/decisions/perceptual.md has what each gains.
 """
@@ -22,7 +23,8 @@ PERCEPTUAL, PSNR = "perceptual", "psnr"
 
 # Standard deviation of luma in 0..1 from which an error is masked, and how fast it fades.
 _CONTRAST, _EXPONENT = 0.03, 0.5
-_MOST_VARIANCE = 0.025  # from which nothing is masked further
+# Variance from which nothing is masked further: its bounds, and how many times the median.
+_MOST_VARIANCE, _TIMES_MEDIAN = (0.025, 0.04), 100.0
 _WINDOW = 2.0  # px, sigma of the window of the variance
 _LEAST, _MOST = 1 / 30, 30.0  # times the mean
 FLAT = 8.0
@@ -39,7 +41,8 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
         weight = 1 + FLAT * np.exp(-gaussian_filter(energy, _FLAT_REACH) / _FLAT_ENERGY)
     else:
         variance = reduce(add, map(_local_variance, lumas)) / len(lumas)
-        weight = (1 + np.minimum(variance, _MOST_VARIANCE) / _CONTRAST**2) ** -_EXPONENT
+        most = np.clip(_TIMES_MEDIAN * np.median(variance), *_MOST_VARIANCE)
+        weight = (1 + np.minimum(variance, most) / _CONTRAST**2) ** -_EXPONENT
         weight = np.clip(weight / weight.mean(), _LEAST, _MOST)
     return weight.astype(views[0].dtype)
 
