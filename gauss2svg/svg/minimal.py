@@ -3,7 +3,8 @@
     <svg xmlns=".." viewBox="0 0 64 43"><defs>
     <radialGradient id="c" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1">stops</radialGradient>
     <mask id="b"><circle r="1" fill="url(#c)"/></mask><circle id="a" r="1" mask="url(#b)"/></defs>
-    <path fill="#abc" d="M0 0h64v43H0"/><use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/>
+    <path fill="#abc" d="M0 0h64v43H0"/>
+    <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg>
 
 All shapes of an exponent are one masked circle, so that a colour costs a few bytes instead of a
 gradient; the mask's stops are greys, whose luminance is the falloff. Crisp shapes are plain
@@ -34,7 +35,7 @@ _STOPS = STOP_COUNTS[0]
 _OPACITY_DECIMALS = 2
 _VIEW_ERROR = 0.02  # of a user unit
 # px of rim: an ellipse's edge is at least as wide, where the scene's own is narrower
-_CRISP = 0.5
+_CRISP = 1.0
 _LEAST_BETA = 3.0  # as in gauss2svg.svg.solid
 
 
@@ -94,29 +95,22 @@ def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
     exponent whose profile it draws best. Arguments and errors are those of minimal_svg.
     """
     drawn = _drawn(scene, unit, digits)
-    a, b, d = unit * drawn.matrix[:, :3].T
-    axes = np.linalg.svd(_factors(a, b, d), compute_uv=False)
     solid = drawn.falloff < 0
+    factor = np.zeros((len(solid), 2, 2))
+    factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1] = unit * drawn.matrix[:, :3].T
     beta = np.array([*BETA_CLASSES, 1.0])[drawn.falloff]
-    beta[solid] = solid_beta(axes[solid])
-    sigma_y = np.hypot(b, d)
-
-    def with_beta(beta: NDArray[np.float64]) -> Scene:
-        radius = _radius(beta, solid)[:, None]
-        return scene.select(drawn.index).replace(
-            mean=unit * drawn.matrix[:, 3:],
-            sigma=np.clip(np.stack([a, sigma_y], axis=1) / radius, LEAST_SIGMA, MOST_SIGMA),
-            rho=np.clip(b / sigma_y, -RHO_LIMIT, RHO_LIMIT),
-            color=drawn.levels / 255,
-            opacity=drawn.opacity,
-            background=_levels(scene.background, digits) / 255,
-            beta=beta,
-        )
-
-    # A crisper exponent where the best would be written as a soft shape: thin ones.
-    rounded = with_beta(beta)
-    crisper = solid & ~_is_solid(rounded)
-    return with_beta(np.where(crisper, MOST_BETA, beta)) if crisper.any() else rounded
+    beta[solid] = solid_beta(np.linalg.svd(factor[solid], compute_uv=False))
+    rounded = scene.select(drawn.index).replace(
+        color=drawn.levels / 255,
+        opacity=drawn.opacity,
+        background=_levels(scene.background, digits) / 255,
+        beta=beta,
+    )
+    rounded = _with_matrix(rounded, drawn.matrix, _radius(beta, solid), unit)
+    # The crispest exponent where the best would be written as a soft shape: thin ones.
+    beta = np.where(solid & ~_is_solid(rounded), MOST_BETA, beta)
+    rounded = rounded.replace(beta=beta)
+    return _with_matrix(rounded, drawn.matrix, _radius(beta, solid), unit)
 
 
 def refuse_layers(document: Document) -> None:
@@ -140,24 +134,45 @@ def _drawn(scene: Scene, unit: float, digits: int) -> _Drawn:
     if scene.blend == ADD:
         raise InputError(must_be("blend of a scene in minimal markup", "'over'", scene.blend))
     check_canvas(scene)
-    solid = _is_solid(scene)
-    kind = nearest_class(scene.betas)
-    snapped = with_exponents(scene, np.where(solid, scene.betas, np.array(BETA_CLASSES)[kind]))
-    radius = _radius(snapped.betas, solid)
-    fits = writable(snapped, radius, unit)
-    factor = snapped.factor * radius[:, None, None] / unit
-    matrix = np.column_stack(
-        [factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1], snapped.mean / unit]
-    )
-    matrix = np.round(matrix) + 0.0  # no -0
+    kind, solid = nearest_class(scene.betas), _is_solid(scene)
+    classes = np.array(BETA_CLASSES)[kind]
+    for _ in range(2):  # once more for soft shapes that are solid as they are rounded
+        snapped = with_exponents(scene, np.where(solid, scene.betas, classes))
+        radius = _radius(snapped.betas, solid)
+        fits = writable(snapped, radius, unit)
+        matrix = _matrix(snapped, radius, unit)
+        fits &= (matrix[:, 0] > 0) & (matrix[:, 2] > 0)
+        solid[fits] |= _is_solid(
+            _with_matrix(snapped.select(fits), matrix[fits], radius[fits], unit)
+        )
     opacity = np.round(scene.opacity, _OPACITY_DECIMALS)
-    index = np.flatnonzero(fits & (opacity > 0) & (matrix[:, 0] > 0) & (matrix[:, 2] > 0))
+    index = np.flatnonzero(fits & (opacity > 0))
     return _Drawn(
         index,
         np.where(solid, -1, kind)[index],
         matrix[index],
         _levels(scene.color[index], digits),
         opacity[index],
+    )
+
+
+def _matrix(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
+    """(n, 5) whole numbers of units a b d e f, for circles of radius (n,) sigmas."""
+    factor = scene.factor * radius[:, None, None]
+    entries = [factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1], *scene.mean.T]
+    return np.round(np.column_stack(entries) / unit) + 0.0  # no -0
+
+
+def _with_matrix(
+    scene: Scene, matrix: NDArray[np.float64], radius: NDArray[np.float64], unit: float
+) -> Scene:
+    """The scene with the geometry of such numbers."""
+    a, b, d = unit * matrix[:, :3].T
+    sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
+    return scene.replace(
+        mean=unit * matrix[:, 3:],
+        sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA),
+        rho=np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT),
     )
 
 
@@ -173,12 +188,6 @@ def _radius(beta: NDArray[np.float64], solid: NDArray[np.bool_]) -> NDArray[np.f
     radius = cut_radius(beta)
     radius[solid] = [solid_radius(b) for b in beta[solid]]
     return radius
-
-
-def _factors(
-    a: NDArray[np.float64], b: NDArray[np.float64], d: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    return np.stack([np.stack([a, 0 * a], axis=1), np.stack([b, d], axis=1)], axis=1)
 
 
 def _levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
