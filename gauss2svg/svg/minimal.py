@@ -25,13 +25,14 @@ from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, RHO_LIMIT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.document import DEFAULT_TITLE, Document
 from gauss2svg.svg.encode import check_canvas, hex_color, number, short_id, writable
+from gauss2svg.svg.levels import grey_stops
 from gauss2svg.svg.snap import with_exponents
 from gauss2svg.svg.solid import is_solid, solid_beta, solid_radius
-from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
 
 HEX_DIGITS = (3, 6)
 LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
-_STOPS = STOP_COUNTS[0]
+# Stops of an exponent, and from how many shapes on the error of the fewer is worth two stops more
+_FEW_STOPS, _STOPS, _MANY = 3, 5, 60
 _OPACITY_DECIMALS = 2
 _VIEW_ERROR = 0.02  # of a user unit
 # px of rim: an ellipse's edge is at least as wide, where the scene's own is narrower
@@ -77,7 +78,7 @@ def minimal_svg(
     parts.append(f'viewBox="0 0 {width} {height}">{_names(document)}')
     kinds, uses = np.unique(drawn.falloff[drawn.falloff >= 0], return_counts=True)
     kinds = kinds[np.argsort(-uses, kind="stable")].tolist()
-    parts.append(_definitions(kinds))
+    parts.append(_definitions(kinds, _STOPS if uses.sum() >= _MANY else _FEW_STOPS))
     if not scene.transparent:
         cover = [number(math.ceil(float(side)), 0) for side in (width, height)]
         fill = _fill(_levels(scene.background, digits))
@@ -196,17 +197,17 @@ def _levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
     return np.round(color * most).astype(np.intp) * (255 // most)
 
 
-def _definitions(kinds: list[int]) -> str:
+def _definitions(kinds: list[int], count: int) -> str:
     """A masked circle for each falloff, of the first ids; its gradient and mask have the next."""
     if not kinds:
         return ""
     texts = []
     for k, kind in enumerate(kinds):
         name, mask, ramp = (short_id(k + part * len(kinds)) for part in range(3))
-        offsets, values = gradient_stops(_STOPS, BETA_CLASSES[kind])
+        offsets, greys = grey_stops(count, BETA_CLASSES[kind])
         stops = "".join(
-            f'<stop offset="{number(o, 3)}"{_grey(v)}/>'
-            for o, v in zip(offsets, values, strict=True)
+            f'<stop offset="{number(o, 3)}"{_fill(np.full(3, 17 * v), "stop-color")}/>'
+            for o, v in zip(offsets, greys, strict=True)
         )
         # Without userSpaceOnUse librsvg 2.54 loses all under a rotation.
         texts.append(
@@ -215,12 +216,6 @@ def _definitions(kinds: list[int]) -> str:
             f'<circle id="{name}" r="1" mask="url(#{mask})"/>'
         )
     return "<defs>" + "".join(texts) + "</defs>"
-
-
-def _grey(value: float) -> str:
-    """A stop's colour of this luminance; black is the default."""
-    level = round(255 * value)
-    return f' stop-color="{hex_color(np.full(3, level))}"' if level else ""
 
 
 def _shape(drawn: _Drawn, i: int, ids: dict[int, str]) -> str:
@@ -239,9 +234,9 @@ def _shape(drawn: _Drawn, i: int, ids: dict[int, str]) -> str:
     return f'<{element}{fill}{opacity} transform="matrix({matrix})"/>'
 
 
-def _fill(levels: NDArray[np.intp]) -> str:
+def _fill(levels: NDArray[np.intp], name: str = "fill") -> str:
     """Black is the default."""
-    return f' fill="{hex_color(levels)}"' if levels.any() else ""
+    return f' {name}="{hex_color(levels)}"' if levels.any() else ""
 
 
 def _view(side: float) -> str:
