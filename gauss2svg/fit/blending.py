@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 from gauss2svg.fit.adam import Rates
 from gauss2svg.scene import ADD
 
-# An additive Gaussian has no opacity: its logit stays at one of practically 1.
+# An opaque or additive Gaussian has no opacity: its logit stays at one of practically 1.
 _OPAQUE_LOGIT = 12.0
 
 
@@ -38,6 +39,10 @@ _ADD = Blending(
 )
 
 
-def blending(blend: str) -> Blending:
-    """The settings for a blend, one of gauss2svg.scene.BLENDS."""
-    return _ADD if blend == ADD else _OVER
+def blending(blend: str, opaque: bool = False) -> Blending:
+    """The settings for a blend, one of gauss2svg.scene.BLENDS; with opaque all opacities stay 1."""
+    found = _ADD if blend == ADD else _OVER
+    if not opaque:
+        return found
+    rates = dataclasses.replace(found.rates, opacity=0.0)
+    return dataclasses.replace(found, rates=rates, initial_opacity_logit=_OPAQUE_LOGIT)

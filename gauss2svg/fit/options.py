@@ -89,6 +89,7 @@ class FitConfig:
     dtype       one of DTYPES, which the kernels compute in
     reduce      whether few Gaussians are fitted on reduced targets first, which is faster
     extend      whether a fit takes twice the iterations where most are on reduced targets
+    opaque      whether all opacities stay 1, which is shorter to write
     """
 
     gaussians: int = 5000
@@ -98,6 +99,7 @@ class FitConfig:
     dtype: str = DEFAULT_DTYPE
     reduce: bool = True
     extend: bool = False
+    opaque: bool = False
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)

@@ -39,7 +39,7 @@ class Population:
         self, pixels: NDArray[np.float32], config: FitConfig, segment_at: SegmentAt | None = None
     ) -> None:
         self.config = config
-        self.blending = blending(config.fit.blend)
+        self.blending = blending(config.fit.blend, config.opaque)
         self.state = State.empty()
         self.round_index = 0
         # Rounded to 8 bits as in the file, so that the fit makes up for it.

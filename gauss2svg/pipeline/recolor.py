@@ -1,0 +1,104 @@
+"""Colours of fixed shapes, by least squares.
+
+With the shapes fixed a picture is linear in its colours: each pixel is sum_k w_k c_k, with
+w_k = alpha_k times the transmittance of all shapes above, k = 0 the background. The colours that
+solve the normal equations within 0..1, rounded to what a file can say, make up for much of what
+rounding the geometry costs (docs/decisions/small.md).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
+from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
+from gauss2svg.svg.snap import with_exponents
+from gauss2svg.svg.solid import solid_beta, solid_radius
+
+_BOUNDED_SWEEPS, _ROUNDED_SWEEPS = 20, 3
+_DAMPING = 1e-6  # of the diagonal, for shapes that are nearly hidden
+
+
+def recolored(scene: Scene, pixels: NDArray[np.float32], digits: int) -> tuple[Scene, float]:
+    """The scene with the colours of least squared error, and that error per value.
+
+    pixels  (h, w, 3) or (h, w, 4) float32 in 0..1, compared with the scene at this size
+    digits  of hex colours, 3 or 6, that the colours are rounded to
+    A picture with alpha is compared over white and over black, and has no background. The error is
+    that of the model at pixel centres.
+    """
+    height, width = pixels.shape[:2]
+    weights = _weights(scene.scaled(width / scene.width, height / scene.height), height, width)
+    products, given = weights @ weights.T, np.zeros((len(weights), 3))
+    squares = 0.0
+    targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
+    if has_alpha(pixels):
+        targets = [t - b * weights[:1].T for t, b in zip(targets, BACKDROPS, strict=True)]
+    for target in targets:
+        given += weights @ target
+        squares += float(np.square(target).sum())
+    products *= len(targets)
+    first = 1 if has_alpha(pixels) else 0
+    products, given = products[first:, first:], given[first:]
+    color = _solved(products, given, 15 if digits == 3 else 255)
+    residual = squares + float(np.sum(color * (products @ color - 2 * given)))
+    error = max(residual, 0.0) / (3 * len(targets) * width * height)
+    if first:
+        return scene.replace(color=color), error
+    return scene.replace(background=color[0], color=color[1:]), error
+
+
+def _weights(scene: Scene, height: int, width: int) -> NDArray[np.float64]:
+    """(n + 1, h w) weight of each colour, that of the background first."""
+    scene = _antialiased(scene)
+    reach = scene.sigma * cut_radius(scene.betas)[:, None]
+    low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
+    high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
+    weights = np.zeros((len(scene) + 1, height, width))
+    left, whitening = np.ones((height, width)), scene.whitening
+    for k in range(len(scene) - 1, -1, -1):
+        (x0, y0), (x1, y1) = low[k], high[k]
+        u = np.arange(x0, x1) + 0.5 - scene.mean[k, 0]
+        v = np.arange(y0, y1)[:, None] + 0.5 - scene.mean[k, 1]
+        w11, w21, w22 = whitening[k]
+        alpha = scene.opacity[k] * profile(np.hypot(w11 * u, w21 * u + w22 * v), scene.betas[k])
+        box = left[y0:y1, x0:x1]
+        weights[k + 1, y0:y1, x0:x1] = alpha * box
+        box *= 1 - alpha
+    weights[0] = left
+    return weights.reshape(len(weights), -1)
+
+
+def _antialiased(scene: Scene) -> Scene:
+    """The scene with plain ellipses as their pixels' coverage has them, on a canvas in px."""
+    plain = ~np.isin(scene.betas, BETA_CLASSES)
+    if not plain.any():
+        return scene
+    beta = scene.betas.copy()
+    radius = np.array([solid_radius(b) for b in beta[plain]])
+    beta[plain] = solid_beta(scene.ellipse_axes[0][plain] * radius[:, None])
+    return with_exponents(scene, beta)
+
+
+def _solved(
+    products: NDArray[np.float64], given: NDArray[np.float64], levels: int
+) -> NDArray[np.float64]:
+    """(k, 3) colours in 0..1, whole numbers of 1 / levels, that solve the normal equations.
+
+    First without bounds, then color by color within them, then rounded, each in turn beside the
+    others: a rounding error is made up for by the colours that are rounded later.
+    """
+    diagonal = np.maximum(np.diag(products), 1e-9)
+    color = np.linalg.solve(products + _DAMPING * np.diag(diagonal + diagonal.max()), given)
+    bounded = 0 if (color >= 0).all() and (color <= 1).all() else _BOUNDED_SWEEPS
+    color = np.minimum(np.maximum(color, 0), 1)
+    order = np.argsort(-diagonal)
+    for sweep in range(bounded + _ROUNDED_SWEEPS):
+        for k in order:
+            best = color[k] + (given[k] - products[k] @ color) / diagonal[k]
+            if sweep >= bounded:
+                best = np.rint(best * levels) / levels
+            color[k] = np.minimum(np.maximum(best, 0), 1)
+    return color

@@ -1,0 +1,256 @@
+"""Files of some hundred bytes to some thousand: every byte is planned with the fit.
+
+    photo -> working picture of 96 to 256 px -> a few fits of as many opaque shapes as the bytes
+    allow, with few exponents -> whole numbers of a coarse unit -> colours by least squares,
+    rounded to 3 or 6 digits -> minimal markup -> the best raster that fits
+
+All constants: docs/decisions/small.md.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.fit.fit import fixed_count
+from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitProgress, FitResult
+from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.target import target_of
+from gauss2svg.measure.metrics import mean_squared_error
+from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
+from gauss2svg.pipeline.recolor import recolored
+from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like
+from gauss2svg.render.cpu import kernel_lock, splats_of
+from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.minimal import HEX_DIGITS, minimal_rounded, minimal_svg
+from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.snap import with_exponents
+from gauss2svg.svg.solid import solid_beta, solid_radius
+
+# Under so many bytes the markup is minimal.
+SMALL_BYTES = 20_000
+# The longest side of the working picture in px, per square root of the count.
+_SIDE, _SIDE_PER_ROOT = (96, 256), 12.0
+# Units along the longest side of the file, per square root of the count.
+_UNITS_PER_ROOT, _GRIDS = 32.0, (0.7, 1.0, 1.4)
+_FLAT_UNITS = (1, 2, 3, 4, 6, 8, 9)
+_EACH, _EACH_GZIPPED = 62, 22  # bytes of a shape, until they are measured
+# Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
+_EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
+    (6000, BETA_CLASSES),
+    (2200, (1.0, 3.0)),
+    (0, (3.0,)),
+)
+_PLAIN_UNDER = 1100  # bytes, where every second fit has plain ellipses alone
+# How the fits begin: placement, learning rate, seed.
+_BEGINNINGS = (("selective", 1.0, 0), ("error", 1.0, 0), ("selective", 1.5, 0), ("error", 1.0, 1))
+_FEW, _SOME = 25, 60  # shapes up to which there are four fits, and three
+_ITERATIONS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class SmallFile:
+    """A file, the scene that it draws on the photo's canvas, and its error at the working size."""
+
+    svg: str
+    scene: Scene
+    error: float
+    gzipped: bool
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return len(file_bytes(self.svg, self.gzipped))
+
+
+class SmallSearch:
+    """The search for the best file of at most `limit` bytes.
+
+    photo     (h, w, 3) or (h, w, 4) float32 in 0..1
+    most      largest number of Gaussians
+    options   of the fits; tune is not read: they are fitted for PSNR
+    progress  called after every step; stop polled before, True ends with the best so far
+    Raises InputError where a file without Gaussians has more bytes.
+    """
+
+    def __init__(
+        self,
+        photo: NDArray[np.float32],
+        limit: int,
+        *,
+        document: Document | None = None,
+        gzipped: bool = False,
+        most: int | None = None,
+        options: FitOptions | None = None,
+        renderer: str = DEFAULT_RENDERER,
+        progress: Callable[[FitProgress], None] | None = None,
+        stop: Callable[[], bool] | None = None,
+    ) -> None:
+        self._photo, self._limit, self._gzipped = photo, limit, gzipped
+        self._document = document or Document()
+        self._options = options or FitOptions()
+        self._renderer = renderer
+        self._progress, self._stop = progress, stop or (lambda: False)
+        self._each = float(_EACH_GZIPPED if gzipped else _EACH)
+        self._most = math.inf if most is None else most
+        height, width = photo.shape[:2]
+        self.flat = self._flat()
+        if self.flat.size > limit:
+            needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
+            raise InputError(must_be("max_bytes", needed, shown(f"{limit}")))
+        count = max((limit - self.flat.size) / self._each, 1)
+        low, high = _SIDE
+        side = min(max(_SIDE_PER_ROOT * math.sqrt(count), low), high, max(width, height))
+        scale = side / max(width, height)
+        self.working = shrunk(
+            photo, *(max(1, round(length * scale)) for length in (height, width))
+        )
+        self.fits: list[FitResult] = []
+
+    def run(self) -> SmallFile:
+        """The best file found."""
+        best = dataclasses.replace(self.flat, error=self._error(self.flat.svg))
+        sizes: dict[tuple[float, ...], list[tuple[int, int]]] = {}
+        with kernel_lock:
+            for start, exponents in enumerate(self._exponents()):
+                count = self._count(exponents, sizes.setdefault(exponents, []))
+                if count < 1 or self._stop():
+                    continue
+                fitted = self._fit(count, exponents, start)
+                found, untrimmed = self._written(fitted)
+                sizes[exponents].append(untrimmed)
+                if found is not None:
+                    found = dataclasses.replace(found, error=self._error(found.svg))
+                    best = min(best, found, key=lambda file: (file.error, file.size))
+        return best
+
+    def _exponents(self) -> list[tuple[float, ...]]:
+        """Those of each fit."""
+        count = (self._limit - self.flat.size) / self._each
+        fits = 4 if count <= _FEW else 3 if count <= _SOME else 2
+        rich = next(classes for least, classes in _EXPONENTS if self._limit >= least)
+        if not self._options.learned_falloff:
+            return [(1.0,)] * fits
+        plain = self._limit < _PLAIN_UNDER
+        return [() if plain and k % 2 == 0 else rich for k in range(fits)]
+
+    def _count(self, exponents: tuple[float, ...], sizes: list[tuple[int, int]]) -> int:
+        """Gaussians that the bytes allow, by (count, bytes) of earlier files of these exponents."""
+        if sizes:
+            count, size = sizes[-1]
+            by_bytes = count + (self._limit - size) / self._each
+        else:
+            one = np.ones(len(exponents))
+            probe = Scene(
+                100, 100, np.full((len(one), 2), 50.0), np.full((len(one), 2), 20.0), 0 * one,
+                np.full((len(one), 3), 0.4), one, beta=np.array(exponents),
+            )  # fmt: skip
+            size = len(file_bytes(minimal_svg(probe, 1, 3, self._document), self._gzipped))
+            by_bytes = len(one) + (self._limit - size) / self._each
+        return int(min(by_bytes, self._most))
+
+    def _fit(self, count: int, exponents: tuple[float, ...], start: int) -> Scene:
+        """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA."""
+        init, rate, seed = _BEGINNINGS[start % len(_BEGINNINGS)]
+        options, transparent = self._options, has_alpha(self.working)
+        config = FitConfig(
+            gaussians=count,
+            iterations=options.iterations or _ITERATIONS,
+            fit=dataclasses.replace(
+                options,
+                tune="psnr",
+                seed=options.seed + seed,
+                learning_rate=options.learning_rate * rate,
+            ),
+            densify=DensifyOptions(init=init),  # pyright: ignore[reportArgumentType]
+            reduce=False,
+            opaque=not transparent,
+        )
+        session = FitSession(
+            self.working, config, fixed_count(config), progress=self._progress,
+            as_written=lambda scene, _: _with_few_exponents(scene, exponents), stop=self._stop,
+        )  # fmt: skip
+        session.fit()
+        self.fits.append(session.result())
+        scene = session.scene()
+        plain = np.ones(len(scene), bool)  # exponents are stepped as logarithms
+        for beta in exponents:
+            plain &= ~np.isclose(scene.betas, beta)
+        height, width = self._photo.shape[:2]
+        scene = scene.scaled(width / scene.width, height / scene.height)
+        scene = with_exponents(scene, np.where(plain, MOST_BETA, scene.betas))
+        return scene.replace(width=width, height=height)
+
+    def _written(self, fitted: Scene) -> tuple[SmallFile | None, tuple[int, int]]:
+        """The best file of a fitted scene, by the model; and (count, bytes) before any was left out.
+
+        None where no Gaussian is left.
+        """
+        height, width = self.working.shape[:2]
+        splats = splats_of(fitted, (width / fitted.width, height / fitted.height))
+        cost = target_of(self.working, np.float32).removal_cost(splats)[1][:, 0]
+        order = np.argsort(-cost, kind="stable")
+        best, whole = None, None
+        for grid in _GRIDS:
+            units = math.ceil(grid * _UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
+            unit = max(fitted.width, fitted.height) / units
+            for digits in HEX_DIGITS:
+                kept = len(fitted)
+                while kept:
+                    scene = fitted.select(np.sort(order[:kept]))
+                    file = self._file(scene, unit, digits)
+                    whole = whole or (len(fitted), file.size)
+                    over = file.size - self._limit
+                    if over <= 0:
+                        if best is None or file.error < best.error:
+                            best = file
+                            whole = (len(fitted), file.size) if kept == len(fitted) else whole
+                        break
+                    kept -= math.ceil(over / max(self._each, (file.size - self.flat.size) / kept))
+        return best, whole or (len(fitted), self.flat.size)
+
+    def _file(self, scene: Scene, unit: float, digits: int) -> SmallFile:
+        """The file of a scene; its error is that of the model."""
+        exact, error = recolored(minimal_rounded(scene, unit, digits), self.working, digits)
+        svg = minimal_svg(exact, unit, digits, self._document)
+        return SmallFile(svg, exact, error, self._gzipped)
+
+    def _flat(self) -> SmallFile:
+        """The smallest file without Gaussians; its error is not known yet."""
+        height, width = self._photo.shape[:2]
+        transparent = has_alpha(self._photo)
+        background = np.ones(3) if transparent else self._photo.mean(axis=(0, 1), dtype=np.float64)
+        scene = Scene(width, height, background=background, transparent=transparent)
+        files = []
+        for units in _FLAT_UNITS:
+            unit = max(width, height) / units
+            svg = minimal_svg(scene, unit, 3, self._document)
+            files.append(SmallFile(svg, minimal_rounded(scene, unit, 3), math.nan, self._gzipped))
+        return min(files, key=lambda file: file.size)
+
+    def _error(self, svg: str) -> float:
+        """Mean squared error of the drawn file at the working size."""
+        raster = rasterize_like(svg, self.working, self._renderer)
+        return mean_squared_error(stacked(raster), stacked(self.working))
+
+
+def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
+    """The scene with the nearest of these exponents, or that of a plain ellipse."""
+    classes = np.array([*exponents, BETA_CLASSES[-1]])
+    logs = np.log(classes)
+    nearest = np.abs(np.log(scene.betas)[:, None] - logs).argmin(axis=1)
+    plain = nearest == len(exponents)
+    beta = classes[nearest]
+    if plain.any():
+        radius = np.array([solid_radius(b) for b in scene.betas[plain]])
+        beta[plain] = solid_beta(scene.ellipse_axes[0][plain] * radius[:, None])
+    return with_exponents(scene, beta)
