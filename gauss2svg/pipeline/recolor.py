@@ -30,33 +30,40 @@ def recolored(scene: Scene, pixels: NDArray[np.float32], digits: int) -> tuple[S
     that of the model at pixel centres.
     """
     height, width = pixels.shape[:2]
-    weights = _weights(scene.scaled(width / scene.width, height / scene.height), height, width)
-    products, given = weights @ weights.T, np.zeros((len(weights), 3))
-    squares = 0.0
-    targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
-    if has_alpha(pixels):
-        targets = [t - b * weights[:1].T for t, b in zip(targets, BACKDROPS, strict=True)]
-    for target in targets:
-        given += weights @ target
-        squares += float(np.square(target).sum())
-    products *= len(targets)
-    first = 1 if has_alpha(pixels) else 0
-    products, given = products[first:, first:], given[first:]
+    weights, products = _weights(
+        scene.scaled(width / scene.width, height / scene.height), height, width
+    )
+    targets = [np.moveaxis(view, -1, 0).astype(np.float64) for view in views(pixels)]
+    first = 0
+    if has_alpha(pixels):  # what shows through the shapes is the backdrop, and given
+        targets = [t - b * weights[0] for t, b in zip(targets, BACKDROPS, strict=True)]
+        first = 1
+    products = products[first:, first:] * len(targets)
+    total = np.sum(targets, axis=0)
+    given = np.einsum("kyx,cyx->kc", weights[first:], total)
     color = _solved(products, given, 15 if digits == 3 else 255)
-    residual = squares + float(np.sum(color * (products @ color - 2 * given)))
+    squares = sum(float(np.square(target).sum()) for target in targets)
+    residual = squares + float(np.sum(color * (np.einsum("kl,lc->kc", products, color) - 2 * given)))
     error = max(residual, 0.0) / (3 * len(targets) * width * height)
     if first:
         return scene.replace(color=color), error
     return scene.replace(background=color[0], color=color[1:]), error
 
 
-def _weights(scene: Scene, height: int, width: int) -> NDArray[np.float64]:
-    """(n + 1, h w) weight of each colour, that of the background first."""
+def _weights(
+    scene: Scene, height: int, width: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n + 1, h, w) weight of each colour, that of the background first, and their products.
+
+    The products (n + 1, n + 1), sums over all pixels, are computed in the shapes' boxes, without
+    the threads of a BLAS, which cost more than they bring on so few pixels.
+    """
     scene = _antialiased(scene)
     reach = scene.sigma * cut_radius(scene.betas)[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
     high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
     weights = np.zeros((len(scene) + 1, height, width))
+    products = np.zeros((len(weights), len(weights)))
     left, whitening = np.ones((height, width)), scene.whitening
     for k in range(len(scene) - 1, -1, -1):
         (x0, y0), (x1, y1) = low[k], high[k]
@@ -67,8 +74,11 @@ def _weights(scene: Scene, height: int, width: int) -> NDArray[np.float64]:
         box = left[y0:y1, x0:x1]
         weights[k + 1, y0:y1, x0:x1] = alpha * box
         box *= 1 - alpha
+        boxes = weights[k + 1 :, y0:y1, x0:x1]
+        products[k + 1, k + 1 :] = np.einsum("kyx,yx->k", boxes, boxes[0])
     weights[0] = left
-    return weights.reshape(len(weights), -1)
+    products[0] = np.einsum("kyx,yx->k", weights, left)
+    return weights, np.triu(products) + np.triu(products, 1).T
 
 
 def _antialiased(scene: Scene) -> Scene:

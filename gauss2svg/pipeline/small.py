@@ -199,30 +199,36 @@ class SmallSearch:
         splats = splats_of(fitted, (width / fitted.width, height / fitted.height))
         cost = target_of(self.working, np.float32).removal_cost(splats)[1][:, 0]
         order = np.argsort(-cost, kind="stable")
-        best, whole = None, None
-        for grid in _GRIDS:
+        best, whole = None, (len(fitted), self.flat.size)
+        for grid in _GRIDS if len(fitted) <= _SOME else _GRIDS[1:2]:
             units = math.ceil(grid * _UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
             unit = max(fitted.width, fitted.height) / units
             for digits in HEX_DIGITS:
-                kept = len(fitted)
-                while kept:
-                    scene = fitted.select(np.sort(order[:kept]))
-                    file = self._file(scene, unit, digits)
-                    whole = whole or (len(fitted), file.size)
-                    over = file.size - self._limit
-                    if over <= 0:
-                        if best is None or file.error < best.error:
-                            best = file
-                            whole = (len(fitted), file.size) if kept == len(fitted) else whole
-                        break
-                    kept -= math.ceil(over / max(self._each, (file.size - self.flat.size) / kept))
-        return best, whole or (len(fitted), self.flat.size)
+                file, size = self._trimmed(fitted, order, unit, digits)
+                if file is not None and (best is None or file.error < best.error):
+                    best, whole = file, (len(fitted), size)
+        return best, whole
 
-    def _file(self, scene: Scene, unit: float, digits: int) -> SmallFile:
-        """The file of a scene; its error is that of the model."""
-        exact, error = recolored(minimal_rounded(scene, unit, digits), self.working, digits)
-        svg = minimal_svg(exact, unit, digits, self._document)
-        return SmallFile(svg, exact, error, self._gzipped)
+    def _trimmed(
+        self, fitted: Scene, order: NDArray[np.intp], unit: float, digits: int
+    ) -> tuple[SmallFile | None, int]:
+        """The file of the first Gaussians of an order that fit, and the bytes of all of them."""
+        kept, whole = len(fitted), 0
+        while kept > 0:
+            scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
+            svg = minimal_svg(scene, unit, digits, self._document)
+            size = len(file_bytes(svg, self._gzipped))
+            whole = whole or size
+            if size <= self._limit:  # the colours change it by little
+                exact, error = recolored(scene, self.working, digits)
+                svg = minimal_svg(exact, unit, digits, self._document)
+                file = SmallFile(svg, exact, error, self._gzipped)
+                if file.size <= self._limit:
+                    return file, whole
+                size = file.size
+            each = max(self._each, (size - self.flat.size) / kept)
+            kept -= math.ceil((size - self._limit) / each)
+        return None, whole
 
     def _flat(self) -> SmallFile:
         """The smallest file without Gaussians; its error is not known yet."""
