@@ -79,7 +79,8 @@ def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Sce
     factor = np.zeros((len(solid), 2, 2))
     factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1] = unit * shapes.matrix[:, :3].T
     beta = np.array([*BETA_CLASSES, 1.0])[shapes.falloff]
-    beta[solid] = solid_beta(np.linalg.svd(factor[solid], compute_uv=False))
+    axes = np.linalg.svd(factor[solid], compute_uv=False)
+    beta[solid] = solid_beta(axes.astype(np.float64))
     rounded = scene.select(shapes.index).replace(
         color=shapes.levels / 255,
         opacity=shapes.opacity,
