@@ -101,8 +101,9 @@ def _masked(shapes: Shapes) -> tuple[str, dict[int, str]]:
             for o, grey in zip(*grey_stops(count, BETA_CLASSES[kind]), strict=True)
         )
         circle = f' r="{_circle(kind)}"'
+        disc = f' href="#{short_id(2 * len(kinds))}"' if k else _UNIT_DISC  # of the first
         texts.append(
-            f'<radialGradient id="{ramp}"{_UNIT_DISC}>{stops}</radialGradient>'
+            f'<radialGradient id="{ramp}"{disc}>{stops}</radialGradient>'
             f'<mask id="{mask}"><circle{circle} fill="url(#{ramp})"/></mask>'
             f'<circle id="{name}"{circle} mask="url(#{mask})"/>'
         )
