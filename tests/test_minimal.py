@@ -201,7 +201,8 @@ def test_extreme_canvases_keep_their_proportions(size):
 @settings(max_examples=60, deadline=None)
 @given(
     st.floats(-200, 300), st.floats(1e-3, 1e4), st.floats(1e-3, 1e4),
-    st.floats(-0.999999, 0.999999), st.sampled_from([0.5, *BETA_CLASSES, 256.0]), st.floats(0, 1), st.sampled_from([0.1, 1.0, 3.0]),
+    st.floats(-0.999999, 0.999999), st.sampled_from([0.5, *BETA_CLASSES, 256.0]),
+    st.floats(0, 1), st.sampled_from([0.1, 1.0, 3.0]),
 )  # fmt: skip
 def test_tiny_huge_and_thin_shapes_are_drawn_or_left_out(x, sx, sy, rho, beta, opacity, unit):
     scene = Scene(
