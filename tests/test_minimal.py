@@ -24,6 +24,7 @@ from gauss2svg.svg.encode import number
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
 from gauss2svg.svg.packing import bytes_by_part
+from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 
 SIDE = 96
@@ -295,3 +296,9 @@ def test_the_switch_writes_minimal_files_and_the_summary_says_why():
 def test_a_mask_is_not_measured_by_cairo_which_draws_it_wrongly():
     with pytest.raises(RendererError, match="a mask"):
         rasterize(minimal_svg(soft_scene(3), 1.5), SIDE, SIDE, "cairo")
+
+
+def test_reading_a_minimal_file_back_is_refused_in_one_line():
+    with pytest.raises(InputError, match="editable markup; got minimal markup") as caught:
+        read_svg(minimal_svg(soft_scene(3), 1.5))
+    assert "\n" not in str(caught.value)
