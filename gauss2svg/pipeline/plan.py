@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Literal
 
 from gauss2svg.errors import InputError, RendererError, must_be
+from gauss2svg.fit.losses import has_ssim
 from gauss2svg.fit.options import DensifyOptions, FitConfig
 from gauss2svg.measure.scores import require_packages
 from gauss2svg.photo.photo import Photo
@@ -219,6 +220,19 @@ class Plan:
         small = isinstance(limit, int) and limit < MINIMAL_UNDER
         drawn = self.options.run.renderer in DRAW_MINIMAL
         return MINIMAL if small and drawn and not self._needs_editable else EDITABLE
+
+    @cached_property
+    def is_small(self) -> bool:
+        """Whether the file is one of gauss2svg.pipeline.small, which plans every byte.
+
+        Not with another target than bytes, or with options of another fit or another file.
+        """
+        goal, svg, fit, run = (getattr(self.options, n) for n in ("goal", "svg", "fit", "run"))
+        small = isinstance(goal.max_bytes, int) and goal.max_bytes < MINIMAL_UNDER
+        free = (svg.palette, svg.stops, svg.precision, goal.time_limit, run.checkpoint, run.resume)
+        usual = self.options.densify == DensifyOptions() and not has_ssim(fit.loss)
+        usual = usual and self.aim is None and all(given is None for given in free)
+        return small and usual and self.markup == MINIMAL
 
     @property
     def _needs_editable(self) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from gauss2svg.fit.weight import PSNR
 from gauss2svg.measure.scores import Scores
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.candidate import Outcome
@@ -59,7 +60,8 @@ def run_report(
         "falloff": ADAPTIVE if plan.fit_config.fit.learned_falloff else GAUSSIAN,
         "markup": plan.markup,
         "stops": plan.svg_format.stops,
-        "precision": plan.svg_format.precision,
+        "precision": None if plan.is_small else plan.svg_format.precision,
+        "tune": PSNR if plan.is_small else options.fit.tune,
         "palette": outcome.quantization.palette if plan.palette_is_counted else None,
         "size": document.size,
         "segments": None if document.labels is None else len(np.unique(document.labels)),

@@ -24,20 +24,22 @@ from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitProg
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure.metrics import mean_squared_error
+from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
+from gauss2svg.pipeline.candidate import Outcome
+from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.recolor import recolored
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like
 from gauss2svg.render.cpu import kernel_lock, splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.minimal import HEX_DIGITS, minimal_rounded, minimal_svg
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.packing import file_bytes
 from gauss2svg.svg.snap import with_exponents
 from gauss2svg.svg.solid import solid_beta, solid_radius
 
-# Under so many bytes the markup is minimal.
-SMALL_BYTES = 20_000
 # The longest side of the working picture in px, per square root of the count.
 _SIDE, _SIDE_PER_ROOT = (96, 256), 12.0
 # Units along the longest side of the file, per square root of the count.
@@ -78,7 +80,8 @@ class SmallSearch:
     photo     (h, w, 3) or (h, w, 4) float32 in 0..1
     most      largest number of Gaussians
     options   of the fits; tune is not read: they are fitted for PSNR
-    progress  called after every step; stop polled before, True ends with the best so far
+    max_size  longest side in px of the working picture
+    progress  called after every step; stop is polled before: True ends with the best so far
     Raises InputError where a file without Gaussians has more bytes.
     """
 
@@ -92,6 +95,7 @@ class SmallSearch:
         most: int | None = None,
         options: FitOptions | None = None,
         renderer: str = DEFAULT_RENDERER,
+        max_size: int | None = None,
         progress: Callable[[FitProgress], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> None:
@@ -109,7 +113,8 @@ class SmallSearch:
             raise InputError(must_be("max_bytes", needed, shown(f"{limit}")))
         count = max((limit - self.flat.size) / self._each, 1)
         low, high = _SIDE
-        side = min(max(_SIDE_PER_ROOT * math.sqrt(count), low), high, max(width, height))
+        side = min(max(_SIDE_PER_ROOT * math.sqrt(count), low), high, max_size or high)
+        side = min(side, max(width, height))
         scale = side / max(width, height)
         self.working = shrunk(
             photo, *(max(1, round(length * scale)) for length in (height, width))
@@ -121,11 +126,12 @@ class SmallSearch:
         best = dataclasses.replace(self.flat, error=self._error(self.flat.svg))
         sizes: dict[tuple[float, ...], list[tuple[int, int]]] = {}
         with kernel_lock:
-            for start, exponents in enumerate(self._exponents()):
+            kinds = self._exponents()
+            for start, exponents in enumerate(kinds):
                 count = self._count(exponents, sizes.setdefault(exponents, []))
                 if count < 1 or self._stop():
                     continue
-                fitted = self._fit(count, exponents, start)
+                fitted = self._fit(count, exponents, start, len(kinds))
                 found, untrimmed = self._written(fitted)
                 sizes[exponents].append(untrimmed)
                 if found is not None:
@@ -158,7 +164,7 @@ class SmallSearch:
             by_bytes = len(one) + (self._limit - size) / self._each
         return int(min(by_bytes, self._most))
 
-    def _fit(self, count: int, exponents: tuple[float, ...], start: int) -> Scene:
+    def _fit(self, count: int, exponents: tuple[float, ...], start: int, starts: int) -> Scene:
         """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA."""
         init, rate, seed = _BEGINNINGS[start % len(_BEGINNINGS)]
         options, transparent = self._options, has_alpha(self.working)
@@ -175,8 +181,15 @@ class SmallSearch:
             reduce=False,
             opaque=not transparent,
         )
+
+        def progress(now: FitProgress) -> None:
+            if self._progress is not None:
+                rest = now.remaining_s + (starts - 1 - start) * (now.elapsed_s + now.remaining_s)
+                done = (start + now.done) / starts
+                self._progress(dataclasses.replace(now, done=done, remaining_s=rest))
+
         session = FitSession(
-            self.working, config, fixed_count(config), progress=self._progress,
+            self.working, config, fixed_count(config), progress=progress,
             as_written=lambda scene, _: _with_few_exponents(scene, exponents), stop=self._stop,
         )  # fmt: skip
         session.fit()
@@ -260,3 +273,52 @@ def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
         radius = np.array([solid_radius(b) for b in scene.betas[plain]])
         beta[plain] = solid_beta(scene.ellipse_axes[0][plain] * radius[:, None])
     return with_exponents(scene, beta)
+
+
+def small_outcome(
+    plan: Plan,
+    photo: NDArray[np.float32],
+    document: Document,
+    report: Callable[[str, FitProgress | None], None],
+    stop: Callable[[], bool] | None = None,
+) -> tuple[Outcome, NDArray[np.float32]]:
+    """The outcome of a run with a plan that is_small, and the working picture; see SmallSearch.
+
+    report  called with "fit" or "measure", and the progress of the fit
+    """
+    options, stopped = plan.options, False
+    limit = options.goal.max_bytes
+    assert isinstance(limit, int)  # the plan is small
+
+    def is_stopped() -> bool:
+        nonlocal stopped
+        stopped = stopped or (stop is not None and stop())
+        return stopped
+
+    search = SmallSearch(
+        photo, limit, document=document, gzipped=options.svg.gzip, most=plan.count,
+        options=options.fit, renderer=options.run.renderer, max_size=options.run.max_size,
+        progress=lambda now: report("fit", now), stop=is_stopped,
+    )  # fmt: skip
+    found = search.run()
+    report("measure", None)
+    reason = "max_bytes"
+    if stopped:
+        reason = "interrupted"
+    elif search.fits and not len(found.scene):
+        reason = "enough"  # of one colour
+    elif len(found.scene) == plan.count:
+        reason = "gaussians"
+    costs = FitResult(found.scene, 0, 0, 0.0, 0.0, 0, reason)
+    for fitted in search.fits:
+        costs = dataclasses.replace(fitted.after(costs, reason), rounds=fitted.rounds)
+    outcome = Outcome(
+        scene=found.scene,
+        svg=found.svg,
+        quantization=plan.quantization(len(found.scene), None),
+        reached=None,
+        fitted=costs,
+        measured=round_trip(found.svg, found.scene, photo, options.run.renderer),
+        corrections=max(len(search.fits) - 1, 0),
+    )
+    return outcome, search.working

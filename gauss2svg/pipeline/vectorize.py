@@ -16,7 +16,7 @@ from numba.core import config
 
 from gauss2svg.errors import InputError, instance, must_be, shown, whole_number
 from gauss2svg.files import check_outputs, reading
-from gauss2svg.fit.options import DensifyOptions, FitOptions
+from gauss2svg.fit.options import DensifyOptions, FitOptions, FitProgress
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.scores import (
     LEAST_SIDE_FOR_SSIMULACRA2,
@@ -37,6 +37,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.result import Progress, ProgressCallback, Result
 from gauss2svg.pipeline.search import CAP_FOR_TARGET, TargetSearch
+from gauss2svg.pipeline.small import small_outcome
 from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import LARGEST_NUMBER
@@ -155,15 +156,24 @@ def vectorize_by(
         if limit is not None:
             # The first compilation on a machine does not count.
             deadline = begun + limit + (compile_s if compile_s > COMPILED_S else 0.0)
-        outcome: Outcome = TargetSearch(
-            plan,
-            Exporter(pixels, working, plan, document),
-            TimeBudget(deadline),
-            lambda phase, fitting: notify(Progress(phase, fitting)),
-            stop,
-            checkpoint,
-            saved,
-        ).run()
+        outcome: Outcome
+
+        def report_phase(phase: str, fitting: FitProgress | None) -> None:
+            notify(Progress(phase, fitting))
+
+        if plan.is_small:
+            outcome, working = small_outcome(plan, pixels, document, report_phase, stop)
+            height, width = working.shape[:2]
+        else:
+            outcome = TargetSearch(
+                plan,
+                Exporter(pixels, working, plan, document),
+                TimeBudget(deadline),
+                report_phase,
+                stop,
+                checkpoint,
+                saved,
+            ).run()
     raster = outcome.measured.raster
     reference = pixels if raster.shape == pixels.shape else working
     scores = Scores()
