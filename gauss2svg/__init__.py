@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from gauss2svg.gallery.options import GalleryOptions
     from gauss2svg.measure.check import CheckResult, check
     from gauss2svg.pipeline.options import Goal, RunOptions, SvgOptions
+    from gauss2svg.pipeline.placeholder import Placeholder, placeholder
     from gauss2svg.pipeline.quantize import quantize
     from gauss2svg.pipeline.result import Progress, Result
     from gauss2svg.pipeline.vectorize import vectorize
@@ -36,6 +37,7 @@ _HOMES = {
     "gallery.build": ("Gallery", "GalleryProgress", "build_gallery"),
     "measure.check": ("CheckResult", "check"),
     "pipeline.options": ("Goal", "RunOptions", "SvgOptions"),
+    "pipeline.placeholder": ("Placeholder", "placeholder"),
     "pipeline.quantize": ("quantize",),
     "pipeline.result": ("Progress", "Result"),
     "pipeline.vectorize": ("vectorize",),
@@ -59,6 +61,7 @@ __all__ = [
     "Goal",
     "InputError",
     "OutputError",
+    "Placeholder",
     "Progress",
     "RendererError",
     "Result",
@@ -71,6 +74,7 @@ __all__ = [
     "build_gallery",
     "check",
     "outline_svg",
+    "placeholder",
     "quantize",
     "read_svg",
     "vectorize",

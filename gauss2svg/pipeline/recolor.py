@@ -43,7 +43,9 @@ def recolored(scene: Scene, pixels: NDArray[np.float32], digits: int) -> tuple[S
     given = np.einsum("kyx,cyx->kc", weights[first:], total)
     color = _solved(products, given, 15 if digits == 3 else 255)
     squares = sum(float(np.square(target).sum()) for target in targets)
-    residual = squares + float(np.sum(color * (np.einsum("kl,lc->kc", products, color) - 2 * given)))
+    residual = squares + float(
+        np.sum(color * (np.einsum("kl,lc->kc", products, color) - 2 * given))
+    )
     error = max(residual, 0.0) / (3 * len(targets) * width * height)
     if first:
         return scene.replace(color=color), error

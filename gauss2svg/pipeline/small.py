@@ -116,9 +116,7 @@ class SmallSearch:
         side = min(max(_SIDE_PER_ROOT * math.sqrt(count), low), high, max_size or high)
         side = min(side, max(width, height))
         scale = side / max(width, height)
-        self.working = shrunk(
-            photo, *(max(1, round(length * scale)) for length in (height, width))
-        )
+        self.working = shrunk(photo, *(max(1, round(length * scale)) for length in (height, width)))
         self.fits: list[FitResult] = []
 
     def run(self) -> SmallFile:

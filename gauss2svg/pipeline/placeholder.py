@@ -1,0 +1,112 @@
+"""Placeholders: an SVG of about a kilobyte that a page shows until its photo has come."""
+
+from __future__ import annotations
+
+import base64
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from gauss2svg.errors import InputError, must_be
+from gauss2svg.options import byte_size
+from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
+from gauss2svg.photo.load import ImageSource, load_image
+from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.plan import MINIMAL_UNDER
+from gauss2svg.pipeline.small import SmallSearch
+from gauss2svg.svg.encode import hex_color
+
+DEFAULT_BYTES = 1000
+# What browsers take as it is in a data URI; % and # have a meaning of their own, and " would end
+# the attribute or the url("") that holds it (docs/decisions/small.md).
+_UNESCAPED = " !$&'()*+,/:;<=>?@[]^`{|}"
+_MEDIA_TYPE = "image/svg+xml"
+
+
+@dataclass(frozen=True)
+class Placeholder:
+    """A placeholder.
+
+    svg            text of the file
+    width, height  px of the photo; the SVG has its proportions, and no size of its own
+    color          mean colour of the photo's visible pixels, such as #8a7f6d
+    gaussians      number of Gaussians; 0 where the bytes leave room for none
+    """
+
+    svg: str
+    width: int
+    height: int
+    color: str
+    gaussians: int
+
+    @property
+    def data_uri(self) -> str:
+        """The SVG as the shortest data URI that browsers take in src="" and in CSS url("")."""
+        plain = "'" if "'" not in self.svg else '"'
+        return f"data:{_MEDIA_TYPE}," + quote(self.svg.replace('"', plain), safe=_UNESCAPED)
+
+    @property
+    def data_uri_base64(self) -> str:
+        """The SVG as a data URI in base64, for wherever the other one is refused."""
+        return f"data:{_MEDIA_TYPE};base64," + base64.b64encode(self.svg.encode()).decode()
+
+    def record(self, name: str) -> dict[str, Any]:
+        """The keys of SQIP's result, ready for JSON; name is that of the photo's file."""
+        return {
+            "content": self.svg,
+            "metadata": {
+                "filename": name,
+                "originalWidth": self.width,
+                "originalHeight": self.height,
+                "width": self.width,
+                "height": self.height,
+                "type": "svg",
+                "mimeType": _MEDIA_TYPE,
+                "backgroundColor": self.color,
+                "dataURI": self.data_uri,
+                "dataURIBase64": self.data_uri_base64,
+            },
+        }
+
+    def snippet(self, source: str) -> str:
+        """An HTML <img> of the photo with the placeholder behind it; source is its address."""
+        style = f'background:{self.color} url("{self.data_uri}") 0 0/100% 100%'
+        return (
+            f'<img src="{_in_attribute(source)}" alt="" width="{self.width}" height="{self.height}" '
+            f'style="{_in_attribute(style)}">'
+        )
+
+
+def _in_attribute(text: str) -> str:
+    """Text as the value of an HTML attribute in double quotes, in which < and > may stand."""
+    return text.replace("&", "&amp;").replace('"', "&quot;")
+
+
+def placeholder(image: ImageSource, max_bytes: int | str = DEFAULT_BYTES) -> Placeholder:
+    """The best SVG of at most max_bytes for a photo, such as 1000 or "1k"; see `vectorize`.
+
+    image  path, bytes, binary file, PIL image, numpy array or torch tensor
+    Raises InputError for invalid input, for 20 kB or more, and for fewer bytes than a file without
+    Gaussians takes.
+    """
+    limit = check_bytes("max_bytes", max_bytes)
+    photo = load_image(image)
+    pixels = pixels_of(photo)
+    compile_kernels()
+    found = SmallSearch(pixels, limit).run()
+    weight = alpha_of(pixels) if has_alpha(pixels) else np.ones((*pixels.shape[:2], 1), np.float32)
+    total = max(float(weight.sum(dtype=np.float64)), 1e-9)
+    mean = (pixels[:, :, :3] * weight).sum(axis=(0, 1), dtype=np.float64) / total
+    color = hex_color(np.round(255 * mean).astype(np.intp))
+    return Placeholder(found.svg, photo.width, photo.height, color, len(found.scene))
+
+
+def check_bytes(name: str, value: Any) -> int:
+    """Bytes of a placeholder; raises InputError that names it."""
+    size = byte_size(name, value)
+    if size >= MINIMAL_UNDER:
+        needed = f"less than {MINIMAL_UNDER} bytes for a placeholder"
+        raise InputError(must_be(name, needed, value, "gauss2svg PHOTO --max-bytes"))
+    return size
