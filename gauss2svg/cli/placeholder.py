@@ -22,8 +22,8 @@ class PlaceholderOptions(OptionGroup):
     """Maximum size of each SVG, under 20k."""
 
     format: Literal["json", "html", "svg"] = "json"
-    """json: a list with SVG, data URIs, size and mean colour of each photo, by SQIP's keys; html: an
-    <img> for each, with the placeholder behind it; svg: files."""
+    """json: a list with SVG, data URIs, size and mean colour of each photo, by SQIP's keys; html:
+    an <img> for each, with the placeholder behind it; svg: files."""
 
 
 _DEFAULTS = PlaceholderOptions()

@@ -72,11 +72,9 @@ class Placeholder:
 
     def snippet(self, source: str) -> str:
         """An HTML <img> of the photo with the placeholder behind it; source is its address."""
+        size = f'width="{self.width}" height="{self.height}"'
         style = f'background:{self.color} url("{self.data_uri}") 0 0/100% 100%'
-        return (
-            f'<img src="{_in_attribute(source)}" alt="" width="{self.width}" height="{self.height}" '
-            f'style="{_in_attribute(style)}">'
-        )
+        return f'<img src="{_in_attribute(source)}" alt="" {size} style="{_in_attribute(style)}">'
 
 
 def _in_attribute(text: str) -> str:

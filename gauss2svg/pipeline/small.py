@@ -202,7 +202,7 @@ class SmallSearch:
         return scene.replace(width=width, height=height)
 
     def _written(self, fitted: Scene) -> tuple[SmallFile | None, tuple[int, int]]:
-        """The best file of a fitted scene, by the model; and (count, bytes) before any was left out.
+        """The best file of a fitted scene by the model, and (count, bytes) before any was left out.
 
         None where no Gaussian is left.
         """

@@ -1,0 +1,107 @@
+"""Laws of placeholders: keys, data URIs, and what one bad photo of many costs."""
+
+import base64
+import html
+import json
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+import pytest
+
+import gauss2svg
+from gauss2svg.cli.main import main
+from gauss2svg.errors import InputError
+from gauss2svg.files import as_png
+from gauss2svg.pipeline.placeholder import Placeholder
+
+
+@pytest.fixture
+def photos(tmp_path):
+    """Two photos, their folder, and one that is none."""
+    y, x = np.mgrid[:24, :36] / 24
+    made = []
+    for name, turn in (("one", 0.0), ("two words", 1.0)):
+        path = tmp_path / f"{name}.png"
+        path.write_bytes(as_png(np.stack([x / 1.5, y, 0 * x + turn], axis=-1)))
+        made.append(str(path))
+    bad = tmp_path / "bad.png"
+    bad.write_bytes(b"no picture")
+    return [*made, str(bad)]
+
+
+def test_a_record_has_the_keys_of_sqip(photos):
+    found = gauss2svg.placeholder(photos[0], 400)
+    record = found.record("one.png")
+    metadata = record["metadata"]
+    assert set(record) == {"content", "metadata"}
+    assert set(metadata) == {
+        "filename", "originalWidth", "originalHeight", "width", "height", "type", "mimeType",
+        "backgroundColor", "dataURI", "dataURIBase64",
+    }  # fmt: skip
+    assert (metadata["width"], metadata["height"]) == (36, 24)
+    assert len(record["content"]) <= 400
+    assert found.gaussians > 0
+    assert "<image" not in record["content"]
+
+
+def test_data_uris_decode_to_the_same_elements(photos):
+    found = gauss2svg.placeholder(photos[0], 400)
+    head, _, body = found.data_uri.partition(",")
+    assert head == "data:image/svg+xml"
+    assert unquote(body).replace("'", '"') == found.svg
+    assert not set(body) & set('"#\n\t')
+    assert body.isascii()
+    assert base64.b64decode(found.data_uri_base64.partition(",")[2]).decode() == found.svg
+    assert len(found.data_uri) < len(found.data_uri_base64)
+
+
+def test_whatever_ends_a_data_uri_is_escaped():
+    svg = '<svg title="50% of #1"><desc>it\'s "a" \u00e9\n</desc></svg>'
+    found = Placeholder(svg, 1, 1, "#000", 0)
+    body = found.data_uri.partition(",")[2]
+    assert unquote(body) == svg
+    assert not set(body) & set('"#\n')
+
+
+def test_a_snippet_is_one_image_whose_attributes_are_whole(photos):
+    found = gauss2svg.placeholder(photos[0], 400)
+    text = found.snippet('a&"b".png')
+    assert text.startswith('<img src="a&amp;&quot;b&quot;.png" ')
+    style = text.partition('style="')[2].removesuffix('">')
+    assert '"' not in style
+    assert f'url("{found.data_uri}")' in html.unescape(style)
+
+
+def test_one_bad_photo_of_many_costs_only_itself(photos, tmp_path, capsys):
+    output = tmp_path / "placeholders.json"
+    given = [*photos, photos[0], str(tmp_path / "none.png")]
+    assert main(["placeholder", *given, "--max-bytes", "300", "-o", str(output)]) == 1
+    records = json.loads(output.read_text())
+    assert [r["metadata"]["filename"] for r in records] == ["one.png", "two words.png"]
+    lines = capsys.readouterr().err.splitlines()
+    assert sum("bad.png" in line for line in lines) == 1
+    assert sum("none.png" in line for line in lines) == 1
+    assert sum("more than once" in line for line in lines) == 1
+
+
+def test_files_are_named_by_their_photos(photos, tmp_path, capsys):
+    folder = tmp_path / "new" / "folder"
+    command = ["placeholder", *photos[:2], "--format", "svg", "--max-bytes", "300", "--quiet"]
+    assert main([*command, "-o", str(folder)]) == 0
+    assert sorted(p.name for p in folder.iterdir()) == ["one.svg", "two-words.svg"]
+    assert capsys.readouterr().err == ""
+    assert main(command) == 2
+    assert "--output must be given" in capsys.readouterr().err
+
+
+def test_an_output_never_overwrites_a_photo(photos, capsys):
+    before = Path(photos[0]).read_bytes()
+    assert main(["placeholder", photos[0], "-o", photos[0]]) == 2
+    assert Path(photos[0]).read_bytes() == before
+
+
+@pytest.mark.parametrize("size", ["20k", 0, "many"])
+def test_sizes_that_no_placeholder_has_are_refused(photos, size):
+    with pytest.raises(InputError, match="max_bytes must be"):
+        gauss2svg.placeholder(photos[0], size)

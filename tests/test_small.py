@@ -1,0 +1,184 @@
+"""Laws of small files, of which every byte is planned."""
+
+import json
+
+import numpy as np
+import pytest
+from flat import vectorize
+
+from gauss2svg.cli.main import main
+from gauss2svg.errors import InputError
+from gauss2svg.files import as_png
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.recolor import recolored
+from gauss2svg.pipeline.small import SmallSearch
+from gauss2svg.raster import rasterize_like
+from gauss2svg.render import render
+from gauss2svg.scene import Scene
+from gauss2svg.svg.minimal import minimal_rounded
+
+# Far enough apart that what a fit gains or loses by chance is less than what the bytes bring.
+LADDER = (150, 300, 600, 1200, 2600)
+STEPS = 50
+
+
+def hills(width=72, height=48):
+    """A soft picture of a few colours."""
+    y, x = np.mgrid[:height, :width] / height
+    red = 0.5 + 0.4 * np.sin(5 * x) * np.cos(4 * y)
+    picture = np.stack([red, 0.3 + 0.4 * y, 0.6 - 0.3 * np.cos(6 * x * y)], axis=-1)
+    return picture.astype(np.float32)
+
+
+def shapes(width=64, height=64):
+    """A drawing of flat regions with crisp rims."""
+    y, x = np.mgrid[:height, :width] + 0.5
+    picture = np.full((height, width, 3), 0.9, np.float32)
+    picture[(x - 20) ** 2 + (y - 24) ** 2 < 150] = (0.8, 0.1, 0.1)
+    picture[np.abs(x - 45) + np.abs(y - 40) < 14] = (0.1, 0.2, 0.7)
+    picture[(y > 54) & (x > 6) & (x < 58)] = (0.2, 0.6, 0.2)
+    return picture
+
+
+def matched(picture, limit, **given):
+    """PSNR of the drawn file, and the file."""
+    found = SmallSearch(picture, limit, options=FitOptions(iterations=STEPS), **given).run()
+    assert found.size <= limit
+    return psnr(rasterize_like(found.svg, picture), picture), found
+
+
+@pytest.mark.parametrize("picture", [hills(), shapes()], ids=["hills", "shapes"])
+def test_more_bytes_are_never_worse(picture):
+    scores = [matched(picture, limit)[0] for limit in LADDER]
+    assert scores == sorted(scores)
+    assert scores[-1] > scores[0] + 6
+
+
+def test_a_file_has_gaussians_wherever_one_fits():
+    picture = shapes()
+    flat = SmallSearch(picture, 1000).flat.size
+    assert flat < 100
+    assert not len(matched(picture, flat)[1].scene)
+    for limit in (flat + 70, flat + 140):
+        assert len(matched(picture, limit)[1].scene) >= 1
+
+
+def test_a_limit_under_an_empty_file_names_the_least_that_is_possible(tmp_path, capsys):
+    picture, photo = hills(), tmp_path / "photo.png"
+    least = SmallSearch(picture, 1000).flat.size
+    with pytest.raises(InputError, match=f"max_bytes must be at least {least}"):
+        SmallSearch(picture, least - 1)
+    photo.write_bytes(as_png(picture))
+    assert main([str(photo), "--max-bytes", str(least - 1), "-o", str(tmp_path / "o.svg")]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"gauss2svg: --max-bytes must be at least {least}, ")
+    assert error.count("\n") == 1
+    assert not (tmp_path / "o.svg").exists()
+
+
+def test_the_same_seed_gives_the_same_file():
+    assert matched(hills(), 700)[1].svg == matched(hills(), 700)[1].svg
+
+
+def test_a_picture_of_one_colour_needs_no_gaussian():
+    picture = np.full((20, 30, 3), 0.4, np.float32)
+    result = vectorize(picture, max_bytes=2000, iterations=STEPS)
+    assert result.report["gaussians"] == 0
+    assert result.report["stop_reason"] == "enough"
+    assert not result.report["unreached"]
+
+
+def test_max_bytes_under_20_kb_writes_minimal_markup_and_a_full_report(tmp_path):
+    result = vectorize(shapes(), max_bytes=900, iterations=STEPS)
+    report = result.report
+    assert report["markup"] == "minimal"
+    assert report["svg_bytes"] == len(result.svg) <= 900
+    assert report["gaussians"] == len(result.scene) > 0
+    assert report["psnr_roundtrip"] > 25
+    assert report["stop_reason"] == "max_bytes"
+    assert "<title>" not in result.svg
+    assert json.dumps(report, allow_nan=False)
+
+
+@pytest.mark.parametrize("given", [{"target_psnr": 30.0}, {"markup": "editable"}, {"stops": 6}])
+def test_other_targets_and_editable_files_take_the_usual_fit(given):
+    result = vectorize(hills(), max_bytes=8000, iterations=20, **given)
+    assert result.report["tune"] == "perceptual"
+
+
+def test_a_given_count_is_the_largest():
+    assert 1 <= len(matched(hills(), 3000, most=3)[1].scene) <= 3
+
+
+def test_a_compressed_limit_is_kept_and_holds_more():
+    plain, packed = (matched(hills(), 600, gzipped=zipped)[1] for zipped in (False, True))
+    assert len(packed.scene) > len(plain.scene)
+
+
+def test_a_title_is_written_where_it_is_given():
+    result = vectorize(hills(), max_bytes=700, iterations=STEPS, title="Hills & dales")
+    assert "<title>Hills &amp; dales</title>" in result.svg
+    assert len(result.svg) <= 700
+
+
+def test_a_transparent_photo_stays_transparent():
+    picture = shapes()
+    alpha = (np.abs(picture - 0.9).max(axis=2) > 0.1).astype(np.float32)
+    result = vectorize(np.dstack([picture, alpha]), max_bytes=900, iterations=STEPS)
+    assert result.raster.shape[2] == 4
+    assert result.raster[0, 0, 3] < 0.1
+    assert result.report["gaussians"] > 0
+
+
+def test_thin_and_tiny_pictures_have_files():
+    for side in ((1, 1), (1, 60), (90, 2)):
+        picture = np.linspace(0, 1, side[0] * side[1] * 3, dtype=np.float32).reshape(*side, 3)
+        matched(picture, 400)
+
+
+def a_scene(count, rng, alpha=False):
+    return Scene(
+        60, 40, mean=rng.random((count, 2)) * [60, 40], sigma=3 + 8 * rng.random((count, 2)),
+        rho=rng.uniform(-0.7, 0.7, count), color=rng.random((count, 3)),
+        opacity=rng.uniform(0.3, 1, count), beta=np.full(count, 3.0),
+        background=np.ones(3) if alpha else rng.random(3), transparent=alpha,
+    )  # fmt: skip
+
+
+def test_the_colours_that_made_a_picture_are_found_again():
+    scene = minimal_rounded(a_scene(7, np.random.default_rng(1)), 0.5, 3)
+    found, error = recolored(
+        scene.replace(color=np.full((7, 3), 0.5), background=np.zeros(3)), render(scene), 3
+    )
+    np.testing.assert_allclose(found.color, scene.color, atol=1e-9)
+    np.testing.assert_allclose(found.background, scene.background, atol=1e-9)
+    assert error < 1e-9
+
+
+@pytest.mark.parametrize("digits", [3, 6])
+def test_solved_colours_are_writable_and_beat_any_nearby(digits):
+    rng = np.random.default_rng(2)
+    scene, picture = a_scene(6, rng), rng.random((40, 60, 3)).astype(np.float32)
+    found, error = recolored(scene, picture, digits)
+    levels = 15 if digits == 3 else 255
+    assert found.color.min() >= 0
+    assert found.color.max() <= 1
+    np.testing.assert_allclose(found.color * levels, np.round(found.color * levels), atol=1e-9)
+    assert error == pytest.approx(float(np.mean((render(found) - picture) ** 2)), rel=1e-3)
+    for _ in range(20):
+        moved = found.color.copy()
+        k, channel = rng.integers(6), rng.integers(3)
+        moved[k, channel] = np.clip(moved[k, channel] + rng.choice([-1, 1]) / levels, 0, 1)
+        other = float(np.mean((render(found.replace(color=moved)) - picture) ** 2))
+        assert other >= error * (1 - 1e-4)
+
+
+def test_colours_of_a_transparent_scene_match_over_white_and_black():
+    rng = np.random.default_rng(3)
+    scene = minimal_rounded(a_scene(5, rng, alpha=True), 0.5, 6)
+    from gauss2svg.render import render_rgba
+
+    found, error = recolored(scene.replace(color=np.full((5, 3), 0.2)), render_rgba(scene), 6)
+    np.testing.assert_allclose(found.color, scene.color, atol=0.01)
+    assert error < 1e-6
