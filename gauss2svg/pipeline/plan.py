@@ -192,7 +192,7 @@ class Plan:
         falloff = options.fit.falloff if blend == self.written_blend else None
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
-            gaussians=self.count or 0,
+            gaussians=0 if self.count_adapts else self.count or 0,
             iterations=iterations,
             fit=fit,
             densify=options.densify,

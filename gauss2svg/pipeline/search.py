@@ -157,8 +157,7 @@ class TargetSearch:
             self._policy.revise = self._revise
         self._begin()
         if self._additive is not None and not continues:
-            asked = 0 if self._plan.count_adapts else self._plan.fit_config.gaussians
-            self._session.adopt(self._additive.scene, asked)
+            self._session.adopt(self._additive.scene, self._plan.fit_config.gaussians)
 
     def _policy_for(self, revise: Revise) -> DensificationPolicy:
         plan, config = self._plan, self._plan.fit_config
@@ -246,8 +245,10 @@ class TargetSearch:
         self._correct()
         best = self._candidates.best()
         if self._max_bytes is not None:
-            empty = self._exporter.empty_bytes
-            best = pruned_to_size(best, self._max_bytes, empty, self._exporter.working)
+            exporter, tune = self._exporter, self._plan.options.fit.tune
+            best = pruned_to_size(
+                best, self._max_bytes, exporter.empty_bytes, exporter.working, tune
+            )
         self._report("measure", None)
         return best, self._exporter.measured(best, self._budget.deadline)
 
