@@ -54,9 +54,10 @@ class Plan:
                 f"form must be {GRADIENT} with the renderer {run.renderer}, which does not render "
                 f"rotated blurs; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
             )
+        targeted = goal.target_ssimulacra2 is not None
         name = "scores" if run.scores else "target_ssimulacra2"
-        if run.scores or goal.target_ssimulacra2 is not None:
-            require_packages()
+        if run.scores or targeted:
+            require_packages(ssimulacra2=targeted)
             if goal.time_limit is not None:
                 raise InputError(
                     f"{name} must not be given with time_limit, because how long scores take is "
