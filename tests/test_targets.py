@@ -213,7 +213,7 @@ def test_too_large_file_loses_its_least_useful_gaussians(photo):
     scene, form = quantize(result.scene, palette=5), SvgFormat()
     few = write_svg(scene, form)
     candidate = Candidate(scene, few, form, Document(), False, 20.0, 0.01)
-    less = pruned_to_size(candidate, len(few) // 2, 500, photo)
+    less = pruned_to_size(candidate, len(few) // 2, 500, photo, "psnr")
     assert len(few) // 3 < less.size <= len(few) // 2
     kept = metrics.psnr(render(less.scene), photo)
     first = metrics.psnr(render(scene.select(np.arange(len(less.scene)))), photo)
