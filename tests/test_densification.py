@@ -24,20 +24,13 @@ from gauss2svg.render.cpu import removal_cost
 KILOBYTES = 0.1
 
 
-def snapshot(count, psnr, done=0.1, weighted=None):
-    """A fit of this PSNR, and of the same by its weighted error if that is not given."""
-    weighted = psnr if weighted is None else weighted
-    return Snapshot(count, done, lambda: (psnr, weighted), lambda: None)
-
-
-def grown(psnr_at, limits, revise=None, weighted_at=None):
+def grown(psnr_at, limits, revise=None):
     """Counts and stop reason of a growth whose PSNR is a function of the count."""
     policy = AdaptiveCount(limits, revise) if revise else AdaptiveCount(limits)
     counts = [0]
     while True:
         count = counts[-1]
-        weighted = None if weighted_at is None else weighted_at(count)
-        total = policy.grow(snapshot(count, psnr_at(count), weighted=weighted))
+        total = policy.grow(Snapshot(count, 0.1, lambda c=count: psnr_at(c), lambda: None))
         if total <= count:
             return counts[1:] + ([total] if total < count else []), policy.stop_reason
         counts.append(total)
@@ -69,17 +62,6 @@ def test_growth_stops_where_enough_is_reached():
     counts, reason = grown(power_law(3.0, 0.0), GrowthLimits(0.0, KILOBYTES, 15.0, 10**6))
     assert reason == "enough"
     assert counts[-1] == pytest.approx(2 ** (15 / 3), rel=0.15)
-
-
-def test_gains_are_of_the_weighted_error_and_enough_is_psnr():
-    limits = GrowthLimits(0.02, KILOBYTES, math.inf, 10**6)
-    by_weighted = grown(power_law(0.5), limits, weighted_at=power_law(1.0))
-    assert by_weighted == grown(power_law(1.0), limits)
-    assert by_weighted[0][-1] > 1.8 * grown(power_law(0.5), limits)[0][-1]
-    limits = GrowthLimits(0.0, KILOBYTES, 15.0, 10**6)
-    weighted = grown(power_law(3.0, 0.0), limits, weighted_at=lambda count: 5.0)
-    assert weighted[1] == "enough"
-    assert weighted[0][-1] == pytest.approx(2**5, rel=0.15)
 
 
 def test_growth_stops_at_the_cap_and_names_it():
@@ -119,7 +101,7 @@ def test_growth_continues_where_the_error_would_vanish_before_the_cap():
     # and from a pace that is under the gain, without a leap
     policy = AdaptiveCount(GrowthLimits(0.2, KILOBYTES, 60.0, 4000))
     for count, psnr in ((0, 6.0), (8, 7.0), (256, 7.2), (512, 8.5)):
-        total = policy.grow(snapshot(count, psnr))
+        total = policy.grow(Snapshot(count, 0.1, lambda p=psnr: p, lambda: None))
     assert total > 512
 
 
@@ -140,7 +122,7 @@ def test_refinement_corrects_the_count_by_the_slope():
     policy.slope = 3.0
 
     def adjusted(psnr):
-        return policy.adjust(snapshot(1000, psnr, 0.55))
+        return policy.adjust(Snapshot(1000, 0.55, lambda: psnr, lambda: None))
 
     assert adjusted(20.0) == 1300
     assert adjusted(40.0) == 700
@@ -152,7 +134,7 @@ def test_refinement_corrects_the_count_by_the_slope():
 def test_fixed_count_follows_its_schedule_and_keeps_all():
     policy = FixedCount("linear", 60, 300)
     counts = [0]
-    while (total := policy.grow(snapshot(counts[-1], 0.0))) > counts[-1]:
+    while (total := policy.grow(Snapshot(counts[-1], 0.1, lambda: 0.0, lambda: None))) > counts[-1]:
         counts.append(total)
     assert counts == [0, 10, 20, 30, 40, 50, 60]
     assert policy.least_gain() == -math.inf

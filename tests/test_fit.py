@@ -369,7 +369,6 @@ def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
     weight = Target(planar, "perceptual").weight
     assert weight is not None
     assert weight.mean() == pytest.approx(1, rel=0.02)
-    assert 1 / 30 <= weight.min() < weight.max() <= 30
     means = np.array([weight[10:-10, x + 15 : x + 45].mean() for x in range(0, 360, 60)])
     assert (np.diff(means[:5]) < 0).all()
     # far above the threshold it is inversely proportional to the contrast

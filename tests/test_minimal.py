@@ -302,3 +302,7 @@ def test_reading_a_minimal_file_back_is_refused_in_one_line():
     with pytest.raises(InputError, match="editable markup; got minimal markup") as caught:
         read_svg(minimal_svg(soft_scene(3), 1.5))
     assert "\n" not in str(caught.value)
+
+
+def test_a_file_of_units_under_a_pixel_has_the_size_of_its_canvas():
+    assert ' width="60" height="40" ' in minimal_svg(Scene(60, 40), 0.04)

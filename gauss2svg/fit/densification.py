@@ -48,37 +48,27 @@ _SLOPES = 0.5, 8.0  # dB a doubling, the flattest and steepest that are plausibl
 class Snapshot:
     """A fit as its policy sees it: number of Gaussians and progress in 0..1.
 
-    measure() gives the PSNR and that of the error as the fit weights it, scene() the Gaussians on
-    the working canvas.
+    measure() gives the PSNR, scene() the Gaussians on the working canvas.
     """
 
     count: int
     done: float
-    measure: Callable[[], tuple[float, float]]
+    measure: Callable[[], float]
     scene: Callable[[], Scene]
 
     @classmethod
-    def of_old(cls, count: int, done: float, psnr: float, weighted: float) -> Snapshot:
+    def of_old(cls, count: int, done: float, psnr: float) -> Snapshot:
         """The snapshot of an earlier round, whose scene is not kept."""
 
         def scene() -> Scene:
             raise AssertionError("the scene of an earlier round is not kept")
 
-        return cls(count, done, lambda: (psnr, weighted), scene)
+        return cls(count, done, lambda: psnr, scene)
 
     @cached_property
-    def _measured(self) -> tuple[float, float]:
-        return self.measure()
-
-    @property
     def psnr(self) -> float:
         """PSNR in dB of the model on the working image, measured on first use."""
-        return self._measured[0]
-
-    @property
-    def weighted(self) -> float:
-        """PSNR in dB of the weighted error, measured with the other."""
-        return self._measured[1]
+        return self.measure()
 
 
 class DensificationPolicy(Protocol):
@@ -146,8 +136,7 @@ class FixedCount:
 class GrowthLimits:
     """Where growth ends.
 
-    gain        least gain in dB of the weighted error for a kilobyte of the file; 0 for no such
-                limit
+    gain        least gain of PSNR in dB for a kilobyte of the file; 0 for no such limit
     kilobytes   of the file for each Gaussian
     psnr        PSNR of the model in dB at which growth ends; infinity for no such limit
     cap         maximum number of Gaussians
@@ -173,13 +162,12 @@ def as_given(limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
 class AdaptiveCount:
     """Doubles the count in each round, until a limit is met or another round would not pay.
 
-    Gains are those of the weighted error, so that what shows decides; "enough" and a target are
-    PSNR. If a doubling gains s dB, a kilobyte gains s / (n ln 2 kilobytes) dB at n Gaussians:
-    growth aims at the n where that falls to the limit's gain. It continues beyond while the gains
-    of rounds accelerate and the squared error, falling in proportion to the last round's, would
+    If a doubling gains s dB, a kilobyte gains s / (n ln 2 kilobytes) dB at n Gaussians: growth
+    aims at the n where that falls to the limit's gain. It continues beyond while the gains of
+    rounds accelerate and the squared error, falling in proportion to the last round's, would
     vanish before the cap: a checkerboard's first squares gain next to nothing, its last ones
-    everything. For the same reason growth that does not pay at a small count leaps once to a fourth
-    of the cap, and returns if that did not pay either.
+    everything. For the same reason growth that does not pay at a small count leaps once to a
+    fourth of the cap, and returns if that did not pay either.
 
     revise(limits, now) may replace the limits at every decision; it may be replaced itself.
     """
@@ -189,7 +177,7 @@ class AdaptiveCount:
         # One more for the leap.
         self.rounds = max(1, math.ceil(math.log2(max(limits.cap, 1) / FIRST_ROUND)) + 2)
         self.stop_reason = "cap"
-        self.slope = 3.0  # dB of PSNR a doubling
+        self.slope = 3.0  # dB a doubling
         self.revise = revise
         self._last: Snapshot | None = None
         self._before_leap: Snapshot | None = None
@@ -219,7 +207,7 @@ class AdaptiveCount:
 
     def _learn(self, now: Snapshot, last: Snapshot) -> None:
         """Extrapolate from the last round to the rounds to come."""
-        gain = max(now.weighted - last.weighted, 0.0) / _GAIN_OF_A_ROUND
+        gain = max(now.psnr - last.psnr, 0.0) / _GAIN_OF_A_ROUND
         added = now.count - last.count
         doublings = math.log2(now.count / last.count) if last.count else 1.0
         rise, before, self._rise = gain / doublings, self._rise, gain / doublings
@@ -233,8 +221,7 @@ class AdaptiveCount:
         if pays and exact <= self.limits.cap:
             self._paying = max(self._paying, exact)
         if doublings > _WHOLE_ROUND:  # a smaller one gains more by convergence
-            slope = (now.psnr - last.psnr) / _GAIN_OF_A_ROUND / doublings
-            self.slope = min(max(slope, _SLOPES[0]), _SLOPES[1])
+            self.slope = min(max(rise, _SLOPES[0]), _SLOPES[1])
 
     def adjust(self, now: Snapshot) -> int:
         """More or fewer where the extrapolated PSNR or file size is off the limits."""
@@ -254,7 +241,7 @@ class AdaptiveCount:
     def state_dict(self) -> dict[str, Any]:
         """The policy's state, with the PSNR of earlier rounds."""
         earlier = self._last, self._before_leap
-        rounds = [None if s is None else [s.count, s.done, s.psnr, s.weighted] for s in earlier]
+        rounds = [None if s is None else [s.count, s.done, s.psnr] for s in earlier]
         return {
             "limits": dataclasses.asdict(self.limits),
             "stop_reason": self.stop_reason,

@@ -84,7 +84,7 @@ class DensifyOptions(OptionGroup):
 class FitConfig:
     """All settings of a fit.
 
-    gaussians   number of Gaussians, >= 0; 0 gives the mean colour
+    gaussians   number of Gaussians, >= 0; 0 gives the mean colour, or leaves it to the policy
     iterations  optimiser steps, >= 1; None: until the deadline
     dtype       one of DTYPES, which the kernels compute in
     reduce      whether few Gaussians are fitted on reduced targets first, which is faster

@@ -17,7 +17,6 @@ from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
 from gauss2svg.fit.schedule import LARGEST_REDUCTION, reduction, refinement_reduction
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid
-from gauss2svg.fit.weight import PSNR
 from gauss2svg.photo.alpha import has_alpha
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, Scene
@@ -79,19 +78,11 @@ class Population:
             return scene
         return scene.scaled(width / size[0], height / size[1])
 
-    def error(self, weighted: bool = False) -> float:
-        """Mean squared error at full size, also while the target is reduced.
-
-        weighted: by gauss2svg.fit.weight, unless the fit is tuned for PSNR.
-        """
+    def error(self) -> float:
+        """Mean squared error at full size, also while the target is reduced."""
         factor = self.reduction
         self.reduce_to(1)
-        target = self.target
-        if weighted and target.weight is not None and target.tune != PSNR:
-            squares = target.weighted_squares(self.rendered())
-            error = squares / target.planar.size / float(target.weight.mean())
-        else:
-            error = target.error(self.splats())
+        error = self.target.error(self.splats())
         self.reduce_to(factor)
         return error
 

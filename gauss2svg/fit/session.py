@@ -197,8 +197,11 @@ class FitSession:
         """Wall-clock and CPU seconds of the fit so far."""
         if self._since is None:
             return self._wall_s, self._cpu_s
-        wall, cpu = time.perf_counter() - self._since[0], time.process_time() - self._since[1]
-        return self._wall_s + wall, self._cpu_s + cpu
+        wall, cpu = self._since
+        return (
+            self._wall_s + time.perf_counter() - wall,
+            self._cpu_s + time.process_time() - cpu,
+        )
 
     def _grow(self) -> None:
         """Rounds of new Gaussians, then the full-size target."""
@@ -274,8 +277,9 @@ class FitSession:
                 self._quantize()
             if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
                 stage.exchange_at = [at for at in stage.exchange_at if at > done]
-                target, rng = population.target, population.rng
-                self._shared.exchange(self.state, population.splats, target, rng)
+                self._shared.exchange(
+                    self.state, population.splats, population.target, population.rng
+                )
             self._step(done)
         self._change_size(1.0)
         if not stage.quantized:  # no time or no steps were left for it
@@ -327,10 +331,7 @@ class FitSession:
         self._shared = SharedColors(self.state, self.population.blending)
 
     def _snapshot(self, done: float, psnr: Callable[[], float]) -> Snapshot:
-        def measured() -> tuple[float, float]:
-            return psnr(), psnr_of(self.population.error(weighted=True))
-
-        return Snapshot(len(self.state), done, measured, self.scene)
+        return Snapshot(len(self.state), done, psnr, self.scene)
 
     def _psnr_now(self) -> float:
         return psnr_of(self.population.error())
@@ -340,8 +341,8 @@ class FitSession:
         return psnr_of(float(np.mean(self._errors))) if self._errors else self._psnr_now()
 
     def _evaluate(self, splats: Splats) -> LossAndGradient:
-        fit = self.config.fit
-        return self.population.target.evaluate(splats, fit.loss, fit.ssim_weight)
+        options = self.config.fit
+        return self.population.target.evaluate(splats, options.loss, options.ssim_weight)
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one optimiser step, or a rollback."""

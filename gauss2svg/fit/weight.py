@@ -26,7 +26,6 @@ _CONTRAST, _EXPONENT = 0.03, 0.5
 # Variance from which nothing is masked further: its bounds, and how many times the median.
 _MOST_VARIANCE, _TIMES_MEDIAN = (0.025, 0.04), 100.0
 _WINDOW = 2.0  # px, sigma of the window of the variance
-_LEAST, _MOST = 1 / 30, 30.0  # times the mean
 FLAT = 8.0
 # Flat areas: gradients under 0.02 a px (5 levels of 255) within some 4 px.
 _FLAT_ENERGY = 0.02**2
@@ -43,7 +42,7 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
         variance = reduce(add, map(_local_variance, lumas)) / len(lumas)
         most = np.clip(_TIMES_MEDIAN * np.median(variance), *_MOST_VARIANCE)
         weight = (1 + np.minimum(variance, most) / _CONTRAST**2) ** -_EXPONENT
-        weight = np.clip(weight / weight.mean(), _LEAST, _MOST)
+        weight /= weight.mean()
     return weight.astype(views[0].dtype)
 
 

@@ -29,6 +29,7 @@ from gauss2svg.photo.alpha import views
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 
 LEAST_SIDE_FOR_SSIMULACRA2 = 225  # px: at a thirty-second of the size 8 px must be left
+SSIMULACRA2_BYTES = 560  # a pixel, docs/decisions/metrics.md
 _ADVICE = "Try pip install 'gauss2svg[scores]'"
 _COMMAND = (sys.executable, "-P", "-m", "gauss2svg.measure.scores")
 _LEVELS = 255
@@ -62,11 +63,15 @@ class Scores:
 
 
 def perceptual_scores(
-    raster: NDArray[np.float32], photo: NDArray[np.float32], spare: int | None = None
+    raster: NDArray[np.float32],
+    photo: NDArray[np.float32],
+    spare: int | None = None,
+    known: float | None = None,
 ) -> Scores:
     """Both scores of a raster against its photo, (h, w, 3) or (h, w, 4) float32 in 0..1.
 
     spare  bytes of memory that may be taken; None: SHARE of those that are free
+    known  its SSIMULACRA2, where that has been measured already
 
     A score is None, with a line that says why, where its package is not installed, where the
     picture is too small or too large for it, and where it would take more memory. Raises
@@ -74,10 +79,10 @@ def perceptual_scores(
     """
     _check(raster, photo)
     spare = int(SHARE * free_bytes()) if spare is None else spare
-    found: dict[str, float] = {}
+    found = {} if known is None else {"ssimulacra2": known}
     missing = list(packages_missing())
     for metric in _METRICS:
-        if find_spec(metric.module) is None:
+        if metric.key in found or find_spec(metric.module) is None:
             continue
         reason = metric.refusal(photo.shape[0], photo.shape[1], spare)
         if not reason:
@@ -94,16 +99,23 @@ def perceptual_scores(
 def packages_missing() -> tuple[str, ...]:
     """A line that names the scores whose packages are not installed; nothing where all are."""
     names = [metric.name for metric in _METRICS if find_spec(metric.module) is None]
-    if not names:
-        return ()
+    return (_not_installed(names),) if names else ()
+
+
+def _not_installed(names: Sequence[str]) -> str:
     verb = "is" if len(names) == 1 else "are"
-    return (f"{' and '.join(names)} {verb} not measured: not installed. {_ADVICE}",)
+    return f"{' and '.join(names)} {verb} not measured: not installed. {_ADVICE}"
 
 
-def require_packages() -> None:
-    """Raise ScoresMissingError, which says how to get them, unless all packages are installed."""
-    for line in packages_missing():
-        raise ScoresMissingError(line)
+def require_packages(ssimulacra2: bool) -> None:
+    """Raise ScoresMissingError, which says how to get it, unless a package is installed.
+
+    ssimulacra2: that of SSIMULACRA2; else any, for FLIP has none for the newest Python.
+    """
+    names = [metric.name for metric in _METRICS[: 1 if ssimulacra2 else None]]
+    missing = [metric.name for metric in _METRICS if find_spec(metric.module) is None]
+    if set(names) <= set(missing):
+        raise ScoresMissingError(_not_installed(names))
 
 
 def packages() -> dict[str, str]:
@@ -215,7 +227,7 @@ class _Metric:
 _METRICS = (
     _Metric(
         "SSIMULACRA2", "ssimulacra2", "ssimulacra2", "ssimulacra2", ssimulacra2, min,
-        LEAST_SIDE_FOR_SSIMULACRA2, 560,
+        LEAST_SIDE_FOR_SSIMULACRA2, SSIMULACRA2_BYTES,
     ),
     _Metric("FLIP", "flip", "flip_evaluator", "flip-evaluator", flip, max, 1, 150),
 )  # fmt: skip

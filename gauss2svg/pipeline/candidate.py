@@ -165,14 +165,15 @@ class Exporter:
 
 
 def pruned_to_size(
-    candidate: Candidate, limit: int, empty: int, image: NDArray[np.float32]
+    candidate: Candidate, limit: int, empty: int, image: NDArray[np.float32], tune: str
 ) -> Candidate:
     """The candidate without its least useful Gaussians, so that it has at most `limit` bytes.
 
-    Useful ones reduce the error against image (h, w, 3) or (h, w, 4). The rest is not refined.
+    Useful ones reduce the error against image (h, w, 3) or (h, w, 4), as FitOptions.tune weights
+    it. The rest is not refined.
     A file without any has `empty` bytes.
     """
-    target = target_of(image, np.float32)
+    target = target_of(image, np.float32, tune)
     while candidate.size > limit and len(candidate.scene):
         scene = candidate.scene
         height, width = image.shape[:2]

@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.fit.losses import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
+from gauss2svg.measure.scores import SSIMULACRA2_BYTES
 from gauss2svg.options import byte_size
 from gauss2svg.scene import ADD, OVER
 
@@ -41,6 +42,7 @@ class Load:
     width, height          of the photo in px
     fit_width, fit_height  of the image that the fit runs on, in px
     gaussians              largest number
+    scored                 whether SSIMULACRA2 of the file is the target
     """
 
     width: int
@@ -51,6 +53,7 @@ class Load:
     loss: str = DEFAULT_LOSS
     blend: str = OVER
     has_alpha: bool = False
+    scored: bool = False
 
     @property
     def bytes(self) -> int:
@@ -59,6 +62,7 @@ class Load:
         a_pixel = _FIT[has_ssim(self.loss)]
         held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
         fitting = held * photo + a_pixel * fit
+        measured = max(measured, held + SSIMULACRA2_BYTES) if self.scored else measured
         measuring = measured * photo + _HELD * fit + _ADDITIVE * (self.blend == ADD)
         most = max(decoded * photo, fitting, measuring)
         return math.ceil(_MARGIN * (_BASE + most + _SHAPE * self.gaussians))

@@ -66,9 +66,10 @@ class Plan:
                 f"form must be {GRADIENT} with the renderer {run.renderer}, which does not render "
                 f"rotated blurs; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
             )
+        targeted = goal.target_ssimulacra2 is not None
         name = "scores" if run.scores else "target_ssimulacra2"
-        if run.scores or goal.target_ssimulacra2 is not None:
-            require_packages()
+        if run.scores or targeted:
+            require_packages(ssimulacra2=targeted)
             if goal.time_limit is not None:
                 raise InputError(
                     f"{name} must not be given with time_limit, because how long scores take is "
@@ -204,7 +205,7 @@ class Plan:
         falloff = options.fit.falloff if blend == self.written_blend else None
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
-            gaussians=self.count or 0,
+            gaussians=0 if self.count_adapts else self.count or 0,
             iterations=iterations,
             fit=fit,
             densify=options.densify,

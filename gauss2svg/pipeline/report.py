@@ -101,8 +101,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
         notes.append("the photo is too transparent to be rendered: the SVG is empty")
     if plan.markup == MINIMAL != plan.options.svg.markup:
         notes.append(
-            "minimal markup for so small a file, without names, layers and size; --markup editable "
-            "has them"
+            "minimal markup for so small a file, without names and layers; --markup editable has "
+            "them"
         )
     if fitted.rollbacks:
         times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"

@@ -112,12 +112,11 @@ class TargetSearch:
             if self._limit.name == "cap" and self._aim is not None:
                 self._limit = Limit(self._cap_for_target, "cap")
             self._add_candidate()
-            best, found = self._corrected()
+            best, found, reached = self._corrected()
             for _ in range(_CALIBRATIONS):
-                if self._ended or not self._calibrate(best, found):
+                if self._ended or not self._calibrate(best, found, reached):
                     break
-                best, found = self._corrected()
-        reached = self._reached(found)
+                best, found, reached = self._corrected()
         reason = self._stop_reason(best, reached)
         return Outcome(
             scene=best.scene,
@@ -157,8 +156,7 @@ class TargetSearch:
             self._policy.revise = self._revise
         self._begin()
         if self._additive is not None and not continues:
-            asked = 0 if self._plan.count_adapts else self._plan.fit_config.gaussians
-            self._session.adopt(self._additive.scene, asked)
+            self._session.adopt(self._additive.scene, self._plan.fit_config.gaussians)
 
     def _policy_for(self, revise: Revise) -> DensificationPolicy:
         plan, config = self._plan, self._plan.fit_config
@@ -241,15 +239,18 @@ class TargetSearch:
             self._report("measure", None)
         self._candidates.made.append(self._exporter.candidate(self._session.scene()))
 
-    def _corrected(self) -> tuple[Candidate, RoundTrip]:
-        """The best candidate after corrections of the count, and its measurement."""
+    def _corrected(self) -> tuple[Candidate, RoundTrip, float | None]:
+        """The best candidate after corrections of the count, its measurement, and its score."""
         self._correct()
         best = self._candidates.best()
         if self._max_bytes is not None:
-            empty = self._exporter.empty_bytes
-            best = pruned_to_size(best, self._max_bytes, empty, self._exporter.working)
+            exporter, tune = self._exporter, self._plan.options.fit.tune
+            best = pruned_to_size(
+                best, self._max_bytes, exporter.empty_bytes, exporter.working, tune
+            )
         self._report("measure", None)
-        return best, self._exporter.measured(best, self._budget.deadline)
+        found = self._exporter.measured(best, self._budget.deadline)
+        return best, found, self._reached(best, found)
 
     def _correct(self) -> None:
         """Change the count and refine until the last candidate needs no correction."""
@@ -270,29 +271,29 @@ class TargetSearch:
             self._session.resize(wanted, steps)
             self._add_candidate()
 
-    def _calibrate(self, best: Candidate, measured: RoundTrip) -> bool:
+    def _calibrate(self, best: Candidate, measured: RoundTrip, reached: float | None) -> bool:
         """Correct the scores by that at the photo's size; False if there is no need."""
         aim, photo = self._aim, self._exporter.photo
         smaller = photo.shape != self._exporter.working.shape
-        if aim is None or not smaller or measured.raster.shape != photo.shape:
+        if aim is None or reached is None or not smaller or measured.raster.shape != photo.shape:
             return False
         if math.isnan(best.score):  # it was pruned to its bytes
             return False
-        reached = self._reached(measured)
-        assert reached is not None  # there is an aim
         if aim.reached(reached) and reached <= aim.value + aim.too_good:
             return False
         before = self._candidates.detail
         self._candidates.detail = aim.detail(reached, best.score)
         return self._candidates.detail != before
 
-    def _reached(self, measured: RoundTrip) -> float | None:
+    def _reached(self, best: Candidate, measured: RoundTrip) -> float | None:
         """The score of a measured file by the aim, if there is one."""
         if self._aim is None:
             return None
         if self._aim.is_psnr:
             return measured.psnr_lowest
         exporter, shape = self._exporter, measured.raster.shape
+        if shape == exporter.working.shape and not math.isnan(best.score):
+            return best.score  # of the same raster
         photo = exporter.photo if shape == exporter.photo.shape else exporter.working
         return self._aim.score(measured.raster, photo)
 
@@ -306,15 +307,11 @@ class TargetSearch:
             return "time_limit"
         if self._max_bytes is not None and best.size > FULL * self._max_bytes:
             return "max_bytes"
-        reason = self._policy.stop_reason
-        if reason != "target_psnr":
-            return reason
-        # Growth ended at the target, which the corrections did not reach.
-        return (
-            self._limit.name
-            if len(best.scene) > _AT_THE_CAP * self._limit.gaussians
-            else "iterations"
-        )
+        if aim is None or not len(best.scene):
+            return self._policy.stop_reason
+        # Whatever ended the growth, corrections did not reach the target.
+        full = len(best.scene) > _AT_THE_CAP * self._limit.gaussians
+        return self._limit.name if full else "iterations"
 
     def _save(self, stage: str, session: FitSession, due: bool = False) -> None:
         if self._checkpoint is not None and self._phase != "correct":

@@ -178,7 +178,8 @@ def vectorize_by(
     reference = pixels if raster.shape == pixels.shape else working
     scores = Scores()
     if run.scores or options.goal.target_ssimulacra2 is not None:
-        scores = perceptual_scores(raster, reference, most_bytes - held_bytes())
+        known = None if options.goal.target_ssimulacra2 is None else outcome.reached
+        scores = perceptual_scores(raster, reference, most_bytes - held_bytes(), known)
     report = run_report(
         plan, document, photo, outcome, (width, height), scores, threads=thread_count,
         compile_s=compile_s, total_s=time.perf_counter() - begun,
@@ -234,9 +235,9 @@ def _check_side(side: int, goal: Goal) -> None:
     least = LEAST_SIDE_FOR_SSIMULACRA2
     if goal.target_ssimulacra2 is not None and side < least:
         needed = f"at least {least} px, at which SSIMULACRA2 is measured"
-        raise InputError(
-            must_be("short side of the image that is fitted", needed, shown(f"{side} px"))
-        )
+        got = shown(f"{side} px")
+        advice = "--target-psnr, or a larger --max-size"
+        raise InputError(must_be("short side of the image that is fitted", needed, got, advice))
 
 
 def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, str | None]:
@@ -259,6 +260,7 @@ def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, 
         loss=plan.options.fit.loss,
         blend=plan.options.fit.blend,
         has_alpha=photo.alpha is not None,
+        scored=goal.target_ssimulacra2 is not None,
     )
     return size_that_fits(load, most_bytes, asked=asked)
 

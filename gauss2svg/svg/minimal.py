@@ -41,8 +41,8 @@ def minimal_svg(
     stops   of a gradient, one of STOP_COUNTS, where there are more than MOST_MASKED soft shapes
     What it draws is minimal_rounded(scene, unit, digits): shapes whose extent or opacity is written
     as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
-    otherwise the file has neither names nor a size. Raises InputError for an additive scene, and
-    for layers (segments, animation, fragments).
+    otherwise the file has no names, and a size only where a unit is less than a pixel. Raises
+    InputError for an additive scene, and for layers (segments, animation, fragments).
     """
     document = instance(document, "document", Document)
     refuse_layers(document)
@@ -56,7 +56,7 @@ def minimal_svg(
     masked = np.count_nonzero(shapes.falloff >= 0) <= MOST_MASKED
     definitions, elements = drawing(shapes, opacity_decimals, None if masked else stops)
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg"{_presented(document, scene)} '
+        f'<svg xmlns="http://www.w3.org/2000/svg"{_presented(document, scene, unit)} '
         f'viewBox="0 0 {width} {height}">{_names(document)}{definitions}{cover}{elements}</svg>'
     )
 
@@ -95,8 +95,10 @@ def _view(side: float) -> str:
     )
 
 
-def _presented(document: Document, scene: Scene) -> str:
+def _presented(document: Document, scene: Scene, unit: float) -> str:
     sides = document.sides(scene.width, scene.height)
+    if sides is None and unit < 1:  # without them the file's size would be that of its numbers
+        sides = number(scene.width, 3), number(scene.height, 3)
     text = "" if sides is None else f' width="{sides[0]}" height="{sides[1]}"'
     if document.aspect:
         text += f' preserveAspectRatio="{document.aspect}"'
