@@ -49,6 +49,24 @@ def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
     assert [steps_of(200, n, 768, 512) for n in (0, 256, 2731)] == [200, 400, 200]
 
 
+def test_moments_follow_the_size_of_the_picture_in_refinement_alone(monkeypatch):
+    session, _ = large(40, 30)
+    population, real, grown = session.population, session.population.reduce_to, []
+
+    def spy(factor, **given):
+        before, size = population.state.first, population.reduction
+        real(factor, **given)
+        if len(before):
+            change = (size / factor) ** 2 if session._stage.name == "refining" else 1.0
+            np.testing.assert_allclose(population.state.first, before * change)
+            grown.append(change)
+
+    monkeypatch.setattr(population, "reduce_to", spy)
+    session.fit()
+    assert 1.0 in grown
+    assert max(grown) >= 4
+
+
 def test_an_interrupted_reduced_refinement_ends_at_full_size():
     session, _ = large(40)
     session.clock._stop = lambda: (

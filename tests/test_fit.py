@@ -189,7 +189,7 @@ def test_early_rounds_run_on_a_reduced_target():
 def test_new_gaussians_lie_along_the_edge():
     planar = np.zeros((3, 40, 60), np.float32)
     planar[:, :, 30:] = 1  # a vertical edge
-    target = Target(planar)
+    target = Target(planar, "psnr")
     blank = np.full_like(planar, 0.5)
     blank[:, :, 28:32] = 0.0
     new = place("error", target, blank, 20, 20, np.random.default_rng(0), OVER)
@@ -319,7 +319,7 @@ def test_step_keeps_every_shape_within_its_limits(size):
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_new_gaussians_lie_on_the_canvas_with_valid_shapes(photo, placement):
-    target = Target(np.ascontiguousarray(np.moveaxis(photo, -1, 0)))
+    target = Target(np.ascontiguousarray(np.moveaxis(photo, -1, 0)), "psnr")
     blank = np.zeros_like(target.planar)
     new = place(placement, target, blank, 77, 100, np.random.default_rng(0), OVER)
     assert new.mean.shape == (77, 2)
@@ -332,7 +332,7 @@ def test_new_gaussians_lie_on_the_canvas_with_valid_shapes(photo, placement):
 def test_new_gaussians_go_where_the_error_is(placement):
     planar = np.zeros((3, 40, 60), np.float32)
     planar[:, 10:20, 30:45] = 1
-    target = Target(planar)
+    target = Target(planar, "psnr")
     new = place(placement, target, np.zeros_like(planar), 1, 1, np.random.default_rng(0), OVER)
     x, y = new.mean[0]
     assert 26 < x < 49
@@ -343,7 +343,7 @@ def test_selective_finds_the_centre_the_area_and_the_colour():
     planar = np.zeros((3, 40, 60), np.float32)
     planar[1, 10:20, 30:45] = 0.75
     blank = np.zeros_like(planar)
-    new = place("selective", Target(planar), blank, 1, 1, np.random.default_rng(0), OVER)
+    new = place("selective", Target(planar, "psnr"), blank, 1, 1, np.random.default_rng(0), OVER)
     np.testing.assert_allclose(new.mean[0], [37.5, 15])
     # 15 x 10 px: area and aspect of the rectangle, lying along x
     sigma = 0.5 * np.sqrt(150 / np.pi) * np.sqrt([1.5, 1 / 1.5])
