@@ -30,7 +30,8 @@ def help_of(everything: bool, capsys) -> str:
 
 def valid(field) -> list:
     """Some values that an option takes, with what is stored."""
-    found = [(one, one) for one in (*field.choices, *field.words)]
+    found = [(one, one) for one in field.choices]
+    found += [(one, None if one == "auto" else one) for one in field.words]
     for check in field.checks:
         if isinstance(check, Whole):
             found += [(v, v) for v in (max(check.least, 1), check.most)]
@@ -40,7 +41,7 @@ def valid(field) -> list:
             found += [(check.most, check.most)]
         if isinstance(check, OneOf) and isinstance(check.known[0], int):
             found.append((np.int16(check.known[0]), check.known[0]))
-    return [(v, None if v == "auto" else stored) for v, stored in found]
+    return found
 
 
 @pytest.mark.parametrize("field", ALL_FIELDS, ids=lambda f: f"{f.group.__name__}.{f.name}")

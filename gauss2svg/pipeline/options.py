@@ -83,6 +83,10 @@ class SvgOptions(OptionGroup):
     """gradient: radial gradients, for every renderer; blur: blurred ellipses, a smaller file for
     Chromium, Firefox and Inkscape."""
 
+    markup: Literal["auto", "editable", "minimal"] = "auto"
+    """editable: layers with names, for editors; minimal: nothing that does not draw; auto: minimal
+    with --max-bytes under 20k."""
+
     palette: Annotated[int | None, Whole(0, 2**24)] = None
     """Maximum number of gradients in the file; fewer make it smaller, 0 writes all."""
 

@@ -6,22 +6,25 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 from gauss2svg.errors import InputError, RendererError, must_be
 from gauss2svg.fit.options import DensifyOptions, FitConfig
 from gauss2svg.measure.scores import require_packages
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.aims import Aim, aim_of
-from gauss2svg.pipeline.options import Goal, Options
+from gauss2svg.pipeline.options import AUTO, Goal, Options
 from gauss2svg.pipeline.presets import PRESETS, Preset
-from gauss2svg.raster import DRAW_BLENDS, DRAW_ROTATED_BLURS, renderer_version
+from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
 
 # Mean squared error that a palette may add in any case: 38 dB, about three levels of 255. With
 # eight levels, which a coarse fit of foliage would allow, sky and leaves change their hue.
 LARGEST_COLOR_ERROR = 1.6e-4
+# Bytes from which on names and layers are little of a file (docs/decisions/minimal.md).
+MINIMAL_UNDER = 20_000
 _NEARLY = 1.5  # times a preset's largest side, which it then reduces little
 # dB that the palette of a given count may cost by having fewer entries than allowed.
 _UNSEEN_COLOR_LOSS = 0.03
@@ -49,6 +52,14 @@ class Plan:
         goal, svg, run = self.options.goal, self.options.svg, self.options.run
         self._check_blend()
         self._check_rounds()
+        if svg.markup == MINIMAL and self._needs_editable:
+            raise InputError(
+                f"markup must be {EDITABLE} with {self._needs_editable}; got {svg.markup}: a "
+                "minimal file has neither layers nor filters. Try --markup auto"
+            )
+        if svg.markup == MINIMAL and run.renderer not in DRAW_MINIMAL:
+            needed = f"one of {', '.join(DRAW_MINIMAL)} for minimal markup"
+            raise RendererError(must_be("renderer", needed, run.renderer, "--renderer resvg"))
         if svg.form != GRADIENT and run.renderer not in DRAW_ROTATED_BLURS:
             raise RendererError(
                 f"form must be {GRADIENT} with the renderer {run.renderer}, which does not render "
@@ -201,11 +212,35 @@ class Plan:
         )
 
     @cached_property
+    def markup(self) -> Literal["editable", "minimal"]:
+        """That of the file; auto is minimal where names and layers would be much of it."""
+        asked, limit = self.options.svg.markup, self.options.goal.max_bytes
+        if asked != AUTO:
+            return asked
+        small = isinstance(limit, int) and limit < MINIMAL_UNDER
+        drawn = self.options.run.renderer in DRAW_MINIMAL
+        return MINIMAL if small and drawn and not self._needs_editable else EDITABLE
+
+    @property
+    def _needs_editable(self) -> str:
+        """What is asked for that a minimal file does not have; empty if nothing."""
+        svg, document = self.options.svg, self.options.document
+        needs = {
+            f"form {svg.form}": svg.form != GRADIENT,
+            "additive blending": self.written_blend == ADD,
+            "segments": document.segments is not None,
+            "animate": document.animate is not None,
+            "fragments": document.fragments,
+        }
+        return next((name for name, given in needs.items() if given), "")
+
+    @cached_property
     def svg_format(self) -> SvgFormat:
         """The format of the shapes."""
         svg, preset = self.options.svg, self.preset
         return SvgFormat(
             form=svg.form,
+            markup=self.markup,
             stops=preset.stops if svg.stops is None else svg.stops,
             precision=preset.precision if svg.precision is None else svg.precision,
             opacity_decimals=preset.opacity_decimals,

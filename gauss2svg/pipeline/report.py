@@ -19,6 +19,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.targets import unreached
 from gauss2svg.scene.falloff import ADAPTIVE, GAUSSIAN
 from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import MINIMAL
 from gauss2svg.svg.packing import bytes_by_part
 from gauss2svg.version import __version__
 
@@ -56,6 +57,7 @@ def run_report(
         "gaussians": len(outcome.scene),
         "iterations": fitted.iterations,
         "falloff": ADAPTIVE if plan.fit_config.fit.learned_falloff else GAUSSIAN,
+        "markup": plan.markup,
         "stops": plan.svg_format.stops,
         "precision": plan.svg_format.precision,
         "palette": outcome.quantization.palette if plan.palette_is_counted else None,
@@ -82,19 +84,24 @@ def run_report(
         **scores.report,
         "bytes_by_part": bytes_by_part(outcome.svg),
         "transparent": photo.alpha is not None,
-        "notes": _notes(photo, outcome),
+        "notes": _notes(plan, photo, outcome),
         "versions": _versions(),
         "total_s": total_s,
     }
 
 
-def _notes(photo: Photo, outcome: Outcome) -> list[str]:
+def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
     fitted, notes = outcome.fitted, list(photo.notes)
     height, width = outcome.measured.raster.shape[:2]
     if (width, height) != (photo.width, photo.height):
         notes.append(f"measured at {width}x{height} px to meet the time limit")
     if photo.alpha is not None and photo.alpha.any() and not len(outcome.scene):
         notes.append("the photo is too transparent to be rendered: the SVG is empty")
+    if plan.markup == MINIMAL != plan.options.svg.markup:
+        notes.append(
+            "minimal markup for so small a file, without names and layers; --markup editable has "
+            "them"
+        )
     if fitted.rollbacks:
         times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"
         rate = f" ({fitted.rate:.3g} times the usual)" if fitted.rate != 1 else ""

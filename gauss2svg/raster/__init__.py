@@ -14,11 +14,17 @@ from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
 from gauss2svg.raster.program import wrong_size
 from gauss2svg.raster.root import stretched
-from gauss2svg.raster.support import DRAW_BLENDS, DRAW_ROTATED_BLURS, refuse_unsupported
+from gauss2svg.raster.support import (
+    DRAW_BLENDS,
+    DRAW_MINIMAL,
+    DRAW_ROTATED_BLURS,
+    refuse_unsupported,
+)
 
 __all__ = [
     "DEFAULT_RENDERER",
     "DRAW_BLENDS",
+    "DRAW_MINIMAL",
     "DRAW_ROTATED_BLURS",
     "RENDERERS",
     "rasterize",

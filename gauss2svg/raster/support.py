@@ -10,6 +10,7 @@ Inkscape 1.2 (errors: docs/decisions/renderers.md):
     other filters, mix-blend-mode         cairo
     mix-blend-mode: plus-lighter          all but the two browsers
     href without xlink:                   inkscape
+    mask                                  cairo
     animation that also runs under        the two browsers, which stop it at an arbitrary moment;
     prefers-reduced-motion                all others draw the file as it is written
 """
@@ -30,12 +31,13 @@ from gauss2svg.svg.reader.values import NUMBER
 
 BROWSERS = ("chromium", "firefox")
 DRAW_ROTATED_BLURS = (*BROWSERS, "inkscape")
+DRAW_MINIMAL = ("resvg", *BROWSERS, "librsvg")  # markup with masks and href without xlink:
 DRAW_BLENDS = ("resvg", *BROWSERS, "librsvg", "inkscape")  # of mix-blend-mode, and filters
 # A file without any of these words has no feature of the table and is not parsed. Escapes of CSS
 # and XML could hide a word.
 _WORDS = (
-    "filter", "blur", "shadow", "blend", "href", "animat", "discard", "starting-style", "<set",
-    ":set", "\\", "&#",
+    "filter", "blur", "shadow", "blend", "href", "mask", "animat", "discard", "starting-style",
+    "<set", ":set", "\\", "&#",
 )  # fmt: skip
 _BLURS = ("feGaussianBlur", "feDropShadow")
 _MOVING = ("animate", "animateTransform", "animateMotion", "animateColor", "set", "discard")
@@ -87,6 +89,8 @@ def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str,
         yield "a filter", DRAW_BLENDS
     if used.plain_href:
         yield "href without xlink:", ("resvg", "cairo", *BROWSERS, "librsvg")
+    if used.masked:
+        yield "a mask", ("resvg", *BROWSERS, "librsvg", "inkscape")
     if used.moving:
         yield "animation, drawn at some moment of it", ("resvg", "cairo", "librsvg", "inkscape")
 
@@ -105,6 +109,7 @@ class _Uses:
     blended: bool = False
     lighter: bool = False
     plain_href: bool = False
+    masked: bool = False
     moving: bool = False
 
     def add_css(self, text: str, is_sheet: bool = False) -> bool:
@@ -164,6 +169,8 @@ class _Survey:
         elif tag in _BLURS:
             uses.blur = True
             self._uneven |= len(_NUMBER.findall(attributes.get("stdDeviation", ""))) > 1
+        elif tag == "mask":
+            uses.masked = True
         elif tag in _MOVING:
             uses.moving = True
         elif tag in _LINKING:

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from gauss2svg.options import Number, OneOf, OptionGroup, Whole
 from gauss2svg.svg.stops import STOP_COUNTS
 
+EDITABLE, MINIMAL = "editable", "minimal"
 # Over 1 px thin shapes would be rounded to nothing.
 LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
 
@@ -19,6 +20,9 @@ class SvgFormat(OptionGroup):
     form: Literal["gradient", "blur"] = "gradient"
     """Form of the shapes that are not solid ellipses: a radial gradient, or, except for small
     ones, a disc under feGaussianBlur."""
+
+    markup: Literal["editable", "minimal"] = "editable"
+    """editable: layers with names, for editors; minimal: nothing that does not draw."""
 
     stops: Annotated[int, OneOf(STOP_COUNTS)] = 5
     """Stops of a gradient, one of STOP_COUNTS."""

@@ -7,7 +7,7 @@ import os
 import re
 
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
-_SHAPES = re.compile(rb"<(?:circle|ellipse)\b[^>]*>")
+_SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
 
 
 def is_svgz(path: str | os.PathLike[str]) -> bool:

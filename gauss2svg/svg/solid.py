@@ -27,11 +27,11 @@ _LARGEST_ERROR = 0.003
 # discs would become visibly crisper.
 _LARGEST_ON_RIM = 0.013
 # Profiles of smaller exponents have no flat top.
-_LEAST_BETA = 3.0
+LEAST_SOLID_BETA = 3.0
 _DIRECTIONS = 16  # in one quadrant; the others mirror it
 _WIDTHS = np.geomspace(0.05, 8, 48)  # px
 # Exponents that solid_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
-_GRID = tuple(np.round(np.geomspace(_LEAST_BETA, MOST_BETA, 78), 2).tolist())
+_GRID = tuple(np.round(np.geomspace(LEAST_SOLID_BETA, MOST_BETA, 78), 2).tolist())
 _LIKELY, _STEPS = 0.7, 8  # px; exponents tried on either side
 
 
@@ -40,7 +40,7 @@ def is_solid(scene: Scene) -> NDArray[np.bool_]:
 
     This is at the size of the scene's canvas: on a larger one rims are wider.
     """
-    solid = scene.betas >= _LEAST_BETA
+    solid = scene.betas >= LEAST_SOLID_BETA
     if not solid.any():
         return solid
     solid[solid] = _strain(scene.ellipse_axes[0][solid], scene.betas[solid]) <= 1

@@ -33,7 +33,7 @@ _CANDIDATES = 120
 _FIRST_OFFSET = 0.4  # of the second knot: initial first offset, as a plateau inside costs little
 _FIRST_MOVE, _LAST_MOVE = 0.1, 0.003  # of the distance to the nearer neighbour
 # A thousandth of the radius shifts a crisp rim of sigma 100 px by 0.14 px.
-_CRISP = 8.0
+CRISP = 8.0
 _OFFSET_DECIMALS, _CRISP_OFFSET_DECIMALS = 3, 4
 
 Stops = tuple[tuple[float, ...], tuple[float, ...]]
@@ -49,6 +49,11 @@ def gradient_stops(count: int, beta: float = 1.0) -> Stops:
     if count not in STOP_COUNTS:
         raise InputError(must_be("stops", f"one of {', '.join(map(str, STOP_COUNTS))}", count))
     return _fewest(count, float(beta))
+
+
+def best_stops(count: int, beta: float) -> Stops:
+    """Offsets and opacities of exactly so many stops, 3 or more, of the least error."""
+    return _best(count, beta)[0]
 
 
 @lru_cache(maxsize=256)
@@ -88,7 +93,7 @@ def _best(count: int, beta: float) -> tuple[Stops, float]:
                     knots, (values, error), better = moved, tried, True
         if not better:
             move /= 2
-    decimals = _CRISP_OFFSET_DECIMALS if beta > _CRISP else _OFFSET_DECIMALS
+    decimals = _CRISP_OFFSET_DECIMALS if beta > CRISP else _OFFSET_DECIMALS
     offsets = np.round(knots, decimals)
     opacities = np.round(values, 3)
     drawn = np.interp(x, offsets, opacities) - target

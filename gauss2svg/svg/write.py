@@ -27,13 +27,16 @@ from typing import Any
 import svgwrite
 from svgwrite.extensions import Inkscape
 
-from gauss2svg.errors import InputError, instance, number_within
+from gauss2svg.errors import InputError, instance, must_be, number_within
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive import Ramp, encode_additive
+from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import Document, round_id
 from gauss2svg.svg.encode import Ellipse, Filter, Gradient, encode, number
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.format import MINIMAL, SvgFormat
 from gauss2svg.svg.layers import Labels, grouped_by_segment, runs, segment_of
+from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.reader.canvas import CANVAS
 from gauss2svg.svg.strokes import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, Stroke, stroked
 from gauss2svg.version import __version__
@@ -54,12 +57,21 @@ def write_svg(
     smaller file. With segments shapes are in the order of gauss2svg.svg.layers.grouped_by_segment.
     A transparent scene has no <rect>.
 
+    In minimal markup it is that of gauss2svg.svg.minimal.
+
     An additive scene is written as gauss2svg.svg.additive explains: its layers are phases.
-    Raises InputError for an additive scene with segments, animation or fragments, and for a
-    document whose segments or size depend on a photo.
+    Raises InputError for an additive scene with segments, animation or fragments, for these, such a
+    scene and blurs in minimal markup, and for a document whose segments or size depend on a photo.
     """
     svg_format = instance(svg_format, "svg_format", SvgFormat)
     document = instance(document, "document", Document)
+    if svg_format.markup == MINIMAL:
+        if svg_format.form != GRADIENT:
+            raise InputError(must_be("form", f"{GRADIENT} in minimal markup", svg_format.form))
+        return minimal_svg(
+            scene, svg_format.precision, HEX_DIGITS[-1], document,
+            opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops,
+        )  # fmt: skip
     if scene.blend == ADD:
         return _write_additive(scene, svg_format, document)
     scene = grouped_by_segment(scene, document.labels)

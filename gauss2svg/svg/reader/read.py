@@ -57,6 +57,7 @@ _EFFECTS = {"stroke": "none", "mask": "none", "clip-path": "none", "mix-blend-mo
 _UNREAD = ("transform-origin", "transform-box", "translate", "rotate", "scale", "offset-path")
 _UNREAD += ("zoom", "all", "systemLanguage")
 _ADDITIVE = re.compile(r"mix-blend-mode\s*:\s*difference")  # in write_svg's style sheets
+_MINIMAL = re.compile(r"M0 0h\d+v\d+H0")  # the background of gauss2svg.svg.minimal
 _DEEPEST = 100
 _COVERED = 0.01  # px of the canvas that a background may leave free by rounding
 
@@ -96,6 +97,11 @@ def read_svg(
         raise InputError(
             "the SVG must be alpha-composited; got an additive one, drawn as differences, which "
             "cannot be read back. Try to keep its scene by --save-scene or Scene.save"
+        )
+    if any(_MINIMAL.fullmatch(path.get("d", "")) for path in root.iter(SVG + "path")):
+        raise InputError(
+            "the SVG must be in editable markup; got minimal markup, which cannot be read back. "
+            "Try to keep its scene by --save-scene or Scene.save, or --markup editable"
         )
     reader = _Reader(root, background, skip_hidden)
     reader.walk_root()

@@ -1,0 +1,134 @@
+"""The shapes of a minimal file as whole numbers, and the scene that these draw."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError, must_be, number_within
+from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, RHO_LIMIT, Scene
+from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, cut_radius, nearest_class
+from gauss2svg.svg.encode import check_canvas, writable
+from gauss2svg.svg.snap import with_exponents
+from gauss2svg.svg.solid import LEAST_SOLID_BETA, is_solid, solid_beta, solid_radius
+
+HEX_DIGITS = (3, 6)
+LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
+OPACITY_DECIMALS = 2
+# px of rim across the major axis: a plain ellipse's edge, of about a pixel, is no crisper.
+_CRISP = 1.0
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """The n shapes of a file, in painter's order.
+
+    index    (n,) of the shape in its scene
+    falloff  (n,) index into BETA_CLASSES, -1 for a plain ellipse
+    matrix   (n, 5) whole numbers a b d e f: matrix(a b 0 d e f) of the circle of radius 1
+    levels   (n, 3) of colour, in 0..255
+    opacity  (n,) in 0..1
+    """
+
+    index: NDArray[np.intp]
+    falloff: NDArray[np.intp]
+    matrix: NDArray[np.float64]
+    levels: NDArray[np.intp]
+    opacity: NDArray[np.float64]
+
+
+def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> Shapes:
+    """Shapes of a scene in units of so many px; those written as nothing are left out.
+
+    Raises InputError for a unit out of range, other digits than 3 or 6, and an additive scene;
+    SceneError for shapes whose numbers do not fit into a file.
+    """
+    unit = number_within("unit", unit, LEAST_UNIT, MOST_UNIT)
+    if digits not in HEX_DIGITS:
+        raise InputError(must_be("digits", "3 or 6", digits))
+    if scene.blend == ADD:
+        advice = "--portable, or --markup editable"
+        raise InputError(must_be("blend in minimal markup", "'over'", scene.blend, advice))
+    check_canvas(scene)
+    kind, solid = nearest_class(scene.betas), _is_solid(scene)
+    opacity = np.round(scene.opacity, opacity_decimals)
+    while True:
+        classes = np.array(BETA_CLASSES)[kind]
+        snapped = with_exponents(scene, np.where(solid, scene.betas, classes))
+        radius = _radius(snapped.betas, solid)
+        matrix = _matrix(snapped, radius, unit)
+        drawn = writable(snapped, radius, unit) & (matrix[:, [0, 2]] > 0).all(axis=1)
+        drawn &= opacity > 0
+        # Shapes that are solid only as they are rounded, so that a rounded scene stays as it is.
+        soft = np.flatnonzero(drawn & ~solid)
+        more = soft[_is_solid(_with_matrix(snapped.select(soft), matrix[soft], radius[soft], unit))]
+        if not len(more):
+            break
+        solid[more] = True
+    index = np.flatnonzero(drawn)
+    levels = color_levels(scene.color[index], digits)
+    falloff = np.where(solid, -1, kind)[index]
+    return Shapes(index, falloff, matrix[index], levels, opacity[index])
+
+
+def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Scene:
+    """The scene of these shapes of it."""
+    solid = shapes.falloff < 0
+    factor = np.zeros((len(solid), 2, 2))
+    factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1] = unit * shapes.matrix[:, :3].T
+    beta = np.array([*BETA_CLASSES, 1.0])[shapes.falloff]
+    axes = np.linalg.svd(factor[solid], compute_uv=False)
+    beta[solid] = solid_beta(axes.astype(np.float64))
+    rounded = scene.select(shapes.index).replace(
+        color=shapes.levels / 255,
+        opacity=shapes.opacity,
+        background=color_levels(scene.background, digits) / 255,
+        beta=beta,
+    )
+    rounded = _with_matrix(rounded, shapes.matrix, _radius(beta, solid), unit)
+    # The crispest exponent where the best would be written as a soft shape: thin ones.
+    beta = np.where(solid & ~_is_solid(rounded), MOST_BETA, beta)
+    rounded = rounded.replace(beta=beta)
+    return _with_matrix(rounded, shapes.matrix, _radius(beta, solid), unit)
+
+
+def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
+    """Levels in 0..255 of colours that so many hex digits can say; any shape."""
+    most = 15 if digits == HEX_DIGITS[0] else 255
+    return np.round(color * most).astype(np.intp) * (255 // most)
+
+
+def _is_solid(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) whether a plain ellipse draws a shape: nearly its rim, or a wider one."""
+    across = RIM_WIDTH * scene.ellipse_axes[0][:, 0] / scene.betas
+    crisp = (scene.betas >= LEAST_SOLID_BETA) & (across < _CRISP)
+    return is_solid(scene) | crisp | (scene.betas == MOST_BETA)
+
+
+def _radius(beta: NDArray[np.float64], solid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(n,) radius in sigmas of the circle that is drawn."""
+    radius = cut_radius(beta)
+    radius[solid] = [solid_radius(b) for b in beta[solid]]
+    return radius
+
+
+def _matrix(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
+    """(n, 5) whole numbers of units a b d e f, for circles of radius (n,) sigmas."""
+    factor = scene.factor * radius[:, None, None]
+    entries = [factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1], *scene.mean.T]
+    return np.round(np.column_stack(entries) / unit) + 0.0  # no -0
+
+
+def _with_matrix(
+    scene: Scene, matrix: NDArray[np.float64], radius: NDArray[np.float64], unit: float
+) -> Scene:
+    """The scene with the geometry of such numbers."""
+    a, b, d = unit * matrix[:, :3].T
+    sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
+    return scene.replace(
+        mean=unit * matrix[:, 3:],
+        sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA),
+        rho=np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT),
+    )

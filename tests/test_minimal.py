@@ -1,0 +1,308 @@
+"""Laws of minimal markup: short, well-formed, and drawn as the scene that it is said to draw."""
+
+import math
+import re
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from flat import vectorize
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gauss2svg.errors import InputError, RendererError
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.raster import rasterize, renderer_version
+from gauss2svg.render import render
+from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.svg import minimal
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.encode import number
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.packing import bytes_by_part
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import write_svg
+
+SIDE = 96
+# dB against the model. Three stops differ from the profile by .011, and a mask rounds to 8 bits.
+NEAR = 41.0
+# And an ellipse's edge is a pixel's coverage, where the model takes its centre.
+NEAR_CRISP = 38.0
+_NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)")
+
+
+def soft_scene(count: int, seed: int = 0, side: int = SIDE) -> Scene:
+    """Opaque Gaussians, broad enough for a coarse grid."""
+    rng = np.random.default_rng(seed)
+    return Scene(
+        side, side, rng.uniform(0, side, (count, 2)), rng.uniform(3, 14, (count, 2)),
+        rng.uniform(-0.8, 0.8, count), rng.random((count, 3)), np.ones(count), rng.random(3),
+    )  # fmt: skip
+
+
+def several_falloffs(seed: int = 0) -> Scene:
+    scene = soft_scene(48, seed)
+    opacity = np.random.default_rng(seed).choice([0.3, 0.7, 1.0], 48)
+    return scene.replace(beta=np.tile([1.0, 1.7, 3.0, 6.0, 16.0, 64.0], 8), opacity=opacity)
+
+
+def match(scene: Scene, unit: float, digits: int = 6, renderer: str = "resvg") -> float:
+    """PSNR of the file of a scene against what minimal_rounded says that it draws."""
+    drawn = rasterize(minimal_svg(scene, unit, digits), SIDE, SIDE, renderer)
+    return psnr(drawn, render(minimal_rounded(scene, unit, digits), SIDE, SIDE))
+
+
+@pytest.mark.parametrize("unit", [0.04, 1.5])
+@pytest.mark.parametrize("make", [lambda: soft_scene(40), several_falloffs], ids=["one", "several"])
+@pytest.mark.parametrize("most_masked", [500, 0], ids=["masks", "gradients"])
+def test_the_file_draws_the_rounded_scene(make, unit, most_masked, monkeypatch):
+    monkeypatch.setattr(minimal, "MOST_MASKED", most_masked)
+    scene = make()
+    assert match(scene, unit) > (NEAR if scene.betas.max() == 1 else NEAR_CRISP)
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("most_masked", [500, 0], ids=["masks", "gradients"])
+def test_librsvg_draws_the_same(most_masked, monkeypatch):
+    try:
+        renderer_version("librsvg")
+    except RendererError as missing:
+        pytest.skip(str(missing))
+    monkeypatch.setattr(minimal, "MOST_MASKED", most_masked)
+    assert match(soft_scene(40), 1.5, renderer="librsvg") > NEAR
+    assert match(several_falloffs(), 1.5, renderer="librsvg") > NEAR_CRISP
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("most_masked", [500, 0], ids=["masks", "gradients"])
+def test_chromium_draws_the_same(most_masked, monkeypatch, browser):
+    monkeypatch.setattr(minimal, "MOST_MASKED", most_masked)
+    assert match(soft_scene(40), 1.5, renderer="chromium") > NEAR
+    assert match(several_falloffs(), 1.5, renderer="chromium") > NEAR_CRISP
+
+
+@pytest.mark.parametrize("unit", [0.04, 1.5])
+@pytest.mark.parametrize("digits", [3, 6])
+def test_a_rounded_scene_is_written_as_the_same_file_and_is_its_own_rounding(unit, digits):
+    scene = several_falloffs(3)
+    rounded = minimal_rounded(scene, unit, digits)
+    again = minimal_rounded(rounded, unit, digits)
+    assert minimal_svg(rounded, unit, digits) == minimal_svg(scene, unit, digits)
+    for name in ("mean", "sigma", "rho", "color", "opacity", "beta", "background"):
+        assert np.allclose(getattr(again, name), getattr(rounded, name)), name
+
+
+def test_an_empty_file_takes_under_120_bytes():
+    svg = minimal_svg(Scene(768, 512, background=np.array([0.2, 0.53, 0.67])), 12)
+    assert len(svg) < 120
+    assert svg.endswith('viewBox="0 0 64 42.67"><path fill="#38a" d="M0 0h64v43H0"/></svg>')
+
+
+def test_a_gaussian_takes_about_60_bytes_at_a_64th_of_the_side():
+    sizes = [len(minimal_svg(soft_scene(count), SIDE / 64)) for count in (20, 50)]
+    assert (sizes[1] - sizes[0]) / 30 < 65
+    # The falloff, its mask and its circle.
+    assert sizes[0] - 20 * 65 < 120 + 290
+
+
+def test_a_minimal_file_is_shorter_than_an_editable_one_of_the_same_scene():
+    scene = several_falloffs()
+    editable = write_svg(scene, SvgFormat(precision=0.1))
+    assert len(minimal_svg(scene, 0.1, 6)) < 0.4 * len(editable)
+
+
+def test_xml_is_well_formed_ids_are_unique_and_every_reference_is_defined(monkeypatch):
+    for most_masked in (500, 0):
+        monkeypatch.setattr(minimal, "MOST_MASKED", most_masked)
+        svg = minimal_svg(several_falloffs(), 1.5)
+        root = ElementTree.fromstring(svg)
+        ids = [e.get("id") for e in root.iter() if e.get("id")]
+        used = set(re.findall(r"(?:href=\"|url\(|\[href=\")#(\w+)", svg))
+        assert len(ids) == len(set(ids))
+        assert used == set(ids)
+        assert "\n" not in svg
+
+
+def test_numbers_are_written_as_short_as_they_go():
+    svg = minimal_svg(several_falloffs(), 1.5)
+    for matrix in re.findall(r"matrix\(([^)]*)\)", svg):
+        assert " -" not in matrix
+        assert all(number(float(n), 0) == n for n in _NUMBER.findall(matrix))
+    assert not re.search(r"[ \"]-?0\.\d", svg.replace(' viewBox="0 0 ', ""))
+
+
+def test_text_depends_on_nothing_but_scene_and_arguments():
+    assert minimal_svg(several_falloffs(), 1.5) == minimal_svg(several_falloffs(), 1.5)
+
+
+def test_crisp_opaque_shapes_are_plain_ellipses():
+    scene = soft_scene(12).replace(beta=np.full(12, 128.0), rho=np.zeros(12))
+    svg = minimal_svg(scene, 1.5)
+    assert len(re.findall(r"<(?:ellipse|circle) [^>]*r[xy]?=", svg)) == 12
+    assert not re.search("mask|Gradient|transform|use", svg)
+    assert match(scene, 1.5) > NEAR_CRISP
+
+
+def test_an_axis_aligned_shape_of_equal_radii_is_a_circle():
+    scene = Scene(
+        64, 64, np.array([[30.0, 20.0]]), np.array([[8.0, 8.0]]), np.zeros(1), np.zeros((1, 3)),
+        np.ones(1), beta=np.array([256.0]),
+    )  # fmt: skip
+    assert '<circle cx="30" cy="20" r="11"/></svg>' in minimal_svg(scene, 1)
+
+
+def test_common_attributes_are_written_once():
+    scene = soft_scene(30)
+    one = scene.replace(color=np.tile([0.2, 0.4, 0.6], (30, 1)), opacity=np.full(30, 0.5))
+    svg = minimal_svg(one, 1.5)
+    assert svg.count("#369") == svg.count('opacity=".5"') == 1
+    assert match(one, 1.5) > NEAR
+    # Two alternating colours, and a run of crisp ellipses of one.
+    two = one.replace(color=np.tile([[0.2, 0.4, 0.6], [1.0, 0.8, 0.0]], (15, 1)))
+    assert minimal_svg(two, 1.5).count("#fc0") == 1
+    assert match(two, 1.5) > NEAR
+    crisp = one.replace(beta=np.full(30, 128.0), rho=np.zeros(30), opacity=np.ones(30))
+    assert minimal_svg(crisp, 1.5).count("#369") == 1
+    assert match(crisp, 1.5) > NEAR_CRISP
+
+
+def test_colours_have_three_or_six_digits():
+    scene = soft_scene(10)
+    assert max(map(len, re.findall('#([0-9a-f]+)"', minimal_svg(scene, 1.5, 3)))) == 3
+    rounded = minimal_rounded(scene, 1.5, 3)
+    assert np.abs(rounded.color - scene.color).max() <= 0.5 / 15 + 1e-9
+    assert np.abs(minimal_rounded(scene, 1.5, 6).color - scene.color).max() <= 0.5 / 255 + 1e-9
+
+
+def test_black_is_the_default_and_not_written():
+    svg = minimal_svg(Scene(64, 64, background=np.zeros(3)), 1)
+    assert 'viewBox="0 0 64 64"><path d="M0 0h64v64H0"/></svg>' in svg
+
+
+def test_shapes_that_would_be_written_as_nothing_are_left_out_of_file_and_rounded_scene():
+    scene = soft_scene(4).replace(
+        sigma=np.array([[8, 8], [0.1, 8], [8, 0.1], [8, 8]]), opacity=np.array([1, 1, 1, 0.004]),
+        rho=np.zeros(4),
+    )  # fmt: skip
+    assert minimal_svg(scene, 1.5).count("<use") == len(minimal_rounded(scene, 1.5)) == 1
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 4000), (0.02, 0.01), (30000, 20000)])
+def test_extreme_canvases_keep_their_proportions(size):
+    svg = minimal_svg(Scene(*size), max(max(size) / 64, 0.001))
+    width, height = map(float, re.findall(r'viewBox="0 0 (\S+) (\S+)"', svg)[0])
+    assert width / height == pytest.approx(size[0] / size[1], rel=0.03)
+    assert (rasterize(svg, 3, 3) == 1).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.floats(-200, 300), st.floats(1e-3, 1e4), st.floats(1e-3, 1e4),
+    st.floats(-0.999999, 0.999999), st.sampled_from([0.5, *BETA_CLASSES, 256.0]),
+    st.floats(0, 1), st.sampled_from([0.1, 1.0, 3.0]),
+)  # fmt: skip
+def test_tiny_huge_and_thin_shapes_are_drawn_or_left_out(x, sx, sy, rho, beta, opacity, unit):
+    scene = Scene(
+        SIDE, SIDE, np.array([[x, 40.0]]), np.array([[sx, sy]]), np.array([rho]),
+        np.array([[0.2, 0.4, 0.9]]), np.array([opacity]), beta=np.array([beta]),
+    )  # fmt: skip
+    svg, rounded = minimal_svg(scene, unit), minimal_rounded(scene, unit)
+    ElementTree.fromstring(svg)
+    assert minimal_svg(rounded, unit) == svg
+    assert ("matrix" in svg or 'r="' in svg or 'rx="' in svg) == bool(len(rounded))
+
+
+def test_names_and_sizes_are_written_only_where_they_are_given():
+    scene = Scene(60, 40)
+    plain = minimal_svg(scene, 1)
+    assert not re.search("title|desc|role| width|height", plain)
+    document = Document(title="A <b>&", alt="a & b", size="30mm", aspect="xMidYMid slice")
+    root = ElementTree.fromstring(minimal_svg(scene, 1, document=document))
+    assert [e.text for e in root][:2] == ["A <b>&", "a & b"]
+    assert (root.get("width"), root.get("height"), root.get("role")) == ("30mm", "20mm", "img")
+    assert root.get("preserveAspectRatio") == "xMidYMid slice"
+
+
+def test_a_transparent_scene_has_no_background():
+    svg = minimal_svg(soft_scene(3).replace(transparent=True), 1.5)
+    assert "<path" not in svg
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"unit": 0}, "unit must be"), ({"unit": math.nan}, "unit must be"),
+        ({"digits": 4}, "digits must be 3 or 6"),
+        ({"document": Document(animate=2.0)}, "animate must not be given"),
+        ({"document": Document(fragments=True)}, "fragments must not be given"),
+        ({"document": Document(segments=4)}, "segments must not be given"),
+    ],
+)  # fmt: skip
+def test_what_a_minimal_file_cannot_be_is_refused(arguments, message):
+    with pytest.raises(InputError, match=message):
+        minimal_svg(Scene(8, 8), **{"unit": 1, **arguments})
+
+
+def test_an_additive_scene_is_refused():
+    with pytest.raises(InputError, match="blend in minimal markup must be 'over'"):
+        minimal_svg(soft_scene(3).replace(blend="add"), 1)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"segments": 4}, {"animate": 2.0}, {"fragments": True}, {"blend": "add"},
+        {"form": "blur", "renderer": "chromium"},
+    ],
+)  # fmt: skip
+def test_the_plan_refuses_minimal_markup_and_auto_does_not_choose_it(given):
+    with pytest.raises(InputError, match="markup must be editable with"):
+        Plan(Options.from_flat({"markup": "minimal", **given}))
+    assert Plan(Options.from_flat({"max_bytes": 5000, **given})).markup == "editable"
+
+
+def test_auto_is_minimal_under_20_kb_in_renderers_that_draw_it():
+    def markup(**given):
+        return Plan(Options.from_flat(given)).markup
+
+    assert (markup(), markup(max_bytes=20_000), markup(max_bytes=19_999)) == (
+        "editable", "editable", "minimal",
+    )  # fmt: skip
+    assert markup(max_bytes=5000, markup="editable") == "editable"
+    assert markup(max_bytes=5000, renderer="cairo") == "editable"
+    with pytest.raises(RendererError, match="renderer must be one of resvg"):
+        markup(markup="minimal", renderer="cairo")
+
+
+def test_the_switch_writes_minimal_files_and_the_summary_says_why():
+    photo = render(soft_scene(12), SIDE, SIDE)
+    asked = vectorize(photo, gaussians=20, iterations=20, markup="minimal")
+    assert asked.svg == write_svg(asked.scene, SvgFormat(
+        markup="minimal", precision=asked.report["precision"], stops=asked.report["stops"],
+    ))  # fmt: skip
+    assert asked.report["psnr_roundtrip"] > NEAR
+    assert asked.report["notes"] == []
+    assert sum(bytes_by_part(asked.svg).values()) == len(asked.svg)
+    small = vectorize(photo, max_bytes=1500, iterations=20)
+    assert small.report["markup"] == "minimal"
+    assert len(small.svg) <= 1500
+    assert any("minimal markup" in note for note in small.report["notes"])
+
+
+def test_a_mask_is_not_measured_by_cairo_which_draws_it_wrongly():
+    with pytest.raises(RendererError, match="a mask"):
+        rasterize(minimal_svg(soft_scene(3), 1.5), SIDE, SIDE, "cairo")
+
+
+def test_reading_a_minimal_file_back_is_refused_in_one_line():
+    with pytest.raises(InputError, match="editable markup; got minimal markup") as caught:
+        read_svg(minimal_svg(soft_scene(3), 1.5))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_of_units_under_a_pixel_has_the_size_of_its_canvas():
+    assert ' width="60" height="40" ' in minimal_svg(Scene(60, 40), 0.04)
