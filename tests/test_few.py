@@ -9,14 +9,16 @@ from flat import fit_config
 from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, refinement_reduction, steps_of
 from gauss2svg.fit.session import FitSession
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
 
 
-def large(count, iterations=60, **given):
+def large(count, iterations=60, config=None, **given):
     """A session on a picture large enough for reduced refinement, and the sizes of its steps."""
     y, x = np.mgrid[:256, :320] / 256
     stripes = 0.5 + 0.3 * np.sin(17 * x * (1 + y)) * np.cos(9 * y)
     pixels = np.stack([stripes, x / 1.25, 1 - y], axis=-1).astype(np.float32)
-    config = fit_config(count, iterations, **given)
+    config = config or fit_config(count, iterations, **given)
     policy = FixedCount("exponential", count, iterations)
     sizes: list[tuple[float, int]] = []
     session = FitSession(
@@ -26,14 +28,17 @@ def large(count, iterations=60, **given):
     return session, sizes
 
 
-@pytest.mark.parametrize("count", [0, 40])
-def test_refinement_ends_at_full_size(count):
-    session, sizes = large(count)
+@pytest.mark.parametrize("goal", [{}, {"target_psnr": 60.0}, {"max_bytes": 10**6}])
+def test_refinement_ends_at_full_size_and_is_all_at_it_where_the_count_adapts(goal):
+    options = Options.from_flat({"gaussians": 40, "iterations": 60, **goal})
+    session, sizes = large(40, config=Plan(options).fit_config)
     session.fit()
-    refined = [(done, size) for done, size in sizes if done > GROWTH_SHARE]
-    assert session.population.reduction == 1
-    assert all(size == 1 for done, size in refined if done >= FULL_FROM[0])
-    assert count == 0 or refined[0][1] > 1
+    early = [size for done, size in sizes if GROWTH_SHARE < done < FULL_FROM[0]]
+    late = [size for done, size in sizes if done >= FULL_FROM[0]]
+    assert len(early) > 10
+    assert len(late) > 10
+    assert set(late) == {session.population.reduction} == {1}
+    assert all(size == 1 if goal else size > 1 for size in early)
 
 
 def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
@@ -44,10 +49,28 @@ def test_refinement_is_reduced_only_while_gaussians_keep_their_pixels():
     assert [steps_of(200, n, 768, 512) for n in (0, 256, 2731)] == [200, 400, 200]
 
 
+def test_moments_follow_the_size_of_the_picture_in_refinement_alone(monkeypatch):
+    session, _ = large(40, 30)
+    population, real, grown = session.population, session.population.reduce_to, []
+
+    def spy(factor, **given):
+        before, size = population.state.first, population.reduction
+        real(factor, **given)
+        if len(before):
+            change = (size / factor) ** 2 if session._stage.name == "refining" else 1.0
+            np.testing.assert_allclose(population.state.first, before * change)
+            grown.append(change)
+
+    monkeypatch.setattr(population, "reduce_to", spy)
+    session.fit()
+    assert 1.0 in grown
+    assert max(grown) >= 4
+
+
 def test_an_interrupted_reduced_refinement_ends_at_full_size():
     session, _ = large(40)
     session.clock._stop = lambda: (
-        session.population.reduction > 1 and session._stage.name == ("refining")
+        session.population.reduction > 1 and session._stage.name == "refining"
     )
     session.fit()
     assert session.clock.stopped

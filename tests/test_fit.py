@@ -13,7 +13,6 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit import session as session_module
-from gauss2svg.fit import target as target_module
 from gauss2svg.fit.adam import Limits, Rates, gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.densification import FixedCount
@@ -190,7 +189,7 @@ def test_early_rounds_run_on_a_reduced_target():
 def test_new_gaussians_lie_along_the_edge():
     planar = np.zeros((3, 40, 60), np.float32)
     planar[:, :, 30:] = 1  # a vertical edge
-    target = Target(planar)
+    target = Target(planar, "psnr")
     blank = np.full_like(planar, 0.5)
     blank[:, :, 28:32] = 0.0
     new = place("error", target, blank, 20, 20, np.random.default_rng(0), OVER)
@@ -320,7 +319,7 @@ def test_step_keeps_every_shape_within_its_limits(size):
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 def test_new_gaussians_lie_on_the_canvas_with_valid_shapes(photo, placement):
-    target = Target(np.ascontiguousarray(np.moveaxis(photo, -1, 0)))
+    target = Target(np.ascontiguousarray(np.moveaxis(photo, -1, 0)), "psnr")
     blank = np.zeros_like(target.planar)
     new = place(placement, target, blank, 77, 100, np.random.default_rng(0), OVER)
     assert new.mean.shape == (77, 2)
@@ -333,7 +332,7 @@ def test_new_gaussians_lie_on_the_canvas_with_valid_shapes(photo, placement):
 def test_new_gaussians_go_where_the_error_is(placement):
     planar = np.zeros((3, 40, 60), np.float32)
     planar[:, 10:20, 30:45] = 1
-    target = Target(planar)
+    target = Target(planar, "psnr")
     new = place(placement, target, np.zeros_like(planar), 1, 1, np.random.default_rng(0), OVER)
     x, y = new.mean[0]
     assert 26 < x < 49
@@ -344,50 +343,9 @@ def test_selective_finds_the_centre_the_area_and_the_colour():
     planar = np.zeros((3, 40, 60), np.float32)
     planar[1, 10:20, 30:45] = 0.75
     blank = np.zeros_like(planar)
-    new = place("selective", Target(planar), blank, 1, 1, np.random.default_rng(0), OVER)
+    new = place("selective", Target(planar, "psnr"), blank, 1, 1, np.random.default_rng(0), OVER)
     np.testing.assert_allclose(new.mean[0], [37.5, 15])
     # 15 x 10 px: area and aspect of the rectangle, lying along x
     sigma = 0.5 * np.sqrt(150 / np.pi) * np.sqrt([1.5, 1 / 1.5])
     np.testing.assert_allclose(new.factor[0], [sigma[0], 0, sigma[1]], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(new.color[0], [0, 0.75, 0])
-
-
-def test_weight_is_large_where_the_picture_is_flat():
-    planar = np.zeros((3, 60, 60), np.float32)
-    planar[:, :, 30:] = 1
-    weight = Target(planar, "psnr").weight
-    assert weight is not None
-    assert weight[:, 0].min() == pytest.approx(9, rel=1e-3)
-    assert weight[:, 28:32].max() == pytest.approx(1, rel=1e-3)
-    assert Target(planar).weight is None
-
-
-def test_perceptual_weight_falls_with_the_local_contrast_to_a_bound():
-    noise = np.random.default_rng(0).normal(0, 1, (1, 60, 360))
-    contrast = np.repeat([0.0, 0.02, 0.06, 0.12, 0.5, 1.0], 60)
-    planar = np.repeat(0.5 + noise * contrast, 3, axis=0).astype(np.float32)
-    weight = Target(planar, "perceptual").weight
-    assert weight is not None
-    assert weight.mean() == pytest.approx(1, rel=0.02)
-    means = np.array([weight[10:-10, x + 15 : x + 45].mean() for x in range(0, 360, 60)])
-    assert (np.diff(means[:5]) < 0).all()
-    # far above the threshold it is inversely proportional to the contrast
-    assert means[2] / means[3] == pytest.approx(2, rel=0.2)
-    assert means[5] == pytest.approx(means[4], rel=0.01)
-
-
-@pytest.mark.parametrize("tune", ["perceptual", "psnr"])
-def test_weight_lowers_the_error_of_flat_areas(tune, monkeypatch):
-    pixels = np.full((96, 96, 3), 0.8, np.float32)
-    pixels[:, 40:] = np.random.default_rng(0).random((96, 56, 1))
-    flat = (slice(None), slice(0, 24))
-
-    def flat_error() -> float:
-        image = render(fit(pixels, fit_config(150, 100, tune=tune)).scene)
-        return metrics.mean_squared_error(image[flat], pixels[flat])
-
-    weighted = flat_error()
-    monkeypatch.setattr(
-        target_module, "pixel_weight", lambda views, _: np.ones(views[0].shape[1:], np.float32)
-    )
-    assert weighted < 0.8 * flat_error()

@@ -10,7 +10,7 @@ import pytest
 from gallery_site import COUNTS, HOSTILE, PHONE, WIDE, box, pages_of, shot
 
 from gauss2svg.bench import numbers
-from gauss2svg.bench.score_axes import SCORE_AXES
+from gauss2svg.bench.score_axes import PSNR, SCORE_AXES
 
 pytestmark = pytest.mark.browser
 
@@ -195,8 +195,7 @@ def test_index_shows_and_links_the_chosen_variant(gallery, visit):
             card = page.locator(".card", has=page.get_by_text(row["photo"], exact=True))
             told = card.locator("dd").all_text_contents()
             assert told == [
-                numbers.decibels(row["psnr_svg"]), numbers.ratio(row["ssim_svg"]),
-                numbers.ten_thousandths(row["flip_svg"]),
+                *(axis.text(row[axis.key]) for axis in SCORE_AXES if axis.slug != "ssimulacra2"),
                 numbers.size(row["svg_bytes"]), numbers.whole(row["gaussians"]),
                 numbers.seconds(row["total_s"]),
             ]  # fmt: skip
@@ -267,7 +266,7 @@ def test_summary_is_that_of_the_data(gallery, visit):
         cells = lines.nth(at).locator("th, td").all_text_contents()
         assert cells[0] == row["variant"]
         assert cells[1] == str(row["photos"]) == "4"
-        assert cells[6] == numbers.decibels(row["median_psnr_svg"])
+        assert cells[6] == PSNR.text(row["median_psnr_svg"])
         assert cells[9] == numbers.size(row["total_svg_bytes"])
 
 

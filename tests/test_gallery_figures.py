@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from gauss2svg.bench import numbers
 from gauss2svg.bench.chart import HEIGHT, WIDTH, Point, scatter
+from gauss2svg.bench.score_axes import PSNR, SSIM
 from gauss2svg.gallery.crops import worst_and_typical
 
 
@@ -160,9 +161,8 @@ NARROW = "\N{NARROW NO-BREAK SPACE}"
         (numbers.seconds, 9.995, "10.0 s"), (numbers.seconds, 99.94, "99.9 s"),
         (numbers.seconds, 99.95, "100 s"), (numbers.seconds, 401.4, "401 s"),
         (numbers.seconds, 12_345.6, "12 346 s"), (numbers.seconds, None, NOTHING),
-        (numbers.decibels, 31.416, "31.42 dB"), (numbers.decibels, None, "equal"),
-        (numbers.ratio, 1.0, "1.000"), (numbers.ratio, 0.6666, "0.667"),
-        (numbers.ratio, None, NOTHING),
+        (PSNR.text, 31.416, "31.42 dB"), (PSNR.text, None, "equal"),
+        (SSIM.text, 1.0, "1.000"), (SSIM.text, 0.6666, "0.667"), (SSIM.text, None, NOTHING),
         (numbers.whole, 0, "0"), (numbers.whole, 1_234_567, "1 234 567"),
         (numbers.whole, None, NOTHING),
         (numbers.short_size, 500, "500 B"), (numbers.short_size, 5e4, "50 kB"),

@@ -88,7 +88,7 @@ def blank(target: Target) -> np.ndarray:
 def test_new_additive_gaussians_have_the_residuals_colour_and_others_the_targets(placement):
     planar = np.zeros((3, 40, 60), np.float32)
     planar += np.array([1.0, 0.5, 0.0], np.float32)[:, None, None]
-    target = Target(planar)
+    target = Target(planar, "psnr")
     for blend, expected in (("over", [1.0, 0.5, 0.0]), ("add", [0.75, 0.25, -0.25])):
         rng = np.random.default_rng(0)
         new = place(placement, target, blank(target), 9, 9, rng, blending(blend))
@@ -101,7 +101,7 @@ def test_live_begins_on_the_largest_components_as_the_paper_says(blend):
     planar[:, 10:30, 8:28] = 1.0  # 400 px around (18, 20)
     planar[:, 40:50, 50:60] = 1.0  # 100 px around (55, 45)
     planar[:, 5, 70] = 0.3  # under the threshold
-    target = Target(planar)
+    target = Target(planar, "psnr")
     new = place("live", target, blank(target), 6, 6, np.random.default_rng(0), blending(blend))
     np.testing.assert_allclose(new.mean[:2], [[18, 20], [55, 45]])
     # sigma = sqrt(A / (r s^2)) units of s / 10 px, r = 0.07, whatever the kernel size s
@@ -117,7 +117,7 @@ def test_live_separates_bins_of_the_residual():
     planar = np.full((3, 40, 40), 0.25, np.float32)
     planar[:, 5:35, 5:35] = 0.6  # a frame of one bin around a square of another
     planar[:, 15:25, 15:25] = 1.0
-    target = Target(planar)
+    target = Target(planar, "psnr")
     rng = np.random.default_rng(0)
     new = place("live", target, blank(target), 2, 2, rng, blending("add"))
     areas = [900 - 100, 100]
@@ -125,7 +125,7 @@ def test_live_separates_bins_of_the_residual():
 
 
 def test_random_begins_anywhere_with_every_shape():
-    target = Target(np.random.default_rng(1).random((3, 50, 90)).astype(np.float32))
+    target = Target(np.random.default_rng(1).random((3, 50, 90)).astype(np.float32), "psnr")
     rng = np.random.default_rng(0)
     new = place("random", target, blank(target), 2000, 2000, rng, blending("add"))
     assert (new.mean.min(axis=0) < [2, 2]).all()

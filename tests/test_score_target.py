@@ -14,7 +14,7 @@ from gauss2svg.raster import rasterize_like
 
 @pytest.fixture(scope="module")
 def cat() -> np.ndarray:
-    return np.asarray(data.chelsea()[::1, 60:400], np.float32) / 255
+    return np.asarray(data.chelsea()[:, 60:400], np.float32) / 255
 
 
 @pytest.mark.sweep

@@ -67,7 +67,7 @@ def test_the_portable_form_costs_both_fits(additive, portable):
 
 
 def test_conversion_begins_with_the_additive_shapes_largest_first(photo, additive):
-    state = composited(additive.scene, target_of(photo, np.float32), fit_config(150).fit)
+    state = composited(additive.scene, target_of(photo, np.float32, "psnr"), fit_config(150).fit)
     back = state.scene(additive.scene.background, additive.scene.width, additive.scene.height)
     area = np.sqrt(np.linalg.det(back.covariance))
     assert (np.diff(area) <= 1e-9).all()

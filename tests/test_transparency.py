@@ -123,7 +123,7 @@ def test_gradient_over_both_backdrops_is_that_of_the_oracle(small):
 
 @pytest.mark.parametrize("loss", choices("loss")[1:])
 def test_gradients_of_other_losses_are_over_both_backdrops(small, loss):
-    target = target_of(shrunk(small, 24, 24), np.float64)
+    target = target_of(shrunk(small, 24, 24), np.float64, "psnr")
     splats = splats_of(clear_scene(5, seed=1, width=24, height=24))
     evaluated = target.evaluate(splats, loss, 0.5)
     step = 1e-6
@@ -140,12 +140,14 @@ def test_gradients_of_other_losses_are_over_both_backdrops(small, loss):
 
 
 def test_removal_costs_what_the_error_over_both_backdrops_grows_by(small):
-    target = target_of(small, np.float64)
+    target = target_of(small, np.float64, "psnr")
     scene = clear_scene(9, seed=2, width=48, height=48)
     splats = splats_of(scene)
     before = target.squares(splats)[0]
     rendered, cost = target.removal_cost(splats)
-    assert before == pytest.approx(np.square(rendered - target.planar).sum(), rel=1e-9)
+    assert before == pytest.approx(
+        (np.square(rendered - target.planar) * target.weight).sum(), rel=1e-9
+    )
     for i in range(9):
         without = target.squares(splats_of(scene.select(np.arange(9) != i)))[0]
         assert cost[i, 0] == pytest.approx(without - before, abs=1e-6)
@@ -155,7 +157,7 @@ def test_removal_costs_what_the_error_over_both_backdrops_grows_by(small):
 def test_new_gaussians_are_placed_on_visible_pixels_in_visible_colours(photo, placement):
     rgba = np.dstack([np.full((40, 60, 3), [1.0, 0.0, 1.0]), np.zeros((40, 60))])
     rgba[10:30, 20:40] = [0.0, 0.5, 0.25, 0.6]
-    target = target_of(rgba, np.float32)
+    target = target_of(rgba, np.float32, "psnr")
     spot = {"color": [[0, 0, 0]], "opacity": [0.9]}  # where nothing should be
     far = Scene(60, 40, mean=[[52, 34]], sigma=[[3, 3]], rho=[0], transparent=True, **spot)
     rendered = target.rendered(splats_of(far))
@@ -170,7 +172,7 @@ def test_gaussian_in_the_hole_of_a_ring_begins_in_the_colour_of_the_ring():
     y, x = np.mgrid[:31, :31] - 15
     ring = np.abs(np.hypot(x, y) - 10) < 3
     rgba = np.where(ring[:, :, None], [0.0, 0.5, 0.25, 1.0], [1.0, 0.0, 1.0, 0.0])
-    target = target_of(rgba, np.float32)
+    target = target_of(rgba, np.float32, "psnr")
     blank = target.rendered(splats_of(Scene(31, 31)))
     new = place("live", target, blank, 1, 1, np.random.default_rng(0), blending("over"))
     np.testing.assert_allclose(new.mean, [[15.5, 15.5]], atol=0.1)
@@ -279,7 +281,7 @@ def test_other_mattes_are_refused(text):
 
 def test_new_gaussians_go_where_alpha_is_too_low_and_not_where_it_is_too_high():
     rgba = np.full((32, 64, 4), 0.5)
-    target = target_of(rgba, np.float32)
+    target = target_of(rgba, np.float32, "psnr")
     covered = np.where(np.arange(64) < 32, 0.8, 0.2) * np.ones((32, 1))
     rendered = np.concatenate([[0.5 * covered + (1 - covered) * b] * 3 for b in BACKDROPS])
     errors = np.square(target.planar - rendered).sum(axis=0)

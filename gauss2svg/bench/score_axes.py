@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
-from gauss2svg.bench import numbers
+from gauss2svg.bench.numbers import NONE, SPACE
 
 
 @dataclass(frozen=True)
@@ -14,7 +13,7 @@ class ScoreAxis:
 
     slug        its name in file names and addresses; key: in a report
     title       of the axis
-    text        a value as tables and tooltips show it
+    form, unit  of a value as tables and tooltips show it
     least_step  between two ticks
     best        value of equal pictures, over which there is no tick; None: infinite
     falls       whether lower values are better; the axis is then upside down
@@ -24,10 +23,11 @@ class ScoreAxis:
     key: str
     name: str
     title: str
-    text: Callable[[float | None], str]
+    form: str
     least_step: float
     best: float | None
     falls: bool = False
+    unit: str = ""
 
     @property
     def sign(self) -> int:
@@ -38,16 +38,17 @@ class ScoreAxis:
         """Whether a report's value can be shown: a PSNR of None is that of equal pictures."""
         return value is not None or self.best is None
 
+    def text(self, value: float | None) -> str:
+        """A value with its unit; "equal" for a PSNR of None, the infinite one of an exact SVG."""
+        if value is None:
+            return "equal" if self.best is None else NONE
+        return f"{value:{self.form}}{self.unit}"
 
-PSNR = ScoreAxis("psnr", "psnr_svg", "PSNR", "PSNR, dB", numbers.decibels, 1.0, None)
-SCORE_AXES = (
-    PSNR,
-    ScoreAxis("ssim", "ssim_svg", "SSIM", "SSIM", numbers.ratio, 0.01, 1.0),
-    ScoreAxis(
-        "ssimulacra2", "ssimulacra2_svg", "SSIMULACRA2", "SSIMULACRA2", numbers.tenths, 1.0, 100.0
-    ),
-    ScoreAxis(
-        "flip", "flip_svg", "FLIP", "FLIP, lower is better", numbers.ten_thousandths, 0.01, 0.0,
-        falls=True,
-    ),
-)  # fmt: skip
+
+PSNR = ScoreAxis("psnr", "psnr_svg", "PSNR", "PSNR, dB", ".2f", 1.0, None, unit=f"{SPACE}dB")
+SSIM = ScoreAxis("ssim", "ssim_svg", "SSIM", "SSIM", ".3f", 0.01, 1.0)
+PERCEPTUAL_AXES = (
+    ScoreAxis("ssimulacra2", "ssimulacra2_svg", "SSIMULACRA2", "SSIMULACRA2", ".1f", 1.0, 100.0),
+    ScoreAxis("flip", "flip_svg", "FLIP", "FLIP, lower is better", ".4f", 0.01, 0.0, falls=True),
+)
+SCORE_AXES = (PSNR, SSIM, *PERCEPTUAL_AXES)

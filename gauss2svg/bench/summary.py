@@ -9,14 +9,15 @@ from typing import Any
 
 from gauss2svg.bench.front import TOLERANCE, distance_below
 from gauss2svg.bench.rows import TOOL, finite
+from gauss2svg.bench.score_axes import SCORE_AXES
 
 Row = dict[str, Any]
 
 SECONDS = "cpu_s"
 BYTES = "bytes_gzipped"  # what a web server sends; a raster image has no smaller form
 _MEANS = (
-    "psnr_svg", "ssim_svg", "ssimulacra2_svg", "flip_svg", "psnr_model", "cpu_s", "total_s",
-    "bytes_raw", "bytes_gzipped", "gaussians",
+    *(axis.key for axis in SCORE_AXES), "psnr_model", "cpu_s", "total_s", "bytes_raw",
+    "bytes_gzipped", "gaussians",
 )  # fmt: skip
 _DISTURBED = 0.1  # share of the CPU used by other programs, above which a run is reported
 _LEAST_DISTURBANCE_S = 0.1
@@ -69,10 +70,7 @@ def _mean_of(values: Sequence[float | None]) -> float | None:
 
 
 _COLUMNS: dict[str, tuple[str, str, float]] = {
-    "PSNR, dB": ("psnr_svg", ".2f", 1),
-    "SSIM": ("ssim_svg", ".3f", 1),
-    "SSIMULACRA2": ("ssimulacra2_svg", ".1f", 1),
-    "FLIP": ("flip_svg", ".4f", 1),
+    **{axis.title: (axis.key, axis.form, 1) for axis in SCORE_AXES},
     "CPU s": ("cpu_s", ".3g", 1),
     "wall s": ("total_s", ".3g", 1),
     "kB raw": ("bytes_raw", ".1f", 1e-3),

@@ -12,6 +12,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
+from gauss2svg.bench.score_axes import PERCEPTUAL_AXES
 from gauss2svg.errors import on_one_line
 from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.report import decibels
@@ -123,11 +124,10 @@ def _match(report: dict[str, Any]) -> str:
 
 def _scores(report: dict[str, Any]) -> dict[str, str]:
     """A row for the perceptual scores, and why one is missing; none where they were not asked."""
-    named = {"SSIMULACRA2": ("ssimulacra2_svg", ".1f"), "FLIP": ("flip_svg", ".4f")}
     parts = [
-        f"{name} {report[key]:{form}}"
-        for name, (key, form) in named.items()
-        if report[key] is not None
+        f"{axis.name} {axis.text(report[axis.key])}"
+        for axis in PERCEPTUAL_AXES
+        if axis.has(report[axis.key])
     ]
     text = "; ".join([*([", ".join(parts)] if parts else []), *report["scores_missing"]])
     return {"scores": text} if text else {}

@@ -65,7 +65,8 @@ class DensifyOptions(OptionGroup):
 
     init: Literal["selective", "error", "random", "live"] = "selective"
     """Placement of new Gaussians: on the largest components of the residual (selective), in
-    proportion to the squared error, at random, or as in LIVE."""
+    proportion to its square (error), at random, or as in LIVE; tune perceptual weights the
+    residual."""
 
     schedule: Literal["exponential", "linear", "all-at-once"] = "exponential"
     """Growth of the rounds to a given number of Gaussians."""

@@ -79,7 +79,10 @@ def place(
 
 
 class _Placer:
-    """Places Gaussians by the residual; spacing in px is the radius of each one's share."""
+    """Places Gaussians by the residual; spacing in px is the radius of each one's share.
+
+    Tuned for perception, the residual is multiplied by the square root of the target's weight.
+    """
 
     def __init__(
         self,
@@ -97,14 +100,14 @@ class _Placer:
             surplus = (over_white - over_black).mean(axis=0)  # of alpha, over the target's
             self._residual *= np.where(surplus > _TOO_COVERED, _COVERED_WEIGHT, 1.0)
         self._color = self._residual if blending.color_from_residual else target.source_color
-        if target.weight is not None and target.tune == PERCEPTUAL:
+        if target.tune == PERCEPTUAL:
             self._residual = self._residual * np.sqrt(target.weight)
         self._spacing = spacing
         self._rng = rng
         self._initial_sigma = blending.initial_sigma
 
     def by_error(self, count: int) -> NewGaussians:
-        """In proportion to the squared error, by stratified sampling."""
+        """In proportion to the square of the residual as weighted, by stratified sampling."""
         error = np.square(self._residual).sum(axis=0)
         smooth = gaussian_filter(error, min(max(0.5 * self._spacing, 0.5), 4.0))
         if self._target.visible is not None:

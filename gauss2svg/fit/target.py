@@ -29,11 +29,12 @@ _LEAST_OPACITY, _MOST_OPACITY = 0.02, 0.98  # initially, on a target with alpha
 
 
 class LossAndGradient(NamedTuple):
-    """The loss of a state, and its gradient.
+    """The loss of a state, and the gradient that the optimiser follows.
 
-    loss     summed over all values
-    error    mean squared
-    moments  (n, MOMENTS) of the gradient, see gauss2svg.render.kernels
+    loss     summed over all values, none weighted; for "mse" half the squared error
+    error    mean squared, not weighted
+    moments  (n, MOMENTS) of the gradient, see gauss2svg.render.kernels; for "mse" not of loss, but
+             of half the squared error as Target.weight weights it
     pairs    number of pixel-Gaussian pairs that were evaluated
     """
 
@@ -60,7 +61,7 @@ class View(NamedTuple):
 
 
 class Target:
-    """An image to fit, with its flat areas and the direction of its edges.
+    """An image to fit, with what an error counts at each pixel and the direction of its edges.
 
     color (3, h, w) is float32 or float64, which the kernels then compute in; alpha (h, w) is None
     where the image is opaque. An image with alpha is fitted over a white and a black backdrop at
@@ -70,13 +71,13 @@ class Target:
     planar        (3, h, w), or (6, h, w) over both backdrops: what the loss compares
     source_color  (3, h, w): colours for new Gaussians, those of the nearest visible pixel
     visible       (h, w) where alpha is above zero; None where the image is opaque
-    weight        (h, w) of the squared error, by gauss2svg.fit.weight; None: 1 everywhere
+    weight        (h, w) of the squared error, by gauss2svg.fit.weight
     """
 
     def __init__(
         self,
         color: NDArray[np.floating],
-        tune: str | None = None,
+        tune: str,
         alpha: NDArray[np.floating] | None = None,
     ) -> None:
         self.height, self.width = color.shape[1:]
@@ -94,9 +95,7 @@ class Target:
                 View(self.planar[3 * k : 3 * k + 3], b) for k, b in enumerate(BACKDROPS)
             )
         self.tune = tune
-        self.weight = None
-        if tune is not None:
-            self.weight = pixel_weight([view.planar for view in self._views], tune)
+        self.weight = pixel_weight([view.planar for view in self._views], tune)
 
     @property
     def is_transparent(self) -> bool:
@@ -188,9 +187,7 @@ class Target:
 
     def weighted_squares(self, rendered: NDArray[np.floating]) -> float:
         """Weighted sum of squared differences of a render, like planar."""
-        squares = np.square(rendered - self.planar)
-        if self.weight is not None:
-            squares *= self.weight
+        squares = np.square(rendered - self.planar) * self.weight
         return float(np.sum(squares, dtype=np.float64))
 
     def removal_cost(self, splats: Splats) -> tuple[NDArray[np.floating], NDArray[np.float64]]:
@@ -202,7 +199,7 @@ class Target:
         return _joined([image for image, _ in parts]), reduce(add, (cost for _, cost in parts))
 
 
-def target_of(pixels: NDArray[np.floating], dtype: Any, tune: str | None = None) -> Target:
+def target_of(pixels: NDArray[np.floating], dtype: Any, tune: str) -> Target:
     """The target of an image (h, w, 3) or (h, w, 4)."""
     planar = np.ascontiguousarray(np.moveaxis(pixels, -1, 0), dtype)
     return Target(planar[:3], tune, planar[3] if has_alpha(pixels) else None)

@@ -170,10 +170,9 @@ def _document(
 
 def _environment() -> Environment:
     environment = template_environment("gauss2svg.gallery")
-    for show in (
-        numbers.whole, numbers.size, numbers.seconds, numbers.decibels, numbers.ratio,
-    ):  # fmt: skip
+    for show in (numbers.whole, numbers.size, numbers.seconds):
         environment.filters[show.__name__] = show
+    environment.filters["decibels"] = PSNR.text
     environment.globals["thumbnail_size"] = _thumbnail_size
     return environment
 

@@ -93,26 +93,11 @@ class Candidates:
         if aim is not None:
             score = self.score(last)
             if not aim.value - aim.too_little <= score <= aim.value + aim.too_good:
-                between = self._between(aim.value + aim.over)
                 missing = (aim.value + aim.over - score) / slope
-                free = count * 2 ** max(min(missing, 2.0), -2.0)
-                wanted = min(round(free if between is None else between), cap)
+                wanted = min(round(count * 2 ** max(min(missing, 2.0), -2.0)), cap)
         else:
             wanted, stop_reason = self._enough(count, Limit(cap, limit.name), stop_reason, slope)
         return (wanted if abs(wanted - count) > _SAME * count else None), stop_reason
-
-    def _between(self, goal: float) -> float | None:
-        """Count by the nearest candidates under and over the goal; None without such a pair.
-
-        Linear in the logarithm of the count.
-        """
-        scored = [(len(c.scene), self.score(c)) for c in self.made if len(c.scene)]
-        under = max((one for one in scored if one[1] < goal), default=None)
-        over = min((one for one in scored if one[1] >= goal), default=None)
-        if under is None or over is None or not under[0] < over[0]:
-            return None
-        share = (goal - under[1]) / (over[1] - under[1])
-        return under[0] * (over[0] / under[0]) ** share
 
     def _enough(self, count: int, most: Limit, stop_reason: str, slope: float) -> Correction:
         """Count for the preset's PSNR, or with a limit of bytes as many as they allow."""
