@@ -107,7 +107,7 @@ def test_given_count_is_the_largest(photo):
 
 
 def test_file_that_cannot_be_so_small_is_written_without_gaussians_and_reported(photo):
-    result = vectorize(photo, max_bytes=100, **QUICK)
+    result = vectorize(photo, max_bytes=100, markup="editable", **QUICK)
     assert result.report["gaussians"] == 0
     assert "limit of 100 bytes exceeded" in result.report["unreached"][0]
     assert "<path" in result.svg
@@ -121,11 +121,11 @@ def test_cap_is_named_where_the_limit_of_bytes_does_not_bind():
 
 
 def test_limit_without_room_for_a_gaussian_is_reported(photo):
-    report = vectorize(photo, max_bytes=300, **QUICK).report
+    report = vectorize(photo, max_bytes=115, **QUICK).report
     assert (report["gaussians"], report["stop_reason"]) == (0, "max_bytes")
-    assert report["svg_bytes"] <= 300
+    assert report["svg_bytes"] <= 115
     assert report["unreached"] == [
-        "limit of 300 bytes leaves no room for a Gaussian: the file has none. "
+        "limit of 115 bytes leaves no room for a Gaussian: the file has none. "
         "Try a larger --max-bytes"
     ]
     flat = vectorize(np.full((9, 9, 3), 0.4, np.float32), max_bytes=300).report

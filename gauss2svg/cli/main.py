@@ -48,7 +48,7 @@ def build_app(everything: bool = False) -> App:
         "check": "Measure how closely any SVG matches a photo.",
         "bench": "Compare settings: tables and plots of cost and quality.",
         "gallery": "Write web pages that show the results for photos.",
-        "placeholder": "Write SVGs of about a kilobyte for a page to show before its photos.",
+        "placeholder": "Write SVGs of a kilobyte for pages to show before photos.",
     }.items():
         app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)
     return app
