@@ -29,7 +29,7 @@ Parameters
 photo
     JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF; - is standard input.
 output
-    SVG to write; photo.svg beside the photo if not given, - is standard output.
+    SVG to write, - for standard output; by default photo.svg.
 """
 
 

@@ -23,6 +23,7 @@ from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import target_of
+from gauss2svg.fit.weight import PSNR
 from gauss2svg.measure.metrics import mean_squared_error
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
@@ -171,7 +172,7 @@ class SmallSearch:
             iterations=options.iterations or _ITERATIONS,
             fit=dataclasses.replace(
                 options,
-                tune="psnr",
+                tune=PSNR,
                 seed=options.seed + seed,
                 learning_rate=options.learning_rate * rate,
             ),
@@ -208,7 +209,7 @@ class SmallSearch:
         """
         height, width = self.working.shape[:2]
         splats = splats_of(fitted, (width / fitted.width, height / fitted.height))
-        cost = target_of(self.working, np.float32).removal_cost(splats)[1][:, 0]
+        cost = target_of(self.working, np.float32, PSNR).removal_cost(splats)[1][:, 0]
         order = np.argsort(-cost, kind="stable")
         best, whole = None, (len(fitted), self.flat.size)
         for grid in _GRIDS if len(fitted) <= _SOME else _GRIDS[1:2]:
