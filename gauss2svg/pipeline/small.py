@@ -44,7 +44,7 @@ from gauss2svg.svg.solid import solid_beta, solid_radius
 # The longest side of the working picture in px, per square root of the count.
 _SIDE, _SIDE_PER_ROOT = (96, 256), 12.0
 # Units along the longest side of the file, per square root of the count.
-_UNITS_PER_ROOT, _GRIDS = 32.0, (0.7, 1.0, 1.4)
+_UNITS_PER_ROOT, _GRIDS = 32.0, (0.8, 1.2)
 _FLAT_UNITS = (1, 2, 3, 4, 6, 8, 9)
 _EACH, _EACH_GZIPPED = 62, 22  # bytes of a shape, until they are measured
 # Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
@@ -55,8 +55,8 @@ _EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
 )
 _PLAIN_UNDER = 1100  # bytes, where every second fit has plain ellipses alone
 # How the fits begin: placement, learning rate, seed.
-_BEGINNINGS = (("selective", 1.0, 0), ("error", 1.0, 0), ("selective", 1.5, 0), ("error", 1.0, 1))
-_FEW, _SOME = 25, 60  # shapes up to which there are four fits, and three
+_BEGINNINGS = (("selective", 1.0, 0), ("error", 1.0, 0), ("selective", 1.5, 0))
+_SOME = 60  # shapes up to which there are three fits on two grids, beyond two on one
 _ITERATIONS = 200
 
 
@@ -141,7 +141,7 @@ class SmallSearch:
     def _exponents(self) -> list[tuple[float, ...]]:
         """Those of each fit."""
         count = (self._limit - self.flat.size) / self._each
-        fits = 4 if count <= _FEW else 3 if count <= _SOME else 2
+        fits = 3 if count <= _SOME else 2
         rich = next(classes for least, classes in _EXPONENTS if self._limit >= least)
         if not self._options.learned_falloff:
             return [(1.0,)] * fits
@@ -212,7 +212,7 @@ class SmallSearch:
         cost = target_of(self.working, np.float32, PSNR).removal_cost(splats)[1][:, 0]
         order = np.argsort(-cost, kind="stable")
         best, whole = None, (len(fitted), self.flat.size)
-        for grid in _GRIDS if len(fitted) <= _SOME else _GRIDS[1:2]:
+        for grid in _GRIDS if len(fitted) <= _SOME else (1.0,):
             units = math.ceil(grid * _UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
             unit = max(fitted.width, fitted.height) / units
             for digits in HEX_DIGITS:
