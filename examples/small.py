@@ -24,7 +24,7 @@ from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.small import SmallSearch
 from gauss2svg.raster import rasterize
 
-_SIDES = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256)
+_SIDES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768)
 
 
 def webp(photo: np.ndarray, limit: int) -> np.ndarray:

@@ -2,12 +2,14 @@
 
 import base64
 import html
+import io
 import json
 from pathlib import Path
 from urllib.parse import unquote
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import gauss2svg
 from gauss2svg.cli.main import main
@@ -105,3 +107,30 @@ def test_an_output_never_overwrites_a_photo(photos, capsys):
 def test_sizes_that_no_placeholder_has_are_refused(photos, size):
     with pytest.raises(InputError, match="max_bytes must be"):
         gauss2svg.placeholder(photos[0], size)
+
+
+@pytest.mark.parametrize("form", ["plain", "base64", "css", "snippet"])
+def test_a_browser_draws_every_form_as_it_draws_the_svg_inline(form, photos, browser):
+    from gauss2svg.raster import chromium
+
+    found = gauss2svg.placeholder(photos[0], 700)
+    size = f"width:{found.width}px;height:{found.height}px"
+    bodies = {
+        "inline": f'<div style="{size}">{found.svg}</div>',
+        "plain": f'<img style="display:block;{size}" src="{found.data_uri}">',
+        "base64": f'<img style="display:block;{size}" src="{found.data_uri_base64}">',
+        "css": f'<style>div{{{size};background:url("{found.data_uri}") 0 0/100% 100%}}</style><div>',
+        "snippet": found.snippet("data:,"),
+    }
+    api = chromium._playwright()
+    taken = {}
+    with api.sync_playwright() as playwright:
+        program = chromium.launch(api, playwright, chromium._program(), flags=())
+        for name in ("inline", form):
+            page = program.new_page(viewport={"width": found.width, "height": found.height})
+            page.set_content(f'<!doctype html><body style="margin:0">{bodies[name]}</body>')
+            with Image.open(io.BytesIO(page.screenshot())) as picture:
+                taken[name] = np.asarray(picture.convert("RGB"), np.float64)
+        program.close()
+    assert taken["inline"].std() > 10
+    assert np.abs(taken[form] - taken["inline"]).mean() < 3
