@@ -17,6 +17,9 @@ from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.pipeline.placeholder import Placeholder
 
+# A picture that has come and hides nothing.
+CLEAR = "data:image/gif;base64,R0lGODlhAQABAIAAAAAAAP///yH5BAEAAAAALAAAAAABAAEAAAIBRAA7"
+
 
 @pytest.fixture
 def photos(tmp_path):
@@ -115,12 +118,13 @@ def test_a_browser_draws_every_form_as_it_draws_the_svg_inline(form, photos, bro
 
     found = gauss2svg.placeholder(photos[0], 700)
     size = f"width:{found.width}px;height:{found.height}px"
+    css = f'url("{found.data_uri}") 0 0/100% 100%'
     bodies = {
         "inline": f'<div style="{size}">{found.svg}</div>',
         "plain": f'<img style="display:block;{size}" src="{found.data_uri}">',
         "base64": f'<img style="display:block;{size}" src="{found.data_uri_base64}">',
-        "css": f'<style>div{{{size};background:url("{found.data_uri}") 0 0/100% 100%}}</style><div>',
-        "snippet": found.snippet("data:,"),
+        "css": f"<style>div{{{size};background:{css}}}</style><div>",
+        "snippet": found.snippet(CLEAR),
     }
     api = chromium._playwright()
     taken = {}

@@ -152,7 +152,8 @@ class SmallSearch:
         """Gaussians that the bytes allow, by (count, bytes) of earlier files of these exponents."""
         if sizes:
             count, size = sizes[-1]
-            by_bytes = count + (self._limit - size) / self._each
+            each = min((size - self.flat.size) / max(count, 1), self._each) or self._each
+            by_bytes = count + (self._limit - size) / each
         else:
             one = np.ones(len(exponents))
             probe = Scene(
