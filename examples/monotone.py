@@ -33,7 +33,9 @@ from gauss2svg.pipeline.vectorize import vectorize_by
 
 FAMILIES: dict[str, list[dict[str, Any]]] = {
     "presets": [{"quality": name} for name in PRESETS],
-    "bytes": [{"max_bytes": limit} for limit in ("5k", "10k", "20k", "50k", "100k")],
+    "bytes": [
+        {"max_bytes": limit, "markup": "editable"} for limit in ("5k", "10k", "20k", "50k", "100k")
+    ],
     "counts": [{"gaussians": count} for count in (256, 512, 1000, 2000, 4000, 8000)],
 }
 

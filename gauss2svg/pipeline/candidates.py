@@ -135,8 +135,9 @@ class Candidates:
                     rise = self.score(last) - self.score(before)
                 slope = rise / doublings
         least, most = _SLOPES if aim is None else aim.slopes
-        # One that falls, or hardly rises, is of fits that scatter or diverge.
-        return min(slope, most) if slope >= least else max(usual, least)
+        if slope <= 0:  # of fits that scatter or diverge
+            slope = usual
+        return min(max(slope, least), most)
 
     def best(self) -> Candidate:
         """The smallest file that meets every target, else the nearest one."""
