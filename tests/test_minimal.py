@@ -269,7 +269,7 @@ def test_auto_is_minimal_under_20_kb_in_renderers_that_draw_it():
     def markup(**given):
         return Plan(Options.from_flat(given)).markup
 
-    assert (markup(), markup(max_bytes=20_000), markup(max_bytes=19_999)) == (
+    assert (markup(), markup(max_bytes=20_001), markup(max_bytes=20_000)) == (
         "editable", "editable", "minimal",
     )  # fmt: skip
     assert markup(max_bytes=5000, markup="editable") == "editable"

@@ -107,6 +107,22 @@ def test_other_targets_and_editable_files_take_the_usual_fit(given):
     assert result.report["tune"] == "perceptual"
 
 
+def test_from_five_kilobytes_the_closer_markup_is_written():
+    disc = shapes(128, 128)
+    found = {
+        markup: vectorize(disc, max_bytes=9000, iterations=60, markup=markup)
+        for markup in ("auto", "minimal", "editable")
+    }
+    psnrs = {markup: result.report["psnr_svg"] for markup, result in found.items()}
+    assert psnrs["auto"] == max(psnrs["minimal"], psnrs["editable"])
+    assert psnrs["minimal"] != psnrs["editable"]
+    best = max(("minimal", "editable"), key=lambda markup: psnrs[markup])
+    assert found["auto"].svg == found[best].svg
+    assert found["auto"].report["markup"] == best
+    total = sum(found[markup].report["iterations"] for markup in ("minimal", "editable"))
+    assert found["auto"].report["iterations"] == total
+
+
 def test_a_given_count_is_the_largest():
     assert 1 <= len(matched(hills(), 3000, most=3)[1].scene) <= 3
 

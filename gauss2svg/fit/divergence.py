@@ -95,7 +95,9 @@ class DivergenceGuard:
         """The best state, from which to continue in smaller steps; None if there is none."""
         self.rollbacks += 1
         again = self._accepted < _AGAIN
-        self._ceiling = self.rate * (_CEILING_AGAIN if again and self.rollbacks > 1 else _CEILING)
+        share = _CEILING_AGAIN if again and self.rollbacks > 1 else _CEILING
+        # Steps far above the usual ones go half of the way back to those, in decades.
+        self._ceiling = min(self.rate * share, math.sqrt(self.rate * self._usual))
         self._accepted = 0
         self.rate = self._ceiling * _LOWERED
         self._recent, self._since = math.inf, 0

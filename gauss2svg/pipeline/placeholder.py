@@ -14,7 +14,7 @@ from gauss2svg.options import byte_size
 from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.pipeline.kernels import compile_kernels
-from gauss2svg.pipeline.plan import MINIMAL_UNDER
+from gauss2svg.pipeline.plan import MINIMAL_UP_TO
 from gauss2svg.pipeline.small import SmallSearch
 from gauss2svg.svg.encode import hex_color
 
@@ -86,7 +86,7 @@ def placeholder(image: ImageSource, max_bytes: int | str = DEFAULT_BYTES) -> Pla
     """The best SVG of at most max_bytes for a photo, such as 1000 or "1k"; see `vectorize`.
 
     image  path, bytes, binary file, PIL image, numpy array or torch tensor
-    Raises InputError for invalid input, for 20 kB or more, and for fewer bytes than a file without
+    Raises InputError for invalid input, for more than 20 kB, and for fewer bytes than a file without
     Gaussians takes.
     """
     limit = check_bytes("max_bytes", max_bytes)
@@ -104,7 +104,7 @@ def placeholder(image: ImageSource, max_bytes: int | str = DEFAULT_BYTES) -> Pla
 def check_bytes(name: str, value: Any) -> int:
     """Bytes of a placeholder; raises InputError that names it."""
     size = byte_size(name, value)
-    if size >= MINIMAL_UNDER:
-        needed = f"less than {MINIMAL_UNDER} bytes for a placeholder"
+    if size > MINIMAL_UP_TO:
+        needed = f"at most {MINIMAL_UP_TO} bytes for a placeholder"
         raise InputError(must_be(name, needed, value, "gauss2svg PHOTO --max-bytes"))
     return size

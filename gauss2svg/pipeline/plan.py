@@ -25,7 +25,9 @@ from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
 # eight levels, which a coarse fit of foliage would allow, sky and leaves change their hue.
 LARGEST_COLOR_ERROR = 1.6e-4
 # Bytes from which on names and layers are little of a file (docs/decisions/minimal.md).
-MINIMAL_UNDER = 20_000
+MINIMAL_UP_TO = 20_000
+# Bytes from which an editable file may be the closer one (docs/decisions/small.md).
+_EDITABLE_FROM = 5000
 _NEARLY = 1.5  # times a preset's largest side, which it then reduces little
 # dB that the palette of a given count may cost by having fewer entries than allowed.
 _UNSEEN_COLOR_LOSS = 0.03
@@ -218,7 +220,7 @@ class Plan:
         asked, limit = self.options.svg.markup, self.options.goal.max_bytes
         if asked != AUTO:
             return asked
-        small = isinstance(limit, int) and limit < MINIMAL_UNDER
+        small = isinstance(limit, int) and limit <= MINIMAL_UP_TO
         drawn = self.options.run.renderer in DRAW_MINIMAL
         return MINIMAL if small and drawn and not self._needs_editable else EDITABLE
 
@@ -229,11 +231,25 @@ class Plan:
         Not with another target than bytes, or with options of another fit or another file.
         """
         goal, svg, fit, run = (getattr(self.options, n) for n in ("goal", "svg", "fit", "run"))
-        small = isinstance(goal.max_bytes, int) and goal.max_bytes < MINIMAL_UNDER
+        small = isinstance(goal.max_bytes, int) and goal.max_bytes <= MINIMAL_UP_TO
         free = (svg.palette, svg.stops, svg.precision, goal.time_limit, run.checkpoint, run.resume)
         usual = self.options.densify == DensifyOptions() and not has_ssim(fit.loss)
         usual = usual and self.aim is None and all(given is None for given in free)
         return small and usual and self.markup == MINIMAL
+
+    @cached_property
+    def rival(self) -> Plan | None:
+        """The plan of an editable file of as many bytes, which draws crisp drawings more exactly.
+
+        None where the file is not small, too small for that, or asked to be minimal.
+        """
+        svg, limit = self.options.svg, self.options.goal.max_bytes
+        if not (self.is_small and svg.markup == AUTO and isinstance(limit, int)):
+            return None
+        if limit < _EDITABLE_FROM:
+            return None
+        editable = dataclasses.replace(svg, markup=EDITABLE)
+        return dataclasses.replace(self, options=dataclasses.replace(self.options, svg=editable))
 
     @property
     def _needs_editable(self) -> str:

@@ -11,8 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 from numba import get_num_threads, set_num_threads
 from numba.core import config
+from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, instance, must_be, shown, whole_number
 from gauss2svg.files import check_outputs, reading
@@ -156,24 +158,30 @@ def vectorize_by(
         if limit is not None:
             # The first compilation on a machine does not count.
             deadline = begun + limit + (compile_s if compile_s > COMPILED_S else 0.0)
-        outcome: Outcome
 
         def report_phase(phase: str, fitting: FitProgress | None) -> None:
             notify(Progress(phase, fitting))
 
-        if plan.is_small:
-            outcome, working = small_outcome(plan, pixels, document, report_phase, stop)
-            height, width = working.shape[:2]
-        else:
-            outcome = TargetSearch(
-                plan,
-                Exporter(pixels, working, plan, document),
-                TimeBudget(deadline),
-                report_phase,
-                stop,
-                checkpoint,
-                saved,
-            ).run()
+        def found(plan: Plan) -> tuple[Outcome, NDArray[np.float32]]:
+            if plan.is_small:
+                return small_outcome(plan, pixels, document, report_phase, stop)
+            exporter, budget = Exporter(pixels, working, plan, document), TimeBudget(deadline)
+            search = TargetSearch(plan, exporter, budget, report_phase, stop, checkpoint, saved)
+            return search.run(), working
+
+        outcome, fitted_on = found(plan)
+        if plan.rival is not None and outcome.fitted.stop_reason != "interrupted":
+            other, other_on = found(plan.rival)
+            rest = outcome.fitted
+            if other.measured.psnr_lowest > outcome.measured.psnr_lowest:
+                plan, outcome, fitted_on = plan.rival, other, other_on
+            else:
+                rest = other.fitted
+            ended = {other.fitted.stop_reason, outcome.fitted.stop_reason}
+            reason = "interrupted" if "interrupted" in ended else outcome.fitted.stop_reason
+            outcome = dataclasses.replace(outcome, fitted=outcome.fitted.after(rest, reason))
+    working = fitted_on
+    height, width = working.shape[:2]
     raster = outcome.measured.raster
     reference = pixels if raster.shape == pixels.shape else working
     scores = Scores()
