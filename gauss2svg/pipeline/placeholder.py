@@ -86,8 +86,8 @@ def placeholder(image: ImageSource, max_bytes: int | str = DEFAULT_BYTES) -> Pla
     """The best SVG of at most max_bytes for a photo, such as 1000 or "1k"; see `vectorize`.
 
     image  path, bytes, binary file, PIL image, numpy array or torch tensor
-    Raises InputError for invalid input, for more than 20 kB, and for fewer bytes than a file without
-    Gaussians takes.
+    Raises InputError for invalid input, for more than 20 kB, and for fewer bytes than a file
+    without Gaussians takes.
     """
     limit = check_bytes("max_bytes", max_bytes)
     photo = load_image(image)
