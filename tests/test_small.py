@@ -101,7 +101,13 @@ def test_max_bytes_under_20_kb_writes_minimal_markup_and_a_full_report(tmp_path)
     assert json.dumps(report, allow_nan=False)
 
 
-@pytest.mark.parametrize("given", [{"target_psnr": 30.0}, {"markup": "editable"}, {"stops": 6}])
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"target_psnr": 30.0}, {"markup": "editable"}, {"stops": 6}, {"loss": "l1"},
+        {"blend": "add", "portable": True},
+    ],
+)  # fmt: skip
 def test_other_targets_and_editable_files_take_the_usual_fit(given):
     result = vectorize(hills(), max_bytes=8000, iterations=20, **given)
     assert result.report["tune"] == "perceptual"

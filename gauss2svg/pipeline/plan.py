@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Literal
 
 from gauss2svg.errors import InputError, RendererError, must_be
-from gauss2svg.fit.losses import has_ssim
+from gauss2svg.fit.losses import DEFAULT_LOSS
 from gauss2svg.fit.options import DensifyOptions, FitConfig
 from gauss2svg.measure.scores import require_packages
 from gauss2svg.photo.photo import Photo
@@ -233,7 +233,8 @@ class Plan:
         goal, svg, fit, run = (getattr(self.options, n) for n in ("goal", "svg", "fit", "run"))
         small = isinstance(goal.max_bytes, int) and goal.max_bytes <= MINIMAL_UP_TO
         free = (svg.palette, svg.stops, svg.precision, goal.time_limit, run.checkpoint, run.resume)
-        usual = self.options.densify == DensifyOptions() and not has_ssim(fit.loss)
+        usual = self.options.densify == DensifyOptions()
+        usual = usual and fit.loss == DEFAULT_LOSS and fit.blend == OVER
         usual = usual and self.aim is None and all(given is None for given in free)
         return small and usual and self.markup == MINIMAL
 
