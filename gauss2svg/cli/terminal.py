@@ -12,7 +12,6 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
-from gauss2svg.bench.score_axes import PERCEPTUAL_AXES
 from gauss2svg.errors import on_one_line
 from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.report import decibels
@@ -124,6 +123,9 @@ def _match(report: dict[str, Any]) -> str:
 
 def _scores(report: dict[str, Any]) -> dict[str, str]:
     """A row for the perceptual scores, and why one is missing; none where they were not asked."""
+    # Here, for the command without scores does not load the benchmark.
+    from gauss2svg.bench.score_axes import PERCEPTUAL_AXES
+
     parts = [
         f"{axis.name} {axis.text(report[axis.key])}"
         for axis in PERCEPTUAL_AXES
