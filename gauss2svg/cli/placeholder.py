@@ -19,7 +19,7 @@ class PlaceholderOptions(OptionGroup):
     """What is written for each photo."""
 
     max_bytes: Annotated[int | str, check_bytes] = DEFAULT_BYTES
-    """Maximum size of each SVG, under 20k."""
+    """Maximum size of each SVG, 20k or less."""
 
     format: Literal["json", "html", "svg"] = "json"
     """json: a list with SVG, data URIs, size and mean colour of each photo, by SQIP's keys; html:

@@ -85,7 +85,7 @@ class SvgOptions(OptionGroup):
 
     markup: Literal["auto", "editable", "minimal"] = "auto"
     """editable: layers with names, for editors; minimal: nothing that does not draw; auto: minimal
-    with --max-bytes under 20k."""
+    with --max-bytes up to 20k."""
 
     palette: Annotated[int | None, Whole(0, 2**24)] = None
     """Maximum number of gradients in the file; fewer make it smaller, 0 writes all."""

@@ -113,17 +113,11 @@ class Plan:
                 )
                 + f". Try --renderer {DRAW_BLENDS[0]}, or --portable"
             )
-        for name, given in {
-            f"form {svg.form}": svg.form != GRADIENT,
-            "segments": document.segments is not None,
-            "animate": document.animate is not None,
-            "fragments": document.fragments,
-        }.items():
-            if given:
-                raise InputError(
-                    f"{name} must not be given with additive blending, whose file has neither "
-                    "layers in painter's order nor opacities. Try --portable"
-                )
+        for name in [f"form {svg.form}"] * (svg.form != GRADIENT) + document.layered:
+            raise InputError(
+                f"{name} must not be given with additive blending, whose file has neither "
+                "layers in painter's order nor opacities. Try --portable"
+            )
 
     def _check_rounds(self) -> None:
         for name in ("per_round", "round_iterations"):
@@ -256,14 +250,9 @@ class Plan:
     def _needs_editable(self) -> str:
         """What is asked for that a minimal file does not have; empty if nothing."""
         svg, document = self.options.svg, self.options.document
-        needs = {
-            f"form {svg.form}": svg.form != GRADIENT,
-            "additive blending": self.written_blend == ADD,
-            "segments": document.segments is not None,
-            "animate": document.animate is not None,
-            "fragments": document.fragments,
-        }
-        return next((name for name, given in needs.items() if given), "")
+        needs = [f"form {svg.form}"] * (svg.form != GRADIENT)
+        needs += ["additive blending"] * (self.written_blend == ADD)
+        return next(iter(needs + document.layered), "")
 
     @cached_property
     def svg_format(self) -> SvgFormat:

@@ -126,6 +126,16 @@ class Document(OptionGroup):
             return self.segments
         raise InputError(must_be("segments", "an array (h, w) of labels here", self.segments))
 
+    @property
+    def layered(self) -> list[str]:
+        """Which of segments, animate and fragments are given: they need layers of rounds."""
+        given = {
+            "segments": self.segments is not None,
+            "animate": self.animate is not None,
+            "fragments": self.fragments,
+        }
+        return [name for name, is_given in given.items() if is_given]
+
     def sides(self, width: float, height: float) -> tuple[str, str] | None:
         """Width and height with their unit of a canvas of width x height px; None without a size.
 

@@ -74,16 +74,11 @@ def minimal_rounded(
 
 def refuse_layers(document: Document) -> None:
     """Raise InputError for a document whose layers a minimal file does not have."""
-    for name, given in {
-        "segments": document.segments is not None,
-        "animate": document.animate is not None,
-        "fragments": document.fragments,
-    }.items():
-        if given:
-            raise InputError(
-                f"{name} must not be given with minimal markup, which has no layers. Try --markup "
-                "editable"
-            )
+    for name in document.layered:
+        raise InputError(
+            f"{name} must not be given with minimal markup, which has no layers. Try --markup "
+            "editable"
+        )
 
 
 def _view(side: float) -> str:
