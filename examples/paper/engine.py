@@ -86,7 +86,9 @@ def fit(
     steps = share * rounds if schedule == AT_ONCE else share
     even = {"per_round": added, "round_iterations": steps} if way.even else {}
     given = {"init": way.init, "schedule": schedule, "relocate": way.relocate, **even}
-    options = Options.from_flat({"loss": loss, "seed": seed, "blend": ADD, **given})
+    # The paper's errors are unweighted.
+    given = {"loss": loss, "seed": seed, "blend": ADD, "tune": "psnr", **given}
+    options = Options.from_flat(given)
     config = FitConfig(
         gaussians=gaussians,
         iterations=iterations,

@@ -44,11 +44,11 @@ class Kind:
         return f"{blend}, {self.init}{learned}"
 
 
-BEST = Kind("over", "selective", "adaptive")  # the product's defaults
+BEST = Kind("over", "selective", "adaptive")  # the product's defaults but for the weight
 
 
 def kinds(settings: Settings) -> tuple[Kind, ...]:
-    """Both blends with every placement, and the product's defaults."""
+    """Both blends with every placement, and the product's falloff and placement."""
     return (*(Kind(blend, init) for blend in BLENDS for init in settings.inits), BEST)
 
 
@@ -92,7 +92,7 @@ def own_rows(
     """Every kind, count and photo, and the rasters of the kind BEST."""
 
     def made(pixels: Pixels, kind: Kind, count: int) -> Result:
-        given = {"gaussians": count, "iterations": settings.table_iterations}
+        given = {"gaussians": count, "iterations": settings.table_iterations, "tune": "psnr"}
         return vectorize_by(Options.from_flat(given | asdict(kind)), pixels)
 
     rows, rasters = [], {}

@@ -53,7 +53,7 @@ _EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
     (2200, (1.0, 3.0)),
     (0, (3.0,)),
 )
-_PLAIN_UNDER = 1100  # bytes, where every second fit has plain ellipses alone
+_PLAIN_UNDER = 750  # bytes, where every second fit has plain ellipses alone, like cut paper
 # How the fits begin: placement, learning rate, seed.
 _BEGINNINGS = (("selective", 1.0, 0), ("error", 1.0, 0), ("selective", 1.5, 0))
 _SOME = 60  # shapes up to which there are three fits on two grids, beyond two on one
