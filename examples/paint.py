@@ -68,7 +68,7 @@ def by_shapes(browser, folder: Path, given: argparse.Namespace) -> None:
         n, million = len(made.scene), drawn_pixels(made.scene) / 1e6
         path = folder / f"{len(files)}.svg"
         path.write_text(made.svg)
-        name = f"{n}, {markup}, {million:.1f} Mpx drawn, rule {paint_ms(made.scene):.0f}"
+        name = f"{n}, {markup}, {million:.1f} Mpx drawn, rule {paint_ms(made.scene, made.svg):.0f}"
         files.append((name, path))
     print(f"| shapes, markup at {photo.shape[1]} px |", end="")
     print(" | ".join(f" {width} px: first paint, raster, ms" for width in given.widths), "|")

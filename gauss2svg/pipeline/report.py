@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from gauss2svg.fit.weight import PSNR
+from gauss2svg.measure.paint import paint_ms
 from gauss2svg.measure.scores import Scores
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.candidate import Outcome
@@ -85,6 +86,8 @@ def run_report(
         },
         **scores.report,
         "bytes_by_part": bytes_by_part(outcome.svg),
+        # Filters were not measured.
+        "paint_ms": None if "<filter" in outcome.svg else paint_ms(outcome.scene, outcome.svg),
         "transparent": photo.alpha is not None,
         "notes": _notes(plan, photo, outcome),
         "versions": _versions(),

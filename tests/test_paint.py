@@ -1,0 +1,50 @@
+"""Laws of the estimate of what a browser spends on a file."""
+
+import numpy as np
+import pytest
+from flat import vectorize
+
+from gauss2svg.measure.paint import HEAVY_MS, drawn_pixels, paint_ms
+from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import cut_radius
+
+
+def one(mean, sigma=(4.0, 2.0), copies=1, **given):
+    """A scene of 100x80 px with copies of a shape."""
+    repeated = np.ones((copies, 1))
+    return Scene(
+        100, 80, mean * repeated, sigma * repeated, np.zeros(copies), repeated * np.ones(3) / 2,
+        np.ones(copies), **given,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("beta", [0.6, 1.0, 3.0])
+def test_a_shape_on_the_canvas_is_drawn_over_its_ellipse(beta):
+    radius = cut_radius(beta)
+    area = np.pi * (4 * radius) * (2 * radius)
+    assert drawn_pixels(one((50, 40), beta=np.array([beta]))) == pytest.approx(area)
+
+
+def test_what_is_off_the_canvas_is_not_drawn():
+    assert drawn_pixels(one((-500, 40))) == 0
+    whole = drawn_pixels(one((50, 40)))
+    assert drawn_pixels(one((0, 40))) == pytest.approx(whole / 2)
+    assert drawn_pixels(one((50, 40), sigma=(1e4, 1e4))) <= 100 * 80
+
+
+def test_cost_grows_with_shapes_pixels_and_masks():
+    svg, masked = "<svg/>", "<svg><mask/></svg>"
+    assert paint_ms(Scene(100, 80), svg) == 0
+    assert paint_ms(one((50, 40), copies=30), svg) == pytest.approx(
+        30 * paint_ms(one((50, 40)), svg)
+    )
+    assert paint_ms(one((50, 40), sigma=(8.0, 4.0)), svg) > paint_ms(one((50, 40)), svg)
+    assert paint_ms(one((50, 40)), masked) > paint_ms(one((50, 40)), svg)
+
+
+@pytest.mark.parametrize("given, known", [({}, True), ({"blend": "add"}, False)])
+def test_a_report_estimates_files_without_filters(given, known, photo):
+    made = vectorize(photo, gaussians=20, iterations=10, **given)
+    estimate = made.report["paint_ms"]
+    assert (estimate is not None) == known
+    assert not known or 0 < estimate < HEAVY_MS
