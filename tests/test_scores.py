@@ -4,6 +4,8 @@ import json
 import os
 import subprocess
 import sys
+from importlib.util import find_spec
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -184,3 +186,14 @@ def test_better_is_higher_in_a_chart_and_no_tick_is_better_than_equal(axis):
     if axis.best is not None:
         assert axis.best == ticks[-1][1]
         assert ticks[-1][0] == chart.points[1].y
+
+
+def test_a_broken_package_costs_its_own_score_alone(monkeypatch):
+    broken = ModuleType("ssimulacra2")
+    broken.__spec__ = find_spec("ssimulacra2")
+    monkeypatch.setitem(sys.modules, "ssimulacra2", broken)
+    picture = np.zeros((230, 230, 3), np.float32)
+    found = perceptual_scores(picture, picture)
+    assert (found.ssimulacra2, found.flip) == (None, 0)
+    (line,) = found.missing
+    assert line.startswith("SSIMULACRA2 is not measured: SSIMULACRA2 cannot be imported")

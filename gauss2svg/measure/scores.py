@@ -74,7 +74,7 @@ def perceptual_scores(
     known  its SSIMULACRA2, where that has been measured already
 
     A score is None, with a line that says why, where its package is not installed, where the
-    picture is too small or too large for it, and where it would take more memory. Raises
+    picture is too small or too large for it, where it would take more memory, and where its package fails. Raises
     InputError for pictures that differ in shape.
     """
     _check(raster, photo)
@@ -89,7 +89,7 @@ def perceptual_scores(
             pairs = zip(views(raster), views(photo), strict=True)
             try:
                 found[metric.key] = metric.worst([metric.measure(*pair) for pair in pairs])
-            except ChildProcessError as error:
+            except (ChildProcessError, ScoresMissingError) as error:
                 reason = str(error)
         if reason:
             missing.append(f"{metric.name} is not measured: {reason}")
@@ -146,7 +146,7 @@ def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> flo
     try:
         from ssimulacra2 import compute_ssimulacra2
     except ImportError as error:
-        raise ScoresMissingError(f"SSIMULACRA2 is not installed. {_ADVICE}") from error
+        raise ScoresMissingError(f"SSIMULACRA2 cannot be imported: {error}. {_ADVICE}") from error
     # The package reads files; these are in memory.
     return float(compute_ssimulacra2(_as_file(photo), _as_file(image)))
 
