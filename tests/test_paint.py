@@ -42,7 +42,7 @@ def test_cost_grows_with_shapes_pixels_and_masks():
     assert paint_ms(one((50, 40)), masked) > paint_ms(one((50, 40)), svg)
 
 
-@pytest.mark.parametrize("given, known", [({}, True), ({"blend": "add"}, False)])
+@pytest.mark.parametrize(("given", "known"), [({}, True), ({"blend": "add"}, False)])
 def test_a_report_estimates_files_without_filters(given, known, photo):
     made = vectorize(photo, gaussians=20, iterations=10, **given)
     estimate = made.report["paint_ms"]

@@ -74,8 +74,8 @@ def perceptual_scores(
     known  its SSIMULACRA2, where that has been measured already
 
     A score is None, with a line that says why, where its package is not installed, where the
-    picture is too small or too large for it, where it would take more memory, and where its package fails. Raises
-    InputError for pictures that differ in shape.
+    picture is too small or too large for it, where it would take more memory, and where its package
+    fails. Raises InputError for pictures that differ in shape.
     """
     _check(raster, photo)
     spare = int(SHARE * free_bytes()) if spare is None else spare
