@@ -19,10 +19,11 @@ def one(mean, sigma=(4.0, 2.0), copies=1, **given):
 
 
 @pytest.mark.parametrize("beta", [0.6, 1.0, 3.0])
-def test_a_shape_on_the_canvas_is_drawn_over_its_ellipse(beta):
-    radius = cut_radius(beta)
-    area = np.pi * (4 * radius) * (2 * radius)
-    assert drawn_pixels(one((50, 40), beta=np.array([beta]))) == pytest.approx(area)
+@pytest.mark.parametrize("rho", [0.0, 0.9])
+def test_a_shape_on_the_canvas_is_drawn_over_its_ellipse(beta, rho):
+    scene = one((50, 40), beta=np.array([beta])).replace(rho=np.array([rho]))
+    area = np.pi * cut_radius(beta) ** 2 * np.sqrt(np.linalg.det(scene.covariance[0]))
+    assert drawn_pixels(scene) == pytest.approx(area)
 
 
 def test_what_is_off_the_canvas_is_not_drawn():

@@ -4,6 +4,7 @@ import base64
 import html
 import io
 import json
+import os
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -45,9 +46,9 @@ def test_a_record_has_the_keys_of_sqip(photos):
         "backgroundColor", "dataURI", "dataURIBase64",
     }  # fmt: skip
     assert (metadata["width"], metadata["height"]) == (36, 24)
-    assert len(record["content"]) <= 400
+    assert len(found.svg) <= 400
     assert found.gaussians > 0
-    assert "<image" not in record["content"]
+    assert record["content"] == found.inline
 
 
 def test_data_uris_decode_to_the_same_elements(photos):
@@ -78,6 +79,41 @@ def test_a_snippet_is_one_image_whose_attributes_are_whole(photos):
     assert f'url("{found.data_uri}")' in html.unescape(style)
 
 
+def test_a_transparent_photo_loses_its_placeholder_when_it_has_come(photos):
+    with Image.open(photos[0]) as picture:
+        picture.putalpha(Image.linear_gradient("L").resize(picture.size))
+        found = gauss2svg.placeholder(picture, 400)
+    text = found.snippet("a.png", alt="a <b>")
+    assert text.endswith(""" onload="this.style.background='none'">""")
+    assert f"background:{found.color}" not in text
+    assert 'alt="a <b>"' in text
+
+
+def test_the_page_names_photos_by_their_address_from_its_folder(photos, tmp_path, capsys):
+    odd = tmp_path / "a #1 50%?\n.png"
+    odd.write_bytes(Path(photos[0]).read_bytes())
+    strange = os.fsencode(tmp_path) + b"/caf\xe9.png"
+    Path(os.fsdecode(strange)).write_bytes(odd.read_bytes())
+    page = tmp_path / "pages" / "page.html"
+    command = ["placeholder", str(odd), os.fsdecode(strange), "--max-bytes", "300", "-o", str(page)]
+    assert main([*command, "--format", "html"]) == 0
+    sources = [line.split('"')[1] for line in page.read_text().splitlines()]
+    assert sources == ["../a%20%231%2050%25%3F%0A.png", "../caf%E9.png"]
+    assert main([*command[:-1], str(tmp_path / "all.json")]) == 0
+    assert len(json.loads((tmp_path / "all.json").read_text())) == 2
+    capsys.readouterr()
+
+
+def test_where_no_photo_can_be_read_the_list_is_empty(photos, tmp_path, capsys):
+    output = tmp_path / "placeholders.json"
+    assert main(["placeholder", photos[-1], "-o", str(output)]) == 1
+    assert json.loads(output.read_text()) == []
+    assert main(["placeholder", photos[0], "--max-bytes", "20"]) == 1
+    out, err = capsys.readouterr()
+    assert json.loads(out) == []
+    assert "--max-bytes must be at least" in err
+
+
 def test_one_bad_photo_of_many_costs_only_itself(photos, tmp_path, capsys):
     output = tmp_path / "placeholders.json"
     given = [*photos, photos[0], str(tmp_path / "none.png")]
@@ -98,6 +134,8 @@ def test_files_are_named_by_their_photos(photos, tmp_path, capsys):
     assert capsys.readouterr().err == ""
     assert main(command) == 2
     assert "--output must be given" in capsys.readouterr().err
+    assert main([*command, "-o", str(tmp_path / "one.svg")]) == 2
+    assert "--output must be a folder" in capsys.readouterr().err
 
 
 def test_an_output_never_overwrites_a_photo(photos, capsys):
@@ -138,3 +176,23 @@ def test_a_browser_draws_every_form_as_it_draws_the_svg_inline(form, photos, bro
         program.close()
     assert taken["inline"].std() > 10
     assert np.abs(taken[form] - taken["inline"]).mean() < 3
+
+
+def test_files_inline_in_one_page_keep_their_own_shapes(photos, browser):
+    from gauss2svg.raster import chromium
+
+    first, second = (gauss2svg.placeholder(photos[0], size) for size in (800, 2500))
+    assert first.svg.count('id="a"') == second.svg.count('id="a"') == 1
+    box = '<div style="width:72px;height:48px{}">{}</div>'
+    api = chromium._playwright()
+    taken = []
+    with api.sync_playwright() as playwright:
+        program = chromium.launch(api, playwright, chromium._program(), flags=())
+        for before in ("", box.format(";overflow:hidden;height:0", first.inline)):
+            page = program.new_page(viewport={"width": 72, "height": 48})
+            body = before + box.format("", second.inline)
+            page.set_content(f'<!doctype html><body style="margin:0">{body}')
+            with Image.open(io.BytesIO(page.screenshot())) as picture:
+                taken.append(np.asarray(picture.convert("RGB"), np.float64))
+        program.close()
+    assert np.abs(taken[0] - taken[1]).max() <= 1

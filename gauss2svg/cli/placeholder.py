@@ -4,12 +4,16 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+from urllib.parse import quote
 
 from cyclopts import Parameter
 
 from gauss2svg.options import OptionGroup
 from gauss2svg.pipeline.placeholder import DEFAULT_BYTES, Placeholder, check_bytes
+
+if TYPE_CHECKING:
+    from gauss2svg.gallery.photos import GalleryPhoto
 
 STATUS_SOME_FAILED = 1
 
@@ -23,7 +27,7 @@ class PlaceholderOptions(OptionGroup):
 
     format: Literal["json", "html", "svg"] = "json"
     """json: a list with SVG, data URIs, size and mean colour of each photo, by SQIP's keys; html:
-    an <img> for each, with the placeholder behind it; svg: files."""
+    an img element for each, with the placeholder behind it; svg: files."""
 
 
 _DEFAULTS = PlaceholderOptions()
@@ -56,7 +60,7 @@ def placeholder_command(
     once = gallery_photos(photos)
     targets = _targets(output, options.format, [photo.slug for photo in once])
     _check({photo.path: "a photo" for photo in once}, targets)
-    made: list[tuple[str, str, Placeholder]] = []
+    made: list[tuple[GalleryPhoto, Placeholder]] = []
     failures = []
     with counting_bar(quiet) as update:
         for at, photo in enumerate(once):
@@ -65,16 +69,16 @@ def placeholder_command(
                 if photo.problem is not None:
                     failures.append(f"failed: {photo.problem}")
                     continue
-                made.append((photo.path, photo.slug, placeholder(photo.path, options.max_bytes)))
+                made.append((photo, placeholder(photo.path, options.max_bytes)))
             except Gauss2SvgError as error:
-                failures.append(f"failed: {photo.name}: {error}")
-    if made:
-        _write(made, output, options.format)
+                line = str(error).replace("max_bytes must", "--max-bytes must")
+                failures.append(f"failed: {photo.name}: {line}")
+    _write(made, output, options.format)
     if len(once) < len(photos):
         _print(f"{len(photos) - len(once)} of {len(photos)} photos given more than once")
-    flat = [path for path, _, one in made if not one.gaussians]
-    for path in flat:
-        _print(f"one colour alone, without room or need for a Gaussian: {path}")
+    for photo, one in made:
+        if not one.gaussians:
+            _print(f"without Gaussians, for which it has no room or no need: {photo.name}")
     for line in failures:
         _print(line)
     if not quiet:
@@ -87,10 +91,13 @@ def placeholder_command(
 
 def _targets(output: str, form: str, slugs: list[str]) -> list[Path]:
     """The files that are written; none for standard output."""
-    from gauss2svg.errors import InputError
+    from gauss2svg.errors import InputError, must_be
     from gauss2svg.files import STANDARD_STREAM
 
     if output != STANDARD_STREAM:
+        if form == "svg" and Path(output).suffix.lower() == ".svg":
+            needed = "a folder with --format svg"
+            raise InputError(must_be("--output", needed, output, str(Path(output).with_suffix(""))))
         return [Path(output) / f"{slug}.svg" for slug in slugs] if form == "svg" else [Path(output)]
     if form == "svg" and len(slugs) > 1:
         raise InputError("--output must be given for several SVGs. Try -o folder")
@@ -112,7 +119,7 @@ def _check(photos: dict[str, str], targets: list[Path]) -> None:
     check_outputs(photos, targets)
 
 
-def _write(made: list[tuple[str, str, Placeholder]], output: str, form: str) -> None:
+def _write(made: list[tuple["GalleryPhoto", Placeholder]], output: str, form: str) -> None:
     import json
 
     from gauss2svg.cli.streams import standard_stream
@@ -120,22 +127,30 @@ def _write(made: list[tuple[str, str, Placeholder]], output: str, form: str) -> 
 
     if form == "svg" and output != STANDARD_STREAM:
         write_all_atomically(
-            {Path(output) / f"{slug}.svg": one.svg.encode() for _, slug, one in made}
+            {Path(output) / f"{photo.slug}.svg": one.svg.encode() for photo, one in made}
         )
         return
     if form == "json":
-        records = [one.record(os.path.basename(path)) for path, _, one in made]
+        records = [one.record(photo.name) for photo, one in made]
         text = json.dumps(records, indent=2) + "\n"
     elif form == "html":
-        text = "".join(f"{one.snippet(path)}\n" for path, _, one in made)
+        folder = "." if output == STANDARD_STREAM else os.path.dirname(output) or "."
+        text = "".join(f"{one.snippet(_url(photo.path, folder))}\n" for photo, one in made)
+    elif not made:
+        return
     else:
-        text = made[0][2].svg
+        text = made[0][1].svg
     if output == STANDARD_STREAM:
         stdout = standard_stream(sys.stdout, "output")
         stdout.write(text.encode())
         stdout.flush()
     else:
         write_all_atomically({output: text.encode()})
+
+
+def _url(path: str, folder: str) -> str:
+    """The address of a photo in a page of this folder; any bytes of a name are escaped."""
+    return quote(os.fsencode(Path(os.path.relpath(path, folder)).as_posix()))
 
 
 def _print(line: str) -> None:

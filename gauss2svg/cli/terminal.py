@@ -17,6 +17,7 @@ from gauss2svg.measure.paint import HEAVY_MS
 from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.report import decibels
 from gauss2svg.pipeline.result import Progress, ProgressCallback
+from gauss2svg.svg.format import MINIMAL
 
 _PHASES = {
     "read": "reading the photo",
@@ -90,7 +91,7 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         f"{decibels(report['psnr_roundtrip'])}, {report['bias_roundtrip']:+.2f} of 255 on average",
         "time": f"{report['total_s']:.1f} s, of which {report['fit_s']:.1f} s for the fit"
         + (f" and {report['compile_s']:.0f} s for a compilation, only once" if compiled else ""),
-        **_of_page(report["paint_ms"]),
+        **_of_page(report),
         "finished": _STOPPED[report["stop_reason"]],
     }
     missed = [("not reached", line) for line in report["unreached"]]
@@ -141,13 +142,15 @@ def _notes(report: dict[str, Any]) -> list[tuple[str, str]]:
     return [("note", note) for note in report["notes"]]
 
 
-def _of_page(paint_ms: float | None) -> dict[str, str]:
+def _of_page(report: dict[str, Any]) -> dict[str, str]:
     """A row for a file that is heavy for a web page."""
-    if paint_ms is None or paint_ms < HEAVY_MS:
+    spent = report["paint_ms"]
+    if spent is None or spent < HEAVY_MS:
         return {}
+    lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer Gaussians"
     return {
-        "in a page": f"about {paint_ms / 1000:.1f} s for a browser to paint it, and again at each "
-        "repaint; fewer Gaussians are lighter"
+        "in a page": f"about {spent / 1000:.1f} s for a browser to paint it, and again at each "
+        f"repaint; lighter with {lighter}"
     }
 
 

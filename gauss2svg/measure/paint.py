@@ -6,10 +6,11 @@ import numpy as np
 
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.scene.scene import narrowing_of
 
 # Milliseconds of a shape and of a million drawn pixels, by gradients and by masks
 # (docs/benchmarks/paint.md).
-_BY_GRADIENTS, _BY_MASKS = (0.03, 9.0), (1.0, 25.0)
+_BY_GRADIENTS, _BY_MASKS = (0.03, 20.0), (0.9, 52.0)
 # A tenth of a second is what people take for at once (Miller, "Response time in man-computer
 # conversational transactions", 1968).
 HEAVY_MS = 100.0
@@ -18,12 +19,12 @@ HEAVY_MS = 100.0
 def drawn_pixels(scene: Scene) -> float:
     """Pixels that a renderer blends at the scene's own size: the sum of all ellipses' areas.
 
-    The area of an ellipse is pi/4 of the part of its bounding box that is on the canvas.
+    Of an ellipse counts the share that is on the canvas of its bounding box.
     """
     half = cut_radius(scene.betas)[:, None] * scene.sigma
     size = np.array([scene.width, scene.height])
     low, high = np.clip(scene.mean - half, 0, size), np.clip(scene.mean + half, 0, size)
-    return float(np.pi / 4 * np.prod(high - low, axis=1).sum())
+    return float(np.pi / 4 * (narrowing_of(scene.rho) * np.prod(high - low, axis=1)).sum())
 
 
 def paint_ms(scene: Scene, svg: str) -> float:
