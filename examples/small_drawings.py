@@ -47,14 +47,16 @@ _ZOOM, _ON_SHEET = 2, (5000, 20_000)
 def settings() -> list[dict[str, Any]]:
     """Those of the grid; with two colours neither precision nor difference of colours counts."""
     found = [
-        dict(zip(grid, values, strict=True)) for grid in _GRIDS for values in product(*grid.values())
+        dict(zip(grid, values, strict=True))
+        for grid in _GRIDS
+        for values in product(*grid.values())
     ]
     first = {"color_precision": 5, "layer_difference": 8}
     return [s for s in found if s["colormode"] == "color" or first.items() <= s.items()]
 
 
 def traced(picture: np.ndarray, limits: list[int]) -> dict[str, Any]:
-    """vtracer's best files by PSNR and by FLIP under each limit: (score, SVG), or None."""
+    """Vtracer's best files by PSNR and by FLIP under each limit: (score, SVG), or None."""
     import vtracer  # pyright: ignore[reportMissingImports]
 
     height, width = picture.shape[:2]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
+from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.snap import with_exponents
@@ -21,11 +22,14 @@ _BOUNDED_SWEEPS, _ROUNDED_SWEEPS = 20, 3
 _DAMPING = 1e-6  # of the diagonal, for shapes that are nearly hidden
 
 
-def recolored(scene: Scene, pixels: NDArray[np.float32], digits: int) -> tuple[Scene, float]:
+def recolored(
+    scene: Scene, pixels: NDArray[np.float32], digits: int, shared: float = 0.0
+) -> tuple[Scene, float]:
     """The scene with the colours of least squared error, and that error per value.
 
     pixels  (h, w, 3) or (h, w, 4) float32 in 0..1, compared with the scene at this size
     digits  of hex colours, 3 or 6, that the colours are rounded to
+    shared  share of the squared error that may be added so that shapes have colours in common
     A picture with alpha is compared over white and over black, and has no background. The error is
     that of the model at pixel centres.
     """
@@ -41,12 +45,21 @@ def recolored(scene: Scene, pixels: NDArray[np.float32], digits: int) -> tuple[S
     products = products[first:, first:] * len(targets)
     total = np.sum(targets, axis=0)
     given = np.einsum("kyx,cyx->kc", weights[first:], total)
-    color = _solved(products, given, 15 if digits == 3 else 255)
+    levels = 15 if digits == 3 else 255
     squares = sum(float(np.square(target).sum()) for target in targets)
-    residual = squares + float(
-        np.sum(color * (np.einsum("kl,lc->kc", products, color) - 2 * given))
-    )
-    error = max(residual, 0.0) / (3 * len(targets) * width * height)
+
+    def residual(color: NDArray[np.float64]) -> float:
+        return squares + float(np.sum(color * (products @ color - 2 * given)))
+
+    color = _solved(products, given, levels)
+    if shared and len(color):
+        entry = best_palette(
+            color, np.ones(len(color)), np.diag(products), len(color), shared * residual(color)
+        ).entry
+        sums = np.zeros((entry.max() + 1, len(entry)))
+        sums[entry, np.arange(len(entry))] = 1
+        color = _solved(sums @ products @ sums.T, sums @ given, levels)[entry]
+    error = max(residual(color), 0.0) / (3 * len(targets) * width * height)
     if first:
         return scene.replace(color=color), error
     return scene.replace(background=color[0], color=color[1:]), error
