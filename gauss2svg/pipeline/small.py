@@ -47,7 +47,7 @@ _SIDE, _SIDE_PER_ROOT = (96, 256), 12.0
 _UNITS_PER_ROOT, _GRIDS = 32.0, (0.8, 1.2)
 _FLAT_UNITS = (1, 2, 3, 4, 6, 8, 9)
 # Bytes of a soft shape, a plain ellipse, and one of a drawing, until they are measured.
-_EACH, _EACH_GZIPPED = (62, 44, 32), (22, 20, 15)
+_EACH, _EACH_GZIPPED = (62, 44, 36), (22, 20, 18)
 # Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
 _EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
     (6000, BETA_CLASSES),
@@ -274,18 +274,14 @@ class SmallSearch:
         kept, whole = len(fitted), 0
         while kept > 0:
             scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
-            svg = minimal_svg(scene, unit, digits, self._document)
-            size = len(file_bytes(svg, self._gzipped))
-            whole = whole or size
-            if size <= self._limit:  # the colours change it by little
-                exact, error = recolored(scene, self.working, digits, attempt.shared)
-                svg = minimal_svg(exact, unit, digits, self._document)
-                file = SmallFile(svg, exact, error, self._gzipped)
-                if file.size <= self._limit:
-                    return file, whole
-                size = file.size
-            each = max(attempt.each, (size - self.flat.size) / kept)
-            kept -= math.ceil((size - self._limit) / each)
+            exact, error = recolored(scene, self.working, digits, attempt.shared)
+            svg = minimal_svg(exact, unit, digits, self._document)
+            file = SmallFile(svg, exact, error, self._gzipped)
+            whole = whole or file.size
+            if file.size <= self._limit:
+                return file, whole
+            each = max(attempt.each, (file.size - self.flat.size) / kept)
+            kept -= math.ceil((file.size - self._limit) / each)
         return None, whole
 
     def _flat(self) -> SmallFile:
