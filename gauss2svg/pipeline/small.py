@@ -59,7 +59,7 @@ _SOME = 60  # shapes up to which there are three fits on two grids, beyond two o
 _ITERATIONS = 200
 # Of drawings: share of the pixels that the most frequent colours have, how many these are, and the
 # longest side of the working picture in px.
-_FLAT_SHARE, _FLAT_COLORS, _DRAWING_SIDE = 0.4, 4, 512
+_FLAT_SHARE, _FLAT_COLORS, _DRAWING_SIDE = 0.4, 4, 384
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,7 @@ class _Attempt:
     exponents   of soft shapes; others are plain ellipses
     each        bytes of a shape, until they are measured
     grids       of the file, times _UNITS_PER_ROOT
+    digits      of hex colours
     shared      share of the squared error for which shapes get colours in common
     """
 
@@ -80,12 +81,13 @@ class _Attempt:
     iterations: int = _ITERATIONS
     each: int = _EACH[0]
     grids: tuple[float, ...] = _GRIDS
+    digits: tuple[int, ...] = HEX_DIGITS
     shared: float = 0.0
 
 
 _BEGINNINGS = (_Attempt("selective"), _Attempt("error"), _Attempt("selective", 1.5))
 _DRAWING = tuple(
-    _Attempt(init, iterations=600, grids=(2.0, 4.0, 8.0), shared=0.1)
+    _Attempt(init, iterations=600, grids=(4.0, 8.0), digits=(6,), shared=0.1)
     for init in ("selective", "error")
 )
 
@@ -188,7 +190,7 @@ class SmallSearch:
         return attempts
 
     def _count(self, attempt: _Attempt, earlier: tuple[int, int] | None) -> int:
-        """Gaussians that the bytes allow, by count and bytes of an earlier file of its exponents."""
+        """Gaussians that the bytes allow; earlier is (count, bytes) of a file of its exponents."""
         if earlier is not None:
             count, size = earlier
             each = min((size - self.flat.size) / max(count, 1), attempt.each) or attempt.each
@@ -227,9 +229,13 @@ class SmallSearch:
                 self._progress(dataclasses.replace(now, done=done, remaining_s=rest))
 
         session = FitSession(
-            self.working, config, fixed_count(config), progress=progress,
-            as_written=lambda scene, _: _with_few_exponents(scene, attempt.exponents), stop=self._stop,
-        )  # fmt: skip
+            self.working,
+            config,
+            fixed_count(config),
+            progress=progress,
+            as_written=lambda scene, _: _with_few_exponents(scene, attempt.exponents),
+            stop=self._stop,
+        )
         session.fit()
         self.fits.append(session.result())
         scene = session.scene()
@@ -256,7 +262,7 @@ class SmallSearch:
         for grid in attempt.grids:
             units = math.ceil(grid * _UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
             unit = max(fitted.width, fitted.height) / units
-            for digits in HEX_DIGITS:
+            for digits in attempt.digits:
                 file, size = self._trimmed(fitted, order, unit, digits, attempt)
                 if file is not None and (best is None or file.error < best.error):
                     best, whole = file, (len(fitted), size)
