@@ -174,7 +174,11 @@ class SmallSearch:
         """The fits to make."""
         soft, plain, drawn = self._each
         if self.is_drawing:
-            return [dataclasses.replace(a, each=drawn) for a in _DRAWING]
+            attempts = [dataclasses.replace(a, each=drawn) for a in _DRAWING]
+            if self._limit < _PLAIN_UNDER:  # where a digit is a large part of a shape
+                coarse = {"grids": _GRIDS + _DRAWING[0].grids, "digits": HEX_DIGITS}
+                attempts = [dataclasses.replace(a, **coarse) for a in attempts]
+            return attempts
         count = (self._limit - self.flat.size) / soft
         fits = _BEGINNINGS if count <= _SOME else _BEGINNINGS[:2]
         grids = _GRIDS if count <= _SOME else (1.0,)
