@@ -204,3 +204,26 @@ def test_colours_of_a_transparent_scene_match_over_white_and_black():
     found, error = recolored(scene.replace(color=np.full((5, 3), 0.2)), render_rgba(scene), 6)
     np.testing.assert_allclose(found.color, scene.color, atol=0.01)
     assert error < 1e-6
+
+
+@pytest.mark.parametrize("digits", [3, 6])
+def test_shared_colours_are_fewer_and_cost_about_the_share_that_is_allowed(digits):
+    rng = np.random.default_rng(4)
+    scene = a_scene(30, rng)
+    blots = scene.replace(color=np.round(scene.color))  # of at most eight colours
+    picture = (render(blots) + 0.02 * rng.standard_normal((40, 60, 3))).astype(np.float32)
+    own, error = recolored(scene, picture, digits)
+    shared, more = recolored(scene, picture, digits, 0.1)
+    assert len(np.unique(shared.color, axis=0)) < 0.7 * len(np.unique(own.color, axis=0))
+    assert error <= more < 1.15 * error
+    assert more == pytest.approx(float(np.mean((render(shared) - picture) ** 2)), rel=1e-3)
+
+
+def test_a_drawing_is_told_by_its_flat_colours_and_drawn_with_crisp_rims():
+    assert SmallSearch(shapes(), 2000).is_drawing
+    assert not SmallSearch(hills(), 2000).is_drawing
+    assert not SmallSearch(shapes(), 2000, options=FitOptions(falloff="gaussian")).is_drawing
+    score, found = matched(shapes(), 2000)
+    assert score > 30
+    assert "mask" not in found.svg
+    assert found.svg.count("<path") < len(found.scene)
