@@ -48,7 +48,9 @@ def matched(picture, limit, **given):
     return psnr(rasterize_like(found.svg, picture), picture), found
 
 
-@pytest.mark.parametrize("picture", [hills(), shapes()], ids=["hills", "shapes"])
+@pytest.mark.parametrize(
+    "picture", [pytest.param(hills(), marks=pytest.mark.sweep), shapes()], ids=["hills", "shapes"]
+)
 def test_more_bytes_are_never_worse(picture):
     scores = [matched(picture, limit)[0] for limit in LADDER]
     assert scores == sorted(scores)
@@ -56,11 +58,13 @@ def test_more_bytes_are_never_worse(picture):
 
 
 def test_a_file_has_gaussians_wherever_one_fits():
-    picture = shapes()
+    y, x = np.mgrid[:64, :64] + 0.5
+    picture = np.full((64, 64, 3), 0.9, np.float32)
+    picture[(x - 32) ** 2 + (y - 32) ** 2 < 400] = (0.8, 0.1, 0.1)
     flat = SmallSearch(picture, 1000).flat.size
     assert flat < 100
     assert not len(matched(picture, flat)[1].scene)
-    for limit in (flat + 70, flat + 140):
+    for limit in (flat + 45, flat + 70, flat + 140):
         assert len(matched(picture, limit)[1].scene) >= 1
 
 
@@ -82,9 +86,10 @@ def test_the_same_seed_gives_the_same_file():
 
 
 def test_a_picture_of_one_colour_needs_no_gaussian():
-    picture = np.full((20, 30, 3), 0.4, np.float32)
+    picture = np.full((20, 30, 3), np.array([110, 119, 110]) / 255, np.float32)
     result = vectorize(picture, max_bytes=2000, iterations=STEPS)
     assert result.report["gaussians"] == 0
+    assert result.report["largest_error_svg"] == 0
     assert result.report["stop_reason"] == "enough"
     assert not result.report["unreached"]
 
@@ -113,6 +118,7 @@ def test_other_targets_and_editable_files_take_the_usual_fit(given):
     assert result.report["tune"] == "perceptual"
 
 
+@pytest.mark.sweep
 def test_from_five_kilobytes_the_closer_markup_is_written():
     disc = shapes(128, 128)
     found = {
@@ -204,3 +210,26 @@ def test_colours_of_a_transparent_scene_match_over_white_and_black():
     found, error = recolored(scene.replace(color=np.full((5, 3), 0.2)), render_rgba(scene), 6)
     np.testing.assert_allclose(found.color, scene.color, atol=0.01)
     assert error < 1e-6
+
+
+@pytest.mark.parametrize("digits", [3, 6])
+def test_shared_colours_are_fewer_and_cost_about_the_share_that_is_allowed(digits):
+    rng = np.random.default_rng(4)
+    scene = a_scene(30, rng)
+    blots = scene.replace(color=np.round(scene.color))  # of at most eight colours
+    picture = (render(blots) + 0.02 * rng.standard_normal((40, 60, 3))).astype(np.float32)
+    own, error = recolored(scene, picture, digits)
+    shared, more = recolored(scene, picture, digits, 0.1)
+    assert len(np.unique(shared.color, axis=0)) < 0.7 * len(np.unique(own.color, axis=0))
+    assert error <= more < 1.15 * error
+    assert more == pytest.approx(float(np.mean((render(shared) - picture) ** 2)), rel=1e-3)
+
+
+def test_a_drawing_is_told_by_its_flat_colours_and_drawn_with_crisp_rims():
+    assert SmallSearch(shapes(), 2000).is_drawing
+    assert not SmallSearch(hills(), 2000).is_drawing
+    assert not SmallSearch(shapes(), 2000, options=FitOptions(falloff="gaussian")).is_drawing
+    score, found = matched(shapes(), 2000)
+    assert score > 30
+    assert "mask" not in found.svg
+    assert found.svg.count("<path") < len(found.scene)

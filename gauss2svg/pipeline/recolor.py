@@ -10,22 +10,28 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
+from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.snap import with_exponents
 from gauss2svg.svg.solid import solid_beta, solid_radius
 
 _BOUNDED_SWEEPS, _ROUNDED_SWEEPS = 20, 3
+_LEAST_WEIGHT = 1e-9
 _DAMPING = 1e-6  # of the diagonal, for shapes that are nearly hidden
 
 
-def recolored(scene: Scene, pixels: NDArray[np.float32], digits: int) -> tuple[Scene, float]:
+def recolored(
+    scene: Scene, pixels: NDArray[np.float32], digits: int, shared: float = 0.0
+) -> tuple[Scene, float]:
     """The scene with the colours of least squared error, and that error per value.
 
     pixels  (h, w, 3) or (h, w, 4) float32 in 0..1, compared with the scene at this size
     digits  of hex colours, 3 or 6, that the colours are rounded to
+    shared  share of the squared error that may be added so that shapes have colours in common
     A picture with alpha is compared over white and over black, and has no background. The error is
     that of the model at pixel centres.
     """
@@ -33,40 +39,48 @@ def recolored(scene: Scene, pixels: NDArray[np.float32], digits: int) -> tuple[S
     weights, products = _weights(
         scene.scaled(width / scene.width, height / scene.height), height, width
     )
-    targets = [np.moveaxis(view, -1, 0).astype(np.float64) for view in views(pixels)]
+    targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
     first = 0
     if has_alpha(pixels):  # what shows through the shapes is the backdrop, and given
-        targets = [t - b * weights[0] for t, b in zip(targets, BACKDROPS, strict=True)]
+        through = weights[[0]].toarray().reshape(-1, 1)
+        targets = [t - b * through for t, b in zip(targets, BACKDROPS, strict=True)]
         first = 1
     products = products[first:, first:] * len(targets)
     total = np.sum(targets, axis=0)
-    given = np.einsum("kyx,cyx->kc", weights[first:], total)
-    color = _solved(products, given, 15 if digits == 3 else 255)
+    given = (weights @ total)[first:]
+    levels = 15 if digits == 3 else 255
     squares = sum(float(np.square(target).sum()) for target in targets)
-    residual = squares + float(
-        np.sum(color * (np.einsum("kl,lc->kc", products, color) - 2 * given))
-    )
-    error = max(residual, 0.0) / (3 * len(targets) * width * height)
+
+    def residual(color: NDArray[np.float64]) -> float:
+        return squares + float(np.sum(color * (products @ color - 2 * given)))
+
+    color = _solved(products, given, levels)
+    if shared and len(color):
+        entry = best_palette(
+            color, np.ones(len(color)), np.diag(products), len(color), shared * residual(color)
+        ).entry
+        sums = np.zeros((entry.max() + 1, len(entry)))
+        sums[entry, np.arange(len(entry))] = 1
+        color = _solved(sums @ products @ sums.T, sums @ given, levels)[entry]
+    error = max(residual(color), 0.0) / (3 * len(targets) * width * height)
     if first:
         return scene.replace(color=color), error
     return scene.replace(background=color[0], color=color[1:]), error
 
 
-def _weights(
-    scene: Scene, height: int, width: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(n + 1, h, w) weight of each colour, that of the background first, and their products.
+def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[np.float64]]:
+    """(n + 1, h w) weight of each colour, that of the background first, and their products.
 
-    The products (n + 1, n + 1), sums over all pixels, are computed in the shapes' boxes, without
-    the threads of a BLAS, which cost more than they bring on so few pixels.
+    The products (n + 1, n + 1) are sums over all pixels. The weights are sparse: few shapes show in
+    a pixel.
     """
     scene = _antialiased(scene)
     reach = scene.sigma * cut_radius(scene.betas)[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
     high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
-    weights = np.zeros((len(scene) + 1, height, width))
-    products = np.zeros((len(weights), len(weights)))
     left, whitening = np.ones((height, width)), scene.whitening
+    pixel = np.arange(height * width).reshape(height, width)
+    values, pixels = [np.zeros(0)] * (len(scene) + 1), [pixel[0, :0]] * (len(scene) + 1)
     for k in range(len(scene) - 1, -1, -1):
         (x0, y0), (x1, y1) = low[k], high[k]
         u = np.arange(x0, x1) + 0.5 - scene.mean[k, 0]
@@ -74,13 +88,17 @@ def _weights(
         w11, w21, w22 = whitening[k]
         alpha = scene.opacity[k] * profile(np.hypot(w11 * u, w21 * u + w22 * v), scene.betas[k])
         box = left[y0:y1, x0:x1]
-        weights[k + 1, y0:y1, x0:x1] = alpha * box
+        weight = alpha * box
+        shows = weight > _LEAST_WEIGHT
+        values[k + 1], pixels[k + 1] = weight[shows], pixel[y0:y1, x0:x1][shows]
         box *= 1 - alpha
-        boxes = weights[k + 1 :, y0:y1, x0:x1]
-        products[k + 1, k + 1 :] = np.einsum("kyx,yx->k", boxes, boxes[0])
-    weights[0] = left
-    products[0] = np.einsum("kyx,yx->k", weights, left)
-    return weights, np.triu(products) + np.triu(products, 1).T
+    shows = left > _LEAST_WEIGHT
+    values[0], pixels[0] = left[shows], pixel[shows]
+    starts = np.cumsum([0, *map(len, values)])
+    weights = csr_array(
+        (np.concatenate(values), np.concatenate(pixels), starts), (len(values), height * width)
+    )
+    return weights, (weights @ weights.T).toarray()
 
 
 def _antialiased(scene: Scene) -> Scene:

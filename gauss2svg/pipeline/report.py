@@ -100,7 +100,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
     height, width = outcome.measured.raster.shape[:2]
     if (width, height) != (photo.width, photo.height):
         notes.append(f"measured at {width}x{height} px to meet the time limit")
-    if photo.alpha is not None and photo.alpha.any() and not len(outcome.scene):
+    nothing = photo.alpha is not None and photo.alpha.any() and not len(outcome.scene)
+    if nothing and not plan.is_small:  # of which unreached says that it has no room
         notes.append("the photo is too transparent to be rendered: the SVG is empty")
     if plan.markup == MINIMAL != plan.options.svg.markup:
         notes.append(

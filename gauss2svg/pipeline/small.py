@@ -46,7 +46,8 @@ _SIDE, _SIDE_PER_ROOT = (96, 256), 12.0
 # Units along the longest side of the file, per square root of the count.
 _UNITS_PER_ROOT, _GRIDS = 32.0, (0.8, 1.2)
 _FLAT_UNITS = (1, 2, 3, 4, 6, 8, 9)
-_EACH, _EACH_GZIPPED = 62, 22  # bytes of a shape, until they are measured
+# Bytes of a soft shape, a plain ellipse, and one of a drawing, until they are measured.
+_EACH, _EACH_GZIPPED = (62, 44, 36), (22, 20, 18)
 # Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
 _EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
     (6000, BETA_CLASSES),
@@ -54,10 +55,43 @@ _EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
     (0, (3.0,)),
 )
 _PLAIN_UNDER = 750  # bytes, where every second fit has plain ellipses alone, like cut paper
-# How the fits begin: placement, learning rate, seed.
-_BEGINNINGS = (("selective", 1.0, 0), ("error", 1.0, 0), ("selective", 1.5, 0))
+_COARSE_UNDER = 1100  # bytes, where a digit is a large part of a drawing's shape
+EXACT = (0.5 / 255) ** 2  # mean squared error under which no level of 8 bits is wrong
 _SOME = 60  # shapes up to which there are three fits on two grids, beyond two on one
 _ITERATIONS = 200
+# Of drawings: share of the pixels that the most frequent colours have, how many these are, and the
+# longest side of the working picture in px.
+_FLAT_SHARE, _FLAT_COLORS, _DRAWING_SIDE = 0.4, 4, 384
+
+
+@dataclass(frozen=True)
+class _Attempt:
+    """A fit: how it begins, and how its file is written.
+
+    init, rate, seed  placement, learning rate and seed
+    exponents   of soft shapes; others are plain ellipses
+    each        bytes of a shape, until they are measured
+    grids       of the file, times _UNITS_PER_ROOT
+    digits      of hex colours
+    shared      share of the squared error for which shapes get colours in common
+    """
+
+    init: str
+    rate: float = 1.0
+    seed: int = 0
+    exponents: tuple[float, ...] = ()
+    iterations: int = _ITERATIONS
+    each: int = _EACH[0]
+    grids: tuple[float, ...] = _GRIDS
+    digits: tuple[int, ...] = HEX_DIGITS
+    shared: float = 0.0
+
+
+_BEGINNINGS = (_Attempt("selective"), _Attempt("error"), _Attempt("selective", 1.5))
+_DRAWING = tuple(
+    _Attempt(init, iterations=600, grids=(4.0, 8.0), digits=(6,), shared=0.1)
+    for init in ("selective", "error")
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,15 +139,16 @@ class SmallSearch:
         self._options = options or FitOptions()
         self._renderer = renderer
         self._progress, self._stop = progress, stop or (lambda: False)
-        self._each = float(_EACH_GZIPPED if gzipped else _EACH)
+        self._each = _EACH_GZIPPED if gzipped else _EACH
+        self.is_drawing = _is_drawing(photo) and self._options.learned_falloff
         self._most = math.inf if most is None else most
         height, width = photo.shape[:2]
-        self.flat = self._flat()
+        self.flat = min(self._flat_files(), key=lambda file: file.size)
         if self.flat.size > limit:
             needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
-            raise InputError(must_be("max_bytes", needed, shown(f"{limit}")))
-        count = max((limit - self.flat.size) / self._each, 1)
-        low, high = _SIDE
+            raise InputError(must_be("max_bytes", needed, shown(f"{limit}"), f"{self.flat.size}"))
+        count = max((limit - self.flat.size) / self._each[0], 1)
+        low, high = (_DRAWING_SIDE,) * 2 if self.is_drawing else _SIDE
         side = min(max(_SIDE_PER_ROOT * math.sqrt(count), low), high, max_size or high)
         side = min(side, max(width, height))
         scale = side / max(width, height)
@@ -122,62 +157,77 @@ class SmallSearch:
 
     def run(self) -> SmallFile:
         """The best file found."""
-        best = dataclasses.replace(self.flat, error=self._error(self.flat.svg))
-        sizes: dict[tuple[float, ...], list[tuple[int, int]]] = {}
+        flat = [file for file in self._flat_files() if file.size <= self._limit]
+        flat = [dataclasses.replace(file, error=self._error(file.svg)) for file in flat]
+        best = min(flat, key=lambda file: (file.error, file.size))
+        if best.error < EXACT:
+            return best
+        sizes: dict[tuple[float, ...], tuple[int, int]] = {}
         with kernel_lock:
-            kinds = self._exponents()
-            for start, exponents in enumerate(kinds):
-                count = self._count(exponents, sizes.setdefault(exponents, []))
+            attempts = self._attempts()
+            for start, attempt in enumerate(attempts):
+                count = self._count(attempt, sizes.get(attempt.exponents))
                 if count < 1 or self._stop():
                     continue
-                fitted = self._fit(count, exponents, start, len(kinds))
-                found, untrimmed = self._written(fitted)
-                sizes[exponents].append(untrimmed)
+                fitted = self._fit(count, attempt, start, len(attempts))
+                found, sizes[attempt.exponents] = self._written(fitted, attempt)
                 if found is not None:
                     found = dataclasses.replace(found, error=self._error(found.svg))
                     best = min(best, found, key=lambda file: (file.error, file.size))
         return best
 
-    def _exponents(self) -> list[tuple[float, ...]]:
-        """Those of each fit."""
-        count = (self._limit - self.flat.size) / self._each
-        fits = 3 if count <= _SOME else 2
-        rich = next(classes for least, classes in _EXPONENTS if self._limit >= least)
+    def _attempts(self) -> list[_Attempt]:
+        """The fits to make."""
+        soft, plain, drawn = self._each
+        if self.is_drawing:
+            attempts = [dataclasses.replace(a, each=drawn) for a in _DRAWING]
+            if self._limit < _COARSE_UNDER:
+                coarse = {"grids": _GRIDS + _DRAWING[0].grids, "digits": HEX_DIGITS}
+                attempts = [dataclasses.replace(a, **coarse) for a in attempts]
+            return attempts
+        count = (self._limit - self.flat.size) / soft
+        fits = _BEGINNINGS if count <= _SOME else _BEGINNINGS[:2]
+        grids = _GRIDS if count <= _SOME else (1.0,)
+        exponents = next(classes for least, classes in _EXPONENTS if self._limit >= least)
         if not self._options.learned_falloff:
-            return [(1.0,)] * fits
-        plain = self._limit < _PLAIN_UNDER
-        return [() if plain and k % 2 == 0 else rich for k in range(fits)]
+            exponents = (1.0,)
+        attempts = [
+            dataclasses.replace(a, exponents=exponents, each=soft, grids=grids) for a in fits
+        ]
+        if self._limit < _PLAIN_UNDER and self._options.learned_falloff:
+            for k in range(0, len(attempts), 2):
+                attempts[k] = dataclasses.replace(attempts[k], exponents=(), each=plain)
+        return attempts
 
-    def _count(self, exponents: tuple[float, ...], sizes: list[tuple[int, int]]) -> int:
-        """Gaussians that the bytes allow, by (count, bytes) of earlier files of these exponents."""
-        if sizes:
-            count, size = sizes[-1]
-            each = min((size - self.flat.size) / max(count, 1), self._each) or self._each
+    def _count(self, attempt: _Attempt, earlier: tuple[int, int] | None) -> int:
+        """Gaussians that the bytes allow; earlier is (count, bytes) of a file of its exponents."""
+        if earlier is not None:
+            count, size = earlier
+            each = min((size - self.flat.size) / max(count, 1), attempt.each) or attempt.each
             by_bytes = count + (self._limit - size) / each
         else:
-            one = np.ones(len(exponents))
+            one = np.ones(len(attempt.exponents))
             probe = Scene(
                 100, 100, np.full((len(one), 2), 50.0), np.full((len(one), 2), 20.0), 0 * one,
-                np.full((len(one), 3), 0.4), one, beta=np.array(exponents),
+                np.full((len(one), 3), 0.4), one, beta=np.array(attempt.exponents),
             )  # fmt: skip
             size = len(file_bytes(minimal_svg(probe, 1, 3, self._document), self._gzipped))
-            by_bytes = len(one) + (self._limit - size) / self._each
-        return int(min(by_bytes, self._most))
+            by_bytes = len(one) + (self._limit - size) / attempt.each
+        return int(min(max(by_bytes, 1), self._most))  # whether one fits is seen when it is written
 
-    def _fit(self, count: int, exponents: tuple[float, ...], start: int, starts: int) -> Scene:
+    def _fit(self, count: int, attempt: _Attempt, start: int, starts: int) -> Scene:
         """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA."""
-        init, rate, seed = _BEGINNINGS[start % len(_BEGINNINGS)]
         options, transparent = self._options, has_alpha(self.working)
         config = FitConfig(
             gaussians=count,
-            iterations=options.iterations or _ITERATIONS,
+            iterations=options.iterations or attempt.iterations,
             fit=dataclasses.replace(
                 options,
                 tune=PSNR,
-                seed=options.seed + seed,
-                learning_rate=options.learning_rate * rate,
+                seed=options.seed + attempt.seed,
+                learning_rate=options.learning_rate * attempt.rate,
             ),
-            densify=DensifyOptions(init=init),  # pyright: ignore[reportArgumentType]
+            densify=DensifyOptions(init=attempt.init),  # pyright: ignore[reportArgumentType]
             reduce=False,
             opaque=not transparent,
         )
@@ -189,21 +239,27 @@ class SmallSearch:
                 self._progress(dataclasses.replace(now, done=done, remaining_s=rest))
 
         session = FitSession(
-            self.working, config, fixed_count(config), progress=progress,
-            as_written=lambda scene, _: _with_few_exponents(scene, exponents), stop=self._stop,
-        )  # fmt: skip
+            self.working,
+            config,
+            fixed_count(config),
+            progress=progress,
+            as_written=lambda scene, _: _with_few_exponents(scene, attempt.exponents),
+            stop=self._stop,
+        )
         session.fit()
         self.fits.append(session.result())
         scene = session.scene()
         plain = np.ones(len(scene), bool)  # exponents are stepped as logarithms
-        for beta in exponents:
+        for beta in attempt.exponents:
             plain &= ~np.isclose(scene.betas, beta)
         height, width = self._photo.shape[:2]
         scene = scene.scaled(width / scene.width, height / scene.height)
         scene = with_exponents(scene, np.where(plain, MOST_BETA, scene.betas))
         return scene.replace(width=width, height=height)
 
-    def _written(self, fitted: Scene) -> tuple[SmallFile | None, tuple[int, int]]:
+    def _written(
+        self, fitted: Scene, attempt: _Attempt
+    ) -> tuple[SmallFile | None, tuple[int, int]]:
         """The best file of a fitted scene by the model, and (count, bytes) before any was left out.
 
         None where no Gaussian is left.
@@ -213,53 +269,68 @@ class SmallSearch:
         cost = target_of(self.working, np.float32, PSNR).removal_cost(splats)[1][:, 0]
         order = np.argsort(-cost, kind="stable")
         best, whole = None, (len(fitted), self.flat.size)
-        for grid in _GRIDS if len(fitted) <= _SOME else (1.0,):
+        for grid in attempt.grids:
+            if best is not None and self._stop():
+                break
             units = math.ceil(grid * _UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
             unit = max(fitted.width, fitted.height) / units
-            for digits in HEX_DIGITS:
-                file, size = self._trimmed(fitted, order, unit, digits)
-                if file is not None and (best is None or file.error < best.error):
+            for digits in attempt.digits:
+                file, size = self._trimmed(fitted, order, unit, digits, attempt)
+                if best is None or (file is not None and file.error < best.error):
                     best, whole = file, (len(fitted), size)
         return best, whole
 
     def _trimmed(
-        self, fitted: Scene, order: NDArray[np.intp], unit: float, digits: int
+        self,
+        fitted: Scene,
+        order: NDArray[np.intp],
+        unit: float,
+        digits: int,
+        attempt: _Attempt,
     ) -> tuple[SmallFile | None, int]:
         """The file of the first Gaussians of an order that fit, and the bytes of all of them."""
         kept, whole = len(fitted), 0
         while kept > 0:
             scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
-            svg = minimal_svg(scene, unit, digits, self._document)
-            size = len(file_bytes(svg, self._gzipped))
-            whole = whole or size
-            if size <= self._limit:  # the colours change it by little
-                exact, error = recolored(scene, self.working, digits)
-                svg = minimal_svg(exact, unit, digits, self._document)
-                file = SmallFile(svg, exact, error, self._gzipped)
-                if file.size <= self._limit:
-                    return file, whole
-                size = file.size
-            each = max(self._each, (size - self.flat.size) / kept)
-            kept -= math.ceil((size - self._limit) / each)
+            exact, error = recolored(scene, self.working, digits, attempt.shared)
+            svg = minimal_svg(exact, unit, digits, self._document)
+            file = SmallFile(svg, exact, error, self._gzipped)
+            whole = whole or file.size
+            if file.size <= self._limit:
+                return file, whole
+            each = max(attempt.each, (file.size - self.flat.size) / kept)
+            kept -= math.ceil((file.size - self._limit) / each)
         return None, whole
 
-    def _flat(self) -> SmallFile:
-        """The smallest file without Gaussians; its error is not known yet."""
+    def _flat_files(self) -> list[SmallFile]:
+        """Files without Gaussians, their colour in three digits and in six; not yet measured."""
         height, width = self._photo.shape[:2]
         transparent = has_alpha(self._photo)
         background = np.ones(3) if transparent else self._photo.mean(axis=(0, 1), dtype=np.float64)
         scene = Scene(width, height, background=background, transparent=transparent)
-        files = []
-        for units in _FLAT_UNITS:
+
+        def file(units: int, digits: int) -> SmallFile:
             unit = max(width, height) / units
-            svg = minimal_svg(scene, unit, 3, self._document)
-            files.append(SmallFile(svg, minimal_rounded(scene, unit, 3), math.nan, self._gzipped))
-        return min(files, key=lambda file: file.size)
+            svg = minimal_svg(scene, unit, digits, self._document)
+            return SmallFile(svg, minimal_rounded(scene, unit, digits), math.nan, self._gzipped)
+
+        return [
+            min((file(units, digits) for units in _FLAT_UNITS), key=lambda file: file.size)
+            for digits in HEX_DIGITS
+        ]
 
     def _error(self, svg: str) -> float:
         """Mean squared error of the drawn file at the working size."""
         raster = rasterize_like(svg, self.working, self._renderer)
         return mean_squared_error(stacked(raster), stacked(self.working))
+
+
+def _is_drawing(photo: NDArray[np.float32]) -> bool:
+    """Whether a few colours make up much of a picture, as the flat ones of a drawing do."""
+    weights = 256 ** np.arange(photo.shape[2])
+    colors = (np.round(photo * 255).astype(np.int64) * weights).sum(axis=2)
+    shares = np.sort(np.unique(colors, return_counts=True)[1])[-_FLAT_COLORS:] / colors.size
+    return bool(shares.sum() >= _FLAT_SHARE)
 
 
 def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
@@ -305,8 +376,8 @@ def small_outcome(
     reason = "max_bytes"
     if stopped:
         reason = "interrupted"
-    elif search.fits and not len(found.scene):
-        reason = "enough"  # of one colour
+    elif found.error < EXACT:
+        reason = "enough"
     elif len(found.scene) == plan.count:
         reason = "gaussians"
     costs = FitResult(found.scene, 0, 0, 0.0, 0.0, 0, reason)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,9 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, must_be, number_within
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, RHO_LIMIT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, cut_radius, nearest_class
+from gauss2svg.svg.arcs import arc_geometry, arc_numbers
 from gauss2svg.svg.encode import check_canvas, writable
+from gauss2svg.svg.runs import colors_together
 from gauss2svg.svg.snap import with_exponents
 from gauss2svg.svg.solid import LEAST_SOLID_BETA, is_solid, solid_beta, solid_radius
 
@@ -27,14 +30,15 @@ class Shapes:
 
     index    (n,) of the shape in its scene
     falloff  (n,) index into BETA_CLASSES, -1 for a plain ellipse
-    matrix   (n, 5) whole numbers a b d e f: matrix(a b 0 d e f) of the circle of radius 1
+    numbers  (n, 5) whole a b d e f: matrix(a b 0 d e f) of the circle of radius 1; of a plain
+             ellipse those of gauss2svg.svg.arcs
     levels   (n, 3) of colour, in 0..255
     opacity  (n,) in 0..1
     """
 
     index: NDArray[np.intp]
     falloff: NDArray[np.intp]
-    matrix: NDArray[np.float64]
+    numbers: NDArray[np.float64]
     levels: NDArray[np.intp]
     opacity: NDArray[np.float64]
 
@@ -58,40 +62,47 @@ def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> 
         classes = np.array(BETA_CLASSES)[kind]
         snapped = with_exponents(scene, np.where(solid, scene.betas, classes))
         radius = _radius(snapped.betas, solid)
-        matrix = _matrix(snapped, radius, unit)
-        drawn = writable(snapped, radius, unit) & (matrix[:, [0, 2]] > 0).all(axis=1)
-        drawn &= opacity > 0
+        numbers = _matrix(snapped, radius, unit)
+        numbers[solid] = arc_numbers(snapped.select(solid), radius[solid], unit)
+        extent = np.where(solid[:, None], numbers[:, :2], numbers[:, [0, 2]])
+        drawn = writable(snapped, radius, unit) & (extent > 0).all(axis=1) & (opacity > 0)
         # Shapes that are solid only as they are rounded, so that a rounded scene stays as it is.
         soft = np.flatnonzero(drawn & ~solid)
-        more = soft[_is_solid(_with_matrix(snapped.select(soft), matrix[soft], radius[soft], unit))]
+        more = soft[_is_solid(_placed(snapped.select(soft), numbers[soft], radius[soft], unit))]
         if not len(more):
             break
         solid[more] = True
     index = np.flatnonzero(drawn)
     levels = color_levels(scene.color[index], digits)
     falloff = np.where(solid, -1, kind)[index]
-    return Shapes(index, falloff, matrix[index], levels, opacity[index])
+    shapes = Shapes(index, falloff, numbers[index], levels, opacity[index])
+    if (falloff >= 0).all():
+        return shapes
+    mean, factor = _geometry(shapes.numbers, falloff < 0)
+    keys = np.stack([mean[:, 0], mean[:, 1], falloff])
+    order = colors_together(mean, factor, levels, keys, 1 / unit)
+    return Shapes(*(getattr(shapes, field.name)[order] for field in dataclasses.fields(shapes)))
 
 
 def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Scene:
     """The scene of these shapes of it."""
     solid = shapes.falloff < 0
-    factor = np.zeros((len(solid), 2, 2))
-    factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1] = unit * shapes.matrix[:, :3].T
     beta = np.array([*BETA_CLASSES, 1.0])[shapes.falloff]
-    axes = np.linalg.svd(factor[solid], compute_uv=False)
-    beta[solid] = solid_beta(axes.astype(np.float64))
-    rounded = scene.select(shapes.index).replace(
+    radii = np.sort(unit * shapes.numbers[solid, :2], axis=1)[:, ::-1]
+    beta[solid] = solid_beta(radii)
+    # A minimal file has no layers, and its painter's order is not that of the rounds.
+    one_round = scene.replace(round_index=np.zeros_like(scene.round_index))
+    rounded = one_round.select(shapes.index).replace(
         color=shapes.levels / 255,
         opacity=shapes.opacity,
         background=color_levels(scene.background, digits) / 255,
         beta=beta,
     )
-    rounded = _with_matrix(rounded, shapes.matrix, _radius(beta, solid), unit)
+    rounded = _placed(rounded, shapes.numbers, _radius(beta, solid), unit, solid)
     # The crispest exponent where the best would be written as a soft shape: thin ones.
     beta = np.where(solid & ~_is_solid(rounded), MOST_BETA, beta)
     rounded = rounded.replace(beta=beta)
-    return _with_matrix(rounded, shapes.matrix, _radius(beta, solid), unit)
+    return _placed(rounded, shapes.numbers, _radius(beta, solid), unit, solid)
 
 
 def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
@@ -121,14 +132,28 @@ def _matrix(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[n
     return np.round(np.column_stack(entries) / unit) + 0.0  # no -0
 
 
-def _with_matrix(
-    scene: Scene, matrix: NDArray[np.float64], radius: NDArray[np.float64], unit: float
+def _geometry(
+    numbers: NDArray[np.float64], solid: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centres (n, 2) and factors (n, 3) of what is drawn, in units."""
+    mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
+    mean[solid], factor[solid] = arc_geometry(numbers[solid])
+    return mean, factor
+
+
+def _placed(
+    scene: Scene,
+    numbers: NDArray[np.float64],
+    radius: NDArray[np.float64],
+    unit: float,
+    solid: NDArray[np.bool_] | None = None,
 ) -> Scene:
-    """The scene with the geometry of such numbers."""
-    a, b, d = unit * matrix[:, :3].T
+    """The scene with the geometry of such numbers; solid is where they are of arcs."""
+    mean, factor = _geometry(numbers, np.zeros(len(scene), bool) if solid is None else solid)
+    a, b, d = unit * factor.T
     sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
     return scene.replace(
-        mean=unit * matrix[:, 3:],
+        mean=unit * mean,
         sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA),
         rho=np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT),
     )

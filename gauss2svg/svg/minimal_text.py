@@ -1,4 +1,4 @@
-"""The elements of a minimal file: soft shapes under masks or gradients, plain ellipses.
+"""The elements of a minimal file: soft shapes under masks or gradients, plain ellipses as arcs.
 
 Up to MOST_MASKED soft shapes share one masked circle for each exponent, so that a colour costs a
 few bytes; the stops of its mask are greys, whose luminance is the falloff:
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.svg.arcs import path_data
 from gauss2svg.svg.encode import hex_color, number, short_id
 from gauss2svg.svg.levels import grey_stops
 from gauss2svg.svg.minimal_shapes import Shapes
@@ -63,10 +64,18 @@ def drawing(shapes: Shapes, opacity_decimals: int, stops: int | None) -> tuple[s
         definitions, tags = _masked(shapes)
     else:
         definitions, tags, fills = _gradients(shapes, fills, stops)
-    elements = [
-        _element(shapes, i, tags[int(shapes.falloff[i])], fills[i], opacity[i])
-        for i in range(len(fills))
-    ]
+    elements = []
+    plain = zip(shapes.falloff < 0, fills, opacity, strict=True)
+    # Opaque ellipses of one colour are one path; of others each is blended by itself.
+    for _, run in groupby(enumerate(plain), lambda at: at if at[1][2] or not at[1][0] else at[1]):
+        index = [i for i, _ in run]
+        i = index[0]
+        if shapes.falloff[i] < 0:
+            place = f' d="{path_data(shapes.numbers[index])}"'
+            elements.append(_Element("path", fills[i], opacity[i], place))
+        else:
+            tag = tags[int(shapes.falloff[i])]
+            elements.append(_Element(tag, fills[i], opacity[i], _transform(shapes.numbers[i])))
     if stops is None:
         templates, elements = _shared(elements, len(tags) * 3)
         definitions += templates
@@ -92,7 +101,7 @@ def _masked(shapes: Shapes) -> tuple[str, dict[int, str]]:
     """A masked circle for each exponent, of the first ids, and tags by exponent."""
     kinds = _kinds(shapes)
     count = _STOPS if np.count_nonzero(shapes.falloff >= 0) >= _MANY else _FEW_STOPS
-    tags, texts = {-1: 'circle r="1"'}, []
+    tags, texts = {}, []
     for k, kind in enumerate(kinds):
         name, mask, ramp = (short_id(k + part * len(kinds)) for part in range(3))
         tags[kind] = f'use href="#{name}"'
@@ -115,7 +124,7 @@ def _gradients(
 ) -> tuple[str, dict[int, str], list[str]]:
     """A gradient for each exponent and colour; tags by exponent, fills of all shapes."""
     kinds = _kinds(shapes)
-    tags = {-1: 'circle r="1"'} | {kind: f'circle r="{_circle(kind)}"' for kind in kinds}
+    tags = {kind: f'circle r="{_circle(kind)}"' for kind in kinds}
     rules, texts, first, ramps = [], [], {}, {}
     for k, kind in enumerate(kinds):
         name = first[kind] = short_id(k)
@@ -147,14 +156,9 @@ def _circle(kind: int) -> str:
     return _CLEAR if BETA_CLASSES[kind] >= _CLIPPED_FROM else "1"
 
 
-def _element(shapes: Shapes, i: int, tag: str, fill: str, opacity: str) -> _Element:
-    a, b, d, e, f = (number(v, 0) for v in shapes.matrix[i])
-    if shapes.falloff[i] < 0 and b == "0":
-        place = _attribute("cx", e, "0") + _attribute("cy", f, "0")
-        radii = f' r="{a}"' if a == d else f' rx="{a}" ry="{d}"'
-        return _Element("circle" if a == d else "ellipse", fill, opacity, place + radii)
-    matrix = f"{a} {b} 0 {d} {e} {f}".replace(" -", "-")
-    return _Element(tag, fill, opacity, f' transform="matrix({matrix})"')
+def _transform(matrix: NDArray[np.float64]) -> str:
+    a, b, d, e, f = (number(v, 0) for v in matrix)
+    return f' transform="matrix({a} {b} 0 {d} {e} {f})"'.replace(" -", "-")
 
 
 def _shared(elements: list[_Element], used: int) -> tuple[str, list[_Element]]:

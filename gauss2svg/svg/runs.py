@@ -1,0 +1,45 @@
+"""Painter's orders that draw the same with shapes of one colour after one another.
+
+Two shapes may change places where they do not overlap, or where their colours are equal.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+_DIRECTIONS = 12  # along which the projections of two ellipses are compared
+
+
+def colors_together(
+    mean: NDArray[np.float64],
+    factor: NDArray[np.float64],
+    color: NDArray[np.intp],
+    key: NDArray[np.float64],
+    margin: float,
+) -> NDArray[np.intp]:
+    """(n,) order of n shapes with few changes of colour; it does not depend on equivalent orders.
+
+    mean    (n, 2); factor (n, 3) l11 l21 l22 of the ellipses that the shapes stay in
+    color   (n, 3) whole levels
+    key     (k, n) by which those of a run are sorted, the last row first
+    margin  of lengths, from which two ellipses count as apart
+    From below: a colour all of whose shapes can be drawn, else the one of the largest share.
+    """
+    kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
+    below = np.triu(kind[:, None] != kind, 1)
+    for angle_rad in np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS:
+        x, y = np.cos(angle_rad), np.sin(angle_rad)
+        at = mean @ [x, y]
+        reach = np.hypot(factor[:, 0] * x + factor[:, 1] * y, factor[:, 2] * y)
+        below &= np.abs(at[:, None] - at) < reach[:, None] + reach + margin
+    waiting, left = below.sum(axis=0), np.ones(len(mean), bool)
+    order = []
+    while left.any():
+        ready = np.bincount(kind[left & (waiting == 0)], minlength=kind.max() + 1)
+        share = ready / np.maximum(np.bincount(kind[left], minlength=len(ready)), 1)
+        chosen = np.flatnonzero(left & (waiting == 0) & (kind == share.argmax()))
+        order.append(chosen[np.lexsort(key[:, chosen])])
+        left[chosen] = False
+        waiting -= below[chosen].sum(axis=0)
+    return np.concatenate(order) if order else np.zeros(0, np.intp)
