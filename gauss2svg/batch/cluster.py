@@ -91,11 +91,11 @@ def remote_client(scheduler: str) -> Iterator[Client]:
             client.close(timeout=_CLOSE_S)
 
 
-def check_workers(client: Client, options: Options) -> None:
+def check_workers(client: Client, options: Options, needed: dict[str, str]) -> None:
     """Raise ClusterError for workers that cannot do the work, before any of it begins.
 
-    They must have this package in the same version, numba and NumPy too, the renderer, and one
-    thread each. One of every machine then compiles the kernels. Those that join later check
+    They must have the needed versions of this package and others, the renderer, and one thread
+    each. One of every machine then compiles the kernels. Those that join later check
     their versions themselves.
     """
     info = client.scheduler_info(n_workers=-1)["workers"]
@@ -103,7 +103,6 @@ def check_workers(client: Client, options: Options) -> None:
         if worker["nthreads"] != 1:
             got, advice = shown(f"{worker['nthreads']} at {address}"), "dask worker --nthreads 1"
             raise ClusterError(must_be("threads of a worker", "1", got, advice))
-    needed = versions()
     for address, found in client.run(_probe, options, on_error="return").items():
         if isinstance(found, Gauss2SvgError):
             raise ClusterError(f"worker {address}: {found}")

@@ -34,7 +34,8 @@ class Driver:
 
     def __init__(self, client: Client, job: Job, index: PhotoIndex, workers: Callable[[], int]):
         self._client, self._job, self._index, self._workers = client, job, index, workers
-        run = f"{datetime.now(UTC):%Y%m%dT%H%M%S}-{secrets.token_hex(3)}"
+        # Records of later runs come later by name.
+        run = f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}-{secrets.token_hex(3)}"
         self._keys = (f"{run}-{number:07d}" for number in count())
         self._again: deque[Shard] = deque()
         self._new = self._shards()

@@ -150,10 +150,11 @@ class Batch:
 
         if self.options.run.threads is None:
             self.options = self.options.changed(threads=1)
-        check_workers(client, self.options)
+        needed = versions()
+        check_workers(client, self.options, needed)
         name = f"{STATE}/options-{identity_of(self.options)}.json"
-        self.store.write(name, as_json({**versions(), "options": self.options.flat()}))
-        job = Job(self.options, self.store, versions(), self.batch.retry_failed)
+        self.store.write(name, as_json({**needed, "options": self.options.flat()}))
+        job = Job(self.options, self.store, needed, self.batch.retry_failed)
         for record in Driver(client, job, self.index, counter(client)).records():
             self.index.add_record(record)
             yield record

@@ -31,6 +31,7 @@ def batch_command(
         str,
         Parameter(
             name=["--output", "-o"],
+            allow_leading_hyphen=True,
             help="Folder or URL for the SVGs. Run the command again to continue: what is done is "
             "skipped.",
         ),
