@@ -167,9 +167,12 @@ def _end(cluster: LocalCluster) -> None:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Inside Dask logs nothing: what is wrong is told in our words."""
-    logger = logging.getLogger("distributed")
-    before, logger.level = logger.level, logging.CRITICAL + 1
+    names = ["distributed", *(n for n in logging.root.manager.loggerDict if "distributed." in n)]
+    before = {logging.getLogger(name): logging.getLogger(name).level for name in names}
+    for logger in before:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for logger, level in before.items():
+            logger.setLevel(level)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import queue
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
+from contextlib import suppress
 from typing import Any, TypeVar
 
 from distributed import Client, Future
@@ -35,7 +37,10 @@ def answers(
     try:
         while True:
             while len(submitted) < window() and (request := next_request()) is not None:
-                future = client.submit(function, request, pure=False)
+                try:
+                    future = client.submit(function, request, pure=False)
+                except Exception as error:  # of a connection that is closed
+                    raise _gone(client) from error
                 submitted[future.key] = future, request
                 future.add_done_callback(finished.put)
             if not submitted:
@@ -46,7 +51,8 @@ def answers(
             future.release()
     finally:
         if submitted and client.status == "running":
-            client.cancel([future for future, _ in submitted.values()], force=True)
+            with suppress(OSError, CancelledError):  # they end with the scheduler
+                client.cancel([future for future, _ in submitted.values()], force=True)
 
 
 def _next(client: Client, finished: queue.SimpleQueue[Future]) -> Future:
@@ -59,10 +65,10 @@ def _next(client: Client, finished: queue.SimpleQueue[Future]) -> Future:
 
 
 def _outcome(future: Future) -> Any:
-    if future.cancelled():
-        raise _gone(future.client)
-    error = future.exception()
-    return future.result() if error is None else error
+    try:
+        return future.exception() if future.status == "error" else future.result()
+    except (OSError, CancelledError) as error:  # what a task raises is returned just above
+        raise _gone(future.client) from error
 
 
 def _gone(client: Client) -> ClusterError:
