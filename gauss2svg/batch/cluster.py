@@ -8,8 +8,9 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
-import dask
+import dask.config
 from distributed import Client, LocalCluster
 from numba.core import config
 
@@ -58,7 +59,7 @@ def local_client(
             threads_per_worker=1,
             memory_limit=memory or 0,
             host="127.0.0.1",
-            dashboard_address=_dashboard() if dashboard else None,
+            dashboard_address=_dashboard() if dashboard else None,  # pyright: ignore[reportArgumentType]
             silence_logs=logging.CRITICAL,
         )
         try:
@@ -103,7 +104,9 @@ def check_workers(client: Client, options: Options, needed: dict[str, str]) -> N
         if worker["nthreads"] != 1:
             got, advice = shown(f"{worker['nthreads']} at {address}"), "dask worker --nthreads 1"
             raise ClusterError(must_be("threads of a worker", "1", got, advice))
-    for address, found in client.run(_probe, options, on_error="return").items():
+    # A client's methods return coroutines only inside of coroutines.
+    probed: Any = client.run(_probe, options, on_error="return")
+    for address, found in probed.items():
         if isinstance(found, Gauss2SvgError):
             raise ClusterError(f"worker {address}: {found}")
         if isinstance(found, Exception):
@@ -126,7 +129,8 @@ def counter(client: Client) -> Callable[[], int]:
         nonlocal known, at
         if time.monotonic() - at >= _COUNT_S:
             with suppress(Exception):  # the scheduler is gone, which the tasks report
-                known = len(client.nthreads())
+                threads: Any = client.nthreads()
+                known = len(threads)
             at = time.monotonic()
         return known
 
@@ -159,7 +163,7 @@ def _dashboard() -> str:
 def _end(cluster: LocalCluster) -> None:
     """Kill the workers: what they write is whole or not there, and a photo may take minutes."""
     for nanny in cluster.workers.values():
-        nanny.auto_restart = False
+        nanny.close_gracefully()  # and start no other
         with suppress(ProcessLookupError, TypeError):  # it is being started again
             os.kill(nanny.pid, signal.SIGKILL)
 

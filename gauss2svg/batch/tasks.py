@@ -33,7 +33,7 @@ def answers(
     when the iterator is closed are cancelled.
     """
     finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
-    submitted: dict[str, tuple[Future, T]] = {}
+    submitted: dict[Any, tuple[Future, T]] = {}
     try:
         while True:
             while len(submitted) < window() and (request := next_request()) is not None:
@@ -47,7 +47,7 @@ def answers(
                 return
             future = _next(client, finished)
             _, request = submitted.pop(future.key)
-            yield request, _outcome(future)
+            yield request, _outcome(client, future)
             future.release()
     finally:
         if submitted and client.status == "running":
@@ -64,11 +64,11 @@ def _next(client: Client, finished: queue.SimpleQueue[Future]) -> Future:
                 raise _gone(client) from None
 
 
-def _outcome(future: Future) -> Any:
+def _outcome(client: Client, future: Future) -> Any:
     try:
         return future.exception() if future.status == "error" else future.result()
     except (OSError, CancelledError) as error:  # what a task raises is returned just above
-        raise _gone(future.client) from error
+        raise _gone(client) from error
 
 
 def _gone(client: Client) -> ClusterError:

@@ -7,6 +7,7 @@ import os
 import time
 import warnings
 from dataclasses import dataclass
+from typing import Any
 
 from gauss2svg.batch.records import (
     PhotoRecord,
@@ -127,6 +128,7 @@ def _one(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecord:
     """What becomes of a photo; raises OutputError alone."""
     begun, identity = time.perf_counter(), identity_of(job.options)
     stamp = digest = ""
+    made: dict[str, Any]
     try:
         stamp = stamp_of(photo.path)
         prior = _kept(job, photo, stamp, identity)
@@ -167,7 +169,7 @@ def _digest(path: str) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
-def _vectorized(store: Store, options: Options, photo: BatchPhoto) -> dict[str, object]:
+def _vectorized(store: Store, options: Options, photo: BatchPhoto) -> dict[str, Any]:
     """Write the SVG of a photo; returns entries of its record."""
     target = store.path(photo.output)
     if photo.path == target or (store.is_local and os.path.realpath(photo.path) == target):

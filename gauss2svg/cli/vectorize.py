@@ -108,7 +108,7 @@ def _one_photo(photos: tuple[str, ...]) -> str:
             raise InputError(must_be(name, "an option", shown("an unknown one"), advice))
     if len(photos) != 1:
         got = shown(", ".join(photos) or "none")
-        advice = "a command for each, or gauss2svg gallery" if photos else "gauss2svg --help"
+        advice = "gauss2svg batch" if photos else "gauss2svg --help"
         raise InputError(must_be("the photo", "one file", got, advice))
     return photos[0]
 
