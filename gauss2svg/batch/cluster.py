@@ -6,6 +6,7 @@ import logging
 import os
 import signal
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -24,6 +25,7 @@ from gauss2svg.pipeline.plan import Plan
 _CONNECT_S = 10.0
 _COUNT_S = 1.0  # for which a number of workers is taken as known
 _CLOSE_S = 5.0
+_DASHBOARD = 8787
 _LOCAL = {
     # A shard that is unfinished is not wanted on a worker whose turn may be long.
     "distributed.scheduler.worker-saturation": 1.0,
@@ -49,17 +51,18 @@ def local_client(
 
     memory     bytes of each, above which it is killed; None: no limit
     blend      blend whose kernels are compiled before, once; None: none
-    dashboard  whether Dask's web page is served, at port 8787 or a free one
+    dashboard  whether Dask's web page is served at its usual port, if that is free, or at any
     """
     if blend is not None:
         compile_kernels(blend=blend)
-    with dask.config.set(_LOCAL), _quiet():
+    with dask.config.set(_LOCAL), _quiet(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Port .* is already in use")  # another is taken
         cluster = LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             memory_limit=memory or 0,
             host="127.0.0.1",
-            dashboard_address=_dashboard() if dashboard else None,  # pyright: ignore[reportArgumentType]
+            dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
             silence_logs=logging.CRITICAL,
         )
         try:
@@ -150,14 +153,6 @@ def _ignore_interrupts() -> None:
     """A Ctrl-C at the terminal reaches all its processes; the driver ends its workers itself."""
     with suppress(ValueError):  # not the main thread, in a cluster without processes
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _dashboard() -> str:
-    """Port 8787, or a free one where it is taken; on this machine alone."""
-    import socket
-
-    with socket.socket() as probe:
-        return f"127.0.0.1:{0 if probe.connect_ex(('127.0.0.1', 8787)) == 0 else 8787}"
 
 
 def _end(cluster: LocalCluster) -> None:

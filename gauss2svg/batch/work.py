@@ -103,7 +103,7 @@ def work(job: Job, shard: Shard) -> Answer:
             for photo in shard.photos:
                 if photo.output in earlier:
                     continue
-                found.append(_one(job, options, photo))
+                found.append(vectorize_photo(job, options, photo))
                 if not found[-1].skipped:
                     record.add(found[-1])
                 if time.monotonic() - begun > SHARD_S:
@@ -124,7 +124,7 @@ def check_versions(found: dict[str, str], needed: dict[str, str], where: str) ->
             )
 
 
-def _one(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecord:
+def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecord:
     """What becomes of a photo; raises OutputError alone."""
     begun, identity = time.perf_counter(), identity_of(job.options)
     stamp = digest = ""

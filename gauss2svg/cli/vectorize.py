@@ -27,7 +27,7 @@ _PARAMETERS = """
 Parameters
 ----------
 photo
-    JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF; - is standard input.
+    JPEG, PNG, WebP, TIFF, GIF, BMP, AVIF; - is standard input.
 output
     SVG to write, - for standard output; by default photo.svg.
 """
@@ -66,7 +66,7 @@ def vectorize_command(everything: bool) -> Callable[..., int]:
         return Group(name, sort_key=order, show=shown)
 
     def command(
-        *photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        *photo: Annotated[str, Parameter(allow_leading_hyphen=True, group="Parameters")],
         output: Annotated[
             str | None, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)
         ] = None,
