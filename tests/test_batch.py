@@ -5,7 +5,6 @@ import json
 import os
 from collections import Counter
 
-import distributed
 import pytest
 from batches import TINY_COMMAND, left_parts, lines, outputs, save_photo, save_photos, tiny
 
@@ -21,32 +20,20 @@ from gauss2svg.errors import ClusterError, OutputError
 NAMES = ["a.png", "b/a.jpg", "b/c d.png", "e.tif"]
 
 
-@pytest.fixture(scope="module")
-def client():
-    """A cluster without processes: one thread works."""
-    with (
-        distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
-        ) as cluster,
-        distributed.Client(cluster, set_as_default=False) as client,
-    ):
-        yield client
-
-
 @pytest.fixture
 def photos(tmp_path):
     return save_photos(tmp_path / "photos", NAMES)
 
 
 @pytest.fixture
-def run(client, tmp_path):
+def run(dask_client, tmp_path):
     """Run a batch to out/; returns the outputs that were done, skipped, and failed."""
 
     def run(*sources, retry_failed=False, **options):
         found = {"done": [], "skipped": [], "failed": []}
         batch = BatchOptions(retry_failed=retry_failed)
         for record in vectorize_many(
-            sources, tmp_path / "out", tiny(**options), batch=batch, client=client
+            sources, tmp_path / "out", tiny(**options), batch=batch, client=dask_client
         ):
             kind = "failed" if record.error else "skipped" if record.skipped else "done"
             found[kind].append(record.output)
@@ -253,12 +240,12 @@ def test_photos_that_kill_workers_are_found_and_cost_no_other(
         assert set(deadly.made.values()) == {1}
 
 
-def test_shard_whose_worker_died_is_not_begun_again(client, photos, tmp_path):
+def test_shard_whose_worker_died_is_not_begun_again(dask_client, photos, tmp_path):
     store = work.Store(str(tmp_path / "out"), f"{STATE}/parts")
     shard = work.Shard("run-1", (work.BatchPhoto(str(photos / "a.png"), "a.svg"),))
     drive.ShardRecord(store, "run-1").write(working=True)
     job = work.Job(tiny(), store, {})
-    answer = client.submit(work.work, job, shard, pure=False).result()
+    answer = dask_client.submit(work.work, job, shard, pure=False).result()
     assert answer == work.Answer((), has_died=True)
     assert outputs(tmp_path / "out") == {}
 
@@ -271,7 +258,7 @@ def test_cut_and_foreign_lines_of_records_are_no_records(run, photos, tmp_path):
     assert len(run(photos)["done"]) == 4
 
 
-def test_stores_of_fsspec_are_read_and_written(run, client, tmp_path):
+def test_stores_of_fsspec_are_read_and_written(run, dask_client, tmp_path):
     import fsspec
 
     fs = fsspec.filesystem("memory")
@@ -281,7 +268,7 @@ def test_stores_of_fsspec_are_read_and_written(run, client, tmp_path):
     root = f"memory://{tmp_path.name}"
 
     def go(sources, output):
-        found = vectorize_many(sources, output, tiny(), client=client)
+        found = vectorize_many(sources, output, tiny(), client=dask_client)
         return {one.output: (one.skipped, one.error) for one in found}
 
     assert go([f"{root}/in"], f"{root}/out") == dict.fromkeys(("a.svg", "sub/b.svg"), (False, None))
@@ -293,12 +280,12 @@ def test_stores_of_fsspec_are_read_and_written(run, client, tmp_path):
     assert fs.exists(f"/{tmp_path.name}/out/{TABLE}")
 
 
-def test_summary_counts_photos_and_reasons(run, photos, tmp_path, client):
+def test_summary_counts_photos_and_reasons(photos, tmp_path, dask_client):
     for name in ("x1.png", "x22.png"):
         (photos / name).write_bytes(b"no picture")
     summary = Summary()
     with Batch([photos], tmp_path / "out", tiny()) as batch:
-        for record in batch.records(client):
+        for record in batch.records(dask_client):
             summary.add(record)
         write_table(batch.store, batch.index)
     assert (summary.done, summary.skipped, summary.failed, summary.total) == (4, 0, 2, 6)
