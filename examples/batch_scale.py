@@ -25,14 +25,14 @@ import psutil
 _STAND_IN = '''
 """Loaded by workers: photos of a list that do not exist, answered for at once."""
 from gauss2svg.batch import work
-from gauss2svg.batch.records import PhotoRecord, all_versions, identity_of
+from gauss2svg.batch.records import PhotoRecord, all_versions
 _VERSIONS = all_versions()
 
 def stand_in(job, options, photo):
     if photo.prior is not None:
         return PhotoRecord(**photo.prior.line(), skipped=True)
     return PhotoRecord(
-        input=photo.path, output=photo.output, options=identity_of(job.options), stamp="1 1",
+        input=photo.path, output=photo.output, options=job.identity, stamp="1 1",
         sha256="0" * 64, width=768, height=512, gaussians=5000, psnr_svg=32.125, bytes=150_000,
         seconds=1.5, versions=_VERSIONS,
     )

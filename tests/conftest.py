@@ -255,9 +255,9 @@ def asked(monkeypatch):
         def __exit__(self, *_):
             pass
 
-        def run(self, requests):
+        def run(self, requests, begun):
             for index, request in enumerate(requests):
-                yield index, None
+                begun(index)
                 found.append((request["kind"], request["folder"].rpartition("/photos/")[2]))
                 answer = galleries.canned if request["kind"] == "variant" else answer_to
                 yield index, answer(request)

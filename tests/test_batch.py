@@ -228,7 +228,7 @@ def test_photos_that_kill_workers_are_found_and_cost_no_other(
     monkeypatch.setattr(drive, "answers", deadly.answers)
     monkeypatch.setattr(drive, "_SHARDS_A_WORKER", 1)
     with Batch([f"{tmp_path}/*.png"], tmp_path / "out", tiny()) as batch:
-        job = work.Job(batch.options, batch.store, {})
+        job = work.Job(batch.options, batch.store, {}, "")
         found = list(drive.Driver(None, job, batch.index, lambda: 1).records())
     assert Counter(one.output for one in found) == {f"{n:02}.svg": 1 for n in range(40)}
     failed = {one.output for one in found if one.error is not None}
@@ -244,7 +244,7 @@ def test_shard_whose_worker_died_is_not_begun_again(dask_client, photos, tmp_pat
     store = work.Store(str(tmp_path / "out"), f"{STATE}/parts")
     shard = work.Shard("run-1", (work.BatchPhoto(str(photos / "a.png"), "a.svg"),))
     drive.ShardRecord(store, "run-1").write(working=True)
-    job = work.Job(tiny(), store, {})
+    job = work.Job(tiny(), store, {}, "")
     answer = dask_client.submit(work.work, job, shard, pure=False).result()
     assert answer == work.Answer((), has_died=True)
     assert outputs(tmp_path / "out") == {}

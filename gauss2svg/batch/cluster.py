@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import signal
 import time
 import warnings
@@ -12,6 +11,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import dask.config
+import psutil
 from distributed import Client, LocalCluster
 from numba.core import config
 
@@ -27,6 +27,8 @@ _COUNT_S = 1.0  # for which a number of workers is taken as known
 _CLOSE_S = 5.0
 _DASHBOARD = 8787
 _LOCAL = {
+    # Of a task whose worker died we are told at once.
+    "distributed.scheduler.allowed-failures": 0,
     # A shard that is unfinished is not wanted on a worker whose turn may be long.
     "distributed.scheduler.worker-saturation": 1.0,
     # Memory is that of pictures, which Dask cannot write to disk, and a pause would never end.
@@ -159,8 +161,13 @@ def _end(cluster: LocalCluster) -> None:
     """Kill the workers: what they write is whole or not there, and a photo may take minutes."""
     for nanny in cluster.workers.values():
         nanny.close_gracefully()  # and start no other
-        with suppress(ProcessLookupError, TypeError):  # it is being started again
-            os.kill(nanny.pid, signal.SIGKILL)
+        if nanny.pid is None:  # it is being started again
+            continue
+        with suppress(psutil.NoSuchProcess):
+            worker = psutil.Process(nanny.pid)
+            for process in (worker, *worker.children(recursive=True)):  # such as other tools
+                with suppress(psutil.NoSuchProcess):
+                    process.kill()
 
 
 @contextmanager

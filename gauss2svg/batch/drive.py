@@ -14,11 +14,11 @@ from itertools import count
 from distributed import Client, KilledWorker
 
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions, identity_of
+from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions
 from gauss2svg.batch.stores import stamp_of
 from gauss2svg.batch.tasks import answers
 from gauss2svg.batch.work import Answer, BatchPhoto, Job, Shard, work
-from gauss2svg.errors import InputError, OutputError
+from gauss2svg.errors import ClusterError, InputError, OutputError
 
 MOST_PHOTOS = 500  # of a shard: Dask is made for up to 100 000 tasks
 _MOST_BYTES = 150_000_000  # of a shard's photos, some 50 of a camera
@@ -27,6 +27,7 @@ _SHARDS_A_WORKER = 8  # at least, so that workers end at about the same time
 _WINDOW = 2  # shards for each worker: one that it works on, one that waits
 _MOST_DEATHS = 2  # workers that a photo alone may kill
 _MOST_REFUSALS = 3
+_MOST_LOSSES = 20  # of workers at which a shard waited its turn
 
 
 class Driver:
@@ -55,6 +56,9 @@ class Driver:
                 self._hand_out(shard, _left(shard, answer.records), answer.refused)
             elif isinstance(answer, (Answer, KilledWorker)):
                 record = ShardRecord(self._job.store, shard.key)
+                if not record.begun:  # its worker died at another, or before it
+                    self._hand_back(shard)
+                    continue
                 photos = {photo.output for photo in shard.photos}
                 known = [one for output, one in record.done.items() if output in photos]
                 record.write()  # it is begun no more
@@ -101,6 +105,14 @@ class Driver:
                 photos = left[at : at + share]
                 self._again.append(Shard(next(self._keys), photos, refusals=refusals))
 
+    def _hand_back(self, shard: Shard) -> None:
+        """Have a shard that was not begun worked on, unless workers die without beginning any."""
+        if shard.losses >= _MOST_LOSSES:
+            raise ClusterError(
+                f"{shard.losses} workers died before they began. Try `dask worker` by hand"
+            )
+        self._again.append(dataclasses.replace(shard, losses=shard.losses + 1))
+
     def _isolate(self, shard: Shard, left: tuple[BatchPhoto, ...]) -> Iterator[PhotoRecord]:
         """Split a shard at which a worker died: most likely at the first photo without a record."""
         if len(shard.photos) == 1 and left:
@@ -124,7 +136,7 @@ class Driver:
             input=photo.path,
             output=photo.output,
             stamp=stamp,
-            options=identity_of(self._job.options),
+            options=self._job.identity,
             error=f"{_MOST_DEATHS} workers died at it, alone; was there enough memory? "
             "Try --max-size or --retry-failed on workers with more",
             versions=all_versions(),

@@ -34,6 +34,7 @@ class PhotoIndex:
         self._base.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
         self._base.execute("PRAGMA journal_mode = OFF")
         self._base.executescript(_TABLES)
+        self._base.execute("BEGIN")  # for ever: nobody else reads it, and a commit writes
         self.count = 0
 
     def close(self) -> None:
@@ -46,7 +47,6 @@ class PhotoIndex:
     def add(self, sources: Iterable[Source], suffix: str) -> None:
         """Add photos; raises InputError for two that would write one file. A photo counts once."""
         insert = "INSERT OR IGNORE INTO photo (key, path, output, size) VALUES (?, ?, ?, ?)"
-        self._base.execute("BEGIN")
         for path, name, size in sources:
             output = name + suffix
             if not is_url(path):  # workers may have another current folder
@@ -64,11 +64,9 @@ class PhotoIndex:
                     f"photos must have outputs of their own; got {got}. Try other names, or a run "
                     "for each with an output folder of its own"
                 )
-        self._base.execute("COMMIT")
 
     def add_prior(self, lines: Iterable[bytes]) -> None:
         """Add lines of earlier runs' records, oldest first."""
-        self._base.execute("BEGIN")
         for line in lines:
             record = record_of(line)
             if record is not None:
@@ -76,13 +74,12 @@ class PhotoIndex:
                     "UPDATE photo SET prior = ? WHERE key = ?",
                     (line.decode(), self._key(record.output)),
                 )
-        self._base.execute("COMMIT")
 
     def add_record(self, record: PhotoRecord) -> None:
         """Add what became of a photo."""
         self._base.execute(
             "INSERT OR REPLACE INTO record VALUES (?, ?)",
-            (self._key(record.output), json.dumps(record.line() | {"skipped": record.skipped})),
+            (self._key(record.output), json.dumps(vars(record))),
         )
 
     def photos(self) -> Iterator[tuple[str, str, int | None, PhotoRecord | None]]:

@@ -152,9 +152,11 @@ class Batch:
             self.options = self.options.changed(threads=1)
         needed = versions()
         check_workers(client, self.options, needed)
-        name = f"{STATE}/options-{identity_of(self.options)}.json"
-        self.store.write(name, as_json({**needed, "options": self.options.flat()}))
-        job = Job(self.options, self.store, needed, self.batch.retry_failed)
+        identity = identity_of(self.options)
+        self.store.write(
+            f"{STATE}/options-{identity}.json", as_json({**needed, "options": self.options.flat()})
+        )
+        job = Job(self.options, self.store, needed, identity, self.batch.retry_failed)
         for record in Driver(client, job, self.index, counter(client)).records():
             self.index.add_record(record)
             yield record

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import platform
 import time
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.metadata import version
 from typing import Any
 
@@ -58,9 +58,7 @@ class PhotoRecord:
 
     def line(self) -> dict[str, Any]:
         """Its line in a record; `skipped` is of a run and not of the photo."""
-        found = dataclasses.asdict(self)
-        del found["skipped"]
-        return found
+        return {name: value for name, value in vars(self).items() if name != "skipped"}
 
 
 def record_of(line: str | bytes) -> PhotoRecord | None:
@@ -77,6 +75,7 @@ def versions() -> dict[str, str]:
     return {"gauss2svg": __version__} | {name: version(name) for name in names}
 
 
+@cache
 def all_versions() -> dict[str, str]:
     """The same, and Python's."""
     return versions() | {"python": platform.python_version()}

@@ -124,8 +124,7 @@ def _csv(path: Path, records: Iterable[PhotoRecord]) -> None:
 
 
 def _row(record: PhotoRecord) -> dict[str, Any]:
-    row = dataclasses.asdict(record)
-    return row | {
+    return vars(record) | {
         "unreached": "; ".join(record.unreached),
         "versions": json.dumps(record.versions),
     }

@@ -13,7 +13,6 @@ from gauss2svg.batch.records import (
     PhotoRecord,
     ShardRecord,
     all_versions,
-    identity_of,
     versions,
 )
 from gauss2svg.batch.stores import Store, is_url, opened, stamp_of
@@ -45,22 +44,24 @@ class Shard:
     """Photos that one task works on, and the key of their record.
 
     deaths   workers that died at a photo which is alone here
-    refusals times that an output could not be written
+    refusals times that an output could not be written; losses: that a worker died before it began
     """
 
     key: str
     photos: tuple[BatchPhoto, ...]
     deaths: int = 0
     refusals: int = 0
+    losses: int = 0
 
 
 @dataclass(frozen=True)
 class Job:
-    """What all shards share."""
+    """What all shards share; identity: of the options."""
 
     options: Options
     store: Store
     versions: dict[str, str]
+    identity: str
     retry_failed: bool = False
 
 
@@ -126,7 +127,7 @@ def check_versions(found: dict[str, str], needed: dict[str, str], where: str) ->
 
 def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecord:
     """What becomes of a photo; raises OutputError alone."""
-    begun, identity = time.perf_counter(), identity_of(job.options)
+    begun, identity = time.perf_counter(), job.identity
     stamp = digest = ""
     made: dict[str, Any]
     try:

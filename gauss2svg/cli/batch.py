@@ -14,6 +14,7 @@ from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.svg.document import Document
 
 STATUS_SOME_FAILED = 1
+_SHOW_S = 0.2  # between two states of the bar
 _OPTIONS_FILE = "--options"
 
 
@@ -73,9 +74,12 @@ def batch_command(
                 _print(f"Dask's dashboard: {client.dashboard_link}")
             summary = Summary()
             update("", 0, made.index.count)
+            shown = 0.0
             for record in made.records(client):
                 summary.add(record)
-                update(_state(summary, made.index.count), summary.total, made.index.count)
+                if summary.seconds - shown > _SHOW_S:
+                    shown = summary.seconds
+                    update(_state(summary, made.index.count), summary.total, made.index.count)
         tables = write_table(made.store, made.index)
     if not quiet:
         for line in summary.lines():

@@ -224,20 +224,21 @@ class _Build:
         return missing
 
     def _make(self, pool: WorkerPool, tasks: list[Task]) -> None:
+        def begun(index: int) -> None:
+            self._now.append(tasks[index].label)
+            self._report()
+
         self._report()
-        for index, answer in pool.run([task.request for task in tasks]):
+        for index, answer in pool.run([task.request for task in tasks], begun):
             task = tasks[index]
-            if answer is None:
-                self._now.append(task.label)
+            self._now.remove(task.label)
+            if "fatal" in answer:
+                raise OutputError(answer["error"])
+            if "error" in answer:
+                self._fail(task.photo, task.variant, on_one_line(answer["error"]))
             else:
-                self._now.remove(task.label)
-                if "fatal" in answer:
-                    raise OutputError(answer["error"])
-                if "error" in answer:
-                    self._fail(task.photo, task.variant, on_one_line(answer["error"]))
-                else:
-                    self._records[task.folder] = answer["record"]
-                    self._done += 1
+                self._records[task.folder] = answer["record"]
+                self._done += 1
             self._report()
 
     def _fail(self, photo: GalleryPhoto, variant: Variant | None, error: str) -> None:
