@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import subprocess
 import time
 from collections import Counter
 
@@ -120,3 +121,36 @@ def test_interrupted_batch_ends_soon_and_goes_on(number, photos, quiet, tmp_path
     assert len(outputs(out)) == COUNT
     assert before.items() <= outputs(out).items()
     assert len(left_parts(out)) <= 2  # of workers that were killed just then; gone after a minute
+
+
+@pytest.fixture
+def full_disk(tmp_path):
+    """A file system of 200 kB."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    command = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
+    if subprocess.run(command, capture_output=True, check=False).returncode:
+        pytest.skip("no right to mount a small file system")
+    yield folder
+    subprocess.run(["umount", "-l", str(folder)], check=True)
+
+
+def test_full_disk_ends_the_batch_in_a_line_and_the_next_run_goes_on(full_disk, tmp_path):
+    photos = save_photos(tmp_path / "many", [f"{number:03}.png" for number in range(80)])
+    out = full_disk / "out"
+    ballast = full_disk / "ballast"
+    ballast.write_bytes(bytes(100_000))
+    status, said = ended(batch(photos, "-o", out, cwd=tmp_path))
+    assert status == 2
+    assert len(said) == 2, said
+    assert "No space left on device" in said[1]
+    written = outputs(out)
+    assert 0 < len(written) < 80
+    ballast.unlink()
+    subprocess.run(["mount", "-o", "remount,size=2m", str(full_disk)], check=True)
+    status, said = ended(batch(photos, "-o", out, cwd=tmp_path))
+    assert status == 0, said
+    assert written.items() <= outputs(out).items()
+    assert len(outputs(out)) == 80
+    for path in photos.iterdir():
+        assert outputs(out)[f"{path.stem}.svg"] == vectorize_by(tiny(), path).svg.encode()

@@ -11,6 +11,7 @@ import time
 import numpy as np
 import psutil
 import pytest
+from conftest import has_ended
 from flat import build_gallery
 from galleries import Page, all_requests, save
 
@@ -240,7 +241,7 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(phot
     assert status == 130
     assert len(workers) >= 2
     assert err == "gauss2svg: interrupted; every file is whole or untouched\n"
-    assert not [worker for worker in workers if worker.is_running()]
+    assert all(has_ended(worker.pid) for worker in workers)
     (row,) = json.loads((out / "gallery.json").read_text())["rows"]
     assert (row["variant"], row["photo"]) == ("20 Gaussians", "a.png")
     assert {path.name for path in (out / "photos" / "a").iterdir()} - {"gaussians-60000"} == {
