@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import queue
+import zlib
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import suppress
 from typing import Any, TypeVar
 
 from distributed import Client, Future
+from distributed.protocol.pickle import dumps, loads
 
 from gauss2svg.errors import ClusterError
 
@@ -37,8 +39,10 @@ def answers(
     try:
         while True:
             while len(submitted) < window() and (request := next_request()) is not None:
+                # The scheduler remembers its last thousand tasks, with all that is in them.
+                packed = zlib.compress(dumps((function, request)))
                 try:
-                    future = client.submit(function, request, pure=False)
+                    future = client.submit(_call, packed, pure=False)
                 except Exception as error:  # of a connection that is closed
                     raise _gone(client) from error
                 submitted[future.key] = future, request
@@ -53,6 +57,11 @@ def answers(
         if submitted and client.status == "running":
             with suppress(OSError, CancelledError):  # they end with the scheduler
                 client.cancel([future for future, _ in submitted.values()], force=True)
+
+
+def _call(packed: bytes) -> Any:
+    function, request = loads(zlib.decompress(packed))
+    return function(request)
 
 
 def _next(client: Client, finished: queue.SimpleQueue[Future]) -> Future:
