@@ -134,6 +134,7 @@ def build_gallery(
     try:
         build.run(options.jobs)
     except KeyboardInterrupt:
+        build.look_up_finished()  # of which the workers had no time to tell
         build.write(dataclasses.replace(provenance, missing=build.missing))
         raise
     return build.write(provenance)
@@ -171,10 +172,13 @@ class _Build:
                 # Once, by one process: workers that start together would each compile them.
                 compile_kernels()
             photos = self._missing([photo_task(self._root, p, self._setup) for p in readable])
-            # Finished SVGs are looked up first, so that an interruption shows them.
-            self._missing(self._variant_tasks())
+            self.look_up_finished()
             self._make(pool, photos)
             self._make(pool, self._missing(self._variant_tasks()))
+
+    def look_up_finished(self) -> None:
+        """Take in the records of SVGs that are finished."""
+        self._missing(self._variant_tasks())
 
     @property
     def missing(self) -> int:
