@@ -107,7 +107,7 @@ def scale(count: int, folder: Path) -> None:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("counts", nargs="*", type=int, default=[10_000, 100_000, 1_000_000])
     print("| photos | run | s | photos a second | driver MB | scheduler MB | records, tables MB |")
     print("|---|---|---|---|---|---|---|")

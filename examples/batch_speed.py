@@ -53,7 +53,7 @@ def timed(*commands: list[str]) -> tuple[float, float]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--photos", type=int, default=400)
     parser.add_argument("--side", type=int, default=256)
     parser.add_argument("--quality", default="draft")

@@ -296,6 +296,7 @@ def test_summary_counts_photos_and_reasons(photos, tmp_path, dask_client):
     assert reasons[0].startswith("failed, 2: photo must be a supported image")
 
 
+@pytest.mark.process
 def test_importing_and_vectorising_load_neither_dask_nor_fsspec():
     import subprocess
     import sys
