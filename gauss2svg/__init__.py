@@ -8,7 +8,11 @@ from typing import TYPE_CHECKING, Any
 from gauss2svg.version import __version__
 
 if TYPE_CHECKING:
+    from gauss2svg.batch.many import vectorize_many
+    from gauss2svg.batch.options import BatchOptions
+    from gauss2svg.batch.records import PhotoRecord
     from gauss2svg.errors import (
+        ClusterError,
         Gauss2SvgError,
         InputError,
         OutputError,
@@ -19,7 +23,7 @@ if TYPE_CHECKING:
     from gauss2svg.gallery.build import Gallery, GalleryProgress, build_gallery
     from gauss2svg.gallery.options import GalleryOptions
     from gauss2svg.measure.check import CheckResult, check
-    from gauss2svg.pipeline.options import Goal, RunOptions, SvgOptions
+    from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
     from gauss2svg.pipeline.placeholder import Placeholder, placeholder
     from gauss2svg.pipeline.quantize import quantize
     from gauss2svg.pipeline.result import Progress, Result
@@ -31,12 +35,22 @@ if TYPE_CHECKING:
     from gauss2svg.svg.write import outline_svg, write_svg
 
 _HOMES = {
-    "errors": ("Gauss2SvgError", "InputError", "OutputError", "RendererError", "SceneError"),
+    "batch.many": ("vectorize_many",),
+    "batch.options": ("BatchOptions",),
+    "batch.records": ("PhotoRecord",),
+    "errors": (
+        "ClusterError",
+        "Gauss2SvgError",
+        "InputError",
+        "OutputError",
+        "RendererError",
+        "SceneError",
+    ),
     "fit.options": ("DensifyOptions", "FitOptions"),
     "gallery.options": ("GalleryOptions",),
     "gallery.build": ("Gallery", "GalleryProgress", "build_gallery"),
     "measure.check": ("CheckResult", "check"),
-    "pipeline.options": ("Goal", "RunOptions", "SvgOptions"),
+    "pipeline.options": ("Goal", "Options", "RunOptions", "SvgOptions"),
     "pipeline.placeholder": ("Placeholder", "placeholder"),
     "pipeline.quantize": ("quantize",),
     "pipeline.result": ("Progress", "Result"),
@@ -50,7 +64,9 @@ _HOMES = {
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
+    "BatchOptions",
     "CheckResult",
+    "ClusterError",
     "DensifyOptions",
     "Document",
     "FitOptions",
@@ -60,7 +76,9 @@ __all__ = [
     "Gauss2SvgError",
     "Goal",
     "InputError",
+    "Options",
     "OutputError",
+    "PhotoRecord",
     "Placeholder",
     "Progress",
     "RendererError",
@@ -78,6 +96,7 @@ __all__ = [
     "quantize",
     "read_svg",
     "vectorize",
+    "vectorize_many",
     "write_svg",
 ]
 

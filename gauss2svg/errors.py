@@ -39,6 +39,10 @@ class OutputError(Gauss2SvgError, OSError):
     """An output that cannot be written."""
 
 
+class ClusterError(Gauss2SvgError, RuntimeError):
+    """A scheduler that does not answer or went away, or workers that cannot do the work."""
+
+
 def on_one_line(text: str) -> str:
     """Text for a terminal: one line, its control characters escaped."""
     plain = (" " if c.isspace() else c for c in text)

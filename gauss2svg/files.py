@@ -107,6 +107,22 @@ def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
                 os.unlink(made)
 
 
+def write_whole(path: Path, data: bytes, part: Path) -> None:
+    """Write to `part`, on the same disk, and rename it: one file of many that are known to be ours.
+
+    Unlike write_atomically it tries nothing beforehand. Raises OutputError.
+    """
+    try:
+        try:
+            _write_new(part, data, None)
+            os.replace(part, path)
+        except BaseException:
+            part.unlink(missing_ok=True)
+            raise
+    except (OSError, ValueError) as error:
+        raise _cannot_write(path, error) from error
+
+
 def _mode_of(target: Path) -> int | None:
     """Permissions of a file, None where there is none."""
     try:

@@ -255,9 +255,9 @@ def asked(monkeypatch):
         def __exit__(self, *_):
             pass
 
-        def run(self, requests):
+        def run(self, requests, begun):
             for index, request in enumerate(requests):
-                yield index, None
+                begun(index)
                 found.append((request["kind"], request["folder"].rpartition("/photos/")[2]))
                 answer = galleries.canned if request["kind"] == "variant" else answer_to
                 yield index, answer(request)
@@ -275,3 +275,17 @@ def two(photo, tmp_path):
         galleries.save(photo[:9, i : 9 + i], tmp_path / f"{name}.png")
         for i, name in ((1, "a"), (2, "b"))
     ]
+
+
+@pytest.fixture(scope="module")
+def dask_client():
+    """Of a cluster without processes: one thread works."""
+    import distributed
+
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
+        ) as cluster,
+        distributed.Client(cluster, set_as_default=False) as client,
+    ):
+        yield client

@@ -271,11 +271,11 @@ class WorkerPool:
     def __exit__(self, *_):
         pass
 
-    def run(self, requests):
+    def run(self, requests, begun):
         # Bad photos are read again.
         assert [request["kind"] for request in requests] in ([], ["photo"] * 2)
         for index, request in enumerate(requests):
-            yield index, None
+            begun(index)
             yield index, answer_to(request)
 
 

@@ -238,48 +238,26 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(phot
         process.send_signal(signal.SIGINT)
         err = process.stderr.read()
         status = process.wait(60)
-    assert (status, len(workers)) == (130, 2)
+    assert status == 130
+    assert len(workers) >= 2
     assert err == "gauss2svg: interrupted; every file is whole or untouched\n"
-    assert not [worker for worker in workers if worker.is_running()]
-    rows = json.loads((out / "gallery.json").read_text())["rows"]
-    # A worker may have written its record when the command has not heard of it yet.
-    assert [(row["variant"], row["photo"]) for row in rows] in ([], [("20 Gaussians", "a.png")])
+    assert all(has_ended(worker.pid) for worker in workers)
+    (row,) = json.loads((out / "gallery.json").read_text())["rows"]
+    assert (row["variant"], row["photo"]) == ("20 Gaussians", "a.png")
     assert {path.name for path in (out / "photos" / "a").iterdir()} - {"gaussians-60000"} == {
         "index.html", "photo.webp", "thumbnail.png", "record.json", "gaussians-20",
     }  # fmt: skip
     assert main([*arguments, "--quiet"]) == 0
     assert asked == [("variant", "a/gaussians-60000")]
-    after = json.loads((out / "gallery.json").read_text())["rows"]
-    assert len(after) == 2
-    assert all(row in after for row in rows)
+    assert row in json.loads((out / "gallery.json").read_text())["rows"]
 
 
 def test_full_disk_ends_all_at_once(two, tmp_path, monkeypatch, capsys):
-    def fill(self, requests):
-        yield 0, None
+    def fill(self, requests, begun):
+        begun(0)
         yield 0, {"error": "cannot write x: No space left on device", "fatal": True}
         pytest.fail("continued")
 
     monkeypatch.setattr("gauss2svg.gallery.pool.WorkerPool.run", fill)
     assert main(["gallery", *map(str, two), "-o", str(tmp_path / "out"), "--counts", "5"]) == 2
     assert "No space left" in capsys.readouterr().err
-
-
-def test_worker_ends_with_the_process_that_started_it():
-    script = (
-        "import subprocess, sys, time\n"
-        "command = [sys.executable, '-P', '-m', 'gauss2svg.gallery.worker']\n"
-        "print(subprocess.Popen(command).pid, flush=True)\n"  # its input stays open: it is ours
-        "time.sleep(60)\n"
-    )
-    command = [sys.executable, "-c", script]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen(command, text=True, **pipes) as parent:
-        assert parent.stdin is not None
-        assert parent.stdout is not None
-        worker = int(parent.stdout.readline())
-        parent.stdin.write(json.dumps({"kind": "none"}) + "\n")
-        parent.stdin.flush()
-        assert "error" in parent.stdout.readline()  # it is awake
-        parent.kill()
-        assert has_ended(worker) or has_ended(worker)  # on a busy machine

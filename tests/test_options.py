@@ -8,6 +8,7 @@ import pytest
 from cyclopts import App
 
 import gauss2svg
+from gauss2svg.batch.options import BatchOptions
 from gauss2svg.bench.grid import AXES
 from gauss2svg.cli.main import build_app
 from gauss2svg.errors import InputError, RendererError
@@ -19,7 +20,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.svg.format import SvgFormat
 
 FIELDS = [field for group in GROUPS.values() for field in fields_of(group)]
-ALL_FIELDS = [*FIELDS, *fields_of(GalleryOptions), *fields_of(SvgFormat)]
+ALL_FIELDS = [*FIELDS, *fields_of(BatchOptions), *fields_of(GalleryOptions), *fields_of(SvgFormat)]
 WRONG = (object(), [], b"7", (), {"a": 1}, complex(1, 2), float("nan"))
 
 
@@ -100,7 +101,12 @@ def test_functions_have_few_parameters():
     parameters = inspect.signature(gauss2svg.vectorize).parameters
     assert len(parameters) <= 15
     assert list(parameters)[2:8] == [field.name for field in fields_of(Goal)]
-    for function in (gauss2svg.build_gallery, gauss2svg.check, gauss2svg.write_svg):
+    for function in (
+        gauss2svg.build_gallery,
+        gauss2svg.vectorize_many,
+        gauss2svg.check,
+        gauss2svg.write_svg,
+    ):
         assert len(inspect.signature(function).parameters) <= 8
 
 

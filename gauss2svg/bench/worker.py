@@ -9,14 +9,18 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
+import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from gauss2svg.bench.machine import Stopwatch, peak_bytes
 from gauss2svg.bench.rows import TOOL, finite, one_line
 
+_POLL_S = 1.0
 _WARM_UP_SIDE = 32  # px
 _WARM_UP: dict[str, Any] = {"iterations": 2}
 _FROM_REPORT = (
@@ -91,11 +95,21 @@ def _run_peer(request: dict[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Read the request, run it, write the row."""
     request = json.load(sys.stdin)
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     answer = os.dup(1)
     os.dup2(2, 1)  # output of a peer goes to standard error
     row = json.dumps(finite(answer_to(request)), allow_nan=False)
     with os.fdopen(answer, "w") as stream:
         stream.write(row + "\n")
+
+
+def _end_with_parent(parent: int) -> None:
+    """End this process and what a peer has started once its parent process has changed."""
+    while os.getppid() == parent:
+        time.sleep(_POLL_S)
+    with suppress(AttributeError):  # Windows
+        os.killpg(0, signal.SIGKILL)
+    os._exit(1)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 from cyclopts import App, CoercionError, CycloptsError, Group, Parameter
 
@@ -41,17 +42,26 @@ def build_app(everything: bool = False) -> App:
         group_commands=Group("Commands, each with its own --help", sort_key=9),
         suppress_keyboard_interrupt=False,  # main says what became of the files
         result_action="return_value",
+        config=_config,
     )
     app.default(vectorize_command(everything))
     # By name, so that it is loaded only where it is asked for.
     for name, help_line in {
         "check": "Measure how closely any SVG matches a photo.",
         "bench": "Compare settings: tables and plots of cost and quality.",
+        "batch": "Vectorise many photos, on one machine or a cluster.",
         "gallery": "Write web pages that show the results for photos.",
         "placeholder": "Write SVGs of a kilobyte for pages to show before photos.",
     }.items():
         app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)
     return app
+
+
+def _config(app: App, commands: tuple[str, ...], arguments: Any) -> None:
+    if commands == ("batch",):
+        from gauss2svg.cli.batch import options_of_file
+
+        options_of_file(app, commands, arguments)
 
 
 def main(arguments: list[str] | None = None) -> int:

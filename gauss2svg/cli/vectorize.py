@@ -27,7 +27,7 @@ _PARAMETERS = """
 Parameters
 ----------
 photo
-    JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF; - is standard input.
+    JPEG, PNG, WebP, TIFF, GIF, BMP, AVIF; - is standard input.
 output
     SVG to write, - for standard output; by default photo.svg.
 """
@@ -66,7 +66,7 @@ def vectorize_command(everything: bool) -> Callable[..., int]:
         return Group(name, sort_key=order, show=shown)
 
     def command(
-        *photo: Annotated[str, Parameter(allow_leading_hyphen=True)],
+        *photo: Annotated[str, Parameter(allow_leading_hyphen=True, group="Parameters")],
         output: Annotated[
             str | None, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)
         ] = None,
@@ -108,7 +108,7 @@ def _one_photo(photos: tuple[str, ...]) -> str:
             raise InputError(must_be(name, "an option", shown("an unknown one"), advice))
     if len(photos) != 1:
         got = shown(", ".join(photos) or "none")
-        advice = "a command for each, or gauss2svg gallery" if photos else "gauss2svg --help"
+        advice = "gauss2svg batch" if photos else "gauss2svg --help"
         raise InputError(must_be("the photo", "one file", got, advice))
     return photos[0]
 

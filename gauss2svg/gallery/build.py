@@ -134,6 +134,7 @@ def build_gallery(
     try:
         build.run(options.jobs)
     except KeyboardInterrupt:
+        build.look_up_finished()  # of which the workers had no time to tell
         build.write(dataclasses.replace(provenance, missing=build.missing))
         raise
     return build.write(provenance)
@@ -171,10 +172,13 @@ class _Build:
                 # Once, by one process: workers that start together would each compile them.
                 compile_kernels()
             photos = self._missing([photo_task(self._root, p, self._setup) for p in readable])
-            # Finished SVGs are looked up first, so that an interruption shows them.
-            self._missing(self._variant_tasks())
+            self.look_up_finished()
             self._make(pool, photos)
             self._make(pool, self._missing(self._variant_tasks()))
+
+    def look_up_finished(self) -> None:
+        """Take in the records of SVGs that are finished."""
+        self._missing(self._variant_tasks())
 
     @property
     def missing(self) -> int:
@@ -224,20 +228,21 @@ class _Build:
         return missing
 
     def _make(self, pool: WorkerPool, tasks: list[Task]) -> None:
+        def begun(index: int) -> None:
+            self._now.append(tasks[index].label)
+            self._report()
+
         self._report()
-        for index, answer in pool.run([task.request for task in tasks]):
+        for index, answer in pool.run([task.request for task in tasks], begun):
             task = tasks[index]
-            if answer is None:
-                self._now.append(task.label)
+            self._now.remove(task.label)
+            if "fatal" in answer:
+                raise OutputError(answer["error"])
+            if "error" in answer:
+                self._fail(task.photo, task.variant, on_one_line(answer["error"]))
             else:
-                self._now.remove(task.label)
-                if "fatal" in answer:
-                    raise OutputError(answer["error"])
-                if "error" in answer:
-                    self._fail(task.photo, task.variant, on_one_line(answer["error"]))
-                else:
-                    self._records[task.folder] = answer["record"]
-                    self._done += 1
+                self._records[task.folder] = answer["record"]
+                self._done += 1
             self._report()
 
     def _fail(self, photo: GalleryPhoto, variant: Variant | None, error: str) -> None:

@@ -248,18 +248,14 @@ def _check_side(side: int, goal: Goal) -> None:
         raise InputError(must_be("short side of the image that is fitted", needed, got, advice))
 
 
-def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, str | None]:
-    """Width and height in px of the fit: the preset's, smaller for lack of time or memory.
-
-    And a note if memory is the reason. Raises InputError for too little memory.
-    """
-    width, height = photo.width, photo.height
+def load_of(plan: Plan, width: int, height: int, has_alpha: bool) -> Load:
+    """What determines the memory of a run on a photo of that size in px."""
     goal, asked = plan.options.goal, plan.options.run.max_size is not None
     shrunk = min(1.0, plan.side / max(width, height))
     if goal.time_limit is not None and not asked:
         shrunk = min(shrunk, math.sqrt(PIXELS_PER_SECOND * goal.time_limit / (width * height)))
     most = plan.preset.cap if plan.aim is None else CAP_FOR_TARGET
-    load = Load(
+    return Load(
         width,
         height,
         max(1, round(width * shrunk)),
@@ -267,10 +263,18 @@ def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, 
         gaussians=most if plan.count is None else plan.count,
         loss=plan.options.fit.loss,
         blend=plan.options.fit.blend,
-        has_alpha=photo.alpha is not None,
+        has_alpha=has_alpha,
         scored=goal.target_ssimulacra2 is not None,
     )
-    return size_that_fits(load, most_bytes, asked=asked)
+
+
+def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, str | None]:
+    """Width and height in px of the fit: the preset's, smaller for lack of time or memory.
+
+    And a note if memory is the reason. Raises InputError for too little memory.
+    """
+    load = load_of(plan, photo.width, photo.height, photo.alpha is not None)
+    return size_that_fits(load, most_bytes, asked=plan.options.run.max_size is not None)
 
 
 def _thread_count(count: int | None) -> int:

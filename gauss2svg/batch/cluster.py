@@ -1,0 +1,186 @@
+"""Dask's clusters: one of this machine that we start, or one whose scheduler is named."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import dask.config
+import psutil
+from distributed import Client, LocalCluster
+from numba.core import config
+
+from gauss2svg.batch.records import versions
+from gauss2svg.batch.work import check_versions
+from gauss2svg.errors import ClusterError, Gauss2SvgError, must_be, shown
+from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
+
+_CONNECT_S = 10.0
+_COUNT_S = 1.0  # for which a number of workers is taken as known
+_CLOSE_S = 5.0
+_DASHBOARD = 8787
+_LOCAL = {
+    # Of a task whose worker died we are told at once.
+    "distributed.scheduler.allowed-failures": 0,
+    # A shard that is unfinished is not wanted on a worker whose turn may be long.
+    "distributed.scheduler.worker-saturation": 1.0,
+    # Memory is that of pictures, which Dask cannot write to disk, and a pause would never end.
+    "distributed.worker.memory.target": False,
+    "distributed.worker.memory.spill": False,
+    "distributed.worker.memory.pause": False,
+    "distributed.worker.memory.terminate": 0.95,
+    # It looks at the stacks of all threads a hundred times a second.
+    "distributed.worker.profile.enabled": False,
+    "distributed.comm.timeouts.connect": f"{_CONNECT_S:g}s",
+}
+
+
+def cores() -> int:
+    """The number of threads that numba has started: one for each core, or as its variable says."""
+    return config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@contextmanager
+def local_client(
+    workers: int, memory: int | None = None, blend: str | None = None, dashboard: bool = True
+) -> Iterator[Client]:
+    """A client of so many worker processes of this machine, which end with it.
+
+    memory     bytes of each, above which it is killed; None: no limit
+    blend      blend whose kernels are compiled before, once; None: none
+    dashboard  whether Dask's web page is served at its usual port, if that is free, or at any
+    """
+    if blend is not None:
+        compile_kernels(blend=blend)
+    with dask.config.set(_LOCAL), _quiet(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Port .* is already in use")  # another is taken
+        cluster = LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            memory_limit=memory or 0,
+            host="127.0.0.1",
+            dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
+            silence_logs=logging.CRITICAL,
+        )
+        try:
+            client = Client(cluster, set_as_default=False)
+            client.run(_ignore_interrupts)
+            try:
+                yield client
+            finally:
+                _end(cluster)
+                client.close(timeout=_CLOSE_S)
+        finally:
+            cluster.close(timeout=_CLOSE_S)
+
+
+@contextmanager
+def remote_client(scheduler: str) -> Iterator[Client]:
+    """A client of a scheduler, such as tcp://host:8786; raises ClusterError without an answer."""
+    with _quiet():
+        try:
+            client = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
+        except Exception as error:  # of addresses, names, sockets and handshakes
+            why = " ".join(str(error).split())[:200] or type(error).__name__
+            raise ClusterError(
+                must_be("scheduler", "the address of a running Dask scheduler", scheduler)
+                + f" ({why}). Try starting `dask scheduler`, and its address tcp://host:8786"
+            ) from error
+        try:
+            yield client
+        finally:
+            client.close(timeout=_CLOSE_S)
+
+
+def check_workers(client: Client, options: Options, needed: dict[str, str]) -> None:
+    """Raise ClusterError for workers that cannot do the work, before any of it begins.
+
+    They must have the needed versions of this package and others, the renderer, and one thread
+    each. One of every machine then compiles the kernels. Those that join later check
+    their versions themselves.
+    """
+    info = client.scheduler_info(n_workers=-1)["workers"]
+    for address, worker in info.items():
+        if worker["nthreads"] != 1:
+            got, advice = shown(f"{worker['nthreads']} at {address}"), "dask worker --nthreads 1"
+            raise ClusterError(must_be("threads of a worker", "1", got, advice))
+    # A client's methods return coroutines only inside of coroutines.
+    probed: Any = client.run(_probe, options, on_error="return")
+    for address, found in probed.items():
+        if isinstance(found, Gauss2SvgError):
+            raise ClusterError(f"worker {address}: {found}")
+        if isinstance(found, Exception):
+            why = " ".join(str(found).split())[:200]
+            raise ClusterError(
+                f"worker {address} cannot run gauss2svg: {type(found).__name__}: {why}. "
+                f"Try installing gauss2svg {needed['gauss2svg']} there"
+            )
+        check_versions(found, needed, f"worker {address}")
+    first = {worker["host"]: address for address, worker in info.items()}
+    if first:
+        client.run(_compile, options.fit.blend, workers=list(first.values()))
+
+
+def counter(client: Client) -> Callable[[], int]:
+    """A function that tells the number of workers, which may change."""
+    known, at = 0, -_COUNT_S
+
+    def count() -> int:
+        nonlocal known, at
+        if time.monotonic() - at >= _COUNT_S:
+            with suppress(Exception):  # the scheduler is gone, which the tasks report
+                threads: Any = client.nthreads()
+                known = len(threads)
+            at = time.monotonic()
+        return known
+
+    return count
+
+
+def _probe(options: Options) -> dict[str, str]:
+    Plan(options).check_renderer()
+    return versions()
+
+
+def _compile(blend: str) -> None:
+    compile_kernels(blend=blend)
+
+
+def _ignore_interrupts() -> None:
+    """A Ctrl-C at the terminal reaches all its processes; the driver ends its workers itself."""
+    with suppress(ValueError):  # not the main thread, in a cluster without processes
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _end(cluster: LocalCluster) -> None:
+    """Kill the workers: what they write is whole or not there, and a photo may take minutes."""
+    for nanny in cluster.workers.values():
+        nanny.close_gracefully()  # and start no other
+        if nanny.pid is None:  # it is being started again
+            continue
+        with suppress(psutil.NoSuchProcess):
+            worker = psutil.Process(nanny.pid)
+            for process in (worker, *worker.children(recursive=True)):  # such as other tools
+                with suppress(psutil.NoSuchProcess):
+                    process.kill()
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Inside Dask logs nothing: what is wrong is told in our words."""
+    names = ["distributed", *(n for n in logging.root.manager.loggerDict if "distributed." in n)]
+    before = {logging.getLogger(name): logging.getLogger(name).level for name in names}
+    for logger in before:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in before.items():
+            logger.setLevel(level)

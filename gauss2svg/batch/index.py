@@ -1,0 +1,110 @@
+"""The photos of a batch in a temporary database on the disk: a million in little memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator
+
+from gauss2svg.batch.inputs import Source
+from gauss2svg.batch.records import PhotoRecord, record_of
+from gauss2svg.batch.stores import is_url
+from gauss2svg.errors import InputError, shown
+
+_CACHE_KIB = 16_384
+_TABLES = """
+CREATE TABLE photo (
+    key BLOB PRIMARY KEY, path BLOB, output BLOB, size INTEGER, prior TEXT
+) WITHOUT ROWID;
+CREATE TABLE record (key BLOB PRIMARY KEY, line TEXT) WITHOUT ROWID;
+"""
+
+
+class PhotoIndex:
+    """The photos by their outputs, what earlier runs made of them, and what this one did.
+
+    folds_case  whether outputs that differ by case alone are one file
+    """
+
+    def __init__(self, folds_case: bool = False) -> None:
+        # The empty name is that of a database which sqlite itself deletes.
+        self._base = sqlite3.connect("", check_same_thread=False, isolation_level=None)
+        self._folds_case = folds_case
+        self._base.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
+        self._base.execute("PRAGMA journal_mode = OFF")
+        self._base.executescript(_TABLES)
+        self._base.execute("BEGIN")  # for ever: nobody else reads it, and a commit writes
+        self.count = 0
+
+    def close(self) -> None:
+        """Delete it."""
+        self._base.close()
+
+    def _key(self, output: str) -> bytes:
+        return _bytes(output.casefold() if self._folds_case else output)
+
+    def add(self, sources: Iterable[Source], suffix: str) -> None:
+        """Add photos; raises InputError for two that would write one file. A photo counts once."""
+        insert = "INSERT OR IGNORE INTO photo (key, path, output, size) VALUES (?, ?, ?, ?)"
+        for path, name, size in sources:
+            output = name + suffix
+            if not is_url(path):  # workers may have another current folder
+                path = os.path.abspath(path)
+            row = (self._key(output), _bytes(path), _bytes(output), size)
+            if self._base.execute(insert, row).rowcount:
+                self.count += 1
+                continue
+            (other,) = self._base.execute(
+                "SELECT path FROM photo WHERE key = ?", row[:1]
+            ).fetchone()
+            if other != row[1]:
+                got = shown(f"{_text(other)} and {path}, which would both write {output}")
+                raise InputError(
+                    f"photos must have outputs of their own; got {got}. Try other names, or a run "
+                    "for each with an output folder of its own"
+                )
+
+    def add_prior(self, lines: Iterable[bytes]) -> None:
+        """Add lines of earlier runs' records, oldest first."""
+        for line in lines:
+            record = record_of(line)
+            if record is not None:
+                self._base.execute(
+                    "UPDATE photo SET prior = ? WHERE key = ?",
+                    (line.decode(), self._key(record.output)),
+                )
+
+    def add_record(self, record: PhotoRecord) -> None:
+        """Add what became of a photo."""
+        self._base.execute(
+            "INSERT OR REPLACE INTO record VALUES (?, ?)",
+            (self._key(record.output), json.dumps(vars(record))),
+        )
+
+    def photos(self) -> Iterator[tuple[str, str, int | None, PhotoRecord | None]]:
+        """(path, output, bytes, earlier record) of every photo, by output."""
+        select = "SELECT path, output, size, prior FROM photo ORDER BY key"
+        for path, output, size, prior in self._base.execute(select):
+            yield _text(path), _text(output), size, None if prior is None else record_of(prior)
+
+    def records(self) -> Iterator[PhotoRecord]:
+        """What became of every photo, by output."""
+        for (line,) in self._base.execute("SELECT line FROM record ORDER BY key"):
+            record = record_of(line)
+            assert record is not None
+            yield record
+
+    def largest(self, most: int) -> list[str]:
+        """The paths of the largest files; where sizes are not known, of the first ones."""
+        select = "SELECT path FROM photo ORDER BY size DESC LIMIT ?"
+        return [_text(path) for (path,) in self._base.execute(select, (most,))]
+
+
+def _bytes(text: str) -> bytes:
+    """Any file name, which may be no valid Unicode."""
+    return text.encode(errors="surrogateescape")
+
+
+def _text(data: bytes) -> str:
+    return data.decode(errors="surrogateescape")

@@ -1,0 +1,166 @@
+"""The photos of a batch: folders, globs, lists of names and URLs, as a stream of names."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import PurePosixPath
+from typing import NamedTuple
+
+from gauss2svg.batch.stores import filesystem, is_url, opened, reason_of
+from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.files import STANDARD_STREAM
+
+# Names of the formats that are read (gauss2svg.photo.formats.FORMATS).
+SUFFIXES = (
+    ".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".gif", ".bmp", ".avif",
+)  # fmt: skip
+MANIFESTS = (".txt", ".lst")
+_GLOB = re.compile(r"[*?\[]")
+_PARTS = re.compile(r"[/\\]" if os.sep == "\\" else "/")
+
+
+class Source(NamedTuple):
+    """A photo: its path or URL, name of its output without suffix, bytes if known."""
+
+    path: str
+    name: str
+    size: int | None
+
+
+def photos_of(sources: Iterable[str]) -> Iterator[Source]:
+    """All photos of folders, globs, lists and names, as they are found.
+
+    A folder gives all pictures in and under it, except hidden ones, by their suffix; their outputs
+    keep the names relative to it. So does a glob, relative to its part without wildcards. A list
+    (.txt, .lst, or - for standard input) has a path or a URL on each line, whose outputs keep the
+    whole name. Anything else is a photo, whose output keeps its last part.
+    Raises InputError for what does not exist.
+    """
+    for source in sources:
+        if source == STANDARD_STREAM:
+            if sys.stdin is None:
+                got = shown("a closed stream")
+                raise InputError(must_be("standard input", "open", got, "the name of a list"))
+            yield from _listed(sys.stdin.buffer)
+        elif source.lower().endswith(MANIFESTS):
+            with opened(source) as file:
+                yield from _listed(file)
+        elif is_url(source):
+            yield from _remote(source)
+        elif os.path.isdir(source):
+            yield from _folder(source, "")
+        elif _GLOB.search(source) and not os.path.lexists(source):
+            yield from _matching(source)
+        else:
+            yield Source(source, _stem(os.path.basename(source)), _size(source))
+
+
+def folder_of(source: str) -> str | None:
+    """The folder that is searched for photos, in and under it; None where only names are read."""
+    if is_url(source):
+        return source.partition("*")[0] if "**" in source or not _GLOB.search(source) else None
+    if os.path.isdir(source):
+        return source
+    return _base(source) if "**" in source and not os.path.lexists(source) else None
+
+
+def _size(path: str) -> int:
+    try:
+        return os.stat(path).st_size
+    except (OSError, ValueError) as error:
+        advice = "the path of a photo, a folder, a glob or a list"
+        raise InputError(f"cannot read {path}: {reason_of(error)}. Try {advice}") from error
+
+
+def _stem(name: str) -> str:
+    """A name without its suffix, as files of any system take it."""
+    return os.fspath(PurePosixPath(name).with_suffix("")) if PurePosixPath(name).name else name
+
+
+def _listed(lines: Iterable[bytes]) -> Iterator[Source]:
+    for line in lines:
+        path = os.fsdecode(line.rstrip(b"\r\n"))
+        if path.strip():
+            yield Source(path, _stem(_whole_name(path)), None)
+
+
+def _whole_name(path: str) -> str:
+    """The name of a line of a list: all of it but the root, the protocol and steps upwards."""
+    plain = path.partition("://")[2] if is_url(path) else os.path.splitdrive(path)[1]
+    parts = [part for part in _PARTS.split(plain) if part not in ("", ".", "..")]
+    return "/".join(parts) or path
+
+
+def _is_picture(name: str) -> bool:
+    return name.lower().endswith(SUFFIXES) and not name.startswith(".")
+
+
+def _folder(root: str, under: str) -> Iterator[Source]:
+    """Pictures under a folder, each folder's own first; links to folders are not followed."""
+    here = os.path.join(root, under) if under else root
+    folders = []
+    try:
+        with os.scandir(here) as entries:
+            for entry in entries:
+                name = f"{under}/{entry.name}" if under else entry.name
+                if entry.is_dir(follow_symlinks=False):
+                    if not entry.name.startswith("."):
+                        folders.append(name)
+                elif _is_picture(entry.name) and entry.is_file():
+                    yield Source(entry.path, _stem(name), entry.stat().st_size)
+    except OSError as error:
+        raise InputError(f"cannot read {here}: {reason_of(error)}. Try another folder") from error
+    for name in folders:
+        yield from _folder(root, name)
+
+
+def _base(pattern: str) -> str:
+    """The folder of a glob: its part before the first wildcard."""
+    return os.path.dirname(pattern[: _GLOB.search(pattern).start()])  # pyright: ignore[reportOptionalMemberAccess]
+
+
+def _matching(pattern: str) -> Iterator[Source]:
+    import glob
+
+    base = _base(pattern)
+    for path in glob.iglob(pattern, recursive=True):
+        if os.path.isfile(path):
+            name = os.path.relpath(path, base or ".").replace(os.sep, "/")
+            yield Source(path, _stem(name), _size(path))
+
+
+def _remote(url: str) -> Iterator[Source]:
+    """A URL's photo, or all that are under it or match it."""
+    fs, path = filesystem(url)
+    protocol = url.partition("://")[0]
+    try:
+        if _GLOB.search(url):
+            base = path[: _GLOB.search(path).start()].rpartition("/")[0]  # pyright: ignore[reportOptionalMemberAccess]
+            found = fs.glob(path, detail=True)
+            files = ((name, info) for name, info in found.items() if info["type"] == "file")
+            every = True
+        elif protocol in ("http", "https") or fs.isfile(path):
+            yield Source(url, _stem(path.rpartition("/")[2]), None)
+            return
+        else:
+            base, every = path.rstrip("/"), False
+            files = (
+                (f"{folder}/{name}", info)
+                for folder, _, inside in fs.walk(path, detail=True, on_error="raise")
+                for name, info in inside.items()
+            )
+        for name, info in files:
+            relative = name.removeprefix(base).lstrip("/")
+            parts = relative.split("/")
+            hidden = any(part.startswith(".") for part in parts)
+            if every or (_is_picture(parts[-1]) and not hidden):
+                yield Source(fs.unstrip_protocol(name), _stem(relative), info.get("size"))
+    except InputError:
+        raise
+    except Exception as error:  # each store raises its own
+        raise InputError(
+            f"cannot read {url}: {reason_of(error)}. Try the URL of a photo or of a folder"
+        ) from error

@@ -1,0 +1,218 @@
+"""Vectorising many photos: what is to be done, and by which workers."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from itertools import islice
+from typing import TYPE_CHECKING
+
+from gauss2svg.batch.index import PhotoIndex
+from gauss2svg.batch.inputs import folder_of, photos_of
+from gauss2svg.batch.options import BatchOptions
+from gauss2svg.batch.records import PARTS, RECORDS, STATE, PhotoRecord, identity_of, versions
+from gauss2svg.batch.stores import Store, is_url, opened
+from gauss2svg.errors import InputError, instance, must_be, shown
+from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
+from gauss2svg.measure.memory import free_bytes
+from gauss2svg.options import file_name
+from gauss2svg.photo.formats import opened as opened_image
+from gauss2svg.pipeline.memory_budget import allowed
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.vectorize import load_of
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+_SAMPLE = 16  # photos, the largest files, by which memory is estimated
+_READERS = 16  # threads that read records, which on a store is mostly waiting
+_STALE_S = 60.0
+
+
+def vectorize_many(
+    sources: Iterable[str | os.PathLike[str]],
+    output: str | os.PathLike[str],
+    options: Options | None = None,
+    *,
+    batch: BatchOptions | None = None,
+    client: Client | None = None,
+) -> Iterator[PhotoRecord]:
+    """Vectorise many photos by the workers of Dask; yields what became of each, as it is known.
+
+    sources  folders, globs, lists (.txt, .lst), photos: paths of this machine or URLs of fsspec
+    output   folder of the SVGs and, in gauss2svg-batch, of records and the table
+    options  of each vectorisation: Options(goal=Goal(quality="draft"), ...)
+    batch    BatchOptions(workers=4), (scheduler="tcp://host:8786"), (retry_failed=True)
+    client   of a cluster with one thread for each worker; None: as `batch` says
+
+    What an earlier run has done is skipped. A bad photo is a record with an error. A script that
+    calls this without a client must guard its main part by `if __name__ == "__main__":`, for the
+    workers are spawned. Raises InputError for bad arguments, before anything runs; OutputError
+    where nothing can be written; ClusterError for workers that are of other versions or gone.
+    """
+    made = Batch(sources, output, options, batch)
+
+    def records() -> Iterator[PhotoRecord]:
+        from gauss2svg.batch.table import write_table
+
+        with made:
+            if client is not None:
+                yield from made.records(client)
+            else:
+                with made.connected() as own:
+                    yield from made.records(own)
+            write_table(made.store, made.index)
+
+    return records()
+
+
+class Batch:
+    """Photos to vectorise: checked, listed, and compared with what earlier runs have done.
+
+    Raises InputError for bad arguments, no photos, two that would write one file, and an output
+    folder inside an input one; OutputError for a folder that cannot be written.
+    """
+
+    def __init__(
+        self,
+        sources: Iterable[str | os.PathLike[str]],
+        output: str | os.PathLike[str],
+        options: Options | None = None,
+        batch: BatchOptions | None = None,
+    ) -> None:
+        self.options = instance(options, "options", Options)
+        self.batch = instance(batch, "batch", BatchOptions)
+        _check_options(self.options)
+        if isinstance(sources, (str, bytes, os.PathLike)):
+            raise InputError(must_be("sources", "a sequence", sources, f"[{sources!r}]"))
+        named = [file_name("sources", source) for source in sources]
+        root = file_name("output", output, "the name or the URL of a folder")
+        if root == STANDARD_STREAM:
+            raise InputError(must_be("output", "a folder", root, "-o out/"))
+        self.store = Store(root, PARTS)
+        _check_apart(named, self.store)
+        self.index = PhotoIndex(self._folds_case())
+        try:
+            self.index.add(photos_of(named), ".svgz" if self.options.svg.gzip else ".svg")
+            if not self.index.count:
+                got = shown(f"none in {', '.join(named) or 'no folder'}")
+                raise InputError(must_be("photos", "one or more", got, "gauss2svg batch photos/"))
+            self.store.prepare()
+            self._add_prior()
+        except BaseException:
+            self.index.close()
+            raise
+
+    def __enter__(self) -> Batch:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.index.close()
+
+    @contextmanager
+    def connected(self) -> Iterator[Client]:
+        """A client of the scheduler, or of worker processes of this machine."""
+        from gauss2svg.batch.cluster import local_client, remote_client
+
+        if self.batch.scheduler is not None:
+            with remote_client(self.batch.scheduler) as client:
+                yield client
+            return
+        workers, threads, memory = self.local_workers()
+        self.options = self.options.changed(threads=threads)
+        with local_client(workers, memory, self.options.fit.blend) as client:
+            yield client
+
+    def local_workers(self) -> tuple[int, int, int]:
+        """Number of workers of this machine, threads of each, and memory of each in bytes.
+
+        Workers times threads are the cores, and workers times the estimate of a run on the largest
+        photos are at most the memory that a single run would take.
+        """
+        from gauss2svg.batch.cluster import cores
+
+        threads = self.options.run.threads
+        workers = self.batch.workers
+        if workers is None:
+            most = allowed(None) // self._estimate()
+            workers = max(1, min(cores() // (threads or 1), most, self.index.count))
+        return workers, threads or max(1, cores() // workers), free_bytes() // workers
+
+    def records(self, client: Client) -> Iterator[PhotoRecord]:
+        """What becomes of every photo, as it is known; raises ClusterError and OutputError."""
+        from gauss2svg.batch.cluster import check_workers, counter
+        from gauss2svg.batch.drive import Driver
+        from gauss2svg.batch.work import Job
+
+        if self.options.run.threads is None:
+            self.options = self.options.changed(threads=1)
+        needed = versions()
+        check_workers(client, self.options, needed)
+        identity = identity_of(self.options)
+        self.store.write(
+            f"{STATE}/options-{identity}.json", as_json({**needed, "options": self.options.flat()})
+        )
+        job = Job(self.options, self.store, needed, identity, self.batch.retry_failed)
+        for record in Driver(client, job, self.index, counter(client)).records():
+            self.index.add_record(record)
+            yield record
+        self.store.sweep(time.time() - _STALE_S)
+
+    def _folds_case(self) -> bool:
+        return (
+            self.store.is_local and os.path.isdir(self.store.root) and folds_case(self.store.root)
+        )
+
+    def _add_prior(self) -> None:
+        """What earlier runs have recorded, oldest first."""
+        names = iter([f"{RECORDS}/{name}" for name in self.store.names(RECORDS)])
+        with ThreadPoolExecutor(_READERS) as readers:
+            while some := list(islice(names, _READERS)):
+                for data in readers.map(self.store.read, some):
+                    self.index.add_prior((data or b"").splitlines())
+
+    def _estimate(self) -> int:
+        """Bytes that a run on the largest photos takes, by the headers of the largest files."""
+        given = self.options.run.max_memory
+        if given is not None:
+            return int(given)
+        plan = Plan(self.options)
+        loads = [load_of(plan, 1, 1, has_alpha=False)]
+        for path in self.index.largest(_SAMPLE):
+            # A photo that cannot be read is told of when its turn comes.
+            with suppress(InputError), opened(path) as file, opened_image(file, path) as image:
+                has_alpha = "A" in image.getbands() or "transparency" in image.info
+                loads.append(load_of(plan, *image.size, has_alpha))
+        return max(load.bytes for load in loads)
+
+
+def _check_options(options: Options) -> None:
+    """Raise InputError for options that are of one photo, and for those that exclude each other."""
+    for name in ("checkpoint", "resume"):
+        if getattr(options.run, name) is not None:
+            needed = "not given for many photos, which go on by themselves"
+            raise InputError(must_be(name, needed, getattr(options.run, name), "the same command"))
+    segments = options.document.segments
+    if not isinstance(segments, int | None):
+        got = shown(type(segments).__name__)
+        raise InputError(must_be("segments", "a number for many photos", got, "--segments 100"))
+    Plan(options).check_renderer()
+
+
+def _check_apart(sources: Iterable[str], store: Store) -> None:
+    """Raise InputError for an output folder inside a folder that is searched for photos."""
+    for source in sources:
+        folder = folder_of(source)
+        if folder is None or is_url(folder) == store.is_local:
+            continue
+        if store.is_local:
+            inside, outside = os.path.realpath(store.root), os.path.realpath(folder or ".")
+        else:
+            inside, outside = store.root, folder.rstrip("/")
+        if (inside + "/").startswith(outside.rstrip("/") + "/"):
+            got = shown(f"{store.root}, which is in {folder or '.'}")
+            raise InputError(must_be("output", "outside of the inputs", got, "another folder"))

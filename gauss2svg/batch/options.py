@@ -1,0 +1,33 @@
+"""Options of a batch besides those of a vectorisation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from gauss2svg.errors import InputError, must_be
+from gauss2svg.options import OptionGroup, Whole
+
+_MOST_WORKERS = 1024
+
+
+def address(name: str, value: Any) -> str:
+    """An address of a scheduler; raises InputError for anything but a text."""
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(must_be(name, "an address", value, "tcp://host:8786"))
+    return value
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions(OptionGroup):
+    """Where a batch runs, and what of an earlier run it takes up."""
+
+    workers: Annotated[int | None, Whole(1, _MOST_WORKERS)] = None
+    """Number of worker processes on this machine; one for each core if not given, or as many as the
+    memory allows."""
+
+    scheduler: Annotated[str | None, address] = None
+    """Address of a Dask scheduler, such as tcp://host:8786, whose workers do the work."""
+
+    retry_failed: bool = False
+    """Also take up photos at which an earlier run failed."""

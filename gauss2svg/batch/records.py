@@ -1,0 +1,120 @@
+"""What became of each photo: lines of JSON, in one file for each shard."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import time
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+from gauss2svg.batch.stores import Store
+from gauss2svg.pipeline.options import Options
+from gauss2svg.version import __version__
+
+STATE = "gauss2svg-batch"  # the folder, beside the outputs, of all that is not an output
+RECORDS, PARTS = f"{STATE}/records", f"{STATE}/parts"
+_WORKING = {"working": True}  # the last line of a shard that is worked on, or whose worker died
+_SHARE = 0.05  # of a worker's time, for writing records
+# Options that change no file.
+_NOT_OF_IDENTITY = {"threads", "max_memory", "max_pixels", "scores"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhotoRecord:
+    """What became of a photo.
+
+    input      path or URL; stamp: what its file system tells of it; sha256: of its bytes
+    options    identity of the options and of the version
+    output     name of the SVG, relative to the output folder
+    error      why there is none, one line; None where it is written
+    psnr_svg   dB, None where it is infinite; bytes: of the SVG; seconds: of the vectorisation
+    skipped    True where an earlier run wrote it, or failed at it
+    """
+
+    input: str
+    output: str
+    options: str
+    stamp: str = ""
+    sha256: str = ""
+    width: int | None = None
+    height: int | None = None
+    gaussians: int | None = None
+    psnr_svg: float | None = None
+    bytes: int | None = None
+    seconds: float | None = None
+    error: str | None = None
+    unreached: list[str] = field(default_factory=list)
+    versions: dict[str, str] = field(default_factory=dict)
+    skipped: bool = False
+
+    @property
+    def pixels(self) -> int:
+        """Pixels of the photo; 0 where it was not read."""
+        return (self.width or 0) * (self.height or 0)
+
+    def line(self) -> dict[str, Any]:
+        """Its line in a record; `skipped` is of a run and not of the photo."""
+        return {name: value for name, value in vars(self).items() if name != "skipped"}
+
+
+def record_of(line: str | bytes) -> PhotoRecord | None:
+    """The record in a line of JSON; None for any other line, such as one that was cut."""
+    try:
+        return PhotoRecord(**json.loads(line))
+    except (ValueError, TypeError):
+        return None
+
+
+def versions() -> dict[str, str]:
+    """The versions that workers and driver must share."""
+    names = ("numba", "numpy")
+    return {"gauss2svg": __version__} | {name: version(name) for name in names}
+
+
+@cache
+def all_versions() -> dict[str, str]:
+    """The same, and Python's."""
+    return versions() | {"python": platform.python_version()}
+
+
+def identity_of(options: Options) -> str:
+    """A hash of the version and of all options that a file depends on."""
+    given = {k: v for k, v in options.flat().items() if k not in _NOT_OF_IDENTITY}
+    text = json.dumps([__version__, given], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+class ShardRecord:
+    """The record of a shard, written whole every time, seldom enough to cost little.
+
+    done    what became of its photos so far, by output
+    begun   whether a worker has begun it and neither ended nor handed it back: it died
+    """
+
+    def __init__(self, store: Store, key: str) -> None:
+        self._store, self._name = store, f"{RECORDS}/{key}.jsonl"
+        self._last = self._cost = 0.0
+        lines = (store.read(self._name) or b"").splitlines()
+        found = [record for line in lines if (record := record_of(line)) is not None]
+        self.done = {record.output: record for record in found}
+        self.begun = bool(lines) and lines[-1] == json.dumps(_WORKING).encode()
+
+    def add(self, record: PhotoRecord) -> None:
+        """Add what became of a photo; it is written now or with a later one."""
+        self.done[record.output] = record
+        if time.monotonic() - self._last > self._cost / _SHARE:
+            self.write(working=True)
+
+    def write(self, working: bool = False) -> None:
+        """Write it; working: whether more is to come."""
+        begun = time.monotonic()
+        lines = [record.line() for record in self.done.values()]
+        lines += [_WORKING] if working else []
+        text = "".join(f"{json.dumps(line)}\n" for line in lines)
+        self._store.write(self._name, text.encode())
+        self._last = time.monotonic()
+        self._cost = self._last - begun

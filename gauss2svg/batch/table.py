@@ -1,0 +1,153 @@
+"""The end of a batch: one table of all photos, and a summary."""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import json
+import os
+import re
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from gauss2svg.batch.index import PhotoIndex
+from gauss2svg.batch.records import PARTS, STATE, PhotoRecord
+from gauss2svg.batch.stores import Store
+from gauss2svg.errors import OutputError
+
+TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
+_COLUMNS = [field.name for field in dataclasses.fields(PhotoRecord)]
+_ROWS = 10_000  # of Parquet that are held at once
+_MOST_REASONS = 1000  # of failures that are told apart
+
+
+class Summary:
+    """What became of the photos so far: done, skipped, failed by reason; pixels; seconds."""
+
+    def __init__(self) -> None:
+        self.done = self.skipped = self.failed = self.pixels = 0
+        self.reasons: Counter[str] = Counter()
+        self._begun = time.monotonic()
+
+    def add(self, record: PhotoRecord) -> None:
+        """Count a photo; one that failed counts as failed also where it was skipped."""
+        if record.error is not None:
+            self.failed += 1
+            reason = reason_of(record)
+            known = reason in self.reasons or len(self.reasons) < _MOST_REASONS
+            self.reasons[reason if known else "other reasons"] += 1
+        elif record.skipped:
+            self.skipped += 1
+        else:
+            self.done += 1
+            self.pixels += record.pixels
+
+    @property
+    def total(self) -> int:
+        """Photos so far."""
+        return self.done + self.skipped + self.failed
+
+    @property
+    def seconds(self) -> float:
+        """Since it was made."""
+        return time.monotonic() - self._begun
+
+    def lines(self) -> Iterator[str]:
+        """The summary for a terminal."""
+        rate = self.done / self.seconds
+        pixels = self.pixels / self.seconds / 1e6
+        yield (
+            f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed in "
+            f"{self.seconds:.1f} s: {rate:.3g} photos and {pixels:.3g} megapixels a second"
+        )
+        for reason, count in self.reasons.most_common(10):
+            yield f"failed, {count:,}: {reason}"
+
+
+def reason_of(record: PhotoRecord) -> str:
+    """An error without what is the photo's own: its name and numbers."""
+    text = record.error or ""
+    for name in (record.input, os.path.basename(record.input)):
+        text = text.replace(name, "photo")
+    return re.sub(r"[0-9]+", "N", text)
+
+
+def write_table(store: Store, index: PhotoIndex) -> list[str]:
+    """Write what became of all photos as CSV, and as Parquet with pyarrow; returns the names."""
+    names = [TABLE]
+    _write(store, TABLE, lambda path: _csv(path, index.records()))
+    try:
+        import pyarrow  # noqa: F401 (an extra, whose absence leaves the CSV)
+    except ImportError:
+        return names
+    _write(store, PARQUET, lambda path: _parquet(path, index.records()))
+    return [*names, PARQUET]
+
+
+def _write(store: Store, name: str, make: Any) -> None:
+    """Make a file on this machine, beside the outputs where they are here, and move it there."""
+    folder = store.path(PARTS) if store.is_local else None
+    try:
+        descriptor, path = tempfile.mkstemp(dir=folder)
+        os.close(descriptor)
+    except OSError as error:
+        raise OutputError(f"cannot write {store.path(name)}: {error.strerror}") from error
+    made = Path(path)
+    try:
+        make(made)
+        os.chmod(made, 0o666 & ~_umask())
+        store.adopt(made, name)
+    except OSError as error:
+        if isinstance(error, OutputError):
+            raise
+        raise OutputError(f"cannot write {store.path(name)}: {error.strerror}") from error
+    finally:
+        made.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _csv(path: Path, records: Iterable[PhotoRecord]) -> None:
+    with path.open("w", newline="", errors="backslashreplace") as stream:
+        writer = csv.DictWriter(stream, _COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(map(_row, records))
+
+
+def _row(record: PhotoRecord) -> dict[str, Any]:
+    return vars(record) | {
+        "unreached": "; ".join(record.unreached),
+        "versions": json.dumps(record.versions),
+    }
+
+
+def _parquet(path: Path, records: Iterable[PhotoRecord]) -> None:
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    kinds = {
+        "width": pa.int32(), "height": pa.int32(), "gaussians": pa.int32(), "bytes": pa.int64(),
+        "psnr_svg": pa.float64(), "seconds": pa.float64(), "skipped": pa.bool_(),
+    }  # fmt: skip
+    schema = pa.schema([(name, kinds.get(name, pa.string())) for name in _COLUMNS])
+    rows = map(_row, records)
+    with parquet.ParquetWriter(path, schema) as writer:
+        while block := [_unicode(row) for row in islice(rows, _ROWS)]:
+            writer.write_table(pa.Table.from_pylist(block, schema))
+
+
+def _unicode(row: dict[str, Any]) -> dict[str, Any]:
+    """A row whose names are Unicode, which those of files need not be."""
+    return {
+        name: value.encode(errors="backslashreplace").decode() if isinstance(value, str) else value
+        for name, value in row.items()
+    }

@@ -1,0 +1,201 @@
+"""What a worker does with a shard: every photo by the same pipeline as the command's."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+import warnings
+from dataclasses import dataclass
+from typing import Any
+
+from gauss2svg.batch.records import (
+    PhotoRecord,
+    ShardRecord,
+    all_versions,
+    versions,
+)
+from gauss2svg.batch.stores import Store, is_url, opened, stamp_of
+from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError, must_be, shown
+from gauss2svg.measure.memory import SHARE
+from gauss2svg.photo.stderr import own_standard_error
+from gauss2svg.pipeline.memory_budget import allowed
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.svg.packing import file_bytes
+
+_LONGEST_ERROR = 400  # characters
+# Seconds after which a shard's other photos are handed back, so that progress is seen and no worker
+# is alone at the end with many photos.
+SHARD_S = 15.0
+
+
+@dataclass(frozen=True)
+class BatchPhoto:
+    """A photo of a shard: its path or URL, its output's name, and what an earlier run recorded."""
+
+    path: str
+    output: str
+    prior: PhotoRecord | None = None
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Photos that one task works on, and the key of their record.
+
+    deaths   workers that died at a photo which is alone here
+    refusals times that an output could not be written; losses: that a worker died before it began
+    """
+
+    key: str
+    photos: tuple[BatchPhoto, ...]
+    deaths: int = 0
+    refusals: int = 0
+    losses: int = 0
+
+
+@dataclass(frozen=True)
+class Job:
+    """What all shards share; identity: of the options."""
+
+    options: Options
+    store: Store
+    versions: dict[str, str]
+    identity: str
+    retry_failed: bool = False
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What became of a shard.
+
+    records   of its photos so far
+    has_died  whether another worker has died at it, and nothing was done here
+    refused   why an output could not be written
+    Photos without a record are to be worked on again.
+    """
+
+    records: tuple[PhotoRecord, ...]
+    has_died: bool = False
+    refused: str | None = None
+
+
+def work(job: Job, shard: Shard) -> Answer:
+    """Vectorise the photos of a shard in order, until time is up; write their SVGs and records.
+
+    A shard that was begun and neither ended nor handed back has killed its worker: it is not begun
+    again, but answered with what was recorded. Raises ClusterError where this process has other
+    versions than the driver.
+    """
+    check_versions(versions(), job.versions, "this worker")
+    begun = time.monotonic()
+    found: list[PhotoRecord] = []
+    record = None
+    try:
+        record = ShardRecord(job.store, shard.key)
+        if record.begun:
+            return Answer(tuple(record.done.values()), has_died=True)
+        earlier = set(record.done)
+        found += [r for photo in shard.photos if (r := record.done.get(photo.output)) is not None]
+        record.write(working=True)
+        options = _within_memory(job.options)
+        with own_standard_error(), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of decoders; nobody would read them
+            for photo in shard.photos:
+                if photo.output in earlier:
+                    continue
+                found.append(vectorize_photo(job, options, photo))
+                if not found[-1].skipped:
+                    record.add(found[-1])
+                if time.monotonic() - begun > SHARD_S:
+                    break
+        record.write()
+    except OutputError as error:
+        return Answer(tuple(found), refused=str(error))
+    return Answer(tuple(found))
+
+
+def check_versions(found: dict[str, str], needed: dict[str, str], where: str) -> None:
+    """Raise ClusterError for a worker with other versions."""
+    for name, wanted in needed.items():
+        if found.get(name) != wanted:
+            raise ClusterError(
+                must_be(f"{name} of {where}", f"{wanted}, as here", shown(found.get(name)))
+                + f". Try installing {name} {wanted} there"
+            )
+
+
+def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecord:
+    """What becomes of a photo; raises OutputError alone."""
+    begun, identity = time.perf_counter(), job.identity
+    stamp = digest = ""
+    made: dict[str, Any]
+    try:
+        stamp = stamp_of(photo.path)
+        prior = _kept(job, photo, stamp, identity)
+        if prior is None:
+            digest = _digest(photo.path)
+            prior = _kept(job, photo, digest, identity)
+        if prior is not None:
+            return PhotoRecord(**prior.line(), skipped=True)
+        made = _vectorized(job.store, options, photo)
+    except OutputError:
+        raise
+    except Gauss2SvgError as error:
+        made = {"error": str(error)}
+    except MemoryError as error:
+        made = {"error": f"out of memory ({error}). Try --max-size, or workers with more memory"}
+    except Exception as error:  # a fault of ours or of a library costs no other photo
+        made = {"error": f"{type(error).__name__}: {error}"}
+    if "error" in made:
+        made["error"] = " ".join(made["error"].split())[:_LONGEST_ERROR]
+    return PhotoRecord(
+        input=photo.path, output=photo.output, options=identity, stamp=stamp, sha256=digest,
+        seconds=round(time.perf_counter() - begun, 3), versions=all_versions(), **made,
+    )  # fmt: skip
+
+
+def _kept(job: Job, photo: BatchPhoto, fact: str, identity: str) -> PhotoRecord | None:
+    """The earlier record, if it is of this file, by its stamp or hash, and of these options."""
+    prior = photo.prior
+    if prior is None or prior.options != identity or fact not in (prior.stamp, prior.sha256):
+        return None
+    if prior.error is not None:
+        return None if job.retry_failed else prior
+    return prior if job.store.size(photo.output) == prior.bytes else None
+
+
+def _digest(path: str) -> str:
+    with opened(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
+
+
+def _vectorized(store: Store, options: Options, photo: BatchPhoto) -> dict[str, Any]:
+    """Write the SVG of a photo; returns entries of its record."""
+    target = store.path(photo.output)
+    if photo.path == target or (store.is_local and os.path.realpath(photo.path) == target):
+        got = shown(f"{target}, which is also the photo")
+        raise InputError(must_be("output", "a file of its own", got, "another folder"))
+    if is_url(photo.path):
+        with opened(photo.path) as file:
+            result = vectorize_by(options, file)
+    else:
+        result = vectorize_by(options, photo.path)
+    data, report = file_bytes(result.svg, options.svg.gzip), result.report
+    store.write(photo.output, data)
+    return {
+        **{name: report[name] for name in ("width", "height", "gaussians", "psnr_svg")},
+        "unreached": report["unreached"],
+        "bytes": len(data),
+    }
+
+
+def _within_memory(options: Options) -> Options:
+    """The options, with the memory that this worker may take where none is given."""
+    from distributed import get_worker
+
+    if options.run.max_memory is not None:
+        return options
+    most = allowed(None)
+    limit = getattr(get_worker().memory_manager, "memory_limit", None)
+    return options.changed(max_memory=min(most, int(SHARE * limit)) if limit else most)

@@ -1,0 +1,138 @@
+"""The command `gauss2svg batch`, imported only where it is run."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from gauss2svg.batch.options import BatchOptions
+from gauss2svg.fit.options import DensifyOptions, FitOptions
+from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
+from gauss2svg.svg.document import Document
+
+STATUS_SOME_FAILED = 1
+_SHOW_S = 0.2  # between two states of the bar
+_OPTIONS_FILE = "--options"
+
+
+def batch_command(
+    photos: Annotated[
+        list[str],
+        Parameter(
+            negative="",
+            allow_leading_hyphen=True,
+            help="Folders, globs, photos, lists (.txt, - for standard input), or URLs of these.",
+        ),
+    ],
+    *,
+    output: Annotated[
+        str,
+        Parameter(
+            name=["--output", "-o"],
+            allow_leading_hyphen=True,
+            help="Folder or URL for the SVGs. Run the command again to continue: what is done is "
+            "skipped.",
+        ),
+    ],
+    batch: Annotated[BatchOptions, Parameter(name="*", group="Batch")] = BatchOptions(),
+    options: Annotated[
+        Path | None,
+        Parameter(
+            name=_OPTIONS_FILE,
+            help='TOML file of options, such as quality = "draft"; those given here count first.',
+        ),
+    ] = None,
+    goal: Annotated[Goal, Parameter(name="*", group="Goal")] = Goal(),
+    svg: Annotated[SvgOptions, Parameter(name="*", group="SVG")] = SvgOptions(),
+    document: Annotated[Document, Parameter(name="*", group="Document")] = Document(),
+    fit: Annotated[FitOptions, Parameter(name="*", group="Fit")] = FitOptions(),
+    densify: Annotated[
+        DensifyOptions,
+        Parameter(name="*", group="Densification", negative_bool="no-", negative=None),
+    ] = DensifyOptions(),
+    run: Annotated[RunOptions, Parameter(name="*", group="Resources")] = RunOptions(),
+    quiet: Annotated[
+        bool, Parameter(negative="", help="Show neither progress nor summary.")
+    ] = False,
+) -> int:
+    """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
+    from gauss2svg.batch.many import Batch
+    from gauss2svg.batch.table import Summary, write_table
+    from gauss2svg.cli.progress_bar import counting_bar
+    from gauss2svg.files import STANDARD_STREAM, refuse_option_like
+
+    refuse_option_like(*photos, output)
+    if photos.count(STANDARD_STREAM) > 1:
+        photos.remove(STANDARD_STREAM)
+    given = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
+    with Batch(photos, output, given, batch) as made:
+        with counting_bar(quiet) as update, made.connected() as client:
+            if not quiet:
+                _print(f"Dask's dashboard: {client.dashboard_link}")
+            summary = Summary()
+            update("", 0, made.index.count)
+            shown = 0.0
+            for record in made.records(client):
+                summary.add(record)
+                if summary.seconds - shown > _SHOW_S:
+                    shown = summary.seconds
+                    update(_state(summary, made.index.count), summary.total, made.index.count)
+        tables = write_table(made.store, made.index)
+    if not quiet:
+        for line in summary.lines():
+            _print(line)
+        _print(f"see {', '.join(made.store.path(name) for name in tables)}")
+    elif summary.failed:
+        _print(f"{summary.failed} failed; see {made.store.path(tables[0])}")
+    return STATUS_SOME_FAILED if summary.failed else 0
+
+
+def _state(summary: Any, count: int) -> str:
+    """Photos a second, failures and time left."""
+    worked = summary.total - summary.skipped
+    rate = worked / summary.seconds
+    left = (count - summary.total) / rate if rate else 0.0
+    hours, minutes = divmod(round(left / 60), 60)
+    time_left = f"{hours} h {minutes} min" if hours else f"{minutes} min"
+    time_left = time_left if left >= 90 else f"{left:.0f} s"
+    return f"{rate:.3g} photos/s, {summary.failed} failed, {time_left} left"
+
+
+def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None:
+    """Take the options of a TOML file that --options names, where they are not given as well.
+
+    A hook of the parser's. Raises InputError for a file that is no TOML, and for unknown keys.
+    """
+    import tomllib
+
+    from cyclopts.config import Toml
+
+    from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.files import reading
+    from gauss2svg.pipeline.options import option_names
+
+    given = [a.tokens for a in arguments if _OPTIONS_FILE in a.names and a.tokens]
+    if not given:
+        return
+    path = given[0][0].value
+    with reading(path, "a TOML file") as file:
+        try:
+            keys = tomllib.load(file)
+        except (ValueError, RecursionError) as error:
+            raise InputError(must_be(path, "a TOML file", shown(str(error)))) from error
+    names = option_names()
+    for key, value in keys.items():
+        if key.replace("-", "_") not in names:
+            raise InputError(must_be(f"key of {path}", f"one of {', '.join(names)}", key))
+        if isinstance(value, (dict, list)):
+            raise InputError(must_be(f"{key} of {path}", "a plain value", value))
+    Toml(path, use_commands_as_keys=False)(app, commands, arguments)
+
+
+def _print(line: str) -> None:
+    from gauss2svg.errors import on_one_line
+
+    print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)

@@ -1,0 +1,310 @@
+"""Batches: every photo once, as by the command; what is done is skipped, what failed is told."""
+
+import csv
+import json
+import os
+from collections import Counter
+
+import pytest
+from batches import TINY_COMMAND, left_parts, lines, outputs, save_photo, save_photos, tiny
+
+import gauss2svg
+from gauss2svg.batch import drive, work
+from gauss2svg.batch.many import Batch, vectorize_many
+from gauss2svg.batch.options import BatchOptions
+from gauss2svg.batch.records import RECORDS, STATE
+from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
+from gauss2svg.cli.main import main
+from gauss2svg.errors import ClusterError, OutputError
+
+NAMES = ["a.png", "b/a.jpg", "b/c d.png", "e.tif"]
+
+
+@pytest.fixture
+def photos(tmp_path):
+    return save_photos(tmp_path / "photos", NAMES)
+
+
+@pytest.fixture
+def run(dask_client, tmp_path):
+    """Run a batch to out/; returns the outputs that were done, skipped, and failed."""
+
+    def run(*sources, retry_failed=False, **options):
+        found = {"done": [], "skipped": [], "failed": []}
+        batch = BatchOptions(retry_failed=retry_failed)
+        for record in vectorize_many(
+            sources, tmp_path / "out", tiny(**options), batch=batch, client=dask_client
+        ):
+            kind = "failed" if record.error else "skipped" if record.skipped else "done"
+            found[kind].append(record.output)
+        return {kind: sorted(names) for kind, names in found.items()}
+
+    return run
+
+
+def test_outputs_are_those_of_the_command_under_relative_names(run, photos, tmp_path):
+    assert run(photos)["done"] == ["a.svg", "b/a.svg", "b/c d.svg", "e.svg"]
+    made = outputs(tmp_path / "out")
+    assert sorted(made) == ["a.svg", "b/a.svg", "b/c d.svg", "e.svg"]
+    assert len(set(made.values())) == len(made)
+    for name in NAMES:
+        single = tmp_path / "single.svg"
+        assert main([str(photos / name), "-o", str(single), "--quiet", *TINY_COMMAND]) == 0
+        assert made[os.path.splitext(name)[0] + ".svg"] == single.read_bytes()
+
+
+def test_gzipped_outputs_are_named_so(run, photos, tmp_path):
+    run(photos / "a.png", gzip=True)
+    (name,) = outputs(tmp_path / "out")
+    assert name == "a.svgz"
+    assert outputs(tmp_path / "out")[name][:2] == b"\x1f\x8b"
+
+
+def test_each_photo_has_a_line_and_a_row_with_all_that_is_asked_for(run, photos, tmp_path):
+    (photos / "bad.png").write_bytes(b"no picture")
+    run(photos)
+    out = tmp_path / "out"
+    found = {one["output"]: one for one in map(json.loads, lines(out))}
+    assert len(found) == len(lines(out)) == 5
+    for name, one in found.items():
+        assert one["versions"].keys() == {"gauss2svg", "numba", "numpy", "python"}
+        assert len(one["sha256"]) == 64
+        assert one["seconds"] >= 0
+        assert one["options"] == found["a.svg"]["options"]
+        assert (out / STATE / f"options-{one['options']}.json").exists()
+        if name == "bad.svg":
+            assert "must be a supported image" in one["error"]
+            assert not (out / name).exists()
+            continue
+        assert one["error"] is None
+        assert one["bytes"] == (out / name).stat().st_size
+        assert (one["width"], one["height"]) == (12, 12)
+        assert one["psnr_svg"] > 5
+    with (out / TABLE).open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["output"] for row in rows] == sorted(found)
+    assert rows[0]["psnr_svg"] == str(found["a.svg"]["psnr_svg"])
+    assert left_parts(out) == []
+
+
+def test_table_is_also_parquet(run, photos, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    run(photos)
+    table = parquet.read_table(tmp_path / "out" / PARQUET)
+    assert table.column("output").to_pylist() == ["a.svg", "b/a.svg", "b/c d.svg", "e.svg"]
+    assert table.column("width").to_pylist() == [12] * 4
+
+
+def test_second_run_does_nothing_again(run, photos, tmp_path):
+    done = run(photos)["done"]
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*.svg")}
+    records = lines(tmp_path / "out")
+    assert run(photos) == {"done": [], "skipped": done, "failed": []}
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*.svg")} == before
+    assert lines(tmp_path / "out") == records
+
+
+def test_second_run_redoes_what_changed_alone(run, photos, tmp_path):
+    run(photos)
+    save_photo(photos / "a.png", 77)
+    os.utime(photos / "b/a.jpg", ns=(1, 1))  # touched, with the same bytes
+    (tmp_path / "out/b/c d.svg").unlink()
+    save_photo(photos / "new.png", 78)
+    found = run(photos)
+    assert found["done"] == ["a.svg", "b/c d.svg", "new.svg"]
+    assert found["skipped"] == ["b/a.svg", "e.svg"]
+    assert run(photos)["done"] == []
+    assert len(run(photos, seed=5)["done"]) == 5  # other options
+    assert run(photos, seed=5, threads=1)["done"] == []  # which change no file
+    (tmp_path / "out/e.svg").write_text("cut")
+    assert run(photos, seed=5)["done"] == ["e.svg"]
+
+
+def test_failed_photos_are_taken_up_on_request_or_where_they_changed(run, photos):
+    (photos / "bad.png").write_bytes(b"no picture")
+    assert run(photos)["failed"] == ["bad.svg"]
+    assert run(photos) == {
+        "done": [], "failed": ["bad.svg"], "skipped": ["a.svg", "b/a.svg", "b/c d.svg", "e.svg"],
+    }  # fmt: skip
+    assert run(photos, retry_failed=True)["failed"] == ["bad.svg"]
+    save_photo(photos / "bad.png", 9)
+    assert run(photos)["done"] == ["bad.svg"]
+
+
+def test_fault_of_a_library_costs_its_photo_alone(run, photos, monkeypatch):
+    vectorize_by = work.vectorize_by
+
+    def failing(options, image):
+        if str(image).endswith("e.tif"):
+            raise ZeroDivisionError("a\nfault")
+        if str(image).endswith("a.jpg"):
+            raise MemoryError("5 GiB")
+        return vectorize_by(options, image)
+
+    monkeypatch.setattr(work, "vectorize_by", failing)
+    found = run(photos)
+    assert found == {"done": ["a.svg", "b/c d.svg"], "skipped": [], "failed": ["b/a.svg", "e.svg"]}
+    monkeypatch.setattr(work, "vectorize_by", vectorize_by)
+    assert run(photos, retry_failed=True)["done"] == ["b/a.svg", "e.svg"]
+
+
+def test_shard_that_takes_long_is_handed_back(run, photos, tmp_path, monkeypatch):
+    monkeypatch.setattr(work, "SHARD_S", 0.0)
+    monkeypatch.setattr(drive, "_SHARDS_A_WORKER", 1)
+    assert len(run(photos)["done"]) == 4
+    assert len(lines(tmp_path / "out")) == 4
+
+
+def test_output_that_cannot_be_written_ends_the_batch_and_loses_nothing(
+    run, photos, tmp_path, monkeypatch
+):
+    write, calls = work.Store.write, Counter()
+
+    def full(store, name, data):
+        calls[name] += 1
+        if name == "b/c d.svg":
+            raise OutputError("cannot write it: No space left on device. Try another folder")
+        write(store, name, data)
+
+    monkeypatch.setattr(work.Store, "write", full)
+    with pytest.raises(OutputError, match="No space left"):
+        run(photos)
+    assert calls["b/c d.svg"] == 3
+    monkeypatch.setattr(work.Store, "write", write)
+    found = run(photos)
+    assert found["skipped"] >= ["a.svg", "b/a.svg"]
+    assert "b/c d.svg" in found["done"]
+
+
+def test_worker_of_another_version_is_told_before_anything_is_done(
+    run, photos, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("gauss2svg.batch.many.versions", lambda: {"numpy": "1"})
+    with pytest.raises(ClusterError, match=r"numpy of worker inproc.* must be 1, .*; got .*Try"):
+        run(photos)
+    monkeypatch.setattr("gauss2svg.batch.cluster.check_workers", lambda *_: None)
+    with pytest.raises(ClusterError, match=r"numpy of this worker must be 1, as here; got .*Try"):
+        run(photos)  # one that joined later
+    assert outputs(tmp_path / "out") == {}
+
+
+class Deadly:
+    """Stands in for Dask: workers die at some photos, before or after others are recorded."""
+
+    def __init__(self, killers, recorded):
+        self.killers, self.recorded = killers, recorded
+        self.deaths = Counter()
+        self.made = Counter()
+
+    def answers(self, client, function, next_request, window):
+        (job,) = function.args
+        while (shard := next_request()) is not None:
+            killers = [p for p in shard.photos if p.output in self.killers]
+            at = shard.photos.index(killers[0]) if killers else len(shard.photos)
+            record = drive.ShardRecord(job.store, shard.key)
+            made = [self.record(photo) for photo in shard.photos[:at]]
+            if not killers:
+                yield shard, work.Answer(tuple(made))
+                continue
+            self.deaths[killers[0].output] += 1
+            for one in made[: self.recorded]:
+                record.done[one.output] = one
+            record.write(working=True)
+            yield shard, work.Answer((), has_died=True)
+
+    def record(self, photo):
+        self.made[photo.output] += 1
+        return drive.PhotoRecord(input=photo.path, output=photo.output, options="")
+
+
+@pytest.mark.parametrize("recorded", [0, 3, 1000])
+@pytest.mark.parametrize("killers", [[], [0], [39], [7, 8, 20]])
+def test_photos_that_kill_workers_are_found_and_cost_no_other(
+    killers, recorded, tmp_path, monkeypatch
+):
+    for number in range(40):
+        (tmp_path / f"{number:02}.png").write_bytes(b"")
+    deadly = Deadly({f"{number:02}.svg" for number in killers}, recorded)
+    monkeypatch.setattr(drive, "answers", deadly.answers)
+    monkeypatch.setattr(drive, "_SHARDS_A_WORKER", 1)
+    with Batch([f"{tmp_path}/*.png"], tmp_path / "out", tiny()) as batch:
+        job = work.Job(batch.options, batch.store, {}, "")
+        found = list(drive.Driver(None, job, batch.index, lambda: 1).records())
+    assert Counter(one.output for one in found) == {f"{n:02}.svg": 1 for n in range(40)}
+    failed = {one.output for one in found if one.error is not None}
+    assert failed == deadly.killers
+    assert all("2 workers died at it" in one.error for one in found if one.error)
+    # With its record: once in the shard, once alone, once more.
+    assert max(deadly.deaths.values(), default=0) <= (3 if recorded >= 40 else 9)
+    if recorded >= 40:
+        assert set(deadly.made.values()) == {1}
+
+
+def test_shard_whose_worker_died_is_not_begun_again(dask_client, photos, tmp_path):
+    store = work.Store(str(tmp_path / "out"), f"{STATE}/parts")
+    shard = work.Shard("run-1", (work.BatchPhoto(str(photos / "a.png"), "a.svg"),))
+    drive.ShardRecord(store, "run-1").write(working=True)
+    job = work.Job(tiny(), store, {}, "")
+    answer = dask_client.submit(work.work, job, shard, pure=False).result()
+    assert answer == work.Answer((), has_died=True)
+    assert outputs(tmp_path / "out") == {}
+
+
+def test_cut_and_foreign_lines_of_records_are_no_records(run, photos, tmp_path):
+    run(photos)
+    for path in (tmp_path / "out" / RECORDS).iterdir():
+        text = path.read_text()
+        path.write_text(text[: len(text) // 2] + '\n[]\n{"output": "a.svg"}\nnull\n')
+    assert len(run(photos)["done"]) == 4
+
+
+def test_stores_of_fsspec_are_read_and_written(run, dask_client, tmp_path):
+    import fsspec
+
+    fs = fsspec.filesystem("memory")
+    for seed, name in enumerate(("in/a.png", "in/sub/b.png", "in/.hidden/c.png", "in/note.md")):
+        data = save_photo(tmp_path / "x.png", seed).read_bytes()
+        fs.pipe_file(f"/{tmp_path.name}/{name}", data)
+    root = f"memory://{tmp_path.name}"
+
+    def go(sources, output):
+        found = vectorize_many(sources, output, tiny(), client=dask_client)
+        return {one.output: (one.skipped, one.error) for one in found}
+
+    assert go([f"{root}/in"], f"{root}/out") == dict.fromkeys(("a.svg", "sub/b.svg"), (False, None))
+    assert go([f"{root}/in"], f"{root}/out") == dict.fromkeys(("a.svg", "sub/b.svg"), (True, None))
+    globbed = go([f"{root}/in/a.png", f"{root}/in/*/*.png"], tmp_path / "out")
+    assert globbed.keys() == {"a.svg", "sub/b.svg", ".hidden/c.svg"}
+    made = fs.cat_file(f"/{tmp_path.name}/out/a.svg")
+    assert made == (tmp_path / "out/a.svg").read_bytes()
+    assert fs.exists(f"/{tmp_path.name}/out/{TABLE}")
+
+
+def test_summary_counts_photos_and_reasons(photos, tmp_path, dask_client):
+    for name in ("x1.png", "x22.png"):
+        (photos / name).write_bytes(b"no picture")
+    summary = Summary()
+    with Batch([photos], tmp_path / "out", tiny()) as batch:
+        for record in batch.records(dask_client):
+            summary.add(record)
+        write_table(batch.store, batch.index)
+    assert (summary.done, summary.skipped, summary.failed, summary.total) == (4, 0, 2, 6)
+    assert summary.pixels == 4 * 144
+    first, *reasons = summary.lines()
+    assert first.startswith("4 done, 0 skipped, 2 failed in ")
+    assert len(reasons) == 1
+    assert reasons[0].startswith("failed, 2: photo must be a supported image")
+
+
+@pytest.mark.process
+def test_importing_and_vectorising_load_neither_dask_nor_fsspec():
+    import subprocess
+    import sys
+
+    code = (
+        "import gauss2svg, sys; gauss2svg.vectorize; gauss2svg.vectorize_many\n"
+        "print(sorted({'dask', 'distributed', 'fsspec'} & set(sys.modules)))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ran.stdout.strip() == "[]"
+    assert gauss2svg.vectorize_many is vectorize_many

@@ -1,0 +1,181 @@
+"""What a batch reads and how outputs are named; what it refuses, in one line, before it runs."""
+
+import io
+import os
+import sys
+
+import pytest
+from batches import save_photo, save_photos
+
+from gauss2svg.batch import inputs, many
+from gauss2svg.batch.index import PhotoIndex
+from gauss2svg.batch.inputs import photos_of
+from gauss2svg.cli.main import main
+from gauss2svg.errors import InputError
+
+
+def names(*sources):
+    return sorted(source.name for source in photos_of(map(str, sources)))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.jpg", "b/c.PNG", "b/d/e.jpeg", ".hidden.png", ".d/f.png", "note.md", "g.svg"):
+        path = tmp_path / "in" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"12345")
+    return tmp_path / "in"
+
+
+def test_folder_gives_its_pictures_but_no_hidden_ones(folder):
+    assert names("in") == names("in/") == names(folder) == ["a", "b/c", "b/d/e"]
+    assert {source.size for source in photos_of(["in"])} == {5}
+
+
+def test_links_to_folders_are_not_followed(folder):
+    os.symlink(folder, folder / "b/circle")
+    assert names("in") == ["a", "b/c", "b/d/e"]
+
+
+def test_glob_is_relative_to_its_part_without_wildcards(folder):
+    assert names("in/*.jpg", "in/b/*") == ["a", "c"]
+    assert names("in/**/*.jp*g") == ["a", "b/d/e"]
+    assert names("nothing/*") == []
+
+
+def test_photo_keeps_its_last_part_whatever_its_suffix(folder):
+    assert names("in/b/d/e.jpeg", "in/note.md") == ["e", "note"]
+    odd = folder / "[a]*.jpg"
+    odd.write_bytes(b"")
+    assert names(odd) == ["[a]*"]
+
+
+def test_list_keeps_whole_names_without_root_and_steps_upwards(folder, monkeypatch):
+    lines = "in/a.jpg\r\n\n/x y/b.png\n../up/./c.png\ns3://bucket/d/e.png\nno.picture\n"
+    expected = ["bucket/d/e", "in/a", "no", "up/c", "x y/b"]
+    (folder / "list.txt").write_text(lines)
+    assert names("in/list.txt") == expected
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(lines.encode())))
+    assert names("-") == expected
+
+
+def test_a_list_is_read_line_by_line():
+    def endless():
+        while True:
+            yield b"a.png\n"
+
+    assert next(inputs._listed(endless())).name == "a"
+
+
+def test_index_holds_any_name_and_each_photo_once():
+    index = PhotoIndex()
+    odd = os.fsdecode(b"/x/\xff\xfe\n.png")
+    index.add([inputs.Source(odd, os.fsdecode(b"\xff\xfe\n"), 7)] * 2, ".svg")
+    ((path, output, size, prior),) = index.photos()
+    assert (path, os.fsencode(output), size, prior) == (odd, b"\xff\xfe\n.svg", 7, None)
+    assert index.count == 1
+
+
+def test_names_that_differ_by_case_are_one_where_the_disk_folds_it():
+    sources = [inputs.Source("/a/X.png", "X", 1), inputs.Source("/a/x.png", "x", 1)]
+    PhotoIndex().add(sources, ".svg")
+    with pytest.raises(InputError, match="would both write x"):
+        PhotoIndex(folds_case=True).add(sources, ".svg")
+
+
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """The line of a command that is refused before any worker is started."""
+    monkeypatch.chdir(tmp_path)
+    save_photos(tmp_path / "in", ["a.png", "b/c.png"])
+
+    def run(*command):
+        monkeypatch.setattr(many.Batch, "connected", None)
+        assert main(["batch", *map(str, command)]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("gauss2svg: ")
+        return line
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (["empty", "-o", "out"], "photos must be one or more; got none in empty. Try"),
+        (["in/*.gif", "-o", "out"], "photos must be one or more; got none in in/*.gif. Try"),
+        (["gone.png", "-o", "out"], "cannot read gone.png: No such file or directory. Try"),
+        (["gone.txt", "-o", "out"], "cannot read gone.txt: No such file or directory. Try"),
+        (["in", "in/b/c.png", "-o", "in/out"], "output must be outside of the inputs; got "),
+        (["in", "-o", "in"], "output must be outside of the inputs; got "),
+        (["in/**/*.png", "-o", "in/b/x"], "output must be outside of the inputs; got "),
+        (["in", "in2", "-o", "out"], "in/a.png and in2/a.png, which would both write a.svg. Try"),
+        (["in", "-o", "in/a.png"], "output must be outside of the inputs; got "),
+        (["in", "-o", "file"], "cannot create "),
+        (["in", "-o", "-"], "output must be a folder; got '-'"),
+        (["in", "-o", "what://x/y"], "cannot open what://x/y"),
+        (["in", "-o", "out", "--resume", "x"], "--resume must be not given for many photos"),
+        (["in", "-o", "out", "--segments", "labels.png"], "--segments must be a number for many"),
+        (["in", "-o", "out", "--workers", "0"], "workers must be a whole number in 1.."),
+        (["in", "-o", "out", "--portable"], "blend must be add with portable"),
+        (["in", "-o", "out", "--options", "gone.toml"], "cannot read gone.toml: No such file"),
+        (["in", "-o", "out", "--options", "bad.toml"], "bad.toml must be a TOML file; got"),
+        (["in", "-o", "out", "--options", "key.toml"], "key of key.toml must be one of quality,"),
+        (["in", "-o", "out", "--options", "list.toml"], "stops of list.toml must be a plain value"),
+        (["in", "-o", "out", "--options", "high.toml"], "stops must be one of 5, 6, 8, 10, 12"),
+    ],
+)  # fmt: skip
+def test_what_cannot_work_is_refused_in_one_line(command, line, refused, tmp_path):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "file").write_text("")
+    save_photo(tmp_path / "in2/a.png", 3)
+    for name, text in {
+        "bad": "quality =", "key": "speed = 1", "list": "stops = [5]", "high": "stops = 99",
+    }.items():  # fmt: skip
+        (tmp_path / f"{name}.toml").write_text(text)
+    assert line in refused(*command).replace(f"{tmp_path}/", "")
+    assert not (tmp_path / "out").exists()
+
+
+def test_folder_that_is_read_only_is_refused(refused, tmp_path, monkeypatch):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/gauss2svg-batch").write_text("")
+    assert "cannot create " in refused("in", "-o", "out")
+
+
+def test_scheduler_that_does_not_answer_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gauss2svg.batch.cluster._CONNECT_S", 0.3)
+    save_photos(tmp_path / "in", ["a.png"])
+    assert main(["batch", "in", "-o", "out", "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "scheduler must be the address of a running Dask scheduler; got 'tcp://127.0" in line
+
+
+def test_options_of_a_file_count_unless_they_are_given(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    save_photos(tmp_path / "in", ["a.png"])
+    (tmp_path / "o.toml").write_text(
+        'quality = "draft"\nmax-bytes = "60k"\ngzip = true\nstops = 8\nrelocate = false\n'
+    )
+    seen = []
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(sources, output, options, batch):
+        seen.append(options.flat())
+        raise StoppedError
+
+    monkeypatch.setattr(many, "Batch", stop)
+    with pytest.raises(StoppedError):
+        main(["batch", "in", "-o", "out", "--options", "o.toml", "--stops", "6"])
+    assert seen[0]["quality"] == "draft"
+    assert seen[0]["max_bytes"] == 60_000
+    assert seen[0]["gzip"] is True
+    assert seen[0]["relocate"] is False
+    assert seen[0]["stops"] == 6
+    with pytest.raises(StoppedError):
+        main(["batch", "in", "-o", "out", "--options", "o.toml", "--quality", "balanced"])
+    assert seen[1]["quality"] == "balanced"  # also where it is the default
