@@ -37,6 +37,7 @@ _SHARED = {
     "path_precision": (0, 2),
 }
 _GRIDS = (
+    {"mode": ("none",), **_SHARED},
     {"mode": ("polygon",), **_SHARED},
     {"mode": ("spline",), **_SHARED, "corner_threshold": (45, 90), "length_threshold": (3.5, 8)},
 )  # fmt: skip
@@ -131,7 +132,7 @@ def main() -> None:
                 flush=True,
             )
             if limit in _ON_SHEET:
-                panels += [result.svg] + [peer[1]] * bool(peer)
+                panels += [result.svg, *([peer[1]] if peer else [])]
         if given.sheet:
             sheet(name, picture, panels, given.sheet)
     for limit, (by_psnr, by_flip) in ahead.items():

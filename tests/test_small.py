@@ -11,6 +11,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.fit.options import FitOptions
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.outlines import outline_bytes
 from gauss2svg.pipeline.recolor import recolored
 from gauss2svg.pipeline.small import SmallSearch
 from gauss2svg.raster import rasterize_like
@@ -142,6 +143,25 @@ def test_a_given_count_is_the_largest():
 def test_a_compressed_limit_is_kept_and_holds_more():
     plain, packed = (matched(hills(), 600, gzipped=zipped)[1] for zipped in (False, True))
     assert len(packed.scene) > len(plain.scene)
+
+
+def test_a_tracer_is_named_where_it_draws_flat_colours_exactly_in_as_many_bytes():
+    def advice(picture, limit):
+        notes = vectorize(picture, max_bytes=limit, iterations=STEPS).report["notes"]
+        return any("a tracer" in note for note in notes)
+
+    flat = np.where(shapes() > 0.5, 1, 0).astype(np.float32)
+    needed = outline_bytes(flat)
+    assert needed is not None
+    assert advice(flat, needed + 400)
+    assert not advice(flat, needed // 2)
+    antialiased = ((flat[1:] + flat[:-1]) / 2).astype(np.float32)
+    assert outline_bytes(np.dstack([antialiased, flat[1:, ::-1, :1]])) is None
+    square = np.zeros((20, 20, 3), np.float32)
+    square[5:15, 5:15] = 1
+    assert outline_bytes(square) == 4 * 10
+    assert outline_bytes(hills()) is None
+    assert outline_bytes(np.zeros((1, 1, 3), np.float32)) == 0
 
 
 def test_a_title_is_written_where_it_is_given():

@@ -17,6 +17,7 @@ from gauss2svg.measure.scores import Scores
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.candidate import Outcome
 from gauss2svg.pipeline.kernels import COMPILED_S
+from gauss2svg.pipeline.outlines import outline_bytes
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.targets import unreached
 from gauss2svg.scene.falloff import ADAPTIVE, GAUSSIAN
@@ -107,6 +108,12 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
         notes.append(
             "minimal markup for so small a file, without names and layers; --markup editable has "
             "them"
+        )
+    outlines = outline_bytes(photo.pixels)
+    if outlines is not None and len(outcome.scene) and outlines <= len(outcome.svg):
+        notes.append(
+            "a tracer, such as vtracer, draws these few flat colours exactly in about "
+            f"{math.ceil(outlines / 1000)} kB"
         )
     if fitted.rollbacks:
         times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"
