@@ -84,8 +84,8 @@ class SvgOptions(OptionGroup):
     Chromium, Firefox and Inkscape."""
 
     markup: Literal["auto", "editable", "minimal"] = "auto"
-    """editable: layers with names, for editors; minimal: nothing that does not draw; auto: minimal
-    with --max-bytes up to 20k."""
+    """editable: layers with names, for editors; minimal: nothing that does not draw; auto: with
+    --max-bytes up to 20k the closer one, else editable."""
 
     palette: Annotated[int | None, Whole(0, 2**24)] = None
     """Maximum number of gradients in the file; fewer make it smaller, 0 writes all."""

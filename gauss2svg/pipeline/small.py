@@ -45,7 +45,7 @@ from gauss2svg.svg.solid import solid_beta, solid_radius
 _SIDE, _SIDE_PER_ROOT = (96, 256), 12.0
 # Units along the longest side of the file, per square root of the count.
 _UNITS_PER_ROOT, _GRIDS = 32.0, (0.8, 1.2)
-_FLAT_UNITS = (1, 2, 3, 4, 6, 8, 9)
+_FLAT_UNITS = (1, 2, 3, 4, 6, 8, 9)  # without shapes, of which the shortest file is taken
 # Bytes of a soft shape, a plain ellipse, and one of a drawing, until they are measured.
 _EACH, _EACH_GZIPPED = (62, 44, 36), (22, 20, 18)
 # Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
@@ -275,12 +275,12 @@ class SmallSearch:
             units = math.ceil(grid * _UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
             unit = max(fitted.width, fitted.height) / units
             for digits in attempt.digits:
-                file, size = self._trimmed(fitted, order, unit, digits, attempt)
+                file, size = self._pruned(fitted, order, unit, digits, attempt)
                 if best is None or (file is not None and file.error < best.error):
                     best, whole = file, (len(fitted), size)
         return best, whole
 
-    def _trimmed(
+    def _pruned(
         self,
         fitted: Scene,
         order: NDArray[np.intp],
