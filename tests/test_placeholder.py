@@ -181,7 +181,7 @@ def test_a_browser_draws_every_form_as_it_draws_the_svg_inline(form, photos, bro
 def test_files_inline_in_one_page_keep_their_own_shapes(photos, browser):
     from gauss2svg.raster import chromium
 
-    first, second = (gauss2svg.placeholder(photos[0], size) for size in (800, 2500))
+    first, second = (gauss2svg.placeholder(photos[0], size) for size in (1000, 2500))
     assert first.svg.count('id="a"') == second.svg.count('id="a"') == 1
     box = '<div style="width:72px;height:48px{}">{}</div>'
     api = chromium._playwright()

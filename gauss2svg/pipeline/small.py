@@ -54,7 +54,7 @@ _EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
     (2200, (1.0, 3.0)),
     (0, (3.0,)),
 )
-_PLAIN_UNDER = 750  # bytes, where every second fit has plain ellipses alone, like cut paper
+_PLAIN_UNDER = 900  # bytes, where every second fit has plain ellipses alone, like cut paper
 _COARSE_UNDER = 1100  # bytes, where a digit is a large part of a drawing's shape
 EXACT = (0.5 / 255) ** 2  # mean squared error under which no level of 8 bits is wrong
 _SOME = 60  # shapes up to which there are three fits on two grids, beyond two on one
