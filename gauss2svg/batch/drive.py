@@ -98,7 +98,9 @@ class Driver:
         if refused is not None and refusals >= _MOST_REFUSALS:
             raise OutputError(refused)
         if left and not self._is_ending:
-            self._again.append(dataclasses.replace(shard, photos=left, refusals=refusals))
+            # A record that could not be written may still say that its shard is worked on.
+            key = shard.key if refused is None else next(self._keys)
+            self._again.append(dataclasses.replace(shard, key=key, photos=left, refusals=refusals))
         elif left:
             share = -(-len(left) // max(1, self._workers()))
             for at in range(0, len(left), share):
@@ -125,7 +127,8 @@ class Driver:
         middle = 1 + len(left) // 2
         for photos in (left[:1], left[1:middle], left[middle:]):
             if photos:
-                self._again.append(Shard(next(self._keys), photos))
+                again = Shard(next(self._keys), photos, refusals=shard.refusals)
+                self._again.append(again)
 
     def _killer(self, shard: Shard, photo: BatchPhoto) -> PhotoRecord:
         """The record of a photo at which workers died, written here as no worker can."""

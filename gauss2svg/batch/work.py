@@ -6,6 +6,7 @@ import hashlib
 import os
 import time
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -111,6 +112,10 @@ def work(job: Job, shard: Shard) -> Answer:
                     break
         record.write()
     except OutputError as error:
+        if record is not None:
+            # It is begun no more, and lines held back are kept. The first error says why.
+            with suppress(OutputError):
+                record.write()
         return Answer(tuple(found), refused=str(error))
     return Answer(tuple(found))
 
