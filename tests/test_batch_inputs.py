@@ -10,8 +10,9 @@ from batches import save_photo, save_photos
 from gauss2svg.batch import inputs, many
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import photos_of
+from gauss2svg.batch.stores import Store
 from gauss2svg.cli.main import main
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, OutputError
 
 
 def names(*sources):
@@ -82,6 +83,31 @@ def test_names_that_differ_by_case_are_one_where_the_disk_folds_it():
     PhotoIndex().add(sources, ".svg")
     with pytest.raises(InputError, match="would both write x"):
         PhotoIndex(folds_case=True).add(sources, ".svg")
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", "a/../../x", "..", "", "/x", "a//x", "./x", "gauss2svg-batch/records/x"]
+)
+def test_outputs_outside_of_the_folder_or_among_its_records_are_refused(name, tmp_path):
+    with pytest.raises(InputError, match="output must be in the output folder and outside of its"):
+        PhotoIndex().add([inputs.Source("/a/x.png", name, 1)], ".svg")
+    PhotoIndex().add([inputs.Source("/a/x.png", "gauss2svg-batch", 1)], ".svg")
+    if "gauss2svg" not in name:
+        with pytest.raises(OutputError, match="it is not in"):
+            Store(str(tmp_path / "out"), "parts").write(name, b"")
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_globs_and_keys_that_step_upwards_are_refused(folder, tmp_path):
+    import fsspec
+
+    (folder.parent / "x.png").write_bytes(b"")
+    (name,) = names("in/*/../../x.png")[:1]
+    assert name == "../x"
+    fs = fsspec.filesystem("memory")
+    fs.store[f"/{tmp_path.name}/in/../../../evil.png"] = fs.open("/x", "wb")
+    with pytest.raises(InputError, match="output must be in the output folder"):
+        PhotoIndex().add(photos_of([f"memory://{tmp_path.name}/in/**"]), ".svg")
 
 
 @pytest.fixture

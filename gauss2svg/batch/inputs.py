@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
-from gauss2svg.batch.stores import filesystem, is_url, opened, reason_of
+from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, opened, reason_of
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.files import STANDARD_STREAM
 
@@ -19,7 +19,6 @@ SUFFIXES = (
 )  # fmt: skip
 MANIFESTS = (".txt", ".lst")
 _GLOB = re.compile(r"[*?\[]")
-_PARTS = re.compile(r"[/\\]" if os.sep == "\\" else "/")
 
 
 class Source(NamedTuple):
@@ -90,7 +89,7 @@ def _listed(lines: Iterable[bytes]) -> Iterator[Source]:
 def _whole_name(path: str) -> str:
     """The name of a line of a list: all of it but the root, the protocol and steps upwards."""
     plain = path.partition("://")[2] if is_url(path) else os.path.splitdrive(path)[1]
-    parts = [part for part in _PARTS.split(plain) if part not in ("", ".", "..")]
+    parts = [part for part in PARTS_OF.split(plain) if part not in ("", ".", "..")]
     return "/".join(parts) or path
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -14,6 +15,7 @@ from typing import Any, BinaryIO
 from gauss2svg.errors import InputError, OutputError, on_one_line
 from gauss2svg.files import check_writable, reading, write_whole
 
+PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
 _ADVICE = "the path or the URL of a photo"
 # Facts of a store's listing that change with a file, each by what some stores call it.
 _FACTS = ("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
@@ -22,6 +24,11 @@ _FACTS = ("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "upd
 def is_url(path: str) -> bool:
     """Whether a name is a URL, such as s3://bucket/photo.jpg."""
     return "://" in path
+
+
+def is_contained(name: str) -> bool:
+    """Whether a file of this name, relative to a folder, is in it."""
+    return not os.path.splitdrive(name)[0] and not {"", ".", ".."} & set(PARTS_OF.split(name))
 
 
 def filesystem(url: str) -> tuple[Any, str]:
@@ -100,6 +107,8 @@ class Store:
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file, whole or not at all, replacing another of its name."""
+        if not is_contained(name):
+            raise OutputError(f"cannot write {name}: it is not in {self.root}. Try another name")
         if self.is_local:
             path, parts = Path(self.root, name), Path(self.root, self.parts)
             self._make(parts)
