@@ -1,6 +1,7 @@
 """Batches: every photo once, as by the command; what is done is skipped, what failed is told."""
 
 import csv
+import errno
 import json
 import os
 from collections import Counter
@@ -120,6 +121,64 @@ def test_second_run_redoes_what_changed_alone(run, photos, tmp_path):
     assert run(photos, seed=5)["done"] == ["e.svg"]
 
 
+def test_another_photo_of_the_same_size_and_date_is_no_photo_that_is_done(run, photos, tmp_path):
+    other = tmp_path / "other"
+    for folder, seed in ((photos, 0), (other, 50)):
+        path = save_photo(folder / "a.bmp", seed)  # all of one size
+        os.utime(path, ns=(1, 1))
+    (photos / "a.png").unlink()
+    (other / "e.tif").write_bytes((photos / "e.tif").read_bytes())
+    run(photos)
+    assert run(other) == {"done": ["a.svg"], "skipped": ["e.svg"], "failed": []}
+    records = lines(tmp_path / "out")
+    found = {one["output"]: one["input"] for one in map(json.loads, records)}
+    assert found["e.svg"] == str(other / "e.tif")  # by its bytes
+    assert run(other)["skipped"] == ["a.svg", "e.svg"]
+    assert lines(tmp_path / "out") == records
+
+
+def test_photo_that_is_replaced_by_one_of_its_size_and_date_is_done_again(run, photos):
+    path = save_photo(photos / "a.bmp", 0)
+    (photos / "a.png").unlink()
+    os.utime(path, ns=(1, 1))
+    run(path)
+    os.utime(save_photo(path, 1), ns=(1, 1))
+    assert run(path)["done"] == ["a.svg"]
+
+
+@pytest.mark.parametrize("info", [{"name": "x", "size": 5, "type": "file"}, {"name": "x"}])
+def test_photo_of_which_a_server_says_no_date_is_read(
+    info, run, dask_client, tmp_path, monkeypatch
+):
+    import fsspec
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    fs, url = fsspec.filesystem("memory"), f"memory://{tmp_path.name}/a.bmp"
+    fs.pipe_file(f"/{tmp_path.name}/a.bmp", save_photo(tmp_path / "a.bmp", 0).read_bytes())
+    monkeypatch.setattr(MemoryFileSystem, "isfile", lambda _, path: path.endswith(".bmp"))
+    monkeypatch.setattr(MemoryFileSystem, "info", lambda *_, **__: info)
+    assert work.stamp_of(url) == ""
+    assert run(url)["done"] == ["a.svg"]
+    assert run(url)["skipped"] == ["a.svg"]
+    fs.pipe_file(f"/{tmp_path.name}/a.bmp", save_photo(tmp_path / "a.bmp", 1).read_bytes())
+    assert run(url)["done"] == ["a.svg"]
+
+
+def test_stamp_of_a_store_is_all_that_it_says(monkeypatch):
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    def stamp(**info):
+        monkeypatch.setattr(MemoryFileSystem, "info", lambda *_, **__: info)
+        return work.stamp_of("memory://x")
+
+    stamps = [
+        stamp(size=5, ETag="a"), stamp(size=5, ETag="b"), stamp(size=6, ETag="a"),
+        stamp(size=5, LastModified="a"), stamp(size=5, md5Hash="a"), stamp(size=5, other=1),
+    ]  # fmt: skip
+    assert len(set(stamps)) == 6
+    assert stamps[-1] == ""
+
+
 def test_failed_photos_are_taken_up_on_request_or_where_they_changed(run, photos):
     (photos / "bad.png").write_bytes(b"no picture")
     assert run(photos)["failed"] == ["bad.svg"]
@@ -174,6 +233,28 @@ def test_output_that_cannot_be_written_ends_the_batch_and_loses_nothing(
     found = run(photos)
     assert set(found["skipped"]) >= {"a.svg", "b/a.svg"}
     assert "b/c d.svg" in found["done"]
+
+
+def test_name_that_cannot_be_written_costs_its_photo_alone(run, photos, tmp_path):
+    save_photo(photos / "e.svg/x.png", 5)
+    long = save_photo(tmp_path / "x.png", 6).rename(tmp_path / ("n" * 252))
+    found = run(photos, long)
+    assert found["failed"] == ["e.svg/x.svg", "n" * 252 + ".svg"]
+    assert len(found["done"]) == 4
+    errors = [one["error"] for one in map(json.loads, lines(tmp_path / "out")) if one["error"]]
+    assert all("cannot " in error for error in errors)
+    assert not left_parts(tmp_path / "out")
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO])
+def test_disk_that_cannot_be_written_ends_the_batch(number, photos, tmp_path, monkeypatch):
+    def failing(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("gauss2svg.files.os.replace", failing)
+    job = work.Job(tiny(), work.Store(str(tmp_path / "out"), f"{STATE}/parts"), {}, "")
+    with pytest.raises(OutputError, match=os.strerror(number)):
+        work.vectorize_photo(job, job.options, work.BatchPhoto(str(photos / "a.png"), "a.svg"))
 
 
 @pytest.mark.parametrize("refused", [None, "00.svg", "07.svg"])

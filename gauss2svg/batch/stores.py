@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,8 +19,12 @@ from gauss2svg.files import check_writable, reading, write_whole
 
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
 _ADVICE = "the path or the URL of a photo"
-# Facts of a store's listing that change with a file, each by what some stores call it.
-_FACTS = ("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
+# Entries of a store's listing of which one at least changes with the bytes, as stores call them.
+# With none of them, such as from a server that gives sizes alone, a photo is read.
+_TELLING = {
+    "etag", "mtime", "lastmodified", "updated", "modified", "created", "contentmd5", "md5hash",
+    "md5", "crc32c", "digest", "generation", "versionid",
+}  # fmt: skip
 
 
 def is_url(path: str) -> bool:
@@ -67,18 +73,24 @@ def opened(source: str) -> Iterator[BinaryIO]:
 
 
 def stamp_of(source: str) -> str:
-    """What changes whenever a photo does, without reading it; raises InputError."""
+    """What changes whenever a photo does, without reading it; empty where nothing is known to.
+
+    Raises InputError.
+    """
     try:
         if not is_url(source):
             found = os.stat(source)
-            return f"{found.st_size} {found.st_mtime_ns}"
+            facts = (found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino)
+            return " ".join(map(str, facts))
         fs, path = filesystem(source)
         info = fs.info(path)
     except InputError:
         raise
     except Exception as error:
         raise InputError(f"cannot read {source}: {reason_of(error)}. Try {_ADVICE}") from error
-    return " ".join(str(info[fact]) for fact in _FACTS if info.get(fact) is not None)
+    known = {k: str(v) for k, v in info.items() if isinstance(v, (str, int, float, datetime)) and v}
+    names = {re.sub("[^a-z0-9]", "", name.lower()) for name in known}
+    return json.dumps(known, sort_keys=True) if names & _TELLING else ""
 
 
 @dataclass(frozen=True)

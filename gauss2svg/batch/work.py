@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+import errno
 import hashlib
 import os
 import time
@@ -26,6 +28,10 @@ from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.packing import file_bytes
 
 _LONGEST_ERROR = 400  # characters
+# Why a file of one name cannot be written where others can.
+_OF_ITS_NAME = {
+    errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EXDEV, errno.EINVAL,
+}  # fmt: skip
 # Seconds after which a shard's other photos are handed back, so that progress is seen and no worker
 # is alone at the end with many photos.
 SHARD_S = 15.0
@@ -106,7 +112,7 @@ def work(job: Job, shard: Shard) -> Answer:
                 if photo.output in earlier:
                     continue
                 found.append(vectorize_photo(job, options, photo))
-                if not found[-1].skipped:
+                if photo.prior is None or found[-1].line() != photo.prior.line():
                     record.add(found[-1])
                 if time.monotonic() - begun > SHARD_S:
                     break
@@ -131,21 +137,24 @@ def check_versions(found: dict[str, str], needed: dict[str, str], where: str) ->
 
 
 def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecord:
-    """What becomes of a photo; raises OutputError alone."""
+    """What becomes of a photo; raises OutputError alone, where no output can be written."""
     begun, identity = time.perf_counter(), job.identity
     stamp = digest = ""
     made: dict[str, Any]
     try:
         stamp = stamp_of(photo.path)
-        prior = _kept(job, photo, stamp, identity)
-        if prior is None:
+        prior = _usable(job, photo)
+        is_same = prior is not None and prior.input == photo.path and stamp == prior.stamp != ""
+        if not is_same:
             digest = _digest(photo.path)
-            prior = _kept(job, photo, digest, identity)
-        if prior is not None:
-            return PhotoRecord(**prior.line(), skipped=True)
+            is_same = prior is not None and digest == prior.sha256
+        if prior is not None and is_same:
+            return dataclasses.replace(prior, input=photo.path, stamp=stamp, skipped=True)
         made = _vectorized(job.store, options, photo)
-    except OutputError:
-        raise
+    except OutputError as error:
+        if not (job.store.is_local and getattr(error.__cause__, "errno", None) in _OF_ITS_NAME):
+            raise
+        made = {"error": str(error)}
     except Gauss2SvgError as error:
         made = {"error": str(error)}
     except MemoryError as error:
@@ -160,13 +169,13 @@ def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecor
     )  # fmt: skip
 
 
-def _kept(job: Job, photo: BatchPhoto, fact: str, identity: str) -> PhotoRecord | None:
-    """The earlier record, if it is of this file, by its stamp or hash, and of these options."""
+def _usable(job: Job, photo: BatchPhoto) -> PhotoRecord | None:
+    """The earlier record, if it is of these options and its output is there."""
     prior = photo.prior
-    if prior is None or prior.options != identity or fact not in (prior.stamp, prior.sha256):
+    if prior is None or prior.options != job.identity:
         return None
-    if prior.error is not None:
-        return None if job.retry_failed else prior
+    if prior.error is not None:  # which names the photo
+        return None if job.retry_failed or prior.input != photo.path else prior
     return prior if job.store.size(photo.output) == prior.bytes else None
 
 
