@@ -1,4 +1,4 @@
-"""Batches: every photo once, as by the command; what is done is skipped, what failed is told."""
+"""Batches: every photo once, as by the command; done ones are skipped, failed ones reported."""
 
 import csv
 import errno
@@ -190,15 +190,33 @@ def test_failed_photos_are_taken_up_on_request_or_where_they_changed(run, photos
     assert run(photos)["done"] == ["bad.svg"]
 
 
+def test_photo_that_failed_at_a_limit_is_taken_up_at_another(run, photos):
+    assert len(run(photos, max_pixels=100)["failed"]) == 4
+    assert len(run(photos, max_pixels=100)["failed"]) == 4
+    assert len(run(photos, max_memory="1M")["failed"]) == 4
+    assert len(run(photos, max_pixels=1000)["done"]) == 4
+    assert len(run(photos, max_pixels=100)["skipped"]) == 4
+
+
+def test_fit_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monkeypatch):
+    photo = save_photo(tmp_path / "large.png", 1, 300)
+    limit = 254_000_000  # between the estimates of a fit of the preset's size and of one pixel
+    monkeypatch.setattr(work, "allowed", lambda _: limit)
+    assert run(photo)["failed"] == ["large.svg"]
+    (line,) = lines(tmp_path / "out")
+    assert json.loads(line)["error"].startswith("memory must be at least ")
+    assert run(photo, max_memory=limit)["done"] == ["large.svg"]
+
+
 def test_fault_of_a_library_costs_its_photo_alone(run, photos, monkeypatch):
     vectorize_by = work.vectorize_by
 
-    def failing(options, image):
+    def failing(options, image, **given):
         if str(image).endswith("e.tif"):
             raise ZeroDivisionError("a\nfault")
         if str(image).endswith("a.jpg"):
             raise MemoryError("5 GiB")
-        return vectorize_by(options, image)
+        return vectorize_by(options, image, **given)
 
     monkeypatch.setattr(work, "vectorize_by", failing)
     found = run(photos)
@@ -314,7 +332,7 @@ def test_refusals_count_on_where_a_worker_died():
     assert [shard.refusals for shard in driver._again] == [2, 2, 2]
 
 
-def test_worker_of_another_version_is_told_before_anything_is_done(
+def test_worker_of_another_version_is_reported_before_anything_is_done(
     run, photos, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("gauss2svg.batch.many.versions", lambda: {"numpy": "1"})

@@ -14,7 +14,7 @@ from itertools import count
 from distributed import Client, KilledWorker
 
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions
+from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions, limits_of
 from gauss2svg.batch.stores import stamp_of
 from gauss2svg.batch.tasks import answers
 from gauss2svg.batch.work import Answer, BatchPhoto, Job, Shard, work
@@ -26,8 +26,10 @@ _UNKNOWN_BYTES = 300_000  # of a photo of a list
 _SHARDS_A_WORKER = 8  # at least, so that workers end at about the same time
 _WINDOW = 2  # shards for each worker: one that it works on, one that waits
 _MOST_DEATHS = 2  # workers that a photo alone may kill
-_MOST_REFUSALS = 3
-_MOST_LOSSES = 20  # of workers at which a shard waited its turn
+_MOST_REFUSALS = 3  # a store may refuse for a moment; a full disk stays full
+# Workers lost while a shard waited: one that kills its worker may go before it, again and again
+# until its photo is alone, some 2 log2(500) times.
+_MOST_LOSSES = 20
 
 
 class Driver:
@@ -140,6 +142,7 @@ class Driver:
             output=photo.output,
             stamp=stamp,
             options=self._job.identity,
+            limits=limits_of(self._job.options),
             error=f"{_MOST_DEATHS} workers died at it, alone; was there enough memory? "
             "Try --max-size or --retry-failed on workers with more",
             versions=all_versions(),

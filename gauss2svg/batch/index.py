@@ -12,7 +12,7 @@ from gauss2svg.batch.records import STATE, PhotoRecord, record_of
 from gauss2svg.batch.stores import is_contained, is_url
 from gauss2svg.errors import InputError, must_be, shown
 
-_CACHE_KIB = 16_384
+_CACHE_KIB = 16_384  # little beside a worker; pages of the index beyond it are on the disk
 _TABLES = """
 CREATE TABLE photo (
     key BLOB PRIMARY KEY, path BLOB, output BLOB, size INTEGER, prior TEXT

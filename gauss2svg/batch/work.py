@@ -16,6 +16,7 @@ from gauss2svg.batch.records import (
     PhotoRecord,
     ShardRecord,
     all_versions,
+    limits_of,
     versions,
 )
 from gauss2svg.batch.stores import Store, is_url, opened, stamp_of
@@ -150,7 +151,7 @@ def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecor
             is_same = prior is not None and digest == prior.sha256
         if prior is not None and is_same:
             return dataclasses.replace(prior, input=photo.path, stamp=stamp, skipped=True)
-        made = _vectorized(job.store, options, photo)
+        made = _vectorized(job, options, photo)
     except OutputError as error:
         if not (job.store.is_local and getattr(error.__cause__, "errno", None) in _OF_ITS_NAME):
             raise
@@ -163,6 +164,7 @@ def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecor
         made = {"error": f"{type(error).__name__}: {error}"}
     if "error" in made:
         made["error"] = " ".join(made["error"].split())[:_LONGEST_ERROR]
+        made["limits"] = limits_of(job.options)
     return PhotoRecord(
         input=photo.path, output=photo.output, options=identity, stamp=stamp, sha256=digest,
         seconds=round(time.perf_counter() - begun, 3), versions=all_versions(), **made,
@@ -174,8 +176,9 @@ def _usable(job: Job, photo: BatchPhoto) -> PhotoRecord | None:
     prior = photo.prior
     if prior is None or prior.options != job.identity:
         return None
-    if prior.error is not None:  # which names the photo
-        return None if job.retry_failed or prior.input != photo.path else prior
+    if prior.error is not None:
+        is_same = prior.input == photo.path and prior.limits == limits_of(job.options)
+        return prior if is_same and not job.retry_failed else None
     return prior if job.store.size(photo.output) == prior.bytes else None
 
 
@@ -184,17 +187,20 @@ def _digest(path: str) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
-def _vectorized(store: Store, options: Options, photo: BatchPhoto) -> dict[str, Any]:
+def _vectorized(job: Job, options: Options, photo: BatchPhoto) -> dict[str, Any]:
     """Write the SVG of a photo; returns entries of its record."""
+    store = job.store
+    # Memory that happens to be free now must not change a file.
+    may_reduce = job.options.run.max_memory is not None
     target = store.path(photo.output)
     if photo.path == target or (store.is_local and os.path.realpath(photo.path) == target):
         got = shown(f"{target}, which is also the photo")
         raise InputError(must_be("output", "a file of its own", got, "another folder"))
     if is_url(photo.path):
         with opened(photo.path) as file:
-            result = vectorize_by(options, file)
+            result = vectorize_by(options, file, may_reduce=may_reduce)
     else:
-        result = vectorize_by(options, photo.path)
+        result = vectorize_by(options, photo.path, may_reduce=may_reduce)
     data, report = file_bytes(result.svg, options.svg.gzip), result.report
     store.write(photo.output, data)
     return {
