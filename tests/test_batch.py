@@ -164,21 +164,6 @@ def test_photo_of_which_a_server_says_no_date_is_read(
     assert run(url)["done"] == ["a.svg"]
 
 
-def test_stamp_of_a_store_is_all_that_it_says(monkeypatch):
-    from fsspec.implementations.memory import MemoryFileSystem
-
-    def stamp(**info):
-        monkeypatch.setattr(MemoryFileSystem, "info", lambda *_, **__: info)
-        return work.stamp_of("memory://x")
-
-    stamps = [
-        stamp(size=5, ETag="a"), stamp(size=5, ETag="b"), stamp(size=6, ETag="a"),
-        stamp(size=5, LastModified="a"), stamp(size=5, md5Hash="a"), stamp(size=5, other=1),
-    ]  # fmt: skip
-    assert len(set(stamps)) == 6
-    assert stamps[-1] == ""
-
-
 def test_failed_photos_are_taken_up_on_request_or_where_they_changed(run, photos):
     (photos / "bad.png").write_bytes(b"no picture")
     assert run(photos)["failed"] == ["bad.svg"]
@@ -325,13 +310,6 @@ def test_record_that_cannot_be_written_does_not_hide_why(
     assert answer == work.Answer((), refused="cannot write a.svg")
 
 
-def test_refusals_count_on_where_a_worker_died():
-    driver = drive.Driver(None, work.Job(tiny(), None, {}, ""), None, lambda: 1)
-    photos = tuple(work.BatchPhoto(name, name) for name in "abc")
-    assert list(driver._isolate(work.Shard("x", photos, refusals=2), photos)) == []
-    assert [shard.refusals for shard in driver._again] == [2, 2, 2]
-
-
 def test_worker_of_another_version_is_reported_before_anything_is_done(
     run, photos, tmp_path, monkeypatch
 ):
@@ -342,58 +320,6 @@ def test_worker_of_another_version_is_reported_before_anything_is_done(
     with pytest.raises(ClusterError, match=r"numpy of this worker must be 1, as here; got .*Try"):
         run(photos)  # one that joined later
     assert outputs(tmp_path / "out") == {}
-
-
-class Deadly:
-    """Stands in for Dask: workers die at some photos, before or after others are recorded."""
-
-    def __init__(self, killers, recorded):
-        self.killers, self.recorded = killers, recorded
-        self.deaths = Counter()
-        self.made = Counter()
-
-    def answers(self, client, function, next_request, window):
-        (job,) = function.args
-        while (shard := next_request()) is not None:
-            killers = [p for p in shard.photos if p.output in self.killers]
-            at = shard.photos.index(killers[0]) if killers else len(shard.photos)
-            record = drive.ShardRecord(job.store, shard.key)
-            made = [self.record(photo) for photo in shard.photos[:at]]
-            if not killers:
-                yield shard, work.Answer(tuple(made))
-                continue
-            self.deaths[killers[0].output] += 1
-            for one in made[: self.recorded]:
-                record.done[one.output] = one
-            record.write(working=True)
-            yield shard, work.Answer((), has_died=True)
-
-    def record(self, photo):
-        self.made[photo.output] += 1
-        return drive.PhotoRecord(input=photo.path, output=photo.output, options="")
-
-
-@pytest.mark.parametrize("recorded", [0, 3, 1000])
-@pytest.mark.parametrize("killers", [[], [0], [39], [7, 8, 20]])
-def test_photos_that_kill_workers_are_found_and_cost_no_other(
-    killers, recorded, tmp_path, monkeypatch
-):
-    for number in range(40):
-        (tmp_path / f"{number:02}.png").write_bytes(b"")
-    deadly = Deadly({f"{number:02}.svg" for number in killers}, recorded)
-    monkeypatch.setattr(drive, "answers", deadly.answers)
-    monkeypatch.setattr(drive, "_SHARDS_A_WORKER", 1)
-    with Batch([f"{tmp_path}/*.png"], tmp_path / "out", tiny()) as batch:
-        job = work.Job(batch.options, batch.store, {}, "")
-        found = list(drive.Driver(None, job, batch.index, lambda: 1).records())
-    assert Counter(one.output for one in found) == {f"{n:02}.svg": 1 for n in range(40)}
-    failed = {one.output for one in found if one.error is not None}
-    assert failed == deadly.killers
-    assert all("2 workers died at it" in one.error for one in found if one.error)
-    # With its record: once in the shard, once alone, once more.
-    assert max(deadly.deaths.values(), default=0) <= (3 if recorded >= 40 else 9)
-    if recorded >= 40:
-        assert set(deadly.made.values()) == {1}
 
 
 def test_shard_whose_worker_died_is_not_begun_again(dask_client, photos, tmp_path):

@@ -10,7 +10,7 @@ from batches import save_photo, save_photos
 from gauss2svg.batch import inputs, many
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import photos_of
-from gauss2svg.batch.stores import Store
+from gauss2svg.batch.stores import Store, stamp_of
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError
 
@@ -89,6 +89,21 @@ def test_a_list_is_read_line_by_line():
             yield b"a.png\n"
 
     assert next(inputs._listed(endless())).name == "a"
+
+
+def test_stamp_of_a_store_is_all_that_it_says(monkeypatch):
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    def stamp(**info):
+        monkeypatch.setattr(MemoryFileSystem, "info", lambda *_, **__: info)
+        return stamp_of("memory://x")
+
+    stamps = [
+        stamp(size=5, ETag="a"), stamp(size=5, ETag="b"), stamp(size=6, ETag="a"),
+        stamp(size=5, LastModified="a"), stamp(size=5, md5Hash="a"), stamp(size=5, other=1),
+    ]  # fmt: skip
+    assert len(set(stamps)) == 6
+    assert stamps[-1] == ""
 
 
 def test_index_holds_any_name_and_each_photo_once():
