@@ -23,7 +23,7 @@ import ctypes, os, time
 from pathlib import Path
 from gauss2svg.batch import work
 vectorize_by = __import__("gauss2svg.pipeline.vectorize").pipeline.vectorize.vectorize_by
-def slowly(options, image):
+def slowly(options, image, **given):
     name = Path(image).stem
     if name.startswith("greedy"):
         held = []
@@ -32,7 +32,7 @@ def slowly(options, image):
     if name.startswith("crash"):
         ctypes.string_at(0)
     time.sleep({pause})
-    return vectorize_by(options, image)
+    return vectorize_by(options, image, **given)
 work.vectorize_by = slowly
 """
 

@@ -1,6 +1,7 @@
-"""Batches: every photo once, as by the command; what is done is skipped, what failed is told."""
+"""Batches: every photo once, as by the command; done ones are skipped, failed ones reported."""
 
 import csv
+import errno
 import json
 import os
 from collections import Counter
@@ -120,6 +121,49 @@ def test_second_run_redoes_what_changed_alone(run, photos, tmp_path):
     assert run(photos, seed=5)["done"] == ["e.svg"]
 
 
+def test_another_photo_of_the_same_size_and_date_is_no_photo_that_is_done(run, photos, tmp_path):
+    other = tmp_path / "other"
+    for folder, seed in ((photos, 0), (other, 50)):
+        path = save_photo(folder / "a.bmp", seed)  # all of one size
+        os.utime(path, ns=(1, 1))
+    (photos / "a.png").unlink()
+    (other / "e.tif").write_bytes((photos / "e.tif").read_bytes())
+    run(photos)
+    assert run(other) == {"done": ["a.svg"], "skipped": ["e.svg"], "failed": []}
+    records = lines(tmp_path / "out")
+    found = {one["output"]: one["input"] for one in map(json.loads, records)}
+    assert found["e.svg"] == str(other / "e.tif")  # by its bytes
+    assert run(other)["skipped"] == ["a.svg", "e.svg"]
+    assert lines(tmp_path / "out") == records
+
+
+def test_photo_that_is_replaced_by_one_of_its_size_and_date_is_done_again(run, photos):
+    path = save_photo(photos / "a.bmp", 0)
+    (photos / "a.png").unlink()
+    os.utime(path, ns=(1, 1))
+    run(path)
+    os.utime(save_photo(path, 1), ns=(1, 1))
+    assert run(path)["done"] == ["a.svg"]
+
+
+@pytest.mark.parametrize("info", [{"name": "x", "size": 5, "type": "file"}, {"name": "x"}])
+def test_photo_of_which_a_server_says_no_date_is_read(
+    info, run, dask_client, tmp_path, monkeypatch
+):
+    import fsspec
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    fs, url = fsspec.filesystem("memory"), f"memory://{tmp_path.name}/a.bmp"
+    fs.pipe_file(f"/{tmp_path.name}/a.bmp", save_photo(tmp_path / "a.bmp", 0).read_bytes())
+    monkeypatch.setattr(MemoryFileSystem, "isfile", lambda _, path: path.endswith(".bmp"))
+    monkeypatch.setattr(MemoryFileSystem, "info", lambda *_, **__: info)
+    assert work.stamp_of(url) == ""
+    assert run(url)["done"] == ["a.svg"]
+    assert run(url)["skipped"] == ["a.svg"]
+    fs.pipe_file(f"/{tmp_path.name}/a.bmp", save_photo(tmp_path / "a.bmp", 1).read_bytes())
+    assert run(url)["done"] == ["a.svg"]
+
+
 def test_failed_photos_are_taken_up_on_request_or_where_they_changed(run, photos):
     (photos / "bad.png").write_bytes(b"no picture")
     assert run(photos)["failed"] == ["bad.svg"]
@@ -131,15 +175,33 @@ def test_failed_photos_are_taken_up_on_request_or_where_they_changed(run, photos
     assert run(photos)["done"] == ["bad.svg"]
 
 
+def test_photo_that_failed_at_a_limit_is_taken_up_at_another(run, photos):
+    assert len(run(photos, max_pixels=100)["failed"]) == 4
+    assert len(run(photos, max_pixels=100)["failed"]) == 4
+    assert len(run(photos, max_memory="1M")["failed"]) == 4
+    assert len(run(photos, max_pixels=1000)["done"]) == 4
+    assert len(run(photos, max_pixels=100)["skipped"]) == 4
+
+
+def test_fit_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monkeypatch):
+    photo = save_photo(tmp_path / "large.png", 1, 300)
+    limit = 254_000_000  # between the estimates of a fit of the preset's size and of one pixel
+    monkeypatch.setattr(work, "allowed", lambda _: limit)
+    assert run(photo)["failed"] == ["large.svg"]
+    (line,) = lines(tmp_path / "out")
+    assert json.loads(line)["error"].startswith("memory must be at least ")
+    assert run(photo, max_memory=limit)["done"] == ["large.svg"]
+
+
 def test_fault_of_a_library_costs_its_photo_alone(run, photos, monkeypatch):
     vectorize_by = work.vectorize_by
 
-    def failing(options, image):
+    def failing(options, image, **given):
         if str(image).endswith("e.tif"):
             raise ZeroDivisionError("a\nfault")
         if str(image).endswith("a.jpg"):
             raise MemoryError("5 GiB")
-        return vectorize_by(options, image)
+        return vectorize_by(options, image, **given)
 
     monkeypatch.setattr(work, "vectorize_by", failing)
     found = run(photos)
@@ -172,11 +234,83 @@ def test_output_that_cannot_be_written_ends_the_batch_and_loses_nothing(
     assert calls["b/c d.svg"] == 3
     monkeypatch.setattr(work.Store, "write", write)
     found = run(photos)
-    assert found["skipped"] >= ["a.svg", "b/a.svg"]
+    assert set(found["skipped"]) >= {"a.svg", "b/a.svg"}
     assert "b/c d.svg" in found["done"]
 
 
-def test_worker_of_another_version_is_told_before_anything_is_done(
+def test_name_that_cannot_be_written_costs_its_photo_alone(run, photos, tmp_path):
+    save_photo(photos / "e.svg/x.png", 5)
+    long = save_photo(tmp_path / "x.png", 6).rename(tmp_path / ("n" * 252))
+    found = run(photos, long)
+    assert found["failed"] == ["e.svg/x.svg", "n" * 252 + ".svg"]
+    assert len(found["done"]) == 4
+    errors = [one["error"] for one in map(json.loads, lines(tmp_path / "out")) if one["error"]]
+    assert all("cannot " in error for error in errors)
+    assert not left_parts(tmp_path / "out")
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EROFS, errno.EACCES, errno.EIO])
+def test_disk_that_cannot_be_written_ends_the_batch(number, photos, tmp_path, monkeypatch):
+    def failing(*_):
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr("gauss2svg.files.os.replace", failing)
+    job = work.Job(tiny(), work.Store(str(tmp_path / "out"), f"{STATE}/parts"), {}, "")
+    with pytest.raises(OutputError, match=os.strerror(number)):
+        work.vectorize_photo(job, job.options, work.BatchPhoto(str(photos / "a.png"), "a.svg"))
+
+
+@pytest.mark.parametrize("refused", [None, "00.svg", "07.svg"])
+def test_output_that_is_refused_for_a_while_is_no_death_and_keeps_all_lines(
+    refused, run, tmp_path, monkeypatch
+):
+    """Photos in more shards than are submitted at once."""
+    write, calls = work.Store.write, Counter()
+    photos = save_photos(tmp_path / "many", [f"{number:02}.png" for number in range(20)])
+
+    def failing(store, name, data):
+        calls[name] += 1
+        if name == (refused or "13.svg") and (refused or calls[name] < 3):
+            raise OutputError("cannot write it: No space left on device. Try another folder")
+        write(store, name, data)
+
+    monkeypatch.setattr(work.Store, "write", failing)
+    monkeypatch.setattr(drive, "MOST_PHOTOS", 4)
+    monkeypatch.setattr(drive, "_SHARDS_A_WORKER", 1)
+    monkeypatch.setattr("gauss2svg.batch.records._SHARE", 1e-9)  # lines are held back
+    if refused:
+        with pytest.raises(OutputError, match="No space left"):
+            run(photos)
+    else:
+        assert len(run(photos)["done"]) == 20
+    assert calls[refused or "13.svg"] == 3
+    # Where the batch ended, another shard may still be worked on.
+    found = [one for one in map(json.loads, lines(tmp_path / "out")) if "output" in one]
+    expected = {None: outputs(tmp_path / "out").keys(), "00.svg": set(), "07.svg": {"04.svg"}}
+    assert {one["output"] for one in found} >= expected[refused]
+    assert [one["output"] for one in found if one["error"]] == []
+
+
+def test_record_that_cannot_be_written_does_not_hide_why(
+    dask_client, photos, tmp_path, monkeypatch
+):
+    store = work.Store(str(tmp_path / "out"), f"{STATE}/parts")
+    write, calls = work.Store.write, Counter()
+
+    def full(store, name, data):
+        calls[name] += 1
+        if name == "a.svg" or calls[name] > 1:
+            raise OutputError(f"cannot write {name}")
+        write(store, name, data)
+
+    monkeypatch.setattr(work.Store, "write", full)
+    shard = work.Shard("run-1", (work.BatchPhoto(str(photos / "a.png"), "a.svg"),))
+    job = work.Job(tiny(), store, {}, "")
+    answer = dask_client.submit(work.work, job, shard, pure=False).result()
+    assert answer == work.Answer((), refused="cannot write a.svg")
+
+
+def test_worker_of_another_version_is_reported_before_anything_is_done(
     run, photos, tmp_path, monkeypatch
 ):
     monkeypatch.setattr("gauss2svg.batch.many.versions", lambda: {"numpy": "1"})
@@ -186,58 +320,6 @@ def test_worker_of_another_version_is_told_before_anything_is_done(
     with pytest.raises(ClusterError, match=r"numpy of this worker must be 1, as here; got .*Try"):
         run(photos)  # one that joined later
     assert outputs(tmp_path / "out") == {}
-
-
-class Deadly:
-    """Stands in for Dask: workers die at some photos, before or after others are recorded."""
-
-    def __init__(self, killers, recorded):
-        self.killers, self.recorded = killers, recorded
-        self.deaths = Counter()
-        self.made = Counter()
-
-    def answers(self, client, function, next_request, window):
-        (job,) = function.args
-        while (shard := next_request()) is not None:
-            killers = [p for p in shard.photos if p.output in self.killers]
-            at = shard.photos.index(killers[0]) if killers else len(shard.photos)
-            record = drive.ShardRecord(job.store, shard.key)
-            made = [self.record(photo) for photo in shard.photos[:at]]
-            if not killers:
-                yield shard, work.Answer(tuple(made))
-                continue
-            self.deaths[killers[0].output] += 1
-            for one in made[: self.recorded]:
-                record.done[one.output] = one
-            record.write(working=True)
-            yield shard, work.Answer((), has_died=True)
-
-    def record(self, photo):
-        self.made[photo.output] += 1
-        return drive.PhotoRecord(input=photo.path, output=photo.output, options="")
-
-
-@pytest.mark.parametrize("recorded", [0, 3, 1000])
-@pytest.mark.parametrize("killers", [[], [0], [39], [7, 8, 20]])
-def test_photos_that_kill_workers_are_found_and_cost_no_other(
-    killers, recorded, tmp_path, monkeypatch
-):
-    for number in range(40):
-        (tmp_path / f"{number:02}.png").write_bytes(b"")
-    deadly = Deadly({f"{number:02}.svg" for number in killers}, recorded)
-    monkeypatch.setattr(drive, "answers", deadly.answers)
-    monkeypatch.setattr(drive, "_SHARDS_A_WORKER", 1)
-    with Batch([f"{tmp_path}/*.png"], tmp_path / "out", tiny()) as batch:
-        job = work.Job(batch.options, batch.store, {}, "")
-        found = list(drive.Driver(None, job, batch.index, lambda: 1).records())
-    assert Counter(one.output for one in found) == {f"{n:02}.svg": 1 for n in range(40)}
-    failed = {one.output for one in found if one.error is not None}
-    assert failed == deadly.killers
-    assert all("2 workers died at it" in one.error for one in found if one.error)
-    # With its record: once in the shard, once alone, once more.
-    assert max(deadly.deaths.values(), default=0) <= (3 if recorded >= 40 else 9)
-    if recorded >= 40:
-        assert set(deadly.made.values()) == {1}
 
 
 def test_shard_whose_worker_died_is_not_begun_again(dask_client, photos, tmp_path):

@@ -10,8 +10,9 @@ from batches import save_photo, save_photos
 from gauss2svg.batch import inputs, many
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import photos_of
+from gauss2svg.batch.stores import Store, stamp_of
 from gauss2svg.cli.main import main
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, OutputError
 
 
 def names(*sources):
@@ -33,6 +34,29 @@ def test_folder_gives_its_pictures_but_no_hidden_ones(folder):
     assert {source.size for source in photos_of(["in"])} == {5}
 
 
+def test_source_without_photos_is_refused_beside_others(folder):
+    (folder / "none").mkdir()
+    (folder / "none.txt").write_text("# nothing\n")
+    for source in ("nothing/*", "in/none", "in/none.txt", "memory://nothing/*"):
+        with pytest.raises(InputError, match="must be one or more; got none in "):
+            names("in", source)
+
+
+def test_broken_links_and_files_that_are_gone_are_photos(folder, monkeypatch):
+    os.symlink("gone", folder / "b/z.png")
+    assert names("in") == ["a", "b/c", "b/d/e", "b/z"]
+    assert names("in/b/*.png", "in/b/z.png") == ["z", "z"]
+    stat = os.stat
+
+    def gone(path, **given):
+        if str(path).endswith("a.jpg"):
+            raise FileNotFoundError(2, "No such file or directory")
+        return stat(path, **given)
+
+    monkeypatch.setattr(inputs.os, "stat", gone)
+    assert names("in") == ["a", "b/c", "b/d/e", "b/z"]
+
+
 def test_links_to_folders_are_not_followed(folder):
     os.symlink(folder, folder / "b/circle")
     assert names("in") == ["a", "b/c", "b/d/e"]
@@ -41,7 +65,6 @@ def test_links_to_folders_are_not_followed(folder):
 def test_glob_is_relative_to_its_part_without_wildcards(folder):
     assert names("in/*.jpg", "in/b/*") == ["a", "c"]
     assert names("in/**/*.jp*g") == ["a", "b/d/e"]
-    assert names("nothing/*") == []
 
 
 def test_photo_keeps_its_last_part_whatever_its_suffix(folder):
@@ -52,7 +75,7 @@ def test_photo_keeps_its_last_part_whatever_its_suffix(folder):
 
 
 def test_list_keeps_whole_names_without_root_and_steps_upwards(folder, monkeypatch):
-    lines = "in/a.jpg\r\n\n/x y/b.png\n../up/./c.png\ns3://bucket/d/e.png\nno.picture\n"
+    lines = "\ufeffin/a.jpg\n# not/this.png\r\n\n/x y/b.png\n../up/./c.png\ns3://bucket/d/e.png\nno.picture\n"
     expected = ["bucket/d/e", "in/a", "no", "up/c", "x y/b"]
     (folder / "list.txt").write_text(lines)
     assert names("in/list.txt") == expected
@@ -66,6 +89,21 @@ def test_a_list_is_read_line_by_line():
             yield b"a.png\n"
 
     assert next(inputs._listed(endless())).name == "a"
+
+
+def test_stamp_of_a_store_is_all_that_it_says(monkeypatch):
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    def stamp(**info):
+        monkeypatch.setattr(MemoryFileSystem, "info", lambda *_, **__: info)
+        return stamp_of("memory://x")
+
+    stamps = [
+        stamp(size=5, ETag="a"), stamp(size=5, ETag="b"), stamp(size=6, ETag="a"),
+        stamp(size=5, LastModified="a"), stamp(size=5, md5Hash="a"), stamp(size=5, other=1),
+    ]  # fmt: skip
+    assert len(set(stamps)) == 6
+    assert stamps[-1] == ""
 
 
 def test_index_holds_any_name_and_each_photo_once():
@@ -82,6 +120,40 @@ def test_names_that_differ_by_case_are_one_where_the_disk_folds_it():
     PhotoIndex().add(sources, ".svg")
     with pytest.raises(InputError, match="would both write x"):
         PhotoIndex(folds_case=True).add(sources, ".svg")
+
+
+@pytest.mark.parametrize(
+    "name", ["../x", "a/../../x", "..", "", "/x", "a//x", "./x", "gauss2svg-batch/records/x"]
+)
+def test_outputs_outside_of_the_folder_or_among_its_records_are_refused(name, tmp_path):
+    with pytest.raises(InputError, match="output must be in the output folder and outside of its"):
+        PhotoIndex().add([inputs.Source("/a/x.png", name, 1)], ".svg")
+    PhotoIndex().add([inputs.Source("/a/x.png", "gauss2svg-batch", 1)], ".svg")
+    if "gauss2svg" not in name:
+        with pytest.raises(OutputError, match="it is not in"):
+            Store(str(tmp_path / "out"), "parts").write(name, b"")
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_globs_and_keys_that_step_upwards_are_refused(folder, tmp_path):
+    import fsspec
+
+    (folder.parent / "x.png").write_bytes(b"")
+    (name,) = names("in/*/../../x.png")[:1]
+    assert name == "../x"
+    fs = fsspec.filesystem("memory")
+    fs.store[f"/{tmp_path.name}/in/../../../evil.png"] = fs.open("/x", "wb")
+    with pytest.raises(InputError, match="output must be in the output folder"):
+        PhotoIndex().add(photos_of([f"memory://{tmp_path.name}/in/**"]), ".svg")
+
+
+def test_case_is_asked_about_before_the_output_folder_exists(tmp_path, monkeypatch):
+    save_photos(tmp_path / "in", ["X.png", "x.png"])
+    asked = []
+    monkeypatch.setattr(many, "folds_case", lambda folder: not asked.append(folder))
+    with pytest.raises(InputError, match="would both write"):
+        many.Batch([tmp_path / "in"], tmp_path / "out/new")
+    assert asked == [str(tmp_path)]
 
 
 @pytest.fixture
@@ -144,7 +216,7 @@ def test_folder_that_is_read_only_is_refused(refused, tmp_path, monkeypatch):
     assert "cannot create " in refused("in", "-o", "out")
 
 
-def test_scheduler_that_does_not_answer_is_told(tmp_path, monkeypatch, capsys):
+def test_scheduler_that_does_not_answer_is_reported(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("gauss2svg.batch.cluster._CONNECT_S", 0.3)
     save_photos(tmp_path / "in", ["a.png"])

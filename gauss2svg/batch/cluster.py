@@ -22,12 +22,12 @@ from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 
-_CONNECT_S = 10.0
+_CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
 _COUNT_S = 1.0  # for which a number of workers is taken as known
-_CLOSE_S = 5.0
+_CLOSE_S = 5.0  # by then the workers are killed, and nothing is lost with the rest
 _DASHBOARD = 8787
 _LOCAL = {
-    # Of a task whose worker died we are told at once.
+    # A task whose worker died is reported at once.
     "distributed.scheduler.allowed-failures": 0,
     # A shard that is unfinished is not wanted on a worker whose turn may be long.
     "distributed.scheduler.worker-saturation": 1.0,
@@ -129,7 +129,7 @@ def check_workers(client: Client, options: Options, needed: dict[str, str]) -> N
 
 
 def counter(client: Client) -> Callable[[], int]:
-    """A function that tells the number of workers, which may change."""
+    """A function that gives the number of workers, which may change."""
     known, at = 0, -_COUNT_S
 
     def count() -> int:
@@ -174,7 +174,7 @@ def _end(cluster: LocalCluster) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Inside Dask logs nothing: what is wrong is told in our words."""
+    """Inside Dask logs nothing: what is wrong is reported in our words."""
     names = ["distributed", *(n for n in logging.root.manager.loggerDict if "distributed." in n)]
     before = {logging.getLogger(name): logging.getLogger(name).level for name in names}
     for logger in before:

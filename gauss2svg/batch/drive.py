@@ -14,7 +14,7 @@ from itertools import count
 from distributed import Client, KilledWorker
 
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions
+from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions, limits_of
 from gauss2svg.batch.stores import stamp_of
 from gauss2svg.batch.tasks import answers
 from gauss2svg.batch.work import Answer, BatchPhoto, Job, Shard, work
@@ -26,8 +26,10 @@ _UNKNOWN_BYTES = 300_000  # of a photo of a list
 _SHARDS_A_WORKER = 8  # at least, so that workers end at about the same time
 _WINDOW = 2  # shards for each worker: one that it works on, one that waits
 _MOST_DEATHS = 2  # workers that a photo alone may kill
-_MOST_REFUSALS = 3
-_MOST_LOSSES = 20  # of workers at which a shard waited its turn
+_MOST_REFUSALS = 3  # a store may refuse for a moment; a full disk stays full
+# Workers lost while a shard waited: one that kills its worker may go before it, again and again
+# until its photo is alone, some 2 log2(500) times.
+_MOST_LOSSES = 20
 
 
 class Driver:
@@ -98,7 +100,9 @@ class Driver:
         if refused is not None and refusals >= _MOST_REFUSALS:
             raise OutputError(refused)
         if left and not self._is_ending:
-            self._again.append(dataclasses.replace(shard, photos=left, refusals=refusals))
+            # A record that could not be written may still say that its shard is worked on.
+            key = shard.key if refused is None else next(self._keys)
+            self._again.append(dataclasses.replace(shard, key=key, photos=left, refusals=refusals))
         elif left:
             share = -(-len(left) // max(1, self._workers()))
             for at in range(0, len(left), share):
@@ -125,7 +129,8 @@ class Driver:
         middle = 1 + len(left) // 2
         for photos in (left[:1], left[1:middle], left[middle:]):
             if photos:
-                self._again.append(Shard(next(self._keys), photos))
+                again = Shard(next(self._keys), photos, refusals=shard.refusals)
+                self._again.append(again)
 
     def _killer(self, shard: Shard, photo: BatchPhoto) -> PhotoRecord:
         """The record of a photo at which workers died, written here as no worker can."""
@@ -137,6 +142,7 @@ class Driver:
             output=photo.output,
             stamp=stamp,
             options=self._job.identity,
+            limits=limits_of(self._job.options),
             error=f"{_MOST_DEATHS} workers died at it, alone; was there enough memory? "
             "Try --max-size or --retry-failed on workers with more",
             versions=all_versions(),

@@ -8,11 +8,11 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 
 from gauss2svg.batch.inputs import Source
-from gauss2svg.batch.records import PhotoRecord, record_of
-from gauss2svg.batch.stores import is_url
-from gauss2svg.errors import InputError, shown
+from gauss2svg.batch.records import STATE, PhotoRecord, record_of
+from gauss2svg.batch.stores import is_contained, is_url
+from gauss2svg.errors import InputError, must_be, shown
 
-_CACHE_KIB = 16_384
+_CACHE_KIB = 16_384  # little beside a worker; pages of the index beyond it are on the disk
 _TABLES = """
 CREATE TABLE photo (
     key BLOB PRIMARY KEY, path BLOB, output BLOB, size INTEGER, prior TEXT
@@ -45,10 +45,19 @@ class PhotoIndex:
         return _bytes(output.casefold() if self._folds_case else output)
 
     def add(self, sources: Iterable[Source], suffix: str) -> None:
-        """Add photos; raises InputError for two that would write one file. A photo counts once."""
+        """Add photos; a photo counts once.
+
+        Raises InputError for two that would write one file, and for an output that would not be in
+        the output folder or would be among the records.
+        """
         insert = "INSERT OR IGNORE INTO photo (key, path, output, size) VALUES (?, ?, ?, ?)"
         for path, name, size in sources:
             output = name + suffix
+            first = name.partition("/")[0] if "/" in name else ""
+            if not is_contained(name) or self._key(first) == self._key(STATE):
+                needed = f"in the output folder and outside of its {STATE}"
+                got = shown(f"{output}, of {path}")
+                raise InputError(must_be("output", needed, got, "another glob or folder"))
             if not is_url(path):  # workers may have another current folder
                 path = os.path.abspath(path)
             row = (self._key(output), _bytes(path), _bytes(output), size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 import sys
@@ -9,7 +10,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
-from gauss2svg.batch.stores import filesystem, is_url, opened, reason_of
+from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, opened, reason_of
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.files import STANDARD_STREAM
 
@@ -19,7 +20,6 @@ SUFFIXES = (
 )  # fmt: skip
 MANIFESTS = (".txt", ".lst")
 _GLOB = re.compile(r"[*?\[]")
-_PARTS = re.compile(r"[/\\]" if os.sep == "\\" else "/")
 
 
 class Source(NamedTuple):
@@ -37,25 +37,35 @@ def photos_of(sources: Iterable[str]) -> Iterator[Source]:
     keep the names relative to it. So does a glob, relative to its part without wildcards. A list
     (.txt, .lst, or - for standard input) has a path or a URL on each line, whose outputs keep the
     whole name. Anything else is a photo, whose output keeps its last part.
-    Raises InputError for what does not exist.
+    Raises InputError for what does not exist or gives no photo.
     """
     for source in sources:
-        if source == STANDARD_STREAM:
-            if sys.stdin is None:
-                got = shown("a closed stream")
-                raise InputError(must_be("standard input", "open", got, "the name of a list"))
-            yield from _listed(sys.stdin.buffer)
-        elif source.lower().endswith(MANIFESTS):
-            with opened(source) as file:
-                yield from _listed(file)
-        elif is_url(source):
-            yield from _remote(source)
-        elif os.path.isdir(source):
-            yield from _folder(source, "")
-        elif _GLOB.search(source) and not os.path.lexists(source):
-            yield from _matching(source)
-        else:
-            yield Source(source, _stem(os.path.basename(source)), _size(source))
+        is_empty = True
+        for photo in _photos(source):
+            is_empty = False
+            yield photo
+        if is_empty:
+            got = shown(f"none in {source}")
+            raise InputError(must_be("photos", "one or more", got, "gauss2svg batch photos/"))
+
+
+def _photos(source: str) -> Iterator[Source]:
+    if source == STANDARD_STREAM:
+        if sys.stdin is None:
+            got = shown("a closed stream")
+            raise InputError(must_be("standard input", "open", got, "the name of a list"))
+        yield from _listed(sys.stdin.buffer)
+    elif source.lower().endswith(MANIFESTS):
+        with opened(source) as file:
+            yield from _listed(file)
+    elif is_url(source):
+        yield from _remote(source)
+    elif os.path.isdir(source):
+        yield from _folder(source, "")
+    elif _GLOB.search(source) and not os.path.lexists(source):
+        yield from _matching(source)
+    else:
+        yield Source(source, _stem(os.path.basename(source)), _size(source))
 
 
 def folder_of(source: str) -> str | None:
@@ -67,12 +77,20 @@ def folder_of(source: str) -> str | None:
     return _base(source) if "**" in source and not os.path.lexists(source) else None
 
 
-def _size(path: str) -> int:
+def _size(path: str, found: bool = False) -> int | None:
+    """Bytes; None for a broken link, or what was found and is gone: it fails in its turn."""
     try:
         return os.stat(path).st_size
     except (OSError, ValueError) as error:
+        if found or os.path.lexists(path):
+            return None
         advice = "the path of a photo, a folder, a glob or a list"
         raise InputError(f"cannot read {path}: {reason_of(error)}. Try {advice}") from error
+
+
+def _is_file(path: str) -> bool:
+    """Whether what was found is a file, a broken link, or gone."""
+    return os.path.isfile(path) or not os.path.exists(path)
 
 
 def _stem(name: str) -> str:
@@ -81,16 +99,17 @@ def _stem(name: str) -> str:
 
 
 def _listed(lines: Iterable[bytes]) -> Iterator[Source]:
-    for line in lines:
+    for number, line in enumerate(lines):
+        line = line.removeprefix(codecs.BOM_UTF8) if number == 0 else line
         path = os.fsdecode(line.rstrip(b"\r\n"))
-        if path.strip():
+        if path.strip() and not path.lstrip().startswith("#"):
             yield Source(path, _stem(_whole_name(path)), None)
 
 
 def _whole_name(path: str) -> str:
     """The name of a line of a list: all of it but the root, the protocol and steps upwards."""
     plain = path.partition("://")[2] if is_url(path) else os.path.splitdrive(path)[1]
-    parts = [part for part in _PARTS.split(plain) if part not in ("", ".", "..")]
+    parts = [part for part in PARTS_OF.split(plain) if part not in ("", ".", "..")]
     return "/".join(parts) or path
 
 
@@ -109,8 +128,8 @@ def _folder(root: str, under: str) -> Iterator[Source]:
                 if entry.is_dir(follow_symlinks=False):
                     if not entry.name.startswith("."):
                         folders.append(name)
-                elif _is_picture(entry.name) and entry.is_file():
-                    yield Source(entry.path, _stem(name), entry.stat().st_size)
+                elif _is_picture(entry.name) and _is_file(entry.path):
+                    yield Source(entry.path, _stem(name), _size(entry.path, found=True))
     except OSError as error:
         raise InputError(f"cannot read {here}: {reason_of(error)}. Try another folder") from error
     for name in folders:
@@ -127,9 +146,9 @@ def _matching(pattern: str) -> Iterator[Source]:
 
     base = _base(pattern)
     for path in glob.iglob(pattern, recursive=True):
-        if os.path.isfile(path):
+        if _is_file(path):
             name = os.path.relpath(path, base or ".").replace(os.sep, "/")
-            yield Source(path, _stem(name), _size(path))
+            yield Source(path, _stem(name), _size(path, found=True))
 
 
 def _remote(url: str) -> Iterator[Source]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 _SAMPLE = 16  # photos, the largest files, by which memory is estimated
 _READERS = 16  # threads that read records, which on a store is mostly waiting
-_STALE_S = 60.0
+_STALE_S = 60.0  # by then a live worker has written its part, which takes moments
 
 
 def vectorize_many(
@@ -163,9 +163,12 @@ class Batch:
         self.store.sweep(time.time() - _STALE_S)
 
     def _folds_case(self) -> bool:
-        return (
-            self.store.is_local and os.path.isdir(self.store.root) and folds_case(self.store.root)
-        )
+        if not self.store.is_local:
+            return False
+        folder = self.store.root
+        while not os.path.isdir(folder):  # one that is created is as the folder that it is in
+            folder = os.path.dirname(folder)
+        return folds_case(folder)
 
     def _add_prior(self) -> None:
         """What earlier runs have recorded, oldest first."""
@@ -183,7 +186,7 @@ class Batch:
         plan = Plan(self.options)
         loads = [load_of(plan, 1, 1, has_alpha=False)]
         for path in self.index.largest(_SAMPLE):
-            # A photo that cannot be read is told of when its turn comes.
+            # A photo that cannot be read is reported when its turn comes.
             with suppress(InputError), opened(path) as file, opened_image(file, path) as image:
                 has_alpha = "A" in image.getbands() or "transparency" in image.info
                 loads.append(load_of(plan, *image.size, has_alpha))

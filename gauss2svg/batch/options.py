@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.options import OptionGroup, Whole
 
-_MOST_WORKERS = 1024
+_MOST_WORKERS = 1024  # more cores than a machine has; more processes are a slip of the keyboard
 
 
 def address(name: str, value: Any) -> str:

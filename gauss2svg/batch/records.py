@@ -19,16 +19,18 @@ STATE = "gauss2svg-batch"  # the folder, beside the outputs, of all that is not 
 RECORDS, PARTS = f"{STATE}/records", f"{STATE}/parts"
 _WORKING = {"working": True}  # the last line of a shard that is worked on, or whose worker died
 _SHARE = 0.05  # of a worker's time, for writing records
-# Options that change no file.
+# Options that change no file, and those of them that change not either whether there is one.
 _NOT_OF_IDENTITY = {"threads", "max_memory", "max_pixels", "scores"}
+_NOT_OF_LIMITS = {"threads"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhotoRecord:
     """What became of a photo.
 
-    input      path or URL; stamp: what its file system tells of it; sha256: of its bytes
+    input      path or URL; stamp: what its file system says of it; sha256: of its bytes
     options    identity of the options and of the version
+    limits     of a failure: identity of all options, of which some may have made it fail
     output     name of the SVG, relative to the output folder
     error      why there is none, one line; None where it is written
     psnr_svg   dB, None where it is infinite; bytes: of the SVG; seconds: of the vectorisation
@@ -38,6 +40,7 @@ class PhotoRecord:
     input: str
     output: str
     options: str
+    limits: str = ""
     stamp: str = ""
     sha256: str = ""
     width: int | None = None
@@ -83,7 +86,16 @@ def all_versions() -> dict[str, str]:
 
 def identity_of(options: Options) -> str:
     """A hash of the version and of all options that a file depends on."""
-    given = {k: v for k, v in options.flat().items() if k not in _NOT_OF_IDENTITY}
+    return _hash_of(options, _NOT_OF_IDENTITY)
+
+
+def limits_of(options: Options) -> str:
+    """A hash of the version and of all options that a failure depends on."""
+    return _hash_of(options, _NOT_OF_LIMITS)
+
+
+def _hash_of(options: Options, without: set[str]) -> str:
+    given = {k: v for k, v in options.flat().items() if k not in without}
     text = json.dumps([__version__, given], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -3,25 +3,38 @@
 from __future__ import annotations
 
 import io
+import json
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from gauss2svg.errors import InputError, OutputError, on_one_line
 from gauss2svg.files import check_writable, reading, write_whole
 
+PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
 _ADVICE = "the path or the URL of a photo"
-# Facts of a store's listing that change with a file, each by what some stores call it.
-_FACTS = ("size", "ETag", "etag", "mtime", "LastModified", "last_modified", "updated", "created")
+# Entries of a store's listing of which one at least changes with the bytes, as stores call them.
+# With none of them, such as from a server that gives sizes alone, a photo is read.
+_TELLING = {
+    "etag", "mtime", "lastmodified", "updated", "modified", "created", "contentmd5", "md5hash",
+    "md5", "crc32c", "digest", "generation", "versionid",
+}  # fmt: skip
 
 
 def is_url(path: str) -> bool:
     """Whether a name is a URL, such as s3://bucket/photo.jpg."""
     return "://" in path
+
+
+def is_contained(name: str) -> bool:
+    """Whether a file of this name, relative to a folder, is in it."""
+    return not os.path.splitdrive(name)[0] and not {"", ".", ".."} & set(PARTS_OF.split(name))
 
 
 def filesystem(url: str) -> tuple[Any, str]:
@@ -60,18 +73,24 @@ def opened(source: str) -> Iterator[BinaryIO]:
 
 
 def stamp_of(source: str) -> str:
-    """What changes whenever a photo does, without reading it; raises InputError."""
+    """What changes whenever a photo does, without reading it; empty where nothing is known to.
+
+    Raises InputError.
+    """
     try:
         if not is_url(source):
             found = os.stat(source)
-            return f"{found.st_size} {found.st_mtime_ns}"
+            facts = (found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino)
+            return " ".join(map(str, facts))
         fs, path = filesystem(source)
         info = fs.info(path)
     except InputError:
         raise
     except Exception as error:
         raise InputError(f"cannot read {source}: {reason_of(error)}. Try {_ADVICE}") from error
-    return " ".join(str(info[fact]) for fact in _FACTS if info.get(fact) is not None)
+    known = {k: str(v) for k, v in info.items() if isinstance(v, (str, int, float, datetime)) and v}
+    names = {re.sub("[^a-z0-9]", "", name.lower()) for name in known}
+    return json.dumps(known, sort_keys=True) if names & _TELLING else ""
 
 
 @dataclass(frozen=True)
@@ -100,6 +119,8 @@ class Store:
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file, whole or not at all, replacing another of its name."""
+        if not is_contained(name):
+            raise OutputError(f"cannot write {name}: it is not in {self.root}. Try another name")
         if self.is_local:
             path, parts = Path(self.root, name), Path(self.root, self.parts)
             self._make(parts)

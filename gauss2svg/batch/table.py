@@ -23,7 +23,7 @@ from gauss2svg.errors import OutputError
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
 _COLUMNS = [field.name for field in dataclasses.fields(PhotoRecord)]
 _ROWS = 10_000  # of Parquet that are held at once
-_MOST_REASONS = 1000  # of failures that are told apart
+_MOST_REASONS = 1000  # of failures that are distinguished
 
 
 class Summary:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+import errno
 import hashlib
 import os
 import time
 import warnings
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +16,7 @@ from gauss2svg.batch.records import (
     PhotoRecord,
     ShardRecord,
     all_versions,
+    limits_of,
     versions,
 )
 from gauss2svg.batch.stores import Store, is_url, opened, stamp_of
@@ -25,6 +29,10 @@ from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.packing import file_bytes
 
 _LONGEST_ERROR = 400  # characters
+# Why a file of one name cannot be written where others can.
+_OF_ITS_NAME = {
+    errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EXDEV, errno.EINVAL,
+}  # fmt: skip
 # Seconds after which a shard's other photos are handed back, so that progress is seen and no worker
 # is alone at the end with many photos.
 SHARD_S = 15.0
@@ -105,12 +113,16 @@ def work(job: Job, shard: Shard) -> Answer:
                 if photo.output in earlier:
                     continue
                 found.append(vectorize_photo(job, options, photo))
-                if not found[-1].skipped:
+                if photo.prior is None or found[-1].line() != photo.prior.line():
                     record.add(found[-1])
                 if time.monotonic() - begun > SHARD_S:
                     break
         record.write()
     except OutputError as error:
+        if record is not None:
+            # It is begun no more, and lines held back are kept. The first error says why.
+            with suppress(OutputError):
+                record.write()
         return Answer(tuple(found), refused=str(error))
     return Answer(tuple(found))
 
@@ -126,21 +138,24 @@ def check_versions(found: dict[str, str], needed: dict[str, str], where: str) ->
 
 
 def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecord:
-    """What becomes of a photo; raises OutputError alone."""
+    """What becomes of a photo; raises OutputError alone, where no output can be written."""
     begun, identity = time.perf_counter(), job.identity
     stamp = digest = ""
     made: dict[str, Any]
     try:
         stamp = stamp_of(photo.path)
-        prior = _kept(job, photo, stamp, identity)
-        if prior is None:
+        prior = _usable(job, photo)
+        is_same = prior is not None and prior.input == photo.path and stamp == prior.stamp != ""
+        if not is_same:
             digest = _digest(photo.path)
-            prior = _kept(job, photo, digest, identity)
-        if prior is not None:
-            return PhotoRecord(**prior.line(), skipped=True)
-        made = _vectorized(job.store, options, photo)
-    except OutputError:
-        raise
+            is_same = prior is not None and digest == prior.sha256
+        if prior is not None and is_same:
+            return dataclasses.replace(prior, input=photo.path, stamp=stamp, skipped=True)
+        made = _vectorized(job, options, photo)
+    except OutputError as error:
+        if not (job.store.is_local and getattr(error.__cause__, "errno", None) in _OF_ITS_NAME):
+            raise
+        made = {"error": str(error)}
     except Gauss2SvgError as error:
         made = {"error": str(error)}
     except MemoryError as error:
@@ -149,19 +164,21 @@ def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecor
         made = {"error": f"{type(error).__name__}: {error}"}
     if "error" in made:
         made["error"] = " ".join(made["error"].split())[:_LONGEST_ERROR]
+        made["limits"] = limits_of(job.options)
     return PhotoRecord(
         input=photo.path, output=photo.output, options=identity, stamp=stamp, sha256=digest,
         seconds=round(time.perf_counter() - begun, 3), versions=all_versions(), **made,
     )  # fmt: skip
 
 
-def _kept(job: Job, photo: BatchPhoto, fact: str, identity: str) -> PhotoRecord | None:
-    """The earlier record, if it is of this file, by its stamp or hash, and of these options."""
+def _usable(job: Job, photo: BatchPhoto) -> PhotoRecord | None:
+    """The earlier record, if it is of these options and its output is there."""
     prior = photo.prior
-    if prior is None or prior.options != identity or fact not in (prior.stamp, prior.sha256):
+    if prior is None or prior.options != job.identity:
         return None
     if prior.error is not None:
-        return None if job.retry_failed else prior
+        is_same = prior.input == photo.path and prior.limits == limits_of(job.options)
+        return prior if is_same and not job.retry_failed else None
     return prior if job.store.size(photo.output) == prior.bytes else None
 
 
@@ -170,17 +187,20 @@ def _digest(path: str) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
-def _vectorized(store: Store, options: Options, photo: BatchPhoto) -> dict[str, Any]:
+def _vectorized(job: Job, options: Options, photo: BatchPhoto) -> dict[str, Any]:
     """Write the SVG of a photo; returns entries of its record."""
+    store = job.store
+    # Memory that happens to be free now must not change a file.
+    may_reduce = job.options.run.max_memory is not None
     target = store.path(photo.output)
     if photo.path == target or (store.is_local and os.path.realpath(photo.path) == target):
         got = shown(f"{target}, which is also the photo")
         raise InputError(must_be("output", "a file of its own", got, "another folder"))
     if is_url(photo.path):
         with opened(photo.path) as file:
-            result = vectorize_by(options, file)
+            result = vectorize_by(options, file, may_reduce=may_reduce)
     else:
-        result = vectorize_by(options, photo.path)
+        result = vectorize_by(options, photo.path, may_reduce=may_reduce)
     data, report = file_bytes(result.svg, options.svg.gzip), result.report
     store.write(photo.output, data)
     return {

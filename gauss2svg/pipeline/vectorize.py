@@ -114,10 +114,12 @@ def vectorize_by(
     progress: ProgressCallback | None = None,
     stop: Callable[[], bool] | None = None,
     started: float | None = None,
+    may_reduce: bool = True,
 ) -> Result:
     """`vectorize` with all options in one object.
 
-    started  when time_limit and total_s begin, by time.perf_counter(); None: now
+    may_reduce  whether the fit may run on a smaller image for lack of memory; InputError if not
+    started     when time_limit and total_s begin, by time.perf_counter(); None: now
     """
     begun = time.perf_counter() if started is None else started
     plan, run = Plan(options), options.run
@@ -136,7 +138,7 @@ def vectorize_by(
     )
     plan.check_alpha(photo)
     _check_precision(max(photo.width, photo.height), plan)
-    width, height, note = _working_size(photo, plan, most_bytes)
+    width, height, note = _working_size(photo, plan, most_bytes, may_reduce)
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
     _check_side(min(width, height), options.goal)
@@ -268,13 +270,16 @@ def load_of(plan: Plan, width: int, height: int, has_alpha: bool) -> Load:
     )
 
 
-def _working_size(photo: Photo, plan: Plan, most_bytes: int) -> tuple[int, int, str | None]:
+def _working_size(
+    photo: Photo, plan: Plan, most_bytes: int, may_reduce: bool
+) -> tuple[int, int, str | None]:
     """Width and height in px of the fit: the preset's, smaller for lack of time or memory.
 
     And a note if memory is the reason. Raises InputError for too little memory.
     """
     load = load_of(plan, photo.width, photo.height, photo.alpha is not None)
-    return size_that_fits(load, most_bytes, asked=plan.options.run.max_size is not None)
+    asked = plan.options.run.max_size is not None or not may_reduce
+    return size_that_fits(load, most_bytes, asked=asked)
 
 
 def _thread_count(count: int | None) -> int:
