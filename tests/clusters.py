@@ -72,7 +72,7 @@ class Cluster:
                 "--memory-limit", memory, "--preload", str(folder / "preload.py"),
                 "--local-directory", str(folder),
             )  # fmt: skip
-        for _ in range(600):
+        for _ in range(6000):
             with suppress(OSError, ValueError, KeyError):
                 self.address = json.loads(self._file.read_text())["address"]
                 break
@@ -111,7 +111,7 @@ def batch(*arguments: object, cwd: Path, tiny: bool = True) -> subprocess.Popen:
 
 def wait_for(process: subprocess.Popen, out: Path, count: int) -> None:
     """Wait until so many outputs are there."""
-    for _ in range(1200):
+    for _ in range(12_000):
         if sum(1 for _ in out.rglob("*.svg")) >= count:
             return
         assert process.poll() is None, process.stderr.read()
@@ -119,7 +119,7 @@ def wait_for(process: subprocess.Popen, out: Path, count: int) -> None:
     raise AssertionError(f"{out} never had {count} SVGs")
 
 
-def ended(process: subprocess.Popen, within_s: float = 120.0) -> tuple[int, list[str]]:
+def ended(process: subprocess.Popen, within_s: float = 600.0) -> tuple[int, list[str]]:
     """Exit status and lines of standard error."""
     said = process.communicate(timeout=within_s)[1]
     return process.returncode, said.splitlines()
