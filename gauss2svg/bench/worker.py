@@ -94,8 +94,8 @@ def _run_peer(request: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Read the request, run it, write the row."""
-    request = json.load(sys.stdin)
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    request = json.load(sys.stdin)
     answer = os.dup(1)
     os.dup2(2, 1)  # output of a peer goes to standard error
     row = json.dumps(finite(answer_to(request)), allow_nan=False)

@@ -62,11 +62,9 @@ def batch_command(
     from gauss2svg.batch.many import Batch
     from gauss2svg.batch.table import Summary, write_table
     from gauss2svg.cli.progress_bar import counting_bar
-    from gauss2svg.files import STANDARD_STREAM, refuse_option_like
+    from gauss2svg.files import refuse_option_like
 
     refuse_option_like(*photos, output)
-    if photos.count(STANDARD_STREAM) > 1:
-        photos.remove(STANDARD_STREAM)
     given = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
     with Batch(photos, output, given, batch) as made:
         with counting_bar(quiet) as update, made.connected() as client:

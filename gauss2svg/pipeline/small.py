@@ -143,7 +143,8 @@ class SmallSearch:
         self.is_drawing = _is_drawing(photo) and self._options.learned_falloff
         self._most = math.inf if most is None else most
         height, width = photo.shape[:2]
-        self.flat = min(self._flat_files(), key=lambda file: file.size)
+        self._flat = self._flat_files()
+        self.flat = min(self._flat, key=lambda file: file.size)
         if self.flat.size > limit:
             needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
             raise InputError(must_be("max_bytes", needed, shown(f"{limit}"), f"{self.flat.size}"))
@@ -157,7 +158,7 @@ class SmallSearch:
 
     def run(self) -> SmallFile:
         """The best file found."""
-        flat = [file for file in self._flat_files() if file.size <= self._limit]
+        flat = [file for file in self._flat if file.size <= self._limit]
         flat = [dataclasses.replace(file, error=self._error(file.svg)) for file in flat]
         best = min(flat, key=lambda file: (file.error, file.size))
         if best.error < EXACT:
