@@ -1,7 +1,7 @@
 """Minimal markup in SVG renderers: masks beside gradients, by the number of shapes.
 
     python examples/minimal.py [--counts 20 300 5000] [--sizes 1000 3000 20000]
-                               [--renderers resvg librsvg chromium]
+                               [--renderers resvg librsvg chromium firefox]
 
 First random soft opaque shapes of 768 x 512 px, as many as in --counts, in numbers of 0.04 px:
 bytes, PSNR in dB of the raster against the model, and seconds to draw, without those of a file
@@ -100,7 +100,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("--counts", type=int, nargs="*", default=[20, 300, 5000])
     parser.add_argument("--sizes", type=int, nargs="*", default=[1000, 3000, 20_000])
-    parser.add_argument("--renderers", nargs="+", default=["resvg", "librsvg", "chromium"])
+    parser.add_argument(
+        "--renderers", nargs="+", default=["resvg", "librsvg", "chromium", "firefox"]
+    )
     args = parser.parse_args()
     installed = []
     for name in args.renderers:

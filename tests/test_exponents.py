@@ -267,7 +267,7 @@ def test_plain_ellipses_are_drawn_as_the_model_is_on_average_over_a_pixel(render
 def test_plain_ellipse_covers_what_the_profile_sums_up_to():
     scene = Scene(200, 200, [[100, 100]], [[20, 20]], [0.0], np.zeros((1, 3)), [1.0], beta=[8.0])
     mass = (1 - render(scene)[:, :, 0]).sum()
-    assert np.pi * (20 * solid_radius(8.0)) ** 2 == pytest.approx(mass, rel=1e-3)
+    assert np.pi * (20 * solid_radius(np.array([8.0]))[0]) ** 2 == pytest.approx(mass, rel=1e-3)
 
 
 def test_plain_are_crisp_shapes_and_no_others():

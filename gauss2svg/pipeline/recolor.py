@@ -17,7 +17,7 @@ from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.snap import with_exponents
-from gauss2svg.svg.solid import solid_beta, solid_radius
+from gauss2svg.svg.solid import drawn_beta
 
 _BOUNDED_SWEEPS, _ROUNDED_SWEEPS = 20, 3
 _LEAST_WEIGHT = 1e-9
@@ -104,11 +104,8 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
 def _antialiased(scene: Scene) -> Scene:
     """The scene with plain ellipses as their pixels' coverage has them, on a canvas in px."""
     plain = ~np.isin(scene.betas, BETA_CLASSES)
-    if not plain.any():
-        return scene
     beta = scene.betas.copy()
-    radius = np.array([solid_radius(b) for b in beta[plain]])
-    beta[plain] = solid_beta(scene.ellipse_axes[0][plain] * radius[:, None])
+    beta[plain] = drawn_beta(scene, plain)
     return with_exponents(scene, beta)
 
 

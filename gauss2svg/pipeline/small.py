@@ -39,7 +39,7 @@ from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.packing import file_bytes
 from gauss2svg.svg.snap import with_exponents
-from gauss2svg.svg.solid import solid_beta, solid_radius
+from gauss2svg.svg.solid import drawn_beta
 
 # The longest side of the working picture in px, per square root of the count.
 _SIDE, _SIDE_PER_ROOT = (96, 256), 12.0
@@ -341,9 +341,7 @@ def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
     nearest = np.abs(np.log(scene.betas)[:, None] - logs).argmin(axis=1)
     plain = nearest == len(exponents)
     beta = classes[nearest]
-    if plain.any():
-        radius = np.array([solid_radius(b) for b in scene.betas[plain]])
-        beta[plain] = solid_beta(scene.ellipse_axes[0][plain] * radius[:, None])
+    beta[plain] = drawn_beta(scene, plain)
     return with_exponents(scene, beta)
 
 

@@ -192,7 +192,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     filters = np.full(len(scene), "", dtype=object)
     filters[blurred] = [filter_ids[k] for k in blur[blurred]]
     radius, opacity = cut_radius(scene.betas), scene.opacity.copy()
-    radius[solid] = [solid_radius(beta) for beta in scene.betas[solid]]
+    radius[solid] = solid_radius(scene.betas[solid])
     radius[blurred] = [blurs()[k].radius for k in blur[blurred]]
     opacity[blurred] *= [blurs()[k].peak for k in blur[blurred]]
     unit = np.where((scene.betas >= _LARGE_FROM) & shaded, _LARGE, 1)

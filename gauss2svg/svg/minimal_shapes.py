@@ -121,7 +121,7 @@ def _is_solid(scene: Scene) -> NDArray[np.bool_]:
 def _radius(beta: NDArray[np.float64], solid: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(n,) radius in sigmas of the circle that is drawn."""
     radius = cut_radius(beta)
-    radius[solid] = [solid_radius(b) for b in beta[solid]]
+    radius[solid] = solid_radius(beta[solid])
     return radius
 
 

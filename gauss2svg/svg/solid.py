@@ -54,7 +54,7 @@ def solid_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
     solid again. From about 180 px on, at the largest exponent, the profile's rim is softer than
     the ellipse's.
     """
-    grade = np.array([solid_radius(beta) for beta in _GRID])
+    grade = solid_radius(np.array(_GRID))
     # Where the rim across the minor axis is so wide; the best is a few steps from it.
     guess = np.searchsorted(_LIKELY / RIM_WIDTH * np.array(_GRID) * grade, semi_axes[:, 1])
     best = np.full(len(semi_axes), np.inf)
@@ -81,9 +81,15 @@ def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.
     return error / np.minimum(_LARGEST_ERROR * squared_mass, _LARGEST_ON_RIM * length.sum(axis=1))
 
 
-def solid_radius(beta: float) -> float:
-    """Mahalanobis radius of the ellipse that covers what a profile sums up to."""
-    return math.sqrt(_integrals(round(beta, 2))[0] / np.pi)
+def solid_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) radii in sigmas of ellipses that cover what profiles of exponents (n,) sum up to."""
+    return np.sqrt([_integrals(b)[0] / np.pi for b in np.round(beta, 2)])
+
+
+def drawn_beta(scene: Scene, solid: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Exponents of the solid ones, a mask (n,), as ellipses of the same area draw them best."""
+    radius = solid_radius(scene.betas[solid])
+    return solid_beta(scene.ellipse_axes[0][solid] * radius[:, None])
 
 
 @lru_cache(maxsize=1)

@@ -317,7 +317,7 @@ class _Reader:
         radius = np.array([shape.radius or 0.0 for shape in shapes])
         solid = np.array([shape.beta is None for shape in shapes], bool)
         beta[solid] = solid_beta(np.linalg.svd(rows[solid], compute_uv=False))
-        radius[solid] = [solid_radius(one) for one in beta[solid]]
+        radius[solid] = solid_radius(beta[solid])
         sigma = extent / radius[:, None]
         thin, wide = sigma.min(axis=1) < LEAST_SIGMA, sigma.max(axis=1) > MOST_SIGMA
         far = np.abs(disc[:, 2]).max(axis=1) > MOST_MEAN
