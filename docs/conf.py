@@ -22,6 +22,7 @@ extensions = [
     "rooms",
 ]
 exclude_patterns = ["_ext"]
+smartquotes = False  # docstrings quote code
 nitpicky = True
 # Types of other libraries, whose inventories are not fetched: a build needs no network.
 nitpick_ignore_regex = [(r"py:.*", r".*")]
@@ -38,6 +39,9 @@ toc_object_entries = False
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["site.js"]
+html_favicon = "_static/favicon.svg"
 html_copy_source = False
 html_show_sourcelink = False
 html_show_sphinx = False
+html_show_copyright = False

@@ -37,7 +37,7 @@ def allowed(field: Field) -> str:
         if isinstance(check, Whole):
             return f"A whole number from {_number(check.least)} to {_number(check.most)}."
         if isinstance(check, Number):
-            least = f"above {_number(check.least)}" if check.above else f"from {check.least:g}"
+            least = f"above {check.least:g} and up" if check.above else f"from {check.least:g}"
             return f"A number {least} to {_number(check.most)}."
     return ""
 

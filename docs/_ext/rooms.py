@@ -13,21 +13,21 @@ from docutils import nodes
 from sphinx.util.docutils import SphinxDirective
 
 _PROJECT = Path(__file__).parents[2] / "pyproject.toml"
-_STEP, _BOX, _LEFT = 46, 30, 8  # px: between rows, of a box's height, of the margin
+_STEP, _BOX = 42, 28  # px: from row to row, and of a box
 _PLAIN = ("errors", "version", "files", "options", "__main__")  # files, most of which all import
 
 
-def layers() -> list[list[str]]:
+def rooms_in_order() -> list[str]:
     """The rooms, highest layer first, as the import contract has them."""
     contracts = tomllib.loads(_PROJECT.read_text())["tool"]["importlinter"]["contracts"]
     (rows,) = (one["layers"] for one in contracts if one["type"] == "layers")
-    named = ([name.strip() for name in row.split("|")] for row in rows)
-    return [kept for row in named if (kept := [name for name in row if name not in _PLAIN])]
+    named = (name.strip() for row in rows for name in row.split("|"))
+    return [name for name in named if name not in _PLAIN]
 
 
 def imports(rooms: set[str]) -> Counter[tuple[str, str]]:
     """Numbers of imports from one room's modules to another's."""
-    graph = grimp.build_graph("gauss2svg")
+    graph = grimp.build_graph("gauss2svg", cache_dir=None)
     found: Counter[tuple[str, str]] = Counter()
     for module in graph.modules:
         for other in graph.find_modules_directly_imported_by(module):
@@ -39,20 +39,15 @@ def imports(rooms: set[str]) -> Counter[tuple[str, str]]:
 
 def drawing() -> str:
     """The SVG: a box for each room, and an arc from each to those that it imports."""
-    rows = layers()
-    at = {}
-    for y, row in enumerate(rows):
-        for x, name in enumerate(row):
-            width = (200 - 8 * (len(row) - 1)) / len(row)
-            at[name] = (_LEFT + x * (width + 8), 8 + y * _STEP, width)
-    height = 8 + len(rows) * _STEP
+    at = {name: 8 + k * _STEP for k, name in enumerate(rooms_in_order())}
+    height = 8 + len(at) * _STEP
     parts = [
         f'<svg class="rooms" viewBox="0 0 560 {height}" role="img" aria-labelledby="rooms-title">'
         '<title id="rooms-title">Rooms of the package, from top to bottom, and arcs to the rooms '
         "that each imports</title>"
     ]
     for (source, target), count in sorted(imports(set(at)).items()):
-        y0, y1 = (at[name][1] + _BOX / 2 for name in (source, target))
+        y0, y1 = (at[name] + _BOX / 2 for name in (source, target))
         reach = 40 + 0.85 * (y1 - y0)
         parts.append(
             f'<path d="M212 {y0 + 4:g}C{212 + reach:g} {y0 + 4:g} {212 + reach:g} {y1 - 4:g} '
@@ -60,10 +55,10 @@ def drawing() -> str:
             f"{target}, {count} times</title></path>"
             f'<path class="head" d="M213 {y1 - 4:g}l7 -3v6z"/>'
         )
-    for name, (x, y, width) in at.items():
+    for name, y in at.items():
         parts.append(
-            f'<rect x="{x:g}" y="{y}" width="{width:g}" height="{_BOX}" rx="4"/>'
-            f'<text x="{x + width / 2:g}" y="{y + 20}">{escape(name)}</text>'
+            f'<rect x="8" y="{y}" width="200" height="{_BOX}" rx="4"/>'
+            f'<text x="108" y="{y + 20}">{escape(name)}</text>'
         )
     return "".join([*parts, "</svg>"])
 
