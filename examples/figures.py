@@ -86,8 +86,8 @@ def start(folder: Path) -> None:
         report = result.report
         (folder / f"{count}.webp").write_bytes(webp(result.raster, 80))
         frames.append(
-            f'<li data-shapes="{len(result.scene):,}">{len(result.scene):,} shapes: '
-            f"{report['svg_bytes'] / 1000:,.0f} kB, {report['svgz_bytes'] / 1000:,.0f} kB gzipped, "
+            f"<li>{len(result.scene)} shapes: "
+            f"{report['svg_bytes'] / 1000:.0f} kB, {report['svgz_bytes'] / 1000:.0f} kB gzipped, "
             f"PSNR {report['psnr_svg']:.1f} dB</li>"
         )
         print(frames[-1])

@@ -1,0 +1,202 @@
+"""The documentation: its code runs, its reference is complete, its words are the field's."""
+
+from __future__ import annotations
+
+import ast
+import glob
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import gauss2svg
+from gauss2svg.batch.many import Batch
+from gauss2svg.cli.main import build_app, main
+from gauss2svg.fit.densification import STOP_REASONS
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+WORDS = tomllib.loads((DOCS / "words.toml").read_text())
+# <!-- not run: REASON --> before a block leaves it out, <!-- not run where TEXT: REASON --> the
+# lines of it that contain the text.
+BLOCK = re.compile(
+    r"(?P<marks>(?:^<!-- not run.*? -->\n)*)^```(?P<kind>\w+)\n(?P<code>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+MARK = re.compile(r"<!-- not run(?: where (?P<text>[^:]*))?: (?P<reason>[^>]+) -->")
+SHELL, PYTHON, TOML = ("sh", "bash"), "python", "toml"
+NO_CODE = ("text", "dockerfile", "xml", "html", "json")
+
+
+@dataclass
+class Block:
+    """A block of code that runs, and where it stands."""
+
+    kind: str
+    code: str
+    line: int
+
+
+def blocks_of(page: Path) -> list[Block]:
+    text, found = page.read_text(), []
+    for match in BLOCK.finditer(text):
+        marks = [mark.groupdict() for mark in MARK.finditer(match["marks"])]
+        assert all(mark["reason"].strip() for mark in marks)
+        if match["kind"] in NO_CODE or any(mark["text"] is None for mark in marks):
+            continue
+        lines = match["code"].splitlines()
+        for mark in marks:
+            kept = [line for line in lines if mark["text"] not in line]
+            assert len(kept) < len(lines), f"{page}: no line has {mark['text']}"
+            lines = kept
+        line = text.count("\n", 0, match.start("code")) + 1
+        found.append(Block(match["kind"], "\n".join(lines), line))
+    return found
+
+
+def named(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+WITH_CODE = [page for page in PAGES if blocks_of(page)]
+
+
+@pytest.fixture
+def pictures(photo, tmp_path, monkeypatch) -> Path:
+    """A folder with the files that the documentation names, as small as can be."""
+    monkeypatch.chdir(tmp_path)
+    levels = np.uint8(255 * photo[40:64, 46:82])
+    small = Image.fromarray(levels)
+    for name in ("photo.jpg", "photos/one.jpg", "more/two.jpg"):
+        Path(name).parent.mkdir(exist_ok=True)
+        small.save(name, quality=95, dpi=(300, 300))
+    small.save("logo.png")
+    alpha = np.full(levels.shape[:2], 255, np.uint8)
+    alpha[:, :12] = 0
+    Image.fromarray(np.dstack([levels, alpha])).save("cutout.png")
+    Image.fromarray(np.uint8(levels[:, :, 0] > 99)).save("labels.png")
+    Path("list.txt").write_text("logo.png\n")
+    for name in ("theirs.svgz", "any.svg", "out.svg"):
+        assert main(["photo.jpg", "-o", name, "--gaussians", "5", "--quiet"]) == 0
+    return tmp_path
+
+
+@pytest.fixture
+def in_this_process(drawn_here, asked, dask_client, monkeypatch) -> None:
+    """Checks, galleries and batches start no processes; SVGs of galleries are made up."""
+    monkeypatch.setattr(Batch, "connected", lambda _: nullcontext(dask_client))
+
+
+def run_line(line: str) -> None:
+    """A line of a shell: the program in this process, anything else by bash."""
+    words = shlex.split(line, comments=True)
+    if not words:
+        return
+    if words[0] == "gauss2svg" and not {"|", "||", ">"} & set(words):
+        arguments = [name for word in words[1:] for name in _expanded(line, word)]
+        assert main(arguments) == 0, line
+        return
+    program = f'gauss2svg() {{ "{sys.executable}" -P -m gauss2svg "$@"; }}\n{line}'
+    run = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", program], capture_output=True, text=True
+    )
+    assert run.returncode == 0, f"{line}\n{run.stderr}"
+
+
+def _expanded(line: str, word: str) -> list[str]:
+    quoted = f"'{word}'" in line or f'"{word}"' in line
+    return sorted(glob.glob(word)) if glob.has_magic(word) and not quoted else [word]
+
+
+@pytest.mark.example
+@pytest.mark.parametrize("page", WITH_CODE, ids=named)
+def test_every_block_of_code_runs(page, pictures, in_this_process, monkeypatch):
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    monkeypatch.setenv("PYTHONPATH", path)
+    names: dict = {"__name__": "__main__"}
+    for block in blocks_of(page):
+        try:
+            if block.kind in SHELL:
+                for line in block.code.splitlines():
+                    run_line(line)
+            elif block.kind == PYTHON:
+                exec(compile(block.code, named(page), "exec"), names)
+            else:
+                assert block.kind == TOML, f"unknown kind of code: {block.kind}"
+                tomllib.loads(block.code)
+        except Exception as error:
+            error.add_note(f"{named(page)}, the block at line {block.line}")
+            raise
+
+
+def test_code_is_fenced_and_says_its_language():
+    for page in PAGES:
+        text = page.read_text()
+        fences = re.findall(r"^`{3,}(.*)$", text, re.MULTILINE)
+        assert all(fences[::2]), f"{named(page)} has a block without a language"
+        bare = re.findall(r"^    (?:gauss2svg|pip|python) .*$", BLOCK.sub("", text), re.MULTILINE)
+        assert not bare, f"{named(page)} has code outside of fences: {bare}"
+
+
+def test_commands_that_are_left_out_have_options_that_exist():
+    app = build_app(True)
+    for page in PAGES:
+        for block in BLOCK.finditer(page.read_text()):
+            for line in re.findall(r"^gauss2svg .*$", block["code"], re.MULTILINE):
+                words = shlex.split(re.split(r" [|>]", line)[0], comments=True)
+                app.parse_args(words[1:], exit_on_error=False, print_error=False)
+
+
+def test_scripts_that_print_figures_exist():
+    for page in PAGES:
+        for name in re.findall(r"python ((?:examples|tests)/[\w/]+\.py)", page.read_text()):
+            assert (ROOT / name).is_file(), f"{named(page)} names {name}"
+
+
+def test_every_public_name_is_in_the_reference():
+    pages = "".join(p.read_text() for p in (DOCS / "reference").glob("*.md"))
+    missing = [n for n in gauss2svg.__all__ if n[0] != "_" and not re.search(rf"\b{n}\b", pages)]
+    assert not missing
+
+
+def test_every_key_of_a_report_is_in_the_reference(photo):
+    page = (DOCS / "reference" / "report.md").read_text()
+    report = gauss2svg.vectorize(photo[:16, :16], gaussians=3).report
+    options = gauss2svg.Options().flat()
+    said = set(re.findall(r"`(\w+)`", page))
+    assert not [key for key in report if key not in said | set(options)]
+    assert not set(STOP_REASONS) - said
+
+
+def prose_of(page: Path) -> str:
+    """A page without its code."""
+    return re.sub(r"`[^`]+`", "", BLOCK.sub("", page.read_text()))
+
+
+def docstrings_of(source: Path) -> str:
+    kinds = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    tree = ast.walk(ast.parse(source.read_text()))
+    found = (ast.get_docstring(node) for node in tree if isinstance(node, kinds))
+    return "\n".join(text for text in found if text)
+
+
+def test_no_private_words_are_used():
+    texts = {named(page): prose_of(page) for page in PAGES if page.name != "changelog.md"}
+    texts |= {named(s): docstrings_of(s) for s in sorted((ROOT / "gauss2svg").rglob("*.py"))}
+    found = [
+        f"{name}: {hit[0]!r}; say {instead!r}"
+        for name, text in texts.items()
+        for word, instead in WORDS.items()
+        for hit in re.finditer(rf"\b(?:{word})", text, re.IGNORECASE)
+    ]
+    assert not found, "\n".join(found)
