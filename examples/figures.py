@@ -3,7 +3,7 @@
     python examples/figures.py docs/_static [start model progressive-fit ...]
 
 FOLDER/figures/NAME.webp stands on docs/concepts/NAME.md; FOLDER/start has the pictures of the start
-page and start.html, which shows them.
+page and start.inc, which shows them.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def start(folder: Path) -> None:
         )
         print(frames[-1])
     height, width = photo.shape[:2]
-    (folder / "start.html").write_text(
+    (folder / "start.inc").write_text(
         '<figure class="start" id="start">\n'
         f'<img src="_static/start/{COUNTS[-1]}.webp" width="{width}" height="{height}" '
         'alt="A cup of coffee on a wooden table, drawn by Gaussians">\n'
