@@ -32,11 +32,11 @@ myst_heading_anchors = 3
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-autodoc_class_signature = "separated"
 python_use_unqualified_type_names = True
 toc_object_entries = False
 
 html_theme = "furo"
+pygments_dark_style = "github-dark"  # the usual one underlines names of modules
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_js_files = ["site.js"]

@@ -163,6 +163,13 @@ def test_scripts_that_print_figures_exist():
             assert (ROOT / name).is_file(), f"{named(page)} names {name}"
 
 
+def test_links_of_the_readme_lead_to_files():
+    readme = ROOT / "README.md"
+    for link in re.findall(r"\]\(([^)#]+)", readme.read_text()):
+        assert (ROOT / link).exists(), link
+    assert len(readme.read_text().splitlines()) <= 150
+
+
 def test_every_public_name_is_in_the_reference():
     pages = "".join(p.read_text() for p in (DOCS / "reference").glob("*.md"))
     missing = [n for n in gauss2svg.__all__ if n[0] != "_" and not re.search(rf"\b{n}\b", pages)]

@@ -1,6 +1,7 @@
 """The scripts of examples/: their pictures, and tables of the quick ones."""
 
 import importlib
+import io
 import re
 import sys
 from pathlib import Path
@@ -109,3 +110,14 @@ def test_renderers_shows_a_renderer_that_failed_and_continues(renderers, monkeyp
     assert row["librsvg"] == "failed"
     assert row["resvg"][1] == 1
     assert calls.count("librsvg") == 2
+
+
+def test_figures_of_the_documentation_are_small(tmp_path, monkeypatch):
+    figures = importlib.import_module("figures")
+    monkeypatch.setattr(sys, "argv", ["figures.py", str(tmp_path), "model", "extremes"])
+    figures.main()
+    for name in ("model", "extremes"):
+        data = (tmp_path / "figures" / f"{name}.webp").read_bytes()
+        assert len(data) <= figures.MOST_BYTES
+        with Image.open(io.BytesIO(data)) as image:
+            assert image.width == figures.WIDTH_PX
