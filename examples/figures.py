@@ -116,8 +116,10 @@ def model() -> Figure:
     left.set_ylabel("falloff f(r)")
     left.legend(fontsize=8)
     shapes = Scene(
-        4, 1, mean=[[k + 0.5, 0.5] for k in range(4)], sigma=np.full((4, 2), 0.16), rho=[0.6] * 4,
-        color=[[0.1, 0.3, 0.6]] * 4, opacity=np.ones(4), beta=betas,
+        4, 1,
+        mean=np.array([[k + 0.5, 0.5] for k in range(4)]), sigma=np.full((4, 2), 0.16),
+        rho=np.full(4, 0.6), color=np.tile([0.1, 0.3, 0.6], (4, 1)), opacity=np.ones(4),
+        beta=np.array(betas),
     )  # fmt: skip
     row = render(shapes, 800, 200)
     right.imshow(np.block([[[row[:, :400]]], [[row[:, 400:]]]]))
@@ -166,7 +168,7 @@ def writing_svg() -> Figure:
         names.append(f"{name}: {psnr(raster, exact):.1f} dB")
         pictures.append(np.clip(0.5 + 16 * (raster - exact), 0, 1))
     figure = plt.figure(figsize=(_INCHES, 4.2), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(1, 1.15))
+    upper, lower = np.ravel(np.array(figure.subfigures(2, 1, height_ratios=(1, 1.15))))
     for axis, beta in zip(upper.subplots(1, 3, sharey=True), BETA_CLASSES[:3], strict=True):
         radius = float(cut_radius(beta))
         r = np.linspace(0, radius, 300)
@@ -175,7 +177,7 @@ def writing_svg() -> Figure:
         axis.plot(np.multiply(offsets, radius), opacities, "o-", markersize=3, label="stops")
         axis.set_title(f"beta = {beta:g}", fontsize=8)
         axis.tick_params(labelsize=7)
-    axis.legend(fontsize=7)
+    upper.axes[-1].legend(fontsize=7)
     for axis, picture, name in zip(
         lower.subplots(2, -(-len(names) // 2)).flat, pictures, names, strict=False
     ):
@@ -200,10 +202,12 @@ def additive_blending() -> Figure:
 def extremes() -> Figure:
     """One scene at three zooms: a needle of aspect 1000, a crisp rim and a Gaussian."""
     scene = Scene(
-        80, 60, mean=[[40, 30], [40, 30.4], [36, 29]],
-        sigma=[[18, 12], [30, 0.03], [0.4, 0.4]], rho=[0.3, 0, 0],
-        color=[[0.95, 0.75, 0.3], [0.1, 0.2, 0.5], [0.8, 0.1, 0.1]],
-        opacity=[1, 1, 1], beta=[1, 1, 200], background=[1, 1, 1],
+        80, 60,
+        mean=np.array([[40, 30], [40, 30.4], [36, 29]]),
+        sigma=np.array([[18, 12], [30, 0.03], [0.4, 0.4]]),
+        rho=np.array([0.3, 0, 0]),
+        color=np.array([[0.95, 0.75, 0.3], [0.1, 0.2, 0.5], [0.8, 0.1, 0.1]]),
+        opacity=np.ones(3), beta=np.array([1, 1, 200]),
     )  # fmt: skip
     zoomed = []
     for zoom in (1, 10, 100):
