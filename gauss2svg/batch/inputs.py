@@ -8,9 +8,9 @@ import re
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import PurePosixPath
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, opened, reason_of
+from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, lines_of, reason_of
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.files import STANDARD_STREAM
 
@@ -56,8 +56,8 @@ def _photos(source: str) -> Iterator[Source]:
             raise InputError(must_be("standard input", "open", got, "the name of a list"))
         yield from _listed(sys.stdin.buffer)
     elif source.lower().endswith(MANIFESTS):
-        with opened(source) as file:
-            yield from _listed(file)
+        with lines_of(source) as lines:
+            yield from _listed(lines)
     elif is_url(source):
         yield from _remote(source)
     elif os.path.isdir(source):
@@ -131,7 +131,10 @@ def _folder(root: str, under: str) -> Iterator[Source]:
                 elif _is_picture(entry.name) and _is_file(entry.path):
                     yield Source(entry.path, _stem(name), _size(entry.path, found=True))
     except OSError as error:
-        raise InputError(f"cannot read {here}: {reason_of(error)}. Try another folder") from error
+        # One that vanished since it was listed has no photos.
+        if not (under and isinstance(error, (FileNotFoundError, NotADirectoryError))):
+            message = f"cannot read {here}: {reason_of(error)}. Try another folder"
+            raise InputError(message) from error
     for name in folders:
         yield from _folder(root, name)
 
@@ -165,12 +168,7 @@ def _remote(url: str) -> Iterator[Source]:
             yield Source(url, _stem(path.rpartition("/")[2]), None)
             return
         else:
-            base, every = path.rstrip("/"), False
-            files = (
-                (f"{folder}/{name}", info)
-                for folder, _, inside in fs.walk(path, detail=True, on_error="raise")
-                for name, info in inside.items()
-            )
+            base, every, files = path.rstrip("/"), False, _walked(fs, path)
         for name, info in files:
             relative = name.removeprefix(base).lstrip("/")
             parts = relative.split("/")
@@ -183,3 +181,17 @@ def _remote(url: str) -> Iterator[Source]:
         raise InputError(
             f"cannot read {url}: {reason_of(error)}. Try the URL of a photo or of a folder"
         ) from error
+
+
+def _walked(fs: Any, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(path, what is known of it) of all files under a folder of a store."""
+    has_begun = False
+
+    def failed(error: Exception) -> None:
+        if not (has_begun and isinstance(error, FileNotFoundError)):  # vanished since it was listed
+            raise error
+
+    for folder, _, inside in fs.walk(path, detail=True, on_error=failed):
+        has_begun = True
+        for name, info in inside.items():
+            yield f"{folder}/{name}", info

@@ -72,8 +72,15 @@ def batch_command(
                 _print(f"Dask's dashboard: {client.dashboard_link}")
             summary = Summary()
             update("", 0, made.index.count)
-            shown = 0.0
-            for record in made.records(client):
+            shown, has_waited = 0.0, False
+
+            def waiting() -> None:
+                nonlocal has_waited
+                if not (has_waited or quiet):
+                    _print(f"no workers at {client.scheduler.address} yet; waiting for them")
+                has_waited = True
+
+            for record in made.records(client, waiting):
                 summary.add(record)
                 if summary.seconds - shown > _SHOW_S:
                     shown = summary.seconds
