@@ -248,7 +248,7 @@ class Store:
 
     @contextmanager
     def _putting(self, name: str) -> Iterator[tuple[Any, str]]:
-        """Where to put a file of a store's, which is renamed then if a put can be seen half done."""
+        """Where to put a file of a store's: it is renamed then if a put is seen half done."""
         with self._writing(name) as (fs, path):
             if _protocols(fs) & _WHOLE_PUT:
                 yield fs, path

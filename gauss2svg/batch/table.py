@@ -18,7 +18,7 @@ from typing import Any
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.records import PARTS, STATE, PhotoRecord
 from gauss2svg.batch.stores import Store
-from gauss2svg.batch.stores import reason_of as reason
+from gauss2svg.batch.stores import reason_of as why
 from gauss2svg.errors import OutputError
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
@@ -112,7 +112,7 @@ def _write(store: Store, name: str, make: Any) -> None:
 
 
 def _unwritable(path: str, error: Exception) -> OutputError:
-    return OutputError(f"cannot write {path}: {reason(error)}. Try the same command again")
+    return OutputError(f"cannot write {path}: {why(error)}. Try the same command again")
 
 
 def _umask() -> int:

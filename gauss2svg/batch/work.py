@@ -133,10 +133,11 @@ def work(job: Job, shard: Shard) -> Answer:
     return Answer(tuple(found))
 
 
-def check_worker(job: Job) -> None:
+def check_worker(job: Job, dask_worker: Any = None) -> None:
     """Raise an error, once for each output folder, where this worker cannot do the work.
 
     It must have the versions of the driver, one thread, the renderer, and see the output folder.
+    dask_worker  given by Dask outside of tasks
     """
     from distributed import get_worker
 
@@ -147,7 +148,7 @@ def check_worker(job: Job) -> None:
         if found.get(name) != wanted:
             got, advice = shown(found.get(name)), f"installing {name} {wanted} there"
             raise ClusterError(must_be(name, f"{wanted}, as for the command", got, advice))
-    threads = get_worker().state.nthreads
+    threads = (dask_worker or get_worker()).state.nthreads
     if threads != 1:
         raise ClusterError(must_be("its threads", "1", threads, "dask worker --nthreads 1"))
     Plan(job.options).check_renderer()
