@@ -64,6 +64,7 @@ def local_client(
     """
     if blend is not None:
         compile_kernels(blend=blend)
+    address: Any = f"127.0.0.1:{_DASHBOARD}" if dashboard else None
     preload = dask.config.get(_PRELOAD)
     preload = [preload] if isinstance(preload, str) else list(preload)
     given = {**_LOCAL, _PRELOAD: [*preload, "gauss2svg.batch.preload"]}
@@ -74,7 +75,7 @@ def local_client(
             threads_per_worker=1,
             memory_limit=memory or 0,
             host="127.0.0.1",
-            dashboard_address=f"127.0.0.1:{_DASHBOARD}" if dashboard else None,
+            dashboard_address=address,
             security=Security.temporary(),
             silence_logs=logging.CRITICAL,
         )
@@ -116,7 +117,7 @@ def check_workers(client: Client, job: Job) -> None:
     checked: Any = client.run(check_worker, job, on_error="return")
     for address, found in checked.items():
         if isinstance(found, Gauss2SvgError):
-            raise ClusterError(f"worker {address}: {found}")
+            raise found
         if isinstance(found, Exception):
             raise cannot_run(f"worker {address}", found, job) from found
     first: dict[str, str] = {}

@@ -112,14 +112,15 @@ class PhotoIndex:
 
     def _rows(self, select: str, values: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         with _on_disk():
-            yield from self._base.execute(select, values)
+            for row in self._base.execute(select, values):  # "yield from" would close the cursor
+                yield row
 
 
 @contextmanager
 def _on_disk() -> Iterator[None]:
     try:
         yield
-    except sqlite3.Error as error:
+    except sqlite3.OperationalError as error:
         raise OutputError(
             f"cannot write the index of the photos: {error}. Try TMPDIR=/a/larger/disk"
         ) from error

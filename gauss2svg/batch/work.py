@@ -22,7 +22,15 @@ from gauss2svg.batch.records import (
     versions,
 )
 from gauss2svg.batch.stores import Store, is_url, opened, reason_of, stamp_of
-from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError, must_be, shown
+from gauss2svg.errors import (
+    ClusterError,
+    Gauss2SvgError,
+    InputError,
+    OutputError,
+    RendererError,
+    must_be,
+    shown,
+)
 from gauss2svg.measure.memory import SHARE
 from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.memory_budget import allowed
@@ -39,7 +47,8 @@ _OF_ITS_NAME = {
 # Seconds after which a shard's other photos are handed back, so that progress is seen and no worker
 # is alone at the end with many photos.
 SHARD_S = 15.0
-_checked: set[tuple[Store, bytes]] = set()  # output folders for which this worker is as it must be
+# Output folders for which this worker is as it must be.
+_checked: set[tuple[Store, bytes | None]] = set()
 
 
 @dataclass(frozen=True)
@@ -77,7 +86,7 @@ class Job:
     store: Store
     versions: dict[str, str]
     identity: str
-    folder: bytes = b""
+    folder: bytes | None = None
     retry_failed: bool = False
 
 
@@ -134,7 +143,7 @@ def work(job: Job, shard: Shard) -> Answer:
 
 
 def check_worker(job: Job, dask_worker: Any = None) -> None:
-    """Raise an error, once for each output folder, where this worker cannot do the work.
+    """Raise ClusterError, once for each output folder, where this worker cannot do the work.
 
     It must have the versions of the driver, one thread, the renderer, and see the output folder.
     dask_worker  given by Dask outside of tasks
@@ -143,18 +152,21 @@ def check_worker(job: Job, dask_worker: Any = None) -> None:
 
     if (job.store, job.folder) in _checked:
         return
-    found = versions()
+    worker, found = dask_worker or get_worker(), versions()
+    where = f"worker {worker.address}"
     for name, wanted in job.versions.items():
         if found.get(name) != wanted:
             got, advice = shown(found.get(name)), f"installing {name} {wanted} there"
-            raise ClusterError(must_be(name, f"{wanted}, as for the command", got, advice))
-    threads = (dask_worker or get_worker()).state.nthreads
-    if threads != 1:
-        raise ClusterError(must_be("its threads", "1", threads, "dask worker --nthreads 1"))
-    Plan(job.options).check_renderer()
+            raise ClusterError(must_be(f"{name} of {where}", f"{wanted}, as here", got, advice))
+    if (threads := worker.state.nthreads) != 1:
+        raise ClusterError(must_be(f"threads of {where}", "1", threads, "dask worker --nthreads 1"))
+    try:
+        Plan(job.options).check_renderer()
+    except RendererError as error:
+        raise ClusterError(f"{where}: {error}") from error
     if job.store.read(FOLDER) != job.folder:
-        needed, got = "a folder that all workers see", shown(f"{job.store.root}, another one there")
-        raise ClusterError(must_be("output", needed, got, "a shared folder or a store"))
+        got, advice = shown(f"another {job.store.root} at {where}"), "a shared folder or a store"
+        raise ClusterError(must_be("output", "a folder that all workers see", got, advice))
     _checked.add((job.store, job.folder))
 
 

@@ -77,7 +77,7 @@ def batch_command(
             def waiting() -> None:
                 nonlocal has_waited
                 if not (has_waited or quiet):
-                    _print(f"no workers at {client.scheduler.address} yet; waiting for them")
+                    _print(f"no workers at {made.batch.scheduler} yet; waiting for them")
                 has_waited = True
 
             for record in made.records(client, waiting):

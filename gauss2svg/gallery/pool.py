@@ -40,7 +40,8 @@ class WorkerPool:
         if self._client is None:
             self._client = self._stack.enter_context(local_client(needed, dashboard=False))
         elif needed > self._started:
-            self._client.cluster.scale(needed)
+            cluster: Any = self._client.cluster
+            cluster.scale(needed)
             self._client.wait_for_workers(needed)
         self._started = max(self._started, needed)
         waiting = iter(enumerate(requests))
