@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -15,6 +14,7 @@ from pathlib import Path
 
 import psutil
 from batches import TINY_COMMAND
+from distributed import Client
 
 import gauss2svg
 from gauss2svg.cli.main import main
@@ -80,11 +80,12 @@ class Cluster:
             "--no-dashboard", "--memory-limit", memory, "--preload", preload(folder),
             "--local-directory", str(folder),
         )  # fmt: skip
-        for _ in range(6000):
-            with suppress(OSError, ValueError, KeyError):
-                self.address = json.loads(self._file.read_text())["address"]
-                break
-            time.sleep(0.1)
+        while not self._file.exists():
+            assert self.scheduler.poll() is None
+            time.sleep(0.05)
+        with Client(scheduler_file=str(self._file), set_as_default=False) as client:
+            client.wait_for_workers(2)
+            self.address = client.scheduler.address
 
     def _start(self, kind: str, *options: str) -> subprocess.Popen:
         module = f"distributed.cli.dask_{kind}"

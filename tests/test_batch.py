@@ -99,10 +99,11 @@ def test_table_is_also_parquet(run, photos, tmp_path):
 def test_second_run_does_nothing_again(run, photos, tmp_path):
     done = run(photos)["done"]
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*.svg")}
-    records = lines(tmp_path / "out")
+    records = {path.name: path.read_bytes() for path in (tmp_path / "out" / RECORDS).iterdir()}
     assert run(photos) == {"done": [], "skipped": done, "failed": []}
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*.svg")} == before
-    assert lines(tmp_path / "out") == records
+    after = {path.name: path.read_bytes() for path in (tmp_path / "out" / RECORDS).iterdir()}
+    assert after == records
 
 
 def test_second_run_redoes_what_changed_alone(run, photos, tmp_path):

@@ -28,6 +28,8 @@ def misbehaving(monkeypatch):
             raise ZeroDivisionError("a fault of ours")
         if do == "sleep":
             time.sleep(60)
+        if do == "nap":
+            time.sleep(0.3)
         return {"record": {"pid": os.getpid(), "name": request[1].get("name")}}
 
     monkeypatch.setattr(pool_module, "_answer_to", answer)  # pickled by value, as it is local
@@ -67,7 +69,9 @@ def test_fault_is_raised_and_an_interruption_ends_all_workers_soon(misbehaving):
 
     def interrupted(pool):
         (first,) = answers(pool, [{}])
-        pids.append(first["record"]["pid"])
+        naps = answers(pool, [{"do": "nap"}] * 2)  # more at once start more
+        pids.extend({one["record"]["pid"] for one in (first, *naps)})
+        assert len(pids) == 2
         begun = []
 
         def begin(index):

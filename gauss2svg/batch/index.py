@@ -112,8 +112,8 @@ class PhotoIndex:
 
     def _rows(self, select: str, values: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         with _on_disk():
-            for row in self._base.execute(select, values):  # "yield from" would close the cursor
-                yield row
+            rows = self._base.execute(select, values)
+            yield from iter(rows.fetchone, None)  # of the cursor itself it would close that
 
 
 @contextmanager
