@@ -34,7 +34,7 @@ _LOCAL = {
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
-    # Looks at threads, event loops and GPUs, some a hundred times a second, took a tenth of a core
+    # To look at threads and event loops, up to a hundred times a second, took a tenth of a core
     # (docs/decisions/batch.md).
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -64,7 +64,6 @@ def local_client(
     """
     if blend is not None:
         compile_kernels(blend=blend)
-    address: Any = f"127.0.0.1:{_DASHBOARD}" if dashboard else None
     preload = dask.config.get(_PRELOAD)
     preload = [preload] if isinstance(preload, str) else list(preload)
     given = {**_LOCAL, _PRELOAD: [*preload, "gauss2svg.batch.preload"]}
@@ -75,7 +74,8 @@ def local_client(
             threads_per_worker=1,
             memory_limit=memory or 0,
             host="127.0.0.1",
-            dashboard_address=address,
+            dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
+            scheduler_kwargs={"dashboard": dashboard},
             security=Security.temporary(),
             silence_logs=logging.CRITICAL,
         )
