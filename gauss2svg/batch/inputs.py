@@ -174,13 +174,19 @@ def _remote(url: str) -> Iterator[Source]:
             parts = relative.split("/")
             hidden = any(part.startswith(".") for part in parts)
             if every or (_is_picture(parts[-1]) and not hidden):
-                yield Source(fs.unstrip_protocol(name), _stem(relative), info.get("size"))
+                yield Source(_url_of(fs, name, url, path), _stem(relative), info.get("size"))
     except InputError:
         raise
     except Exception as error:  # each store raises its own
         raise InputError(
             f"cannot read {url}: {reason_of(error)}. Try the URL of a photo or of a folder"
         ) from error
+
+
+def _url_of(fs: Any, name: str, url: str, path: str) -> str:
+    """The URL of a file found by another URL, with its host, which fsspec leaves out."""
+    url, path = url.rstrip("/"), path.rstrip("/")
+    return url.removesuffix(path) + name if url.endswith(path) else fs.unstrip_protocol(name)
 
 
 def _walked(fs: Any, path: str) -> Iterator[tuple[str, dict[str, Any]]]:

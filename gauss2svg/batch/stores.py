@@ -56,8 +56,10 @@ def filesystem(url: str) -> tuple[Any, str]:
     from fsspec.core import url_to_fs
 
     try:
-        # Listings that are kept would hold a million names, and hide what was written since.
-        return url_to_fs(url, use_listings_cache=False)
+        # Listings that are kept would hold a million names, and hide what was written since. SFTP
+        # keeps none, and would hand the option to its connection.
+        has_option = not url.startswith(tuple(f"{name}://" for name in _RENAMING))
+        return url_to_fs(url, **({"use_listings_cache": False} if has_option else {}))
     except MemoryError:
         raise
     except Exception as error:  # some stores connect here, and raise their own
