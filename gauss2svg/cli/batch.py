@@ -76,8 +76,9 @@ def batch_command(
 
             def waiting() -> None:
                 nonlocal has_waited
-                if not (has_waited or quiet):
-                    _print(f"no workers at {made.batch.scheduler} yet; waiting for them")
+                # A worker of this machine that died is being started again.
+                if not (has_waited or quiet) and batch.scheduler is not None:
+                    _print(f"no workers at {batch.scheduler} yet; waiting for them")
                 has_waited = True
 
             for record in made.records(client, waiting):
