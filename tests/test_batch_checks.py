@@ -145,9 +145,8 @@ def test_store_whose_puts_are_seen_half_done_is_written_by_renames(
     assert outputs(root) == {}
     assert [p for p in (root / PARTS).iterdir() if p.name != "writable"] == []
     monkeypatch.setattr(Slow, "fails", False)
-    assert [(one.input, one.error) for one in run()] == [
-        (f"sftp://host{photos}/a.png", None), (f"sftp://host{photos}/b/c.png", None),
-    ]  # fmt: skip
+    expected = {f"sftp://host{photos}/{name}": None for name in ("a.png", "b/c.png")}
+    assert {one.input: one.error for one in run()} == expected
     assert outputs(root).keys() == {"a.svg", "b/c.svg"}
     assert all(one.skipped for one in run())
 
@@ -263,15 +262,21 @@ def test_folders_of_a_store_that_vanish_while_they_are_listed_have_no_photos(tmp
     for name in ("a.png", "b/c.png"):
         fs.pipe_file(f"{root}/{name}", b"")
 
-    def gone(self, path, *given, **options):
-        if path.endswith("b"):
-            raise FileNotFoundError(path)
-        return ls(self, path, *given, **options)
+    def failing(error):
+        def gone(self, path, *given, **options):
+            if path.endswith("b"):
+                raise error
+            return ls(self, path, *given, **options)
 
-    monkeypatch.setattr(MemoryFileSystem, "ls", gone)
+        monkeypatch.setattr(MemoryFileSystem, "ls", gone)
+
+    failing(FileNotFoundError("b"))
     assert [one.name for one in photos_of([f"memory:/{root}"])] == ["a"]
     with pytest.raises(InputError, match=r"cannot read memory:"):
         list(photos_of([f"memory:/{root}/b"]))
+    failing(PermissionError("not yours"))  # is no folder without photos
+    with pytest.raises(InputError, match=r"cannot read memory:.*: not yours. Try"):
+        list(photos_of([f"memory:/{root}"]))
 
 
 def test_list_at_a_url_is_not_held_whole(tmp_path, monkeypatch):

@@ -189,15 +189,25 @@ def _url_of(fs: Any, name: str, url: str, path: str) -> str:
     return url.removesuffix(path) + name if url.endswith(path) else fs.unstrip_protocol(name)
 
 
-def _walked(fs: Any, path: str) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(path, what is known of it) of all files under a folder of a store."""
-    has_begun = False
+def _walked(fs: Any, path: str, is_found: bool = False) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(path, what is known of it) of all files under a folder of a store.
 
-    def failed(error: Exception) -> None:
-        if not (has_begun and isinstance(error, FileNotFoundError)):  # vanished since it was listed
-            raise error
-
-    for folder, _, inside in fs.walk(path, detail=True, on_error=failed):
-        has_begun = True
-        for name, info in inside.items():
-            yield f"{folder}/{name}", info
+    Unlike fsspec's own walk it leaves out no folder that cannot be read.
+    """
+    folders = []
+    try:
+        listing = fs.ls(path, detail=True)
+    except FileNotFoundError:
+        if not is_found:
+            raise
+        return  # it vanished since it was listed
+    for info in listing:
+        name = info["name"].rstrip("/")
+        if name == path.rstrip("/"):  # stores may list a folder in itself
+            continue
+        if info["type"] == "directory":
+            folders.append(name)
+        else:
+            yield name, info
+    for folder in folders:
+        yield from _walked(fs, folder, is_found=True)
