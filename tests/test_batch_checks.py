@@ -33,7 +33,7 @@ def cluster_of(monkeypatch):
     clusters = []
 
     def start(**given):
-        given = {"processes": False, "dashboard_address": None, "threads_per_worker": 1, **given}
+        given = {"processes": False, "dashboard_address": ":0", "threads_per_worker": 1, **given}
         clusters.append(distributed.LocalCluster(**given))
         return clusters[-1]
 
