@@ -1,0 +1,21 @@
+"""How the cores of a machine are shared out among fits."""
+
+from __future__ import annotations
+
+from gauss2svg.bench.machine import machine
+from gauss2svg.errors import whole_number
+
+# One fit on four threads takes 40 % of the time of one thread; more threads help little, and a
+# second fit beside it does (docs/decisions/studio.md).
+_THREADS = 4
+
+
+def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
+    """Fits at once, and threads of each; raises InputError for more than there are cores."""
+    cores = machine()["cores"]
+    if jobs is None:
+        jobs = max(1, cores // (_THREADS if threads is None else threads))
+    whole_number("jobs", jobs, 1, cores)
+    if threads is None:
+        threads = max(1, cores // jobs)
+    return jobs, whole_number("threads", threads, 1, cores)
