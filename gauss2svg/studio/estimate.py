@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from statistics import median
 from typing import Any
 
 from gauss2svg.errors import whole_number
 from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
-from gauss2svg.studio.form import options_of
-from gauss2svg.studio.jobs import DONE, Job, Jobs
+from gauss2svg.studio.jobs import Job, Jobs
 
 # Means of the eight Kodak photos (docs/benchmarks/presets.md).
 _GAUSSIANS = {"draft": 390, "fast": 1300, "balanced": 4000, "high": 10500, "max": 22000}

@@ -13,7 +13,7 @@ import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
 from http.cookies import SimpleCookie
 from typing import Any
-from urllib.parse import parse_qs, urlencode, urlsplit
+from urllib.parse import parse_qs, urlsplit
 
 from starlette.exceptions import HTTPException
 
@@ -126,18 +126,29 @@ class Guard:
         if scope["type"] != "http":
             return
         try:
-            location = self._check(scope)
+            opened = self._check(scope)
         except RefusedError as error:
             await _refuse(send, error)
             return
-        if location is None:
+        if not opened:
             await self._app(scope, receive, send)
             return
         cookie = f"{self._cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/"
-        await _answer(send, 303, b"", {"Location": location, "Set-Cookie": cookie})
 
-    def _check(self, scope: Scope) -> str | None:
-        """Where to go on with a cookie, None to serve it; raises RefusedError."""
+        async def with_cookie(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                headers = [*message["headers"], (b"set-cookie", cookie.encode())]
+                message = {**message, "headers": headers}
+            await send(message)
+
+        if _header(scope, b"sec-fetch-site") in ("", "none", "same-origin"):
+            # So that the token does not stay in the address.
+            await _answer(with_cookie, 303, b"", {"Location": "/"})
+        else:  # browsers would leave out the cookie after a link of another site
+            await self._app(scope, receive, with_cookie)
+
+    def _check(self, scope: Scope) -> bool:
+        """Whether the page is opened by the token in its address; raises RefusedError."""
         host = _header(scope, b"host")
         if not self._is_ours(host):
             raise RefusedError(421, "the address must be the one that the studio has printed")
@@ -153,14 +164,11 @@ class Guard:
         scheme, _, bearer = _header(scope, b"authorization").partition(" ")
         cookie = SimpleCookie(_header(scope, b"cookie")).get(self._cookie)
         given = [bearer if scheme.lower() == "bearer" else "", cookie.value if cookie else ""]
-        asked = query.pop("token", [""])[0]
+        asked = query.get("token", [""])[0]
         if not any(self._fits(text) for text in [*given, asked]):
             line = "the token must be given; try the address that the studio has printed"
             raise RefusedError(401, line)
-        if asked and scope["method"] == "GET" and scope["path"] == "/":
-            rest = urlencode(query, doseq=True)
-            return f"/?{rest}" if rest else "/"
-        return None
+        return self._fits(asked) and scope["method"] == "GET" and scope["path"] == "/"
 
     def _fits(self, text: str) -> bool:
         return secrets.compare_digest(text.encode(), self._token.encode())
@@ -171,12 +179,10 @@ class Guard:
             name, port = (parts.hostname or "").lower(), parts.port or 80
         except ValueError:
             return False
-        if port != self._port:
-            return False
-        if name in self._names:
-            return True
+        if self._local:
+            return name in self._names and port == self._port
         # A name can be made to point here (DNS rebinding); digits cannot.
-        return not self._local and _is_address(name)
+        return name in self._names or _is_address(name)
 
 
 def _is_address(name: str) -> bool:

@@ -109,15 +109,17 @@ class Jobs:
         self._waiting: deque[Job] = deque()
         self._arrived = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
-        self._folder: Path | None = None
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._seconds = 5.0  # of recent fits, smoothed
 
     @property
     def folder(self) -> Path:
-        """The private folder; it is removed by `close`, and by a worker whose server is gone."""
+        """The private folder; removed by `close`, with the process, or by orphaned workers."""
         if self._folder is None:
-            self._folder = Path(tempfile.mkdtemp(prefix="gauss2svg-studio-"))
-        return self._folder
+            self._folder = tempfile.TemporaryDirectory(
+                prefix="gauss2svg-studio-", ignore_cleanup_errors=True
+            )
+        return Path(self._folder.name)
 
     def start(self) -> None:
         """Start the workers in the running loop, unless they are there."""
@@ -133,7 +135,7 @@ class Jobs:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._tasks = []
         if self._folder is not None:
-            await asyncio.to_thread(shutil.rmtree, self._folder, ignore_errors=True)
+            self._folder.cleanup()
             self._folder = None
 
     def check_room(self) -> None:

@@ -14,6 +14,7 @@ from fastapi import FastAPI, Query
 from fastapi.responses import FileResponse, Response
 from starlette.exceptions import HTTPException
 
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.files import as_png
 from gauss2svg.measure.drawing import draw
 from gauss2svg.studio.fits import job_named
@@ -23,6 +24,7 @@ from gauss2svg.svg.packing import file_bytes
 
 _MOST_PIXELS = 40_000_000  # of a PNG: half a gigabyte while it is drawn
 _DRAW_S = 60.0
+Markup = Literal["editable", "minimal"] | None
 _FILES = {
     "photo.png": "image/png",
     "errors.png": "image/png",
@@ -39,7 +41,7 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
     @app.get("/api/jobs/{name}/picture.svg", response_class=Response)
     async def _picture(
         name: str,
-        markup: Literal["editable", "minimal"] | None = None,
+        markup: Markup = None,
         gzip: bool = False,
         download: bool = False,
     ) -> Response:
@@ -66,10 +68,8 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
         wide = width or report["width"]
         high = max(1, round(wide * report["height"] / report["width"]))
         if wide * high > _MOST_PIXELS:
-            line = (
-                f"width must be such that the PNG has at most {_MOST_PIXELS} px; got {wide}x{high}"
-            )
-            raise HTTPException(422, line)
+            got = shown(f"{wide}x{high} px")
+            raise InputError(must_be("the PNG", f"at most {_MOST_PIXELS} px", got, "a lower width"))
         channels = 4 if report["transparent"] else 3
         async with drawing:
             pixels = await asyncio.to_thread(draw, svg, wide, high, "resvg", _DRAW_S, channels)
@@ -78,9 +78,7 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
         return Response(data, media_type="image/png", headers=headers)
 
     @app.get("/api/jobs/{name}/data-uri.txt", response_class=Response)
-    async def _data_uri(
-        name: str, markup: Literal["editable", "minimal"] | None = None
-    ) -> Response:
+    async def _data_uri(name: str, markup: Markup = None) -> Response:
         """The SVG as a data URI."""
         svg = await _svg(await _finished(name), markup)
         text = f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
@@ -103,9 +101,7 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
         return FileResponse(path, media_type=_FILES[file], headers=headers)
 
     @app.get("/api/zip", response_class=Response)
-    async def _zip(
-        ids: str, markup: Literal["editable", "minimal"] | None = None, gzip: bool = False
-    ) -> Response:
+    async def _zip(ids: str, markup: Markup = None, gzip: bool = False) -> Response:
         """SVGs of several jobs, ids separated by commas, as one ZIP."""
         stream, taken = io.BytesIO(), set[str]()
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:

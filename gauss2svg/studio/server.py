@@ -118,6 +118,7 @@ def serve(
         config = uvicorn.Config(
             Guard(app, token, port, names, local),
             http=_Protocol,
+            loop="asyncio",
             ws="none",
             log_level="critical",
             access_log=False,

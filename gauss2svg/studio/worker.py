@@ -142,7 +142,7 @@ class _Worker:
             }
             self._send(job, "progress", frame, progress=figures)
 
-        share = allowed(options.run.max_memory) // request["workers"]
+        share = allowed(None) // request["workers"]
         return vectorize_by(
             options.changed(max_memory=share, threads=request["threads"]),
             request["photo"],
