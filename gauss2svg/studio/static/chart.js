@@ -2,10 +2,10 @@
 
 import { draw } from "./dom.js";
 
-const WIDTH = 720, HEIGHT = 440;
-const LEFT = 52, RIGHT = 20, TOP = 34, BOTTOM = 46;
+const WIDTH = 340, HEIGHT = 270; // beside the picture, at the size of its text
+const LEFT = 42, RIGHT = 14, TOP = 30, BOTTOM = 44;
 const MARGIN = 1.25; // factor by which the cost axis extends beyond the outermost points
-const MOST_DECADES_WITH_ALL_STEPS = 2.5;
+const MOST_DECADES_WITH_ALL_STEPS = 1.2, MOST_DECADES_WITH_SOME = 2.5;
 
 const SHAPES = [
   () => draw("circle", { r: 4.6 }),
@@ -30,7 +30,7 @@ function stepOf(span, least) {
     }
 }
 
-// 1, 2 and 5 of each power of ten; powers alone on a long axis, more on a short one.
+// 1, 2 and 5 of each power of ten; fewer on a long axis, more on a short one.
 function costTicks(low, high) {
   const between = (steps) => {
     const found = [];
@@ -38,9 +38,12 @@ function costTicks(low, high) {
       for (const step of steps) found.push(Number(`${step}e${at}`));
     return found.filter((value) => value >= low && value <= high);
   };
-  if (Math.log10(high / low) > MOST_DECADES_WITH_ALL_STEPS) return between([1]);
+  const decades = Math.log10(high / low);
+  if (decades > MOST_DECADES_WITH_ALL_STEPS) return between(decades > MOST_DECADES_WITH_SOME ? [1] : [1, 3]);
   const usual = between([1, 2, 5]);
-  return usual.length > 1 ? usual : between([1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9]);
+  if (usual.length > 1) return usual;
+  const fine = between([1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9]);
+  return fine.length > 4 ? fine.filter((_, at) => at % 2 === 0) : fine;
 }
 
 // points: {cost, score (null: equal pictures), series, text, isShown, isCompared, choose(event)}
@@ -82,8 +85,8 @@ export function chartOf(points, axis, cost, label) {
   });
   return draw("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, width: WIDTH, height: HEIGHT, role: "group", "aria-label": label },
     grid,
-    text({ class: "axis", x: 12, y: TOP - 14 }, axis.title),
-    text({ class: "axis", x: WIDTH - RIGHT, y: HEIGHT - BOTTOM + 38, "text-anchor": "end" }, cost.title),
+    text({ class: "axis", x: 8, y: TOP - 13 }, axis.title),
+    text({ class: "axis", x: WIDTH - RIGHT, y: HEIGHT - BOTTOM + 37, "text-anchor": "end" }, cost.title),
     ...lines, ...placed.map(pointOf));
 }
 

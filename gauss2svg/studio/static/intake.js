@@ -41,7 +41,7 @@ function ofFile(file) {
 }
 
 export function showSamples(samples, take) {
-  by("samples-title").hidden = samples.length === 0;
+  by("pick").hidden = samples.length === 0;
   by("samples").replaceChildren(...samples.map(({ name, url, width, height }) => {
     const picture = make("img", { src: url, alt: "", loading: "lazy", width, height });
     const button = make("button", {

@@ -25,6 +25,8 @@ class Studio {
     this.goal = new Goal(options, estimate);
     this.more = new More(groups, estimate);
     this.viewer = new Viewer((source) => this.missing(source));
+    const TEMP = { psnr: [2, 1], ssim: [3, 0.01], ssimulacra2: [1, 1], flip: [4, 0.01] };
+    scores = scores.map((one) => ({ digits: TEMP[one.slug][0], least_step: TEMP[one.slug][1], ...one }));
     this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
     this.exports = new Exports();
     this.strip = new Strip((photo) => this.open(photo));
@@ -61,7 +63,7 @@ class Studio {
     this.open(photos[0]);
     this.run(photos);
     by("title").focus({ preventScroll: true });
-    by("main").scrollIntoView({ block: "start" });
+    by("title").scrollIntoView({ block: "nearest" });
   }
 
   run(photos) {
@@ -75,7 +77,6 @@ class Studio {
       if (photo === this.photo) this.setShown(run);
       this.lane.add(run);
     }
-    this.viewer.divide(0);
     this.showAll();
     say(photos.length > 1 ? `${photos.length} runs started` : "Run started");
   }
@@ -112,12 +113,12 @@ class Studio {
       try {
         run.picture = await Picture.of(run.id);
         this.measure(run.photo, run.report.width, run.report.height);
-        if (!run.photo.isUpright) await this.fetchPhoto(run);
       } catch (error) {
         if (!(error instanceof ApiError)) throw error;
         Object.assign(run, { state: "failed", error: error.message });
       }
     }
+    if (isDone(run) && run.photo.cannotBeSeen) this.tried(this.fetchPhoto(run));
     if (!isDone(run)) this.drop(run);
     if (this.shown === run) {
       this.viewer.divide(50);
@@ -147,11 +148,11 @@ class Studio {
     complain("photo-error", line);
   }
 
-  // The photo as the fit sees it: upright, and in a format that every browser shows.
+  // The photo in a format that every browser shows, where it came in another.
   async fetchPhoto(run) {
     run.photo.url = URL.createObjectURL(await getBlob(ofJob(run.id, "photo.png")));
-    run.photo.isUpright = true;
     run.photo.cannotBeSeen = false;
+    this.showStage();
   }
 
   newest(photo) {
@@ -188,7 +189,9 @@ class Studio {
   open(photo) {
     this.photo = photo;
     by("empty").hidden = photo !== null;
-    by("viewer").hidden = photo === null;
+    by("viewer").hidden = by("add").hidden = photo === null;
+    document.body.classList.toggle("has-photo", photo !== null);
+    by("pick").open = photo === null;
     if (photo === null) {
       this.setShown(null);
       this.showAll();
@@ -251,7 +254,7 @@ class Studio {
     this.exports.show(done);
     by("figures").textContent = done ? figuresOf(done) : "";
     by("notes").textContent = done ? [...done.report.unreached, ...done.report.notes].join("; ") : "";
-    by("measured").textContent = done ? `Measured: ${about({ ...done.report, bytes: done.report.svg_bytes, seconds: done.report.total_s, psnr: done.report.psnr_svg })}` : "";
+    by("measured").textContent = done ? `Run ${done.number} gave ${about({ ...done.report, bytes: done.report.svg_bytes, seconds: done.report.total_s, psnr: done.report.psnr_svg })}` : "";
     by("run-all").hidden = this.photos.length < 2;
     by("run-all").textContent = `Run all ${this.photos.length}`;
     const latest = this.photos.map((photo) => finished.filter((run) => run.photo === photo).at(-1)).filter(Boolean);
@@ -276,7 +279,11 @@ class Studio {
     const isErrors = done !== null && look.side.value === "errors";
     if (isErrors) viewer.show("right", { src: ofJob(done.id, "errors.png"), name: "error map", alt: `Error map of ${named(done)}`, badge: `Errors, run ${done.number}`, pixels: true });
     else if (done) viewer.show("right", pictureSide(done, done.picture.upTo(Number(by("rounds").value)), !beside));
-    else viewer.show("right", frameSide(shown));
+    else {
+      const frame = frameSide(shown);
+      viewer.show("right", frame);
+      viewer.divide(frame ? 0 : 100);
+    }
     const isOutlined = done !== null && look.outlined.checked;
     viewer.outline("right", isOutlined ? ofJob(done.id, "outlines.svg") : null);
     viewer.outline("left", isOutlined ? ofJob((beside ?? done).id, "outlines.svg") : null);
@@ -319,7 +326,8 @@ class Studio {
     const place = this.photo?.width ? this.photo : TYPICAL;
     const options = { ...this.more.chosen(this.goal.kind), ...this.goal.chosen() };
     try {
-      const found = await getEstimate({ width: place.width, height: place.height, options }, this.asking.signal);
+      const of = this.runs.filter((run) => run.picture && run.photo === this.photo).at(-1)?.id;
+      const found = await getEstimate({ width: place.width, height: place.height, options, of }, this.asking.signal);
       by("estimate").textContent = `About ${about(found)}${place === TYPICAL ? `, for a photo of ${TYPICAL.width} \u00d7 ${TYPICAL.height} px` : ""}`;
       complain("goal-error", "");
     } catch (error) {

@@ -22,7 +22,7 @@ export class Trade {
 
   update(runs, shown, compared) {
     Object.assign(this, { runs, shown, compared });
-    by("trade").hidden = runs.length === 0;
+    by("trade").hidden = by("runs-section").hidden = runs.length === 0;
     if (!runs.length) return;
     this.measured = this.scores.filter((axis) => runs.some((run) => axis.key in run.report && (run.report[axis.key] !== null || axis.best === null)));
     for (const input of all("[name=score]", by("axes")))

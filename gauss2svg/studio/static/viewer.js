@@ -132,7 +132,7 @@ export class Viewer {
     stage.classList.toggle("zoomed", !isFit);
     this.slider.handle = String(!isFit); // elsewhere, dragging moves the picture
     by("hint").textContent = isFit ? HINTS.fit : HINTS.zoomed;
-    by("zoom").textContent = isFit ? "fits" : `${Math.round(zoom * 100)} %`;
+    by("zoom").textContent = `${Math.round((zoom ?? this.fitZoom()) * 100)} %`;
     by("fit").setAttribute("aria-pressed", isFit);
     by("actual").setAttribute("aria-pressed", zoom === 1);
     if (isFit) {
@@ -160,6 +160,9 @@ export class Viewer {
   tellDivider() {
     const share = Math.round(this.slider.value);
     this.slider.setAttribute("aria-valuenow", share);
+    // A side that is hardly seen needs no name.
+    this.stage.classList.toggle("all-right", share < 12);
+    this.stage.classList.toggle("all-left", share > 88);
     const { left, right } = this.names;
     this.slider.setAttribute("aria-valuetext", `${share} % ${left}, ${100 - share} % ${right}`);
   }
