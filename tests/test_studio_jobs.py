@@ -3,19 +3,28 @@
 import asyncio
 import json
 from pathlib import Path
+from typing import ClassVar
 
 import pytest
 
 from gauss2svg.studio import jobs as module
-from gauss2svg.studio.jobs import CANCELED, DONE, FAILED, QUEUED, RUNNING, STOPPED, Job, Jobs
-from gauss2svg.studio.jobs import QueueFullError
+from gauss2svg.studio.jobs import (
+    CANCELED,
+    DONE,
+    FAILED,
+    RUNNING,
+    STOPPED,
+    Job,
+    Jobs,
+    QueueFullError,
+)
 from gauss2svg.studio.pool import WorkerDiedError
 
 
 class Pretender:
     """A worker whose fit ends when the test says so."""
 
-    made: list = []
+    made: ClassVar[list] = []
 
     def __init__(self) -> None:
         self.is_alive, self.killed = True, 0

@@ -3,6 +3,7 @@
 import concurrent.futures
 import gzip
 import io
+import itertools
 import json
 import signal
 import socket
@@ -56,16 +57,17 @@ def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path)
 
 def test_events_show_rounds_and_frames_until_the_end(server):
     job = server.submit("coffee.png", keep=False, quality="draft")
-    seen = []
     with server.client.stream("GET", f"/api/jobs/{job['id']}/events") as stream:
-        for line in stream.iter_lines():
-            if line.startswith("data: "):
-                seen.append(json.loads(line[6:]))
+        seen = [
+            json.loads(line.removeprefix("data: "))
+            for line in stream.iter_lines()
+            if line.startswith("data: ")
+        ]
     assert [s["state"] for s in seen][-1] == "done"
     assert seen[-1]["report"]["psnr_svg"] > 20
     steps = [s["progress"] for s in seen if (s["progress"] or {}).get("iteration")]
     assert len(steps) >= 3
-    assert all(a["iteration"] <= b["iteration"] for a, b in zip(steps, steps[1:], strict=False))
+    assert all(a["iteration"] <= b["iteration"] for a, b in itertools.pairwise(steps))
     assert steps[-1]["frame"] > steps[0]["frame"] >= 1
     frame = server.client.get(f"/api/jobs/{job['id']}/frame")
     image = np.asarray(Image.open(io.BytesIO(frame.content)).resize((600, 400)), np.float64)
@@ -128,7 +130,7 @@ def idle_after(worker, seconds: float) -> bool:
 @pytest.mark.parametrize("way", ["delete", "reader", "connection"])
 def test_a_fit_that_nobody_wants_frees_its_core(server, png, way):
     if way == "connection":
-        client = socket.create_connection(server.client.base_url.host and _address(server))
+        client = socket.create_connection(_address(server))
         body = _multipart(png, LONG)
         head = (
             f"POST /api/vectorize HTTP/1.1\r\nHost: {_host(server)}\r\n"

@@ -29,7 +29,7 @@ def studio_command(
     """Vectorise photos in the browser: a page of this machine's, and the service under it."""
     try:
         import fastapi  # noqa: F401
-        import multipart  # noqa: F401
+        import python_multipart  # noqa: F401
         import uvicorn  # noqa: F401
     except ImportError as error:
         from gauss2svg.errors import InputError

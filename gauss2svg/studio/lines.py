@@ -19,10 +19,12 @@ def lines_of(name: str, options: Options) -> dict[str, str]:
     words = ["gauss2svg", _not_an_option(name), "-o", _not_an_option(output)]
     for given in changed.values():
         for option, value in given.items():
-            if value is False:
-                words.append(flag_of(f"no_{option}"))
+            if isinstance(value, bool):
+                words.append(flag_of(option if value else f"no_{option}"))
+            elif str(value).startswith("-"):
+                words.append(f"{flag_of(option)}={value}")
             else:
-                words.extend([flag_of(option)] if value is True else [flag_of(option), str(value)])
+                words.extend([flag_of(option), str(value)])
     goal = [f"{option}={value!r}" for option, value in changed["goal"].items()]
     groups = [
         f"{key}={GROUPS[key].__name__}("

@@ -13,9 +13,9 @@ _THREADS = 4
 def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
     """Fits at once, and threads of each; raises InputError for more than there are cores."""
     cores = machine()["cores"]
+    if threads is not None:
+        whole_number("threads", threads, 1, cores)
     if jobs is None:
-        jobs = max(1, cores // (_THREADS if threads is None else threads))
+        jobs = max(1, cores // (threads or _THREADS))
     whole_number("jobs", jobs, 1, cores)
-    if threads is None:
-        threads = max(1, cores // jobs)
-    return jobs, whole_number("threads", threads, 1, cores)
+    return jobs, threads or max(1, cores // jobs)
