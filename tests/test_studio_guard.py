@@ -20,17 +20,18 @@ BEARER = {"Authorization": f"Bearer {TOKEN}"}
 HOME = f"http://127.0.0.1:{PORT}"
 
 
-def ask(method: str, path: str, base: str = HOME, app=None, local: bool = True, **more):
+STUDIO = create_app()
+
+
+def ask(method: str, path: str, base: str = HOME, local: bool = True, **more):
     """The answer of a guarded studio to one request."""
 
     async def one():
-        studio = app or create_app()
-        guarded = Guard(studio, TOKEN, PORT, {"127.0.0.1", "localhost", "::1"}, local)
+        guarded = Guard(STUDIO, TOKEN, PORT, {"127.0.0.1", "localhost", "::1"}, local)
         transport = httpx.ASGITransport(guarded)
         async with httpx.AsyncClient(transport=transport, base_url=base) as client:
             answer = await client.request(method, path, **more)
-        if app is None:
-            await studio.jobs.close()
+        await STUDIO.jobs.close()
         return answer
 
     return asyncio.run(one())
@@ -143,7 +144,7 @@ def test_an_upload_of_2_gb_is_refused_by_its_length_before_it_comes():
 
 
 def test_an_upload_whose_length_is_not_said_ends_at_the_bound(monkeypatch):
-    monkeypatch.setattr(guard, "MOST_UPLOADED", 10**6)
+    monkeypatch.setattr(STUDIO, "_most", 10**6)
     sent = 0
 
     async def endless():
