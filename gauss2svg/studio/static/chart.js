@@ -93,7 +93,7 @@ export function chartOf(points, axis, cost, label) {
 function pointOf(point) {
   const at = draw("g", { transform: `translate(${point.x} ${point.y})` },
     draw("circle", { class: "target", r: 12 }),
-    point.isShown || point.isCompared ? draw("circle", { class: "ring", r: 9.5 }) : null,
+    point.isShown || point.isCompared ? draw("circle", { class: point.isShown ? "ring" : "ring beside", r: 9.5 }) : null,
     shape(point.series));
   return draw("g", {
     class: `point s${point.series % 8}`, role: "button", tabindex: 0, "data-run": point.run,

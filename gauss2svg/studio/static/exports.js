@@ -1,14 +1,14 @@
 // The ways out: files, the clipboard, and the lines that make the same file.
 
 import { getBlob, getText, ofJob } from "./api.js";
-import { all, by, complain, debounced, say } from "./dom.js";
+import { all, by, complain, say } from "./dom.js";
 
 const LARGEST_PNG = 16384; // px a side
 
 export class Exports {
   constructor() {
     this.run = null;
-    by("png-width").addEventListener("input", debounced(() => this.setPng(), 100));
+    by("png-width").addEventListener("input", () => this.setPng());
     by("save").addEventListener("click", (event) => {
       const button = event.target.closest("[data-copy]");
       if (button) this.copy(button);

@@ -3,7 +3,7 @@
 import { all, by, make } from "./dom.js";
 import { shortSize, whole } from "./numbers.js";
 
-const TICKS = 1000; // of the slider on a logarithmic scale
+const TICKS = 100; // of the slider on a logarithmic scale
 const log = (least, most) => ({
   toSlider: (value) => Math.round(TICKS * Math.log(value / least) / Math.log(most / least)),
   fromSlider: (at) => Number((least * (most / least) ** (at / TICKS)).toPrecision(2)),
@@ -50,7 +50,7 @@ export class Goal {
     this.slider.addEventListener("input", () => {
       if (this.kind === "quality") this.preset.value = this.presets[Number(this.slider.value)];
       else this.values[this.kind] = KINDS[this.kind].scale.fromSlider(Number(this.slider.value));
-      this.showValue();
+      this.showValue(this.slider);
       changed();
     });
     this.preset.addEventListener("input", () => {
@@ -60,10 +60,9 @@ export class Goal {
     this.number.addEventListener("input", () => {
       if (!this.number.validity.valid || this.number.value === "") return;
       this.values[this.kind] = Number(this.number.value);
-      this.showValue(false);
+      this.showValue(this.number);
       changed();
     });
-    this.number.addEventListener("change", () => this.showValue());
     this.showKind();
   }
 
@@ -101,11 +100,12 @@ export class Goal {
     this.showValue();
   }
 
-  showValue(isNumberToo = true) {
+  // from: the control that has the value already.
+  showValue(from = null) {
     const value = this.values[this.kind];
     if (this.kind === "quality") this.slider.value = this.presets.indexOf(this.preset.value);
-    else this.slider.value = KINDS[this.kind].scale.toSlider(value);
-    if (this.kind !== "quality" && isNumberToo) this.number.value = value;
+    else if (from !== this.slider) this.slider.value = KINDS[this.kind].scale.toSlider(value);
+    if (this.kind !== "quality" && from !== this.number) this.number.value = value;
     this.slider.setAttribute("aria-valuetext", this.text());
   }
 }

@@ -25,8 +25,6 @@ class Studio {
     this.goal = new Goal(options, estimate);
     this.more = new More(groups, estimate);
     this.viewer = new Viewer((source) => this.missing(source));
-    const TEMP = { psnr: [2, 1], ssim: [3, 0.01], ssimulacra2: [1, 1], flip: [4, 0.01] };
-    scores = scores.map((one) => ({ digits: TEMP[one.slug][0], least_step: TEMP[one.slug][1], ...one }));
     this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
     this.exports = new Exports();
     this.strip = new Strip((photo) => this.open(photo));
@@ -317,7 +315,7 @@ class Studio {
     if (source.startsWith("blob:") && source === this.photo?.url) {
       this.photo.cannotBeSeen = true;
       this.showStage();
-    } else if (!source.includes("/frame")) complain("photo-error", FORGOTTEN);
+    } else if (source.startsWith("api/jobs/") && !source.includes("/frame?")) complain("photo-error", FORGOTTEN);
   }
 
   async estimate() {

@@ -32,15 +32,16 @@ export function shortSize(count) {
   return short(count) + SPACE + "B";
 }
 export const shortSeconds = (value) => short(value) + SPACE + "s";
-// A score by its axis: {digits, unit, best}.
+// A score by its axis, with its digits and unit.
 export function score(axis, value) {
   if (!given(value)) return axis.best === null ? "equal" : NONE;
-  return value.toFixed(axis.digits) + axis.unit;
+  const unit = axis.unit.trim();
+  return value.toFixed(axis.digits) + (unit && SPACE + unit);
 }
 // What an estimate promises: two digits.
 const rough = (value) => Number(value.toPrecision(2));
 export function about({ gaussians, bytes, seconds: time, psnr }) {
-  const parts = [`${whole(rough(gaussians))} shapes`, size(rough(bytes)), shortSeconds(rough(time))];
+  const parts = [`${whole(rough(gaussians))} shapes`, shortSize(rough(bytes)), shortSeconds(rough(time))];
   if (given(psnr)) parts.push(`${Math.round(psnr)}${SPACE}dB`);
   return parts.join(", ");
 }

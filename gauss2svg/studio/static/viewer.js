@@ -20,7 +20,7 @@ class Layer {
     this.isLoading = false;
     for (const kind of ["load", "error"]) image.addEventListener(kind, () => {
       this.isLoading = false;
-      if (kind === "error" && image.getAttribute("src") === this.wanted) failed(this.wanted);
+      if (this.wanted !== null && kind === "error" && image.getAttribute("src") === this.wanted) failed(this.wanted);
       this.show(this.wanted);
     });
   }
