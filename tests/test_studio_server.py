@@ -5,6 +5,7 @@ import gzip
 import io
 import itertools
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -95,15 +96,15 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo):
     assert get("data-uri.txt").text.startswith("data:image/svg+xml;base64,")
     assert get("report.json").json()["width"] == 128
     assert get("scene.npz").content.startswith(b"PK")
-    zipped = server.client.get(f"/api/zip?ids={job['id']},{job['id']}")
-    archive = zipfile.ZipFile(io.BytesIO(zipped.content))
-    assert archive.namelist() == ["p.svg", "p-2.svg"]
-    assert archive.read("p.svg").decode() == svg
     again = server.client.post(
         "/api/jobs", data={"of": job["id"], "options": json.dumps(job["options"])}, files={"x": b""}
     ).json()
     server.wait(again)
     assert server.client.get(f"/api/jobs/{again['id']}/picture.svg").text == svg
+    zipped = server.client.get(f"/api/zip?ids={job['id']},{again['id']},{job['id']}")
+    archive = zipfile.ZipFile(io.BytesIO(zipped.content))
+    assert archive.namelist() == ["p.svg", "p-2.svg"]
+    assert archive.read("p.svg").decode() == svg
 
 
 def test_stop_keeps_the_best_so_far(server, png):
@@ -243,6 +244,34 @@ def test_estimates_learn_from_runs_of_the_same_photo(server):
     more = server.client.post("/api/estimate", json={**body, "of": job["id"]}).json()
     assert more["gaussians"] > runs["gaussians"]
     assert more["psnr"] > runs["psnr"]
+
+
+def test_it_is_mounted_in_another_application_and_leaves_nothing(png, tmp_path):
+    (tmp_path / "scratch").mkdir()
+    (tmp_path / "p.png").write_bytes(png)
+    script = """
+import asyncio, httpx, fastapi, gauss2svg
+application = fastapi.FastAPI()
+application.mount("/studio", gauss2svg.studio.app)
+
+async def main():
+    transport = httpx.ASGITransport(application)
+    async with httpx.AsyncClient(transport=transport, base_url="http://any", timeout=99) as client:
+        assert (await client.get("/studio/")).status_code == 200
+        assert (await client.get("/studio/static/studio.css")).status_code == 200
+        form = {"options": '{"quality": "draft"}'}
+        files = {"photo": open("p.png", "rb")}
+        print((await client.post("/studio/api/vectorize", data=form, files=files)).text)
+
+asyncio.run(main())
+"""
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", script], capture_output=True, text=True, check=True,
+        cwd=tmp_path, env={**os.environ, "TMPDIR": str(tmp_path / "scratch")},
+    )  # fmt: skip
+    assert done.stdout.strip() == vectorize(tmp_path / "p.png", quality="draft").svg.strip()
+    assert not done.stderr
+    assert not list((tmp_path / "scratch").iterdir())
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -103,7 +103,6 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
 
     async def _submitted(request: Request) -> Job:
         try:
-            queue.check_room()
             async with request.form(max_files=1, max_fields=len(_FIELDS)) as given:
                 job = await _new_job(given)
             try:

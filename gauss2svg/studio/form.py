@@ -11,9 +11,11 @@ from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.measure.scores import packages
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.studio.guard import MOST_UPLOADED
 
 # The server's own: files of its machine, and what it shares out among fits.
 _NOT_OFFERED = (
@@ -37,8 +39,9 @@ def options_of(given: Any) -> Options:
 
 
 def form() -> dict[str, Any]:
-    """Groups of options, presets and scores."""
+    """Groups of options, presets, scores and limits."""
     return {
+        "limits": {"bytes": MOST_UPLOADED, "pixels": DEFAULT_MAX_PIXELS},
         "groups": [
             {
                 "name": key,

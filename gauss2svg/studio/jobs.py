@@ -153,7 +153,7 @@ class Jobs:
     def new_folder(self) -> Path:
         """For the files of a job; its name has nothing of the photo's."""
         path = self.folder / secrets.token_hex(8)
-        path.mkdir()
+        path.mkdir(parents=True)
         return path
 
     def submit(self, job: Job) -> None:
@@ -214,10 +214,7 @@ class Jobs:
 
     def _make_room(self) -> None:
         """Forget the oldest finished jobs that nobody reads."""
-        sizes = {
-            job.id: sum(file.stat().st_size for file in job.folder.iterdir())
-            for job in self.known.values()
-        }
+        sizes = {job.id: _bytes_in(job.folder) for job in self.known.values()}
         over = [job for job in self.known.values() if job.ready and not job.readers]
         for job in over:
             if len(over) < MOST_KEPT and sum(sizes.values()) < MOST_BYTES:
@@ -289,8 +286,17 @@ class Jobs:
                     job.change(state=FAILED, error=message["error"])
         except WorkerDiedError as error:
             if not job.is_over:
-                job.change(state=FAILED, error=f"its worker {error} Other photos are not affected")
+                job.change(state=FAILED, error=f"its worker process was lost: {error}")
+        except (OSError, ValueError) as error:
+            job.change(state=FAILED, error=f"its files were lost: {error}")
         finally:
             job.change(ready=True, worker=None)
             if job.id not in self.known:
                 shutil.rmtree(job.folder, ignore_errors=True)
+
+
+def _bytes_in(folder: Path) -> int:
+    """Bytes of the files of a folder; 0 where somebody has removed it."""
+    with contextlib.suppress(OSError):
+        return sum(file.stat().st_size for file in folder.iterdir())
+    return 0

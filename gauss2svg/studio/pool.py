@@ -44,7 +44,7 @@ class Worker:
         try:
             await worker.receive()
         except BaseException:
-            worker.kill()
+            await worker.end()
             raise
         return worker
 

@@ -105,7 +105,7 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
         """SVGs of several jobs, ids separated by commas, as one ZIP."""
         stream, taken = io.BytesIO(), set[str]()
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name in ids.split(","):
+            for name in dict.fromkeys(ids.split(",")):
                 job = await _finished(name)
                 zipped = gzip or bool(job.report and job.report["gzip"])
                 suffix = ".svgz" if zipped else ".svg"
