@@ -285,6 +285,39 @@ def test_a_worker_that_cannot_start_fails_the_fit_in_a_line(monkeypatch):
     with_queue(story)
 
 
+def test_workers_that_can_no_longer_start_fail_every_fit(monkeypatch):
+    async def broken(folder):
+        raise WorkerDiedError("ended with status 1")
+
+    async def story(queue):
+        first, second = new_job(queue), new_job(queue)
+        await until(lambda: first.state == RUNNING)
+        monkeypatch.setattr(Pretender, "started", broken)
+        Pretender.made[0].kill()
+        await second.when()
+        assert "no worker could be started" in second.error
+
+    with_queue(story)
+
+
+def test_forgetting_a_finished_job_ends_no_worker():
+    async def story(queue):
+        job = new_job(queue)
+        await until(lambda: job.state == RUNNING)
+        (worker,) = Pretender.made
+        (job.folder / "report.json").write_text('{"stop_reason": "gain"}')
+        worker.say(job.id, "done")  # and now it writes the other files
+        await until(lambda: job.state == DONE)
+        queue.forget(job)
+        await asyncio.sleep(0.05)
+        assert job.folder.exists()
+        assert not worker.killed
+        worker.say(job.id, "ended")
+        await until(lambda: not job.folder.exists())
+
+    with_queue(story)
+
+
 def test_the_folder_is_private():
     async def story(queue):
         assert Path(queue.folder).stat().st_mode & 0o077 == 0

@@ -179,7 +179,7 @@ class Jobs:
             self._waiting.remove(job)
             job.change(state=CANCELED, ready=True, place=0)
             self._tell_places()
-        elif job.worker is not None:
+        elif job.worker is not None and not job.is_over:
             worker = job.worker
             worker.send({"job": job.id, "cancel": True})
 
@@ -188,8 +188,7 @@ class Jobs:
                     worker.kill()
 
             asyncio.get_running_loop().call_later(_CANCEL_S, insist)
-            if not job.is_over:
-                job.change(state=CANCELED)
+            job.change(state=CANCELED)
 
     def forget(self, job: Job) -> None:
         """Cancel a job, and remove its files once no worker writes them."""
@@ -236,7 +235,10 @@ class Jobs:
         try:
             while True:
                 failure = ""
-                if worker is None or not worker.is_alive:
+                if worker is not None and not worker.is_alive:
+                    await worker.end()
+                    worker = None
+                if worker is None:
                     try:
                         worker = await Worker.started(self.folder)
                     except WorkerDiedError as error:

@@ -10,6 +10,7 @@ import socket
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
+from threading import Thread
 from types import FrameType
 from typing import Any
 
@@ -113,7 +114,8 @@ def serve(
                 )
             say(f"the studio is at {address} (Ctrl-C ends it)")
             if browser:
-                asyncio.get_running_loop().run_in_executor(None, webbrowser.open, address)
+                # A browser in the terminal would keep its caller until it is left.
+                Thread(target=webbrowser.open, args=(address,), daemon=True).start()
 
         config = uvicorn.Config(
             Guard(app, token, port, names, local),
