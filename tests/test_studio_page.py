@@ -24,7 +24,8 @@ GIVE = """([kind, files]) => {
     const transfer = new DataTransfer();
     for (const [name, type, bytes] of files)
         transfer.items.add(new File([Uint8Array.from(bytes)], name, {type}));
-    const options = {bubbles: true, cancelable: true, clipboardData: transfer, dataTransfer: transfer};
+    const given = {clipboardData: transfer, dataTransfer: transfer};
+    const options = {bubbles: true, cancelable: true, ...given};
     if (kind === "paste") document.body.dispatchEvent(new ClipboardEvent("paste", options));
     else for (const one of ["dragenter", "dragover", "drop"])
         document.body.dispatchEvent(new DragEvent(one, options));
