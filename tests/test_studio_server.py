@@ -14,6 +14,7 @@ import time
 import zipfile
 
 import numpy as np
+import psutil
 import pytest
 from PIL import Image
 from skimage import data
@@ -94,7 +95,9 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo):
     assert Image.open(io.BytesIO(get("errors.png").content)).size == (128, 128)
     assert get("outlines.svg").text.startswith("<?xml") or "<svg" in get("outlines.svg").text
     assert get("data-uri.txt").text.startswith("data:image/svg+xml;base64,")
-    assert get("report.json").json()["width"] == 128
+    report = get("report.json").json()
+    assert report["width"] == 128
+    assert report["max_memory"] < psutil.virtual_memory().total  # its share
     assert get("scene.npz").content.startswith(b"PK")
     again = server.client.post(
         "/api/jobs", data={"of": job["id"], "options": json.dumps(job["options"])}, files={"x": b""}
@@ -124,7 +127,7 @@ def idle_after(worker, seconds: float) -> bool:
         before = sum(worker.cpu_times()[:2])
         time.sleep(0.3)
         return sum(worker.cpu_times()[:2]) - before <= 0.02
-    except Exception:  # psutil: it is gone
+    except psutil.NoSuchProcess:
         return True
 
 

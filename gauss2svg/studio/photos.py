@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.files import reading
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, UnreadTiffError, opened
-from gauss2svg.photo.tags import _SWAPPED, tags_of
+from gauss2svg.photo.tags import SWAPPED, tags_of
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".gif", ".bmp", ".avif")
 _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
@@ -49,7 +49,7 @@ def size_of(path: Path, name: str) -> tuple[int | None, int | None]:
         try:
             with opened(file, name, DEFAULT_MAX_PIXELS) as image:
                 width, height = image.size
-                turned = tags_of(image).orientation in _SWAPPED
+                turned = tags_of(image).orientation in SWAPPED
         except UnreadTiffError:  # by tifffile, in the worker
             return None, None
     return (height, width) if turned else (width, height)
