@@ -119,7 +119,6 @@ class Studio {
     if (isDone(run) && run.photo.cannotBeSeen) this.tried(this.fetchPhoto(run));
     if (!isDone(run)) this.drop(run);
     if (this.shown === run) {
-      this.viewer.divide(50);
       by("rounds").value = by("rounds").max = run.picture.rounds.length || 1;
     }
     if (isDone(run)) say(`${named(run)} is done: ${figuresOf(run)}`);
@@ -136,12 +135,12 @@ class Studio {
       say("Run canceled");
       return;
     }
-    const line = `${run.photo.name}: ${run.error}`;
+    const line = run.error.includes(run.photo.name) ? run.error : `${run.photo.name}: ${run.error}`;
     if (run.id === undefined && this.more.blame(run.error)) return;
     // A photo that the server refuses is not kept.
     if (run.id === undefined && isAlone && [413, 415, 422].includes(run.status)) {
       this.photos = this.photos.filter((one) => one !== run.photo);
-      if (this.photo === run.photo) this.open(this.photos[0] ?? null);
+      if (this.photo === run.photo) this.open(this.photos.at(-1) ?? null);
     }
     complain("photo-error", line);
   }
@@ -277,11 +276,9 @@ class Studio {
     const isErrors = done !== null && look.side.value === "errors";
     if (isErrors) viewer.show("right", { src: ofJob(done.id, "errors.png"), name: "error map", alt: `Error map of ${named(done)}`, badge: `Errors, run ${done.number}`, pixels: true });
     else if (done) viewer.show("right", pictureSide(done, done.picture.upTo(Number(by("rounds").value)), !beside));
-    else {
-      const frame = frameSide(shown);
-      viewer.show("right", frame);
-      viewer.divide(frame ? 0 : 100);
-    }
+    else viewer.show("right", frameSide(shown));
+    // The photo until there are shapes, the shapes as they come, and in the end both.
+    viewer.divide(done ? 50 : frameSide(shown) ? 0 : 100);
     const isOutlined = done !== null && look.outlined.checked;
     viewer.outline("right", isOutlined ? ofJob(done.id, "outlines.svg") : null);
     viewer.outline("left", isOutlined ? ofJob((beside ?? done).id, "outlines.svg") : null);

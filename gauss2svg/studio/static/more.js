@@ -2,7 +2,11 @@
 
 import { by, make } from "./dom.js";
 
-const titled = (name) => name[0].toUpperCase() + name.slice(1).replaceAll("_", " ");
+const NAMES = /\b(ssim|psnr|ssimulacra2|svg)\b/g;
+const titled = (name) => {
+  const words = name.replaceAll("_", " ").replace(NAMES, (one) => one.toUpperCase());
+  return words[0].toUpperCase() + words.slice(1);
+};
 
 export class More {
   constructor(groups, changed) {
@@ -42,13 +46,13 @@ export class More {
     if (option.type === "boolean") return make("input", { type: "checkbox", ...attributes });
     if (option.type === "choice") {
       const choices = option.choices.map((one) => make("option", { value: one }, String(one)));
-      if (option.default === null) choices.unshift(make("option", { value: "" }, "as it fits"));
+      if (option.default === null) choices.unshift(make("option", { value: "" }, "automatic"));
       return make("select", attributes, ...choices);
     }
-    if (option.type === "text" || option.type === "size") return make("input", { type: "text", autocomplete: "off", placeholder: "as it fits", ...attributes });
+    if (option.type === "text" || option.type === "size") return make("input", { type: "text", autocomplete: "off", placeholder: "automatic", ...attributes });
     return make("input", {
       type: "number", step: option.type === "integer" ? 1 : "any", min: option.min, max: option.max,
-      placeholder: option.default === null ? "as it fits" : "", ...attributes,
+      placeholder: option.default === null ? "automatic" : "", ...attributes,
     });
   }
 

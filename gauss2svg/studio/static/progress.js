@@ -27,8 +27,8 @@ export function showProgress(run) {
   const isFitting = run.progress?.iteration !== undefined;
   if (isFitting) run.figures = run.progress;
   by("standing").textContent = standing(run);
-  const bar = by("bar"), done = isFitting ? run.progress.done : run.figures ? 1 : null;
-  // Without a value the bar says only that something happens.
+  const bar = by("bar"), done = isFitting ? run.progress.done : null;
+  // Without a value the bar says only that something happens, such as a measurement.
   if (done === null) bar.removeAttribute("value");
   else bar.value = done;
   const has = figures?.gaussians !== undefined;
