@@ -43,7 +43,9 @@ function ofFile(file) {
 export function showSamples(samples, take) {
   by("pick").hidden = samples.length === 0;
   by("samples").replaceChildren(...samples.map(({ name, url, width, height }) => {
-    const picture = make("img", { src: url, alt: "", loading: "lazy", width, height });
+    const picture = make("img", {
+      src: url, alt: "", loading: "lazy", width, height, error: () => { picture.hidden = true; },
+    });
     const button = make("button", {
       type: "button", class: "sample", click: () => take([{ sample: name, name, url, width, height }]),
     }, picture, make("span", {}, name));

@@ -140,6 +140,7 @@ class Studio {
     // A photo that the server refuses is not kept.
     if (run.id === undefined && isAlone && [413, 415, 422].includes(run.status)) {
       this.photos = this.photos.filter((one) => one !== run.photo);
+      URL.revokeObjectURL(run.photo.url);
       if (this.photo === run.photo) this.open(this.photos.at(-1) ?? null);
     }
     complain("photo-error", line);
@@ -227,6 +228,7 @@ class Studio {
     if (isOther) this.open(run.photo);
     if (this.shown !== run) this.setShown(run);
     this.showAll();
+    by("stage").scrollIntoView({ block: "nearest" }); // the table is far below
     say(`${named(run)}: ${figuresOf(run)}`);
   }
 
@@ -237,6 +239,7 @@ class Studio {
     }
     this.beside = this.beside === run ? null : run;
     this.showAll();
+    by("stage").scrollIntoView({ block: "nearest" });
     if (this.beside) say(`${named(run)} is left of the divider, ${named(this.shown)} right of it`);
   }
 
@@ -329,7 +332,7 @@ class Studio {
       if (error.name === "AbortError") return;
       if (!(error instanceof ApiError)) throw error;
       by("estimate").textContent = "";
-      if (error.status !== 422 || !this.more.blame(error.message)) complain("goal-error", error.message);
+      if (error.status !== 422 || !this.more.blame(error.message, false)) complain("goal-error", error.message);
     }
   }
 }

@@ -99,18 +99,20 @@ export class More {
     return !bad;
   }
 
-  // Shows a line of the server at the option that it names; false where it names none.
-  blame(line) {
+  // Shows a line of the server at the option that it names; false where it is not seen there.
+  blame(line, isRun = true) {
     const one = this.fields.get(/^[a-z_]+/.exec(line)?.[0]);
-    if (one) this.refuse(one, line);
-    return one !== undefined;
+    if (one) this.refuse(one, line, isRun);
+    return one !== undefined && one.error.checkVisibility();
   }
 
-  refuse({ control, row, error }, line) {
-    by("more").open = true;
-    row.closest("details").open = true;
+  // isRun: a run was asked for, so the field gets the focus; an estimate does not take it away.
+  refuse({ control, row, error }, line, isRun = true) {
     error.textContent = line;
     error.hidden = false;
+    if (!isRun) return;
+    by("more").open = true;
+    row.closest("details").open = true;
     control.focus();
   }
 }

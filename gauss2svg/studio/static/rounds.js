@@ -40,8 +40,4 @@ export class Picture {
     }
     return this.addresses.get(many);
   }
-
-  forget() {
-    for (const one of [this.whole, ...this.addresses.values()]) URL.revokeObjectURL(one);
-  }
 }
