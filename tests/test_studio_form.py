@@ -1,17 +1,21 @@
 """What the page is told of options, and the lines that make the same file."""
 
+import io
 import shlex
 import subprocess
 import sys
 import types
 
 import pytest
+from conftest import random_scene
+from PIL import Image
 
 import gauss2svg
 from gauss2svg.cli import vectorize as command
 from gauss2svg.cli.main import build_app, main
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.options import Options, option_names
+from gauss2svg.studio import frames
 from gauss2svg.studio.estimate import Estimator
 from gauss2svg.studio.form import form, options_of
 from gauss2svg.studio.jobs import Jobs
@@ -152,6 +156,26 @@ def test_more_than_the_cores_are_refused(given, monkeypatch):
     monkeypatch.setattr("gauss2svg.studio.share.machine", lambda: {"cores": 2})
     with pytest.raises(InputError):
         workers_and_threads(*given)
+
+
+def test_frames_come_at_once_and_then_as_their_share_of_the_cpu_allows(monkeypatch):
+    now = {"wall": 100.0, "cpu": 5.0}
+    monkeypatch.setattr(frames.time, "perf_counter", lambda: now["wall"])
+    monkeypatch.setattr(frames.time, "process_time", lambda: now["cpu"])
+
+    def scene():
+        now["cpu"] += 0.02
+        return random_scene(3, 2000, 1000)
+
+    maker = frames.FrameMaker()
+    first = maker.frame(scene)
+    assert Image.open(io.BytesIO(first)).size == (768, 384)
+    made = 1
+    for _ in range(10_000):
+        now["wall"] += 0.01
+        now["cpu"] += 0.001
+        made += bool(maker.frame(scene))
+    assert 0.9 * 0.06 < made * 0.02 / 10 <= 0.061
 
 
 def test_importing_gauss2svg_and_its_command_loads_no_server():
