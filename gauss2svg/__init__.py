@@ -103,6 +103,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # Names load on first use, so that `import gauss2svg` costs milliseconds.
+    if name == "studio":  # gauss2svg.studio.app, without an import of its own
+        return import_module("gauss2svg.studio")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'gauss2svg' has no attribute {name!r}")
     return getattr(import_module(f"gauss2svg.{_HOME_OF[name]}"), name)

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
 from batches import TINY_COMMAND
+from distributed import Client
 
 import gauss2svg
+from gauss2svg.cli.main import main
 
 _ROOT = os.fspath(Path(gauss2svg.__file__).parents[1])
 # Loaded by workers: photos take a while, so that there is a middle, and some kill them.
 _PRELOAD = """
-import ctypes, os, time
+import ctypes, time
 from pathlib import Path
 from gauss2svg.batch import work
 vectorize_by = __import__("gauss2svg.pipeline.vectorize").pipeline.vectorize.vectorize_by
@@ -28,26 +31,33 @@ def slowly(options, image, **given):
     if name.startswith("greedy"):
         held = []
         while True:
-            held.append(bytearray(os.urandom(1 << 20) * 32)); time.sleep(0.01)
+            held.append(b"x" * (1 << 25)); time.sleep(0.01)
     if name.startswith("crash"):
         ctypes.string_at(0)
-    time.sleep({pause})
+    time.sleep(0.2)
     return vectorize_by(options, image, **given)
 work.vectorize_by = slowly
 """
 
 
-def environment() -> dict[str, str]:
+def preload(folder: Path) -> str:
+    """The path of that module."""
+    path = folder / "preload.py"
+    path.write_text(_PRELOAD)
+    return str(path)
+
+
+def environment(**variables: str) -> dict[str, str]:
     """Of processes that use this package, also where another is installed."""
-    return {**os.environ, "PYTHONPATH": _ROOT, "DASK_LOGGING__DISTRIBUTED": "error"}
+    return {**os.environ, "PYTHONPATH": _ROOT, "DASK_LOGGING__DISTRIBUTED": "error", **variables}
 
 
-def started(*command: str, cwd: Path, **options) -> subprocess.Popen:
+def started(*command: str, cwd: Path, variables: dict[str, str], **options) -> subprocess.Popen:
     """A process in a session of its own, in which Ctrl-C is not ignored."""
     return subprocess.Popen(
         [sys.executable, "-P", "-m", *command],
         cwd=cwd,
-        env=environment(),
+        env=environment(**variables),
         start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         **options,
@@ -55,43 +65,40 @@ def started(*command: str, cwd: Path, **options) -> subprocess.Popen:
 
 
 class Cluster:
-    """A scheduler and two workers, each with a nanny that starts it again."""
+    """A scheduler and two workers, whose nannies start them again."""
 
-    def __init__(self, folder: Path, pause: float = 0.15, memory: str = "900MB") -> None:
+    def __init__(self, folder: Path, memory: str = "600MB") -> None:
         self._folder = folder
         self._processes = []
-        (folder / "preload.py").write_text(_PRELOAD.replace("{pause}", str(pause)))
         self._file = folder / "scheduler.json"
         self.scheduler = self._start(
             "scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
             "--scheduler-file", str(self._file),
         )  # fmt: skip
-        for _ in range(2):
-            self._start(
-                "worker", "--scheduler-file", str(self._file), "--nthreads", "1", "--no-dashboard",
-                "--memory-limit", memory, "--preload", str(folder / "preload.py"),
-                "--local-directory", str(folder),
-            )  # fmt: skip
-        for _ in range(6000):
-            with suppress(OSError, ValueError, KeyError):
-                self.address = json.loads(self._file.read_text())["address"]
-                break
-            time.sleep(0.1)
+        self._nannies = self._start(
+            "worker", "--scheduler-file", str(self._file), "--nthreads", "1", "--nworkers", "2",
+            "--no-dashboard", "--memory-limit", memory, "--preload", preload(folder),
+            "--local-directory", str(folder),
+        )  # fmt: skip
+        while not self._file.exists():
+            assert self.scheduler.poll() is None
+            time.sleep(0.05)
+        with Client(scheduler_file=str(self._file), set_as_default=False) as client:
+            client.wait_for_workers(2)
+            self.address = client.scheduler.address
 
     def _start(self, kind: str, *options: str) -> subprocess.Popen:
         module = f"distributed.cli.dask_{kind}"
-        process = started(module, *options, cwd=self._folder, stderr=subprocess.DEVNULL)
+        process = started(
+            module, *options, cwd=self._folder, variables={}, stderr=subprocess.DEVNULL
+        )
         self._processes.append(process)
         return process
 
     def workers(self) -> list[int]:
         """Process ids of the workers themselves, which their nannies have started."""
-        found = []
-        for nanny in self._processes[1:]:
-            with suppress(psutil.NoSuchProcess):
-                children = psutil.Process(nanny.pid).children()
-                found += [c.pid for c in children if "spawn_main" in " ".join(c.cmdline())]
-        return found
+        children = psutil.Process(self._nannies.pid).children()
+        return [c.pid for c in children if "spawn_main" in " ".join(c.cmdline())]
 
     def __enter__(self) -> Cluster:
         return self
@@ -103,19 +110,31 @@ class Cluster:
             process.wait()
 
 
-def batch(*arguments: object, cwd: Path, tiny: bool = True) -> subprocess.Popen:
-    """The command, under way."""
-    command = ["gauss2svg", "batch", *map(str, arguments), *(TINY_COMMAND if tiny else ())]
-    return started(*command, cwd=cwd, stderr=subprocess.PIPE, text=True)
+def batch(*arguments: object, cwd: Path, **variables: str) -> subprocess.Popen:
+    """The command, under way, with variables of its environment."""
+    command = ["gauss2svg", "batch", *map(str, arguments), *TINY_COMMAND]
+    return started(*command, cwd=cwd, variables=variables, stderr=subprocess.PIPE, text=True)
 
 
-def wait_for(process: subprocess.Popen, out: Path, count: int) -> None:
+def batch_here(*arguments: object) -> int:
+    """The exit status of the command, run in this process, which has all its modules."""
+    return main(["batch", *map(str, arguments), *TINY_COMMAND])
+
+
+@contextmanager
+def under_way(*arguments: object) -> Iterator[Future[int]]:
+    """The same in a thread."""
+    with ThreadPoolExecutor(1) as thread:
+        yield thread.submit(batch_here, *arguments)
+
+
+def wait_for(has_ended: Callable[[], object], out: Path, count: int) -> None:
     """Wait until so many outputs are there."""
     for _ in range(12_000):
         if sum(1 for _ in out.rglob("*.svg")) >= count:
             return
-        assert process.poll() is None, process.stderr.read()
-        time.sleep(0.05)
+        assert not has_ended()
+        time.sleep(0.02)
     raise AssertionError(f"{out} never had {count} SVGs")
 
 

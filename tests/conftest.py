@@ -179,10 +179,15 @@ def threads_given_back() -> Iterator[None]:
 
 
 @pytest.fixture
-def drawn_here(monkeypatch) -> None:
+def unscored(monkeypatch) -> None:
+    """`check` has no perceptual scores, which take half a second in a process of their own."""
+    monkeypatch.setattr("gauss2svg.measure.check.perceptual_scores", lambda *_: Scores())
+
+
+@pytest.fixture
+def drawn_here(monkeypatch, unscored) -> None:
     """`check` draws without a process of its own, which takes a third of a second; no scores."""
     monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *given: rasterize(*given[:4]))
-    monkeypatch.setattr("gauss2svg.measure.check.perceptual_scores", lambda *_: Scores())
 
 
 def has_ended(process_id: int) -> bool:

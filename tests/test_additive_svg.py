@@ -227,6 +227,7 @@ def test_what_cancels_is_drawn_in_turns():
     assert (high - low < 1.3).all()  # 20 if all that adds came first
 
 
+@pytest.mark.sweep
 def test_many_that_cancel_at_one_place_span_no_more_than_few():
     count = 1200
     color = np.where(np.arange(count) % 2, 0.6, -0.6)[:, None] * np.ones(3)
@@ -238,6 +239,7 @@ def test_many_that_cancel_at_one_place_span_no_more_than_few():
     assert (high - low < 1.2).all()
 
 
+@pytest.mark.sweep
 def test_partial_sums_leave_the_canvas_only_where_the_picture_does():
     scene = scene_with(10)
     phases = phases_of(scene)

@@ -5,16 +5,17 @@ import os
 import signal
 import subprocess
 from collections import Counter
+from contextlib import ExitStack
 
 import pytest
 from batches import left_parts, lines, outputs, save_photos, tiny
-from clusters import Cluster, batch, ended, wait_for
+from clusters import Cluster, batch, batch_here, ended, preload, under_way, wait_for
 
 from gauss2svg.pipeline.vectorize import vectorize_by
 
 pytestmark = pytest.mark.process
 
-COUNT = 24
+COUNT = 12
 NAMES = [f"{number:02}.png" for number in range(COUNT)]
 
 
@@ -32,9 +33,32 @@ def quiet(photos):
 
 
 @pytest.fixture(scope="module")
-def cluster(tmp_path_factory):
-    with Cluster(tmp_path_factory.mktemp("cluster")) as cluster:
+def clusters(tmp_path_factory):
+    """Gives the cluster, or another where the scheduler of that one was killed."""
+    with ExitStack() as stack:
+        made = []
+
+        def cluster():
+            if not made or made[-1].scheduler.poll() is not None:
+                made.append(stack.enter_context(Cluster(tmp_path_factory.mktemp("cluster"))))
+            return made[-1]
+
         yield cluster
+
+
+@pytest.fixture
+def cluster(clusters):
+    return clusters()
+
+
+@pytest.fixture
+def said(capsys):
+    """The lines of standard error, of which the first is the address of the dashboard."""
+    return lambda: capsys.readouterr().err.splitlines()
+
+
+def skipped(line):
+    return int(line.split(" skipped")[0].split()[-1])
 
 
 def check(out, quiet, in_flight):
@@ -45,107 +69,107 @@ def check(out, quiet, in_flight):
     assert sum(found.values()) <= len(quiet) + in_flight
 
 
-def test_worker_that_is_killed_gives_its_photos_back(cluster, photos, quiet, tmp_path):
-    run = batch(photos, "-o", tmp_path / "out", "--scheduler", cluster.address, cwd=tmp_path)
-    wait_for(run, tmp_path / "out", 4)
-    os.kill(cluster.workers()[0], signal.SIGKILL)
-    status, said = ended(run)
-    assert (status, len(said)) == (0, 3), said
-    assert said[1].startswith(f"gauss2svg: {COUNT} done, 0 skipped, 0 failed in")
-    check(tmp_path / "out", quiet, 1)
+def test_worker_that_is_killed_gives_its_photos_back(cluster, photos, quiet, tmp_path, said):
+    out = tmp_path / "out"
+    with under_way(photos, "-o", out, "--scheduler", cluster.address) as run:
+        wait_for(run.done, out, 4)
+        os.kill(cluster.workers()[0], signal.SIGKILL)
+    assert run.result() == 0
+    _, summary, *rest = said()
+    assert len(rest) == 1
+    assert summary.startswith(f"gauss2svg: {COUNT} done, 0 skipped, 0 failed in")
+    check(out, quiet, 1)
 
 
-def test_driver_that_is_killed_is_followed_by_one_that_goes_on(cluster, photos, quiet, tmp_path):
-    command = [photos, "-o", tmp_path / "out", "--scheduler", cluster.address]
+def test_driver_that_is_killed_is_followed_by_one_that_goes_on(
+    cluster, photos, quiet, tmp_path, said
+):
+    out = tmp_path / "out"
+    command = [photos, "-o", out, "--scheduler", cluster.address]
     run = batch(*command, cwd=tmp_path)
-    wait_for(run, tmp_path / "out", 6)
+    wait_for(run.poll, out, 6)
     os.kill(run.pid, signal.SIGKILL)
     run.communicate()
-    status, said = ended(batch(*command, cwd=tmp_path))
-    assert status == 0, said
-    assert int(said[1].split(" skipped")[0].split()[-1]) >= 4  # of 6, two may be in flight
-    check(tmp_path / "out", quiet, 4)
-
-
-def test_scheduler_that_is_killed_ends_the_driver_and_loses_nothing(photos, quiet, tmp_path):
-    out = tmp_path / "out"
-    with Cluster(tmp_path) as cluster:
-        run = batch(photos, "-o", out, "--scheduler", cluster.address, cwd=tmp_path)
-        wait_for(run, out, 6)
-        os.kill(cluster.scheduler.pid, signal.SIGKILL)
-        status, said = ended(run)
-        assert status == 2
-        assert said[-1].startswith("gauss2svg: lost the connection to")
-        assert len(said) == 2, said
-    status, said = ended(batch(photos, "-o", out, "--workers", "1", cwd=tmp_path))
-    assert status == 0, said
-    assert int(said[1].split(" skipped")[0].split()[-1]) >= 4
+    assert batch_here(*command) == 0
+    assert skipped(said()[1]) >= 4  # of 6, two may be in flight
     check(out, quiet, 4)
 
 
-def test_photos_that_exhaust_memory_or_crash_are_isolated(
-    cluster, photos, quiet, tmp_path_factory, tmp_path
-):
-    bad = save_photos(tmp_path / "in", [*NAMES, "crash.png", "greedy.png"])
+def test_photos_that_exhaust_memory_or_crash_are_isolated(cluster, quiet, tmp_path, said):
+    good = NAMES[:4]
+    bad = save_photos(tmp_path / "in", [*good, "crash.png", "greedy.png"])
     out = tmp_path / "out"
     command = [bad, "-o", out, "--scheduler", cluster.address]
-    status, said = ended(batch(*command, cwd=tmp_path), 300)
-    assert status == 1, said
-    assert outputs(out) == quiet
+    assert batch_here(*command) == 1
+    assert outputs(out) == {name: quiet[name] for name in (f"{one[:2]}.svg" for one in good)}
     records = [one for one in map(json.loads, lines(out)) if one.get("error")]
     assert sorted(one["output"] for one in records) == ["crash.svg", "greedy.svg"]
     assert all(one["error"].startswith("2 workers died at it, alone") for one in records)
-    status, said = ended(batch(*command, cwd=tmp_path))  # they are not tried again unasked
-    assert f"0 done, {COUNT} skipped, 2 failed" in said[1]
+    said()
+    assert batch_here(*command) == 1  # they are not tried again unasked
+    assert f"0 done, {len(good)} skipped, 2 failed" in said()[1]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted_batch_ends_and_goes_on(number, photos, quiet, tmp_path):
+def test_scheduler_that_is_killed_ends_the_driver_and_loses_nothing(
+    cluster, dask_client, photos, quiet, tmp_path, said
+):
     out = tmp_path / "out"
-    command = [photos, "-o", out, "--gaussians", "30", "--iterations", "150"]
-    run = batch(*command, "--workers", "2", cwd=tmp_path, tiny=False)
-    wait_for(run, out, 3)
+    with under_way(photos, "-o", out, "--scheduler", cluster.address) as run:
+        wait_for(run.done, out, 6)
+        os.kill(cluster.scheduler.pid, signal.SIGKILL)
+    assert run.result() == 2
+    _, line = said()
+    assert line.startswith("gauss2svg: lost the connection to")
+    assert batch_here(photos, "-o", out, "--scheduler", dask_client.scheduler.address) == 0
+    assert skipped(said()[1]) >= 4
+    check(out, quiet, 4)
+
+
+@pytest.mark.parametrize(("number", "workers"), [(signal.SIGINT, 2), (signal.SIGTERM, 1)])
+def test_interrupted_batch_ends_and_goes_on(
+    number, workers, dask_client, photos, quiet, tmp_path, said
+):
+    out = tmp_path / "out"
+    variables = {"DASK_DISTRIBUTED__WORKER__PRELOAD": preload(tmp_path)}
+    run = batch(photos, "-o", out, "--workers", workers, cwd=tmp_path, **variables)
+    wait_for(run.poll, out, 3)
     os.killpg(run.pid, number)  # as at a terminal, which sends it to all processes
-    status, said = ended(run)
+    status, heard = ended(run)
     assert status == 128 + number
-    assert said[1:] == ["gauss2svg: interrupted; every file is whole or untouched"]
+    assert heard[1:] == ["gauss2svg: interrupted; every file is whole or untouched"]
     before = outputs(out)
-    assert len(before) >= 3
-    status, said = ended(batch(*command, cwd=tmp_path, tiny=False))
-    assert status == 0, said
-    assert len(outputs(out)) == COUNT
-    assert before.items() <= outputs(out).items()
-    assert len(left_parts(out)) <= 2  # of workers that were killed just then; gone after a minute
+    assert 3 <= len(before) < COUNT
+    assert batch_here(photos, "-o", out, "--scheduler", dask_client.scheduler.address) == 0
+    assert skipped(said()[1]) >= len(before) - workers
+    check(out, quiet, 2 * workers)
+    assert len(left_parts(out)) <= workers  # of those that were killed just then
 
 
 @pytest.fixture
 def full_disk(tmp_path):
-    """A file system of 200 kB."""
+    """A file system of 100 kB."""
     folder = tmp_path / "disk"
     folder.mkdir()
-    command = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(folder)]
+    command = ["mount", "-t", "tmpfs", "-o", "size=100k", "tmpfs", str(folder)]
     if subprocess.run(command, capture_output=True, check=False).returncode:
         pytest.skip("no right to mount a small file system")
     yield folder
     subprocess.run(["umount", "-l", str(folder)], check=True)
 
 
-def test_full_disk_ends_the_batch_in_a_line_and_the_next_run_goes_on(full_disk, tmp_path):
-    photos = save_photos(tmp_path / "many", [f"{number:03}.png" for number in range(80)])
-    out = full_disk / "out"
-    ballast = full_disk / "ballast"
-    ballast.write_bytes(bytes(100_000))
-    status, said = ended(batch(photos, "-o", out, cwd=tmp_path))
-    assert status == 2
-    assert len(said) == 2, said
-    assert "No space left on device" in said[1]
+def test_full_disk_ends_the_batch_in_a_line_and_the_next_run_goes_on(
+    full_disk, dask_client, photos, quiet, tmp_path, said
+):
+    out, ballast = full_disk / "out", full_disk / "ballast"
+    ballast.write_bytes(bytes(60_000))
+    command = [photos, "-o", out, "--scheduler", dask_client.scheduler.address]
+    assert batch_here(*command) == 2
+    _, line = said()
+    assert "No space left on device" in line
     written = outputs(out)
-    assert 0 < len(written) < 80
+    assert 0 < len(written) < COUNT
+    assert written.items() <= quiet.items()
     ballast.unlink()
     subprocess.run(["mount", "-o", "remount,size=2m", str(full_disk)], check=True)
-    status, said = ended(batch(photos, "-o", out, cwd=tmp_path))
-    assert status == 0, said
-    assert written.items() <= outputs(out).items()
-    assert len(outputs(out)) == 80
-    for path in photos.iterdir():
-        assert outputs(out)[f"{path.stem}.svg"] == vectorize_by(tiny(), path).svg.encode()
+    assert batch_here(*command) == 0
+    assert outputs(out) == quiet

@@ -17,7 +17,7 @@ class Deadly:
         self.deaths = Counter()
         self.made = Counter()
 
-    def answers(self, client, function, next_request, window):
+    def answers(self, client, function, next_request, *_):
         (job,) = function.args
         while (shard := next_request()) is not None:
             killers = [p for p in shard.photos if p.output in self.killers]

@@ -109,6 +109,7 @@ def test_quantized_scenes_stay_as_they_are(seed, form, palette):
     assert np.abs(render(again) - render(scene)).max() < 0.1
 
 
+@pytest.mark.sweep
 @given(st.integers(0, 10**6))
 def test_blurred_shapes_are_large_and_as_opaque_as_a_disc_can_be(seed):
     scene = large_scene(40, seed)
@@ -205,6 +206,7 @@ def test_blurred_scene_is_drawn_as_the_model_has_it(renderer):
     assert metrics.psnr(rasterize(svg, 200, 160, renderer), render(scene)) > 37
 
 
+@pytest.mark.sweep
 def test_fit_in_the_blur_form_is_measured_as_it_is_drawn(photo):
     needs("chromium")
     result = vectorize(photo, gaussians=150, iterations=60, form=BLUR, renderer="chromium")

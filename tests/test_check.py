@@ -350,7 +350,7 @@ FRAMES = (
 
 
 @pytest.mark.parametrize("root", FRAMES)
-def test_frame_is_one_that_renderers_hold(root, halves, monkeypatch):
+def test_frame_is_one_that_renderers_hold(root, halves, monkeypatch, unscored):
     monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: halves)
     let_through = 0
     for numbers in itertools.product(NUMBERS, NUMBERS):

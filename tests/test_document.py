@@ -291,6 +291,7 @@ def test_result_is_saved_by_its_extension_or_as_given(photo, tmp_path):
     assert len(packed) == result.report["svgz_bytes"]
 
 
+@pytest.mark.sweep
 def test_maximum_size_is_that_of_the_gzipped_file(photo, tmp_path):
     result = vectorize(photo, max_bytes=9000, gzip=True, iterations=60)
     result.save(tmp_path / "o.svg")

@@ -158,7 +158,7 @@ def same(name, data, other):
 @pytest.mark.parametrize("command", [fitting, checking])
 @pytest.mark.parametrize("name", FAULTS)
 def test_each_file_is_the_old_one_or_the_whole_new_one(
-    command, name, tmp_path, monkeypatch, capsys
+    command, name, tmp_path, monkeypatch, capsys, unscored
 ):
     if command is checking:  # it rasterises in another process
         pixels = np.ones((16, 16, 3), np.float32)

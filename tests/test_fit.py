@@ -68,6 +68,7 @@ def test_every_placement_and_schedule_fits_the_photo(photo, placement, schedule)
     assert quality_of(photo, **options) > 20
 
 
+@pytest.mark.sweep
 def test_ssim_in_the_loss_raises_ssim(photo):
     plain, with_ssim = (
         render(fit(photo, fit_config(300, 100, loss=loss)).scene) for loss in ("mse", "mse+ssim")
@@ -88,6 +89,7 @@ def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype):
             assert getattr(scene, name).tobytes() == getattr(scenes[0], name).tobytes()
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("loss", ["mse", "mse+ssim"])
 def test_dtype_changes_the_bits_and_not_the_quality(photo, loss, monkeypatch):
     # Without relocation: one Gaussian moved instead of another is worth 0.2 dB either way.

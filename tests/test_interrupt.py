@@ -19,7 +19,7 @@ def kernels(tmp_path_factory):
     return tmp_path_factory.mktemp("kernels")
 
 
-@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize("number", range(2))
 def test_an_interrupted_process_leaves_whole_files_and_says_one_line(number, kernels):
     outcome, said = interrupted(0, number, kernels)
     assert not outcome.startswith("FINDING"), f"{outcome}: {said}"

@@ -34,6 +34,7 @@ def smile() -> np.ndarray:
     return picture.reshape(_SIDE, _FINER, _SIDE, _FINER, 3).mean(axis=(1, 3))
 
 
+@pytest.mark.sweep
 def test_dearer_preset_is_not_worse(smile):
     found = [
         vectorize(smile, quality=quality).report["psnr_svg"]
@@ -42,6 +43,7 @@ def test_dearer_preset_is_not_worse(smile):
     assert found == sorted(found)
 
 
+@pytest.mark.sweep
 def test_larger_limit_of_bytes_is_not_worse(smile):
     limits = "5k", "10k", "20k", "40k"
     found = [vectorize(smile, quality="fast", max_bytes=m).report["psnr_svg"] for m in limits]
@@ -65,6 +67,7 @@ def test_crisp_shapes_move_less_because_their_rims_are_narrower():
     assert moved[0] > 1.3 * moved[1] > 1.3**3 * moved[2] > 0
 
 
+@pytest.mark.sweep
 def test_interrupted_run_has_the_palette_of_a_finished_one(photo):
     last = []
     whole = vectorize(photo, quality="fast").report

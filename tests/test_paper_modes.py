@@ -261,6 +261,7 @@ def test_rounds_run_at_full_size_without_reduce(photo):
     assert min(sizes(True)) < 128
 
 
+@pytest.mark.sweep
 def test_a_heavier_ssim_keeps_more_structure(photo):
     options = {"gaussians": 200, "iterations": 80, "loss": "mse+ssim"}
     scores = []

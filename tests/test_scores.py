@@ -52,6 +52,7 @@ def test_equal_pictures_have_100_and_0(wide):
     assert perceptual_scores(wide, wide) == Scores(100.0, 0.0, ())
 
 
+@pytest.mark.sweep
 def test_more_noise_is_worse(wide):
     found = [perceptual_scores(noisy(wide, s), wide) for s in (0.01, 0.05, 0.2)]
     similar = [one.ssimulacra2 for one in found]
@@ -78,6 +79,7 @@ def test_ssimulacra2_is_that_of_the_command_line(wide, tmp_path):
     assert ssimulacra2(noisy(wide, 0.05), wide) == pytest.approx(float(told), abs=1e-6)
 
 
+@pytest.mark.sweep
 def test_transparent_pictures_have_the_worse_of_white_and_black(wide):
     alpha = np.full((*wide.shape[:2], 1), 0.5, np.float32)
     photo = np.dstack([wide, alpha])

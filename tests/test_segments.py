@@ -80,6 +80,7 @@ def test_what_is_measured_is_what_is_written(result, photo):
     assert result.report["segments"] == 3
 
 
+@pytest.mark.sweep
 def test_fit_makes_up_for_the_order(result, photo):
     free = vectorize(photo, **QUICK)
     assert result.report["psnr_svg"] > free.report["psnr_svg"] - 0.6

@@ -49,6 +49,7 @@ def matched(picture, limit, **given):
     return psnr(rasterize_like(found.svg, picture), picture), found
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(
     "picture", [pytest.param(hills(), marks=pytest.mark.sweep), shapes()], ids=["hills", "shapes"]
 )

@@ -77,6 +77,7 @@ def test_conversion_begins_with_the_additive_shapes_largest_first(photo, additiv
     assert len(np.unique(back.rounds)) == 6
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("portable_form", [False, True])
 def test_targets_hold_for_additive_blending(photo, portable_form):
     options = {"blend": ADD, "portable": portable_form, "quality": "draft"}
@@ -88,6 +89,7 @@ def test_targets_hold_for_additive_blending(photo, portable_form):
     assert close.report["stop_reason"] == "target_psnr"
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("portable_form", [False, True])
 def test_the_adaptive_count_holds_for_additive_blending(photo, portable_form):
     few = vectorize(photo, blend=ADD, portable=portable_form, quality="draft")

@@ -148,6 +148,7 @@ def test_time_that_is_not_needed_is_not_taken():
     assert report["stop_reason"] == "enough"
 
 
+@pytest.mark.sweep
 def test_auto_is_the_default_and_repeats_itself(photo):
     plain, auto = (
         vectorize(photo, quality="draft", **change) for change in ({}, {"gaussians": "auto"})
@@ -196,6 +197,7 @@ def test_target_ends_the_run_before_the_time_does(photo):
     assert report["iterations"] < 1000
 
 
+@pytest.mark.sweep
 def test_limit_of_bytes_is_used_for_the_best_that_fits(photo):
     free = vectorize(photo, quality="draft").report
     limits = [free["svg_bytes"] * share for share in (0.5, 1.5, 3)]

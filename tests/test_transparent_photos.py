@@ -131,6 +131,7 @@ def test_target_holds_over_both_backdrops(cut_out):
     assert min(report["psnr_svg"], report["psnr_svg_black"]) >= 26.95
 
 
+@pytest.mark.sweep
 def test_maximum_size_is_kept_at_the_least_loss(cut_out):
     report = vectorize(cut_out, max_bytes="12k", quality="fast").report
     assert report["svg_bytes"] <= 12_000

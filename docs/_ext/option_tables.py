@@ -92,10 +92,12 @@ def _entry(argument: Any, fields: dict[str, Field]) -> Iterator[str]:
 
 
 def _names(argument: Any) -> list[str]:
-    """Its names; of a flag that is on by default only the one that switches it off."""
-    default = argument.field_info.default
-    negative = [name for name in argument.names if name.startswith("--no-")]
-    return negative if default is True else [n for n in argument.names if n not in negative]
+    """Its names; of a flag and its opposite only the one that changes something."""
+    names = argument.names
+    negative = [n for n in names if n.startswith("--no-") and n.replace("no-", "", 1) in names]
+    if argument.field_info.default is True:
+        return negative
+    return [name for name in names if name not in negative]
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import signal
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -13,19 +12,18 @@ from typing import Any
 import dask.config
 import psutil
 from distributed import Client, LocalCluster
+from distributed.security import Security
 from numba.core import config
 
-from gauss2svg.batch.records import versions
-from gauss2svg.batch.work import check_versions
-from gauss2svg.errors import ClusterError, Gauss2SvgError, must_be, shown
+from gauss2svg.batch.work import Job, cannot_run, check_worker
+from gauss2svg.errors import ClusterError, Gauss2SvgError, must_be
 from gauss2svg.pipeline.kernels import compile_kernels
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
 
 _CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
 _COUNT_S = 1.0  # for which a number of workers is taken as known
 _CLOSE_S = 5.0  # by then the workers are killed, and nothing is lost with the rest
 _DASHBOARD = 8787
+_PRELOAD = "distributed.worker.preload"
 _LOCAL = {
     # A task whose worker died is reported at once.
     "distributed.scheduler.allowed-failures": 0,
@@ -36,8 +34,13 @@ _LOCAL = {
     "distributed.worker.memory.spill": False,
     "distributed.worker.memory.pause": False,
     "distributed.worker.memory.terminate": 0.95,
-    # It looks at the stacks of all threads a hundred times a second.
+    # To look at threads and event loops, up to a hundred times a second, took a tenth of a core
+    # (docs/decisions/batch.md).
     "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "2s",
+    "distributed.scheduler.active-memory-manager.start": False,
+    "distributed.diagnostics.nvml": False,
     "distributed.comm.timeouts.connect": f"{_CONNECT_S:g}s",
 }
 
@@ -55,11 +58,16 @@ def local_client(
 
     memory     bytes of each, above which it is killed; None: no limit
     blend      blend whose kernels are compiled before, once; None: none
-    dashboard  whether Dask's web page is served at its usual port, if that is free, or at any
+    dashboard  whether Dask's web page is served, at its usual port, if that is free, or at any
+    Connections need a certificate that is made here and kept in memory: whoever can connect to a
+    scheduler or a worker can have it run anything.
     """
     if blend is not None:
         compile_kernels(blend=blend)
-    with dask.config.set(_LOCAL), _quiet(), warnings.catch_warnings():
+    preload = dask.config.get(_PRELOAD)
+    preload = [preload] if isinstance(preload, str) else list(preload)
+    given = {**_LOCAL, _PRELOAD: [*preload, "gauss2svg.batch.preload"]}
+    with dask.config.set(given), _quiet(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Port .* is already in use")  # another is taken
         cluster = LocalCluster(
             n_workers=workers,
@@ -67,11 +75,12 @@ def local_client(
             memory_limit=memory or 0,
             host="127.0.0.1",
             dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
+            scheduler_kwargs={"dashboard": dashboard},
+            security=Security.temporary(),
             silence_logs=logging.CRITICAL,
         )
         try:
             client = Client(cluster, set_as_default=False)
-            client.run(_ignore_interrupts)
             try:
                 yield client
             finally:
@@ -99,33 +108,23 @@ def remote_client(scheduler: str) -> Iterator[Client]:
             client.close(timeout=_CLOSE_S)
 
 
-def check_workers(client: Client, options: Options, needed: dict[str, str]) -> None:
+def check_workers(client: Client, job: Job) -> None:
     """Raise ClusterError for workers that cannot do the work, before any of it begins.
 
-    They must have the needed versions of this package and others, the renderer, and one thread
-    each. One of every machine then compiles the kernels. Those that join later check
-    their versions themselves.
+    One of every machine then compiles the kernels. Workers that join later check themselves.
     """
-    info = client.scheduler_info(n_workers=-1)["workers"]
-    for address, worker in info.items():
-        if worker["nthreads"] != 1:
-            got, advice = shown(f"{worker['nthreads']} at {address}"), "dask worker --nthreads 1"
-            raise ClusterError(must_be("threads of a worker", "1", got, advice))
     # A client's methods return coroutines only inside of coroutines.
-    probed: Any = client.run(_probe, options, on_error="return")
-    for address, found in probed.items():
+    checked: Any = client.run(check_worker, job, on_error="return")
+    for address, found in checked.items():
         if isinstance(found, Gauss2SvgError):
-            raise ClusterError(f"worker {address}: {found}")
+            raise found
         if isinstance(found, Exception):
-            why = " ".join(str(found).split())[:200]
-            raise ClusterError(
-                f"worker {address} cannot run gauss2svg: {type(found).__name__}: {why}. "
-                f"Try installing gauss2svg {needed['gauss2svg']} there"
-            )
-        check_versions(found, needed, f"worker {address}")
-    first = {worker["host"]: address for address, worker in info.items()}
+            raise cannot_run(f"worker {address}", found, job) from found
+    first: dict[str, str] = {}
+    for address, worker in client.scheduler_info(n_workers=-1)["workers"].items():
+        first.setdefault(worker["host"], address)
     if first:
-        client.run(_compile, options.fit.blend, workers=list(first.values()))
+        client.run(_compile, job.options.fit.blend, workers=list(first.values()))
 
 
 def counter(client: Client) -> Callable[[], int]:
@@ -144,19 +143,8 @@ def counter(client: Client) -> Callable[[], int]:
     return count
 
 
-def _probe(options: Options) -> dict[str, str]:
-    Plan(options).check_renderer()
-    return versions()
-
-
 def _compile(blend: str) -> None:
     compile_kernels(blend=blend)
-
-
-def _ignore_interrupts() -> None:
-    """A Ctrl-C at the terminal reaches all its processes; the driver ends its workers itself."""
-    with suppress(ValueError):  # not the main thread, in a cluster without processes
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _end(cluster: LocalCluster) -> None:

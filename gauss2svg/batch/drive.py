@@ -17,8 +17,8 @@ from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions, limits_of
 from gauss2svg.batch.stores import stamp_of
 from gauss2svg.batch.tasks import answers
-from gauss2svg.batch.work import Answer, BatchPhoto, Job, Shard, work
-from gauss2svg.errors import ClusterError, InputError, OutputError
+from gauss2svg.batch.work import Answer, BatchPhoto, Job, Shard, cannot_run, work
+from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError
 
 MOST_PHOTOS = 500  # of a shard: Dask is made for up to 100 000 tasks
 _MOST_BYTES = 150_000_000  # of a shard's photos, some 50 of a camera
@@ -35,8 +35,16 @@ _MOST_LOSSES = 20
 class Driver:
     """Works on all photos of an index by the workers of a client."""
 
-    def __init__(self, client: Client, job: Job, index: PhotoIndex, workers: Callable[[], int]):
+    def __init__(
+        self,
+        client: Client,
+        job: Job,
+        index: PhotoIndex,
+        workers: Callable[[], int],
+        idle: Callable[[], None] = lambda: None,
+    ) -> None:
         self._client, self._job, self._index, self._workers = client, job, index, workers
+        self._idle = idle
         # Records of later runs come later by name.
         run = f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}-{secrets.token_hex(3)}"
         self._keys = (f"{run}-{number:07d}" for number in count())
@@ -51,7 +59,7 @@ class Driver:
         or a worker has other versions.
         """
         for shard, answer in answers(
-            self._client, partial(work, self._job), self._next, self._window
+            self._client, partial(work, self._job), self._next, self._window, self._idle
         ):
             if isinstance(answer, Answer) and not answer.has_died:
                 yield from answer.records
@@ -66,8 +74,10 @@ class Driver:
                 record.write()  # it is begun no more
                 yield from known
                 yield from self._isolate(shard, _left(shard, known))
-            else:
+            elif isinstance(answer, Gauss2SvgError):
                 raise answer
+            else:
+                raise cannot_run("a worker", answer, self._job) from answer
 
     def _next(self) -> Shard | None:
         if self._again:

@@ -6,11 +6,13 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 from gauss2svg.batch.inputs import Source
 from gauss2svg.batch.records import STATE, PhotoRecord, record_of
 from gauss2svg.batch.stores import is_contained, is_url
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, OutputError, must_be, shown
 
 _CACHE_KIB = 16_384  # little beside a worker; pages of the index beyond it are on the disk
 _TABLES = """
@@ -25,17 +27,19 @@ class PhotoIndex:
     """The photos by their outputs, what earlier runs made of them, and what this one did.
 
     folds_case  whether outputs that differ by case alone are one file
+    All methods raise OutputError where the disk is full.
     """
 
     def __init__(self, folds_case: bool = False) -> None:
         # The empty name is that of a database which sqlite itself deletes.
-        self._base = sqlite3.connect("", check_same_thread=False, isolation_level=None)
         self._folds_case = folds_case
-        self._base.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
-        self._base.execute("PRAGMA journal_mode = OFF")
-        self._base.executescript(_TABLES)
-        self._base.execute("BEGIN")  # for ever: nobody else reads it, and a commit writes
         self.count = 0
+        with _on_disk():
+            self._base = sqlite3.connect("", check_same_thread=False, isolation_level=None)
+            self._base.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
+            self._base.execute("PRAGMA journal_mode = OFF")
+            self._base.executescript(_TABLES)
+            self._base.execute("BEGIN")  # for ever: nobody else reads it, and a commit writes
 
     def close(self) -> None:
         """Delete it."""
@@ -61,12 +65,11 @@ class PhotoIndex:
             if not is_url(path):  # workers may have another current folder
                 path = os.path.abspath(path)
             row = (self._key(output), _bytes(path), _bytes(output), size)
-            if self._base.execute(insert, row).rowcount:
-                self.count += 1
-                continue
-            (other,) = self._base.execute(
-                "SELECT path FROM photo WHERE key = ?", row[:1]
-            ).fetchone()
+            with _on_disk():
+                if self._base.execute(insert, row).rowcount:
+                    self.count += 1
+                    continue
+            ((other,),) = self._rows("SELECT path FROM photo WHERE key = ?", row[:1])
             if other != row[1]:
                 got = shown(f"{_text(other)} and {path}, which would both write {output}")
                 raise InputError(
@@ -79,27 +82,25 @@ class PhotoIndex:
         for line in lines:
             record = record_of(line)
             if record is not None:
-                self._base.execute(
-                    "UPDATE photo SET prior = ? WHERE key = ?",
-                    (line.decode(), self._key(record.output)),
-                )
+                row = (json.dumps(record.line()), self._key(record.output))
+                with _on_disk():
+                    self._base.execute("UPDATE photo SET prior = ? WHERE key = ?", row)
 
     def add_record(self, record: PhotoRecord) -> None:
         """Add what became of a photo."""
-        self._base.execute(
-            "INSERT OR REPLACE INTO record VALUES (?, ?)",
-            (self._key(record.output), json.dumps(vars(record))),
-        )
+        row = (self._key(record.output), json.dumps(vars(record)))
+        with _on_disk():
+            self._base.execute("INSERT OR REPLACE INTO record VALUES (?, ?)", row)
 
     def photos(self) -> Iterator[tuple[str, str, int | None, PhotoRecord | None]]:
         """(path, output, bytes, earlier record) of every photo, by output."""
         select = "SELECT path, output, size, prior FROM photo ORDER BY key"
-        for path, output, size, prior in self._base.execute(select):
+        for path, output, size, prior in self._rows(select):
             yield _text(path), _text(output), size, None if prior is None else record_of(prior)
 
     def records(self) -> Iterator[PhotoRecord]:
         """What became of every photo, by output."""
-        for (line,) in self._base.execute("SELECT line FROM record ORDER BY key"):
+        for (line,) in self._rows("SELECT line FROM record ORDER BY key"):
             record = record_of(line)
             assert record is not None
             yield record
@@ -107,7 +108,22 @@ class PhotoIndex:
     def largest(self, most: int) -> list[str]:
         """The paths of the largest files; where sizes are not known, of the first ones."""
         select = "SELECT path FROM photo ORDER BY size DESC LIMIT ?"
-        return [_text(path) for (path,) in self._base.execute(select, (most,))]
+        return [_text(path) for (path,) in self._rows(select, (most,))]
+
+    def _rows(self, select: str, values: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+        with _on_disk():
+            rows = self._base.execute(select, values)
+            yield from iter(rows.fetchone, None)  # of the cursor itself it would close that
+
+
+@contextmanager
+def _on_disk() -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise OutputError(
+            f"cannot write the index of the photos: {error}. Try TMPDIR=/a/larger/disk"
+        ) from error
 
 
 def _bytes(text: str) -> bytes:

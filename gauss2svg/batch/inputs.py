@@ -8,9 +8,9 @@ import re
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import PurePosixPath
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, opened, reason_of
+from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, lines_of, reason_of
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.files import STANDARD_STREAM
 
@@ -56,8 +56,8 @@ def _photos(source: str) -> Iterator[Source]:
             raise InputError(must_be("standard input", "open", got, "the name of a list"))
         yield from _listed(sys.stdin.buffer)
     elif source.lower().endswith(MANIFESTS):
-        with opened(source) as file:
-            yield from _listed(file)
+        with lines_of(source) as lines:
+            yield from _listed(lines)
     elif is_url(source):
         yield from _remote(source)
     elif os.path.isdir(source):
@@ -131,7 +131,10 @@ def _folder(root: str, under: str) -> Iterator[Source]:
                 elif _is_picture(entry.name) and _is_file(entry.path):
                     yield Source(entry.path, _stem(name), _size(entry.path, found=True))
     except OSError as error:
-        raise InputError(f"cannot read {here}: {reason_of(error)}. Try another folder") from error
+        # One that vanished since it was listed has no photos.
+        if not (under and isinstance(error, (FileNotFoundError, NotADirectoryError))):
+            message = f"cannot read {here}: {reason_of(error)}. Try another folder"
+            raise InputError(message) from error
     for name in folders:
         yield from _folder(root, name)
 
@@ -165,21 +168,46 @@ def _remote(url: str) -> Iterator[Source]:
             yield Source(url, _stem(path.rpartition("/")[2]), None)
             return
         else:
-            base, every = path.rstrip("/"), False
-            files = (
-                (f"{folder}/{name}", info)
-                for folder, _, inside in fs.walk(path, detail=True, on_error="raise")
-                for name, info in inside.items()
-            )
+            base, every, files = path.rstrip("/"), False, _walked(fs, path)
         for name, info in files:
             relative = name.removeprefix(base).lstrip("/")
             parts = relative.split("/")
             hidden = any(part.startswith(".") for part in parts)
             if every or (_is_picture(parts[-1]) and not hidden):
-                yield Source(fs.unstrip_protocol(name), _stem(relative), info.get("size"))
+                yield Source(_url_of(fs, name, url, path), _stem(relative), info.get("size"))
     except InputError:
         raise
     except Exception as error:  # each store raises its own
         raise InputError(
             f"cannot read {url}: {reason_of(error)}. Try the URL of a photo or of a folder"
         ) from error
+
+
+def _url_of(fs: Any, name: str, url: str, path: str) -> str:
+    """The URL of a file found by another URL, with its host, which fsspec leaves out."""
+    url, path = url.rstrip("/"), path.rstrip("/")
+    return url.removesuffix(path) + name if url.endswith(path) else fs.unstrip_protocol(name)
+
+
+def _walked(fs: Any, path: str, is_found: bool = False) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(path, what is known of it) of all files under a folder of a store.
+
+    Unlike fsspec's own walk it leaves out no folder that cannot be read.
+    """
+    folders = []
+    try:
+        listing = fs.ls(path, detail=True)
+    except FileNotFoundError:
+        if not is_found:
+            raise
+        return  # it vanished since it was listed
+    for info in listing:
+        name = info["name"].rstrip("/")
+        if name == path.rstrip("/"):  # stores may list a folder in itself
+            continue
+        if info["type"] == "directory":
+            folders.append(name)
+        else:
+            yield name, info
+    for folder in folders:
+        yield from _walked(fs, folder, is_found=True)

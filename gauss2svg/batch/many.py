@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import secrets
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from itertools import islice
@@ -13,8 +14,16 @@ from typing import TYPE_CHECKING
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import folder_of, photos_of
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.batch.records import PARTS, RECORDS, STATE, PhotoRecord, identity_of, versions
-from gauss2svg.batch.stores import Store, is_url, opened
+from gauss2svg.batch.records import (
+    FOLDER,
+    PARTS,
+    RECORDS,
+    STATE,
+    PhotoRecord,
+    identity_of,
+    versions,
+)
+from gauss2svg.batch.stores import Store, is_url, opened, without_file_protocol
 from gauss2svg.errors import InputError, instance, must_be, shown
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
 from gauss2svg.measure.memory import free_bytes
@@ -89,8 +98,9 @@ class Batch:
         _check_options(self.options)
         if isinstance(sources, (str, bytes, os.PathLike)):
             raise InputError(must_be("sources", "a sequence", sources, f"[{sources!r}]"))
-        named = [file_name("sources", source) for source in sources]
+        named = [without_file_protocol(file_name("sources", source)) for source in sources]
         root = file_name("output", output, "the name or the URL of a folder")
+        root = without_file_protocol(root)
         if root == STANDARD_STREAM:
             raise InputError(must_be("output", "a folder", root, "-o out/"))
         self.store = Store(root, PARTS)
@@ -142,22 +152,32 @@ class Batch:
             workers = max(1, min(cores() // (threads or 1), most, self.index.count))
         return workers, threads or max(1, cores() // workers), free_bytes() // workers
 
-    def records(self, client: Client) -> Iterator[PhotoRecord]:
-        """What becomes of every photo, as it is known; raises ClusterError and OutputError."""
+    def records(
+        self, client: Client, waiting: Callable[[], None] = lambda: None
+    ) -> Iterator[PhotoRecord]:
+        """What becomes of every photo, as it is known; raises ClusterError and OutputError.
+
+        waiting  called about each second in which there is no worker
+        """
         from gauss2svg.batch.cluster import check_workers, counter
         from gauss2svg.batch.drive import Driver
         from gauss2svg.batch.work import Job
 
         if self.options.run.threads is None:
             self.options = self.options.changed(threads=1)
-        needed = versions()
-        check_workers(client, self.options, needed)
-        identity = identity_of(self.options)
+        needed, identity = versions(), identity_of(self.options)
         self.store.write(
             f"{STATE}/options-{identity}.json", as_json({**needed, "options": self.options.flat()})
         )
-        job = Job(self.options, self.store, needed, identity, self.batch.retry_failed)
-        for record in Driver(client, job, self.index, counter(client)).records():
+        folder = self.store.read(FOLDER)
+        if not folder:
+            folder = secrets.token_hex(16).encode()
+            self.store.write(FOLDER, folder)
+        job = Job(self.options, self.store, needed, identity, folder, self.batch.retry_failed)
+        check_workers(client, job)
+        workers = counter(client)
+        idle = lambda: None if workers() else waiting()  # noqa: E731
+        for record in Driver(client, job, self.index, workers, idle).records():
             self.index.add_record(record)
             yield record
         self.store.sweep(time.time() - _STALE_S)

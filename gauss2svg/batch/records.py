@@ -9,13 +9,15 @@ import time
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 from gauss2svg.batch.stores import Store
 from gauss2svg.pipeline.options import Options
 from gauss2svg.version import __version__
 
 STATE = "gauss2svg-batch"  # the folder, beside the outputs, of all that is not an output
+FOLDER = f"{STATE}/folder"  # tells this output folder from another of its name on other machines
 RECORDS, PARTS = f"{STATE}/records", f"{STATE}/parts"
 _WORKING = {"working": True}  # the last line of a shard that is worked on, or whose worker died
 _SHARE = 0.05  # of a worker's time, for writing records
@@ -64,12 +66,29 @@ class PhotoRecord:
         return {name: value for name, value in vars(self).items() if name != "skipped"}
 
 
+_KINDS = get_type_hints(PhotoRecord)
+
+
 def record_of(line: str | bytes) -> PhotoRecord | None:
     """The record in a line of JSON; None for any other line, such as one that was cut."""
     try:
-        return PhotoRecord(**json.loads(line))
-    except (ValueError, TypeError):
+        record = PhotoRecord(**json.loads(line))
+    except (ValueError, TypeError, RecursionError):
         return None
+    return record if all(_is(v, _KINDS[name]) for name, v in vars(record).items()) else None
+
+
+def _is(value: Any, kind: Any) -> bool:
+    """Whether a value of JSON is of the kind of a field; whole numbers are those of a table."""
+    if isinstance(kind, UnionType):
+        return any(_is(value, one) for one in get_args(kind))
+    if get_origin(kind) is list:
+        return type(value) is list and all(type(one) is str for one in value)
+    if get_origin(kind) is dict:
+        return type(value) is dict and all(type(one) is str for one in value.values())
+    if kind is int:
+        return type(value) is int and 0 <= value < 2**63
+    return type(value) in ((int, float) if kind is float else (kind,))
 
 
 def versions() -> dict[str, str]:
@@ -105,6 +124,7 @@ class ShardRecord:
 
     done    what became of its photos so far, by output
     begun   whether a worker has begun it and neither ended nor handed it back: it died
+    A shard of photos that are all skipped leaves none.
     """
 
     def __init__(self, store: Store, key: str) -> None:
@@ -115,9 +135,20 @@ class ShardRecord:
         self.done = {record.output: record for record in found}
         self.begun = bool(lines) and lines[-1] == json.dumps(_WORKING).encode()
 
+    def begin(self) -> None:
+        """Say, where that is not known yet, that a worker has begun what it may die at."""
+        if not self.begun:
+            self.write(working=True)
+
+    def end(self) -> None:
+        """Say that it has ended, or that its other photos are handed back."""
+        if self.begun:
+            self.write()
+
     def add(self, record: PhotoRecord) -> None:
         """Add what became of a photo; it is written now or with a later one."""
         self.done[record.output] = record
+        self.begun = True
         if time.monotonic() - self._last > self._cost / _SHARE:
             self.write(working=True)
 
@@ -128,5 +159,6 @@ class ShardRecord:
         lines += [_WORKING] if working else []
         text = "".join(f"{json.dumps(line)}\n" for line in lines)
         self._store.write(self._name, text.encode())
+        self.begun = working
         self._last = time.monotonic()
         self._cost = self._last - begun

@@ -7,18 +7,23 @@ import json
 import os
 import re
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from gauss2svg.errors import InputError, OutputError, on_one_line
+from gauss2svg.errors import InputError, OutputError, must_be, on_one_line, shown
 from gauss2svg.files import check_writable, reading, write_whole
 
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
 _ADVICE = "the path or the URL of a photo"
+_AGAIN = "Try the same command again"
+# Stores on which a put is whole or not there, and those whose rename replaces a file at once.
+_WHOLE_PUT = {"s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "oss", "oci", "memory"}
+_RENAMING = {"sftp", "ssh"}
+_LOCAL = ("file://", "local://")
 # Entries of a store's listing of which one at least changes with the bytes, as stores call them.
 # With none of them, such as from a server that gives sizes alone, a photo is read.
 _TELLING = {
@@ -32,6 +37,15 @@ def is_url(path: str) -> bool:
     return "://" in path
 
 
+def without_file_protocol(path: str) -> str:
+    """The path of a URL of a file of this machine; any other name as it is."""
+    if not path.startswith(_LOCAL):
+        return path
+    from fsspec.implementations.local import LocalFileSystem
+
+    return LocalFileSystem._strip_protocol(path)
+
+
 def is_contained(name: str) -> bool:
     """Whether a file of this name, relative to a folder, is in it."""
     return not os.path.splitdrive(name)[0] and not {"", ".", ".."} & set(PARTS_OF.split(name))
@@ -42,9 +56,13 @@ def filesystem(url: str) -> tuple[Any, str]:
     from fsspec.core import url_to_fs
 
     try:
-        # Listings that are kept would hold a million names, and hide what was written since.
-        return url_to_fs(url, use_listings_cache=False)
-    except (ImportError, ValueError) as error:
+        # Listings that are kept would hold a million names, and hide what was written since. SFTP
+        # keeps none, and would hand the option to its connection.
+        has_option = not url.startswith(tuple(f"{name}://" for name in _RENAMING))
+        return url_to_fs(url, **({"use_listings_cache": False} if has_option else {}))
+    except MemoryError:
+        raise
+    except Exception as error:  # some stores connect here, and raise their own
         advice = 'pip install "gauss2svg[s3]"' if url.startswith("s3") else "another URL"
         raise InputError(f"cannot open {url}: {reason_of(error)}. Try {advice}") from error
 
@@ -57,19 +75,36 @@ def reason_of(error: BaseException) -> str:
 
 @contextmanager
 def opened(source: str) -> Iterator[BinaryIO]:
-    """A photo or a list of photos, open for reading; raises InputError."""
+    """A photo open for reading; raises InputError."""
     if not is_url(source):
         with reading(source, _ADVICE) as file:
             yield file
         return
-    fs, path = filesystem(source)
-    try:
+    with _reading(source) as (fs, path):
         data = fs.cat_file(path)
-    except MemoryError:
+    yield io.BytesIO(data)
+
+
+@contextmanager
+def lines_of(source: str) -> Iterator[Iterable[bytes]]:
+    """The lines of a list of photos, read as they are wanted; raises InputError."""
+    if not is_url(source):
+        with reading(source, _ADVICE) as file:
+            yield file
+        return
+    with _reading(source) as (fs, path), fs.open(path, "rb") as file:
+        yield file
+
+
+@contextmanager
+def _reading(source: str) -> Iterator[tuple[Any, str]]:
+    """The file system of a URL and the path in it; raises InputError for what fails within."""
+    try:
+        yield filesystem(source)
+    except (InputError, MemoryError):
         raise
     except Exception as error:  # each store raises its own
         raise InputError(f"cannot read {source}: {reason_of(error)}. Try {_ADVICE}") from error
-    yield io.BytesIO(data)
 
 
 def stamp_of(source: str) -> str:
@@ -77,20 +112,22 @@ def stamp_of(source: str) -> str:
 
     Raises InputError.
     """
-    try:
-        if not is_url(source):
+    if not is_url(source):
+        try:
             found = os.stat(source)
-            facts = (found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino)
-            return " ".join(map(str, facts))
-        fs, path = filesystem(source)
+        except (OSError, ValueError) as error:
+            raise InputError(f"cannot read {source}: {reason_of(error)}. Try {_ADVICE}") from error
+        facts = (found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino)
+        return " ".join(map(str, facts))
+    with _reading(source) as (fs, path):
         info = fs.info(path)
-    except InputError:
-        raise
-    except Exception as error:
-        raise InputError(f"cannot read {source}: {reason_of(error)}. Try {_ADVICE}") from error
     known = {k: str(v) for k, v in info.items() if isinstance(v, (str, int, float, datetime)) and v}
     names = {re.sub("[^a-z0-9]", "", name.lower()) for name in known}
     return json.dumps(known, sort_keys=True) if names & _TELLING else ""
+
+
+def _protocols(fs: Any) -> set[str]:
+    return {fs.protocol} if isinstance(fs.protocol, str) else set(fs.protocol)
 
 
 @dataclass(frozen=True)
@@ -127,7 +164,7 @@ class Store:
             self._make(path.parent)
             write_whole(path, data, parts / secrets.token_hex(8))
             return
-        with self._writing(name) as (fs, path):
+        with self._putting(name) as (fs, path):
             fs.pipe_file(path, data)
 
     def adopt(self, made: Path, name: str) -> None:
@@ -136,7 +173,7 @@ class Store:
             with self._writing(name):
                 os.replace(made, self.path(name))
             return
-        with self._writing(name) as (fs, path):
+        with self._putting(name) as (fs, path):
             fs.put_file(str(made), path)
         made.unlink()
 
@@ -150,7 +187,7 @@ class Store:
         except FileNotFoundError:
             return None
         except Exception as error:
-            raise OutputError(f"cannot read {self.path(name)}: {reason_of(error)}") from error
+            raise self._unreadable(name, error) from error
 
     def size(self, name: str) -> int | None:
         """Bytes of a file; None where there is none."""
@@ -162,7 +199,7 @@ class Store:
         except (FileNotFoundError, NotADirectoryError):
             return None
         except Exception as error:
-            raise OutputError(f"cannot read {self.path(name)}: {reason_of(error)}") from error
+            raise self._unreadable(name, error) from error
 
     def names(self, folder: str) -> list[str]:
         """The files of a folder, sorted."""
@@ -174,11 +211,18 @@ class Store:
         except FileNotFoundError:
             return []
         except Exception as error:
-            raise OutputError(f"cannot read {self.path(folder)}: {reason_of(error)}") from error
+            raise self._unreadable(folder, error) from error
 
     def prepare(self) -> None:
-        """Create the folder; raises OutputError where nothing can be written."""
+        """Create the folder; raises OutputError where nothing can be written.
+
+        Raises InputError for a store on which a file would be seen half written.
+        """
         if not self.is_local:
+            protocols = _protocols(filesystem(self.root)[0])
+            if not protocols & (_WHOLE_PUT | _RENAMING):
+                needed = f"a folder, or on one of {', '.join(sorted(_WHOLE_PUT | _RENAMING))}"
+                raise InputError(must_be("output", needed, shown(self.root), "a mounted folder"))
             self.write(f"{self.parts}/writable", b"")
             return
         parts = Path(self.root, self.parts)
@@ -186,7 +230,7 @@ class Store:
         check_writable(parts / "writable")
 
     def sweep(self, older_than: float) -> None:
-        """Remove unfinished files, which a process that was killed has left."""
+        """Remove unfinished files, which a process that was killed has left on this machine."""
         if self.is_local:
             for part in Path(self.root, self.parts).iterdir():
                 with suppress(FileNotFoundError):
@@ -201,8 +245,30 @@ class Store:
             raise
         except Exception as error:
             raise OutputError(
-                f"cannot write {self.path(name)}: {reason_of(error)}. Try the same command again"
+                f"cannot write {self.path(name)}: {reason_of(error)}. {_AGAIN}"
             ) from error
+
+    @contextmanager
+    def _putting(self, name: str) -> Iterator[tuple[Any, str]]:
+        """Where to put a file of a store's: it is renamed then if a put is seen half done."""
+        with self._writing(name) as (fs, path):
+            if _protocols(fs) & _WHOLE_PUT:
+                yield fs, path
+                return
+            root = path.removesuffix(f"/{name}")
+            part = f"{root}/{self.parts}/{secrets.token_hex(8)}"
+            for file in (part, path):
+                fs.makedirs(file.rpartition("/")[0], exist_ok=True)
+            try:
+                yield fs, part
+                fs.mv(part, path)
+            except BaseException:
+                with suppress(Exception):  # it may not be there; the first error says why
+                    fs.rm_file(part)
+                raise
+
+    def _unreadable(self, name: str, error: Exception) -> OutputError:
+        return OutputError(f"cannot read {self.path(name)}: {reason_of(error)}. {_AGAIN}")
 
     def _make(self, folder: Path) -> None:
         try:

@@ -18,6 +18,7 @@ from typing import Any
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.records import PARTS, STATE, PhotoRecord
 from gauss2svg.batch.stores import Store
+from gauss2svg.batch.stores import reason_of as why
 from gauss2svg.errors import OutputError
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
@@ -96,18 +97,22 @@ def _write(store: Store, name: str, make: Any) -> None:
         descriptor, path = tempfile.mkstemp(dir=folder)
         os.close(descriptor)
     except OSError as error:
-        raise OutputError(f"cannot write {store.path(name)}: {error.strerror}") from error
+        raise _unwritable(store.path(name), error) from error
     made = Path(path)
     try:
         make(made)
         os.chmod(made, 0o666 & ~_umask())
         store.adopt(made, name)
-    except OSError as error:
-        if isinstance(error, OutputError):
-            raise
-        raise OutputError(f"cannot write {store.path(name)}: {error.strerror}") from error
+    except OutputError:
+        raise
+    except (OSError, ValueError) as error:  # pyarrow's are both
+        raise _unwritable(store.path(name), error) from error
     finally:
         made.unlink(missing_ok=True)
+
+
+def _unwritable(path: str, error: Exception) -> OutputError:
+    return OutputError(f"cannot write {path}: {why(error)}. Try the same command again")
 
 
 def _umask() -> int:

@@ -24,12 +24,14 @@ def answers(
     function: Callable[[T], Any],
     next_request: Callable[[], T | None],
     window: Callable[[], int],
+    idle: Callable[[], None] = lambda: None,
 ) -> Iterator[tuple[T, Any]]:
     """(request, what the function returned or the exception of its task) as tasks finish.
 
     next_request  the next one, or None while there is none: what a caller learns from an answer
                   may lead to more
     window        how many may be submitted at once; neither driver nor scheduler holds more
+    idle          called about each second in which none has finished
     A worker that dies gives its tasks back to Dask, which raises KilledWorker for one at which
     several have died. Raises ClusterError where the scheduler is gone; tasks that are unfinished
     when the iterator is closed are cancelled.
@@ -49,7 +51,7 @@ def answers(
                 future.add_done_callback(finished.put)
             if not submitted:
                 return
-            future = _next(client, finished)
+            future = _next(client, finished, idle)
             _, request = submitted.pop(future.key)
             yield request, _outcome(client, future)
             future.release()
@@ -64,13 +66,14 @@ def _call(packed: bytes) -> Any:
     return function(request)
 
 
-def _next(client: Client, finished: queue.SimpleQueue[Future]) -> Future:
+def _next(client: Client, finished: queue.SimpleQueue[Future], idle: Callable[[], None]) -> Future:
     while True:
         try:
             return finished.get(timeout=_POLL_S)
         except queue.Empty:
             if client.status not in ("running", "connecting"):
                 raise _gone(client) from None
+            idle()
 
 
 def _outcome(client: Client, future: Future) -> Any:

@@ -8,23 +8,34 @@ import hashlib
 import os
 import time
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 from gauss2svg.batch.records import (
+    FOLDER,
     PhotoRecord,
     ShardRecord,
     all_versions,
     limits_of,
     versions,
 )
-from gauss2svg.batch.stores import Store, is_url, opened, stamp_of
-from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError, must_be, shown
+from gauss2svg.batch.stores import Store, is_url, opened, reason_of, stamp_of
+from gauss2svg.errors import (
+    ClusterError,
+    Gauss2SvgError,
+    InputError,
+    OutputError,
+    RendererError,
+    must_be,
+    shown,
+)
 from gauss2svg.measure.memory import SHARE
 from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.packing import file_bytes
 
@@ -36,6 +47,8 @@ _OF_ITS_NAME = {
 # Seconds after which a shard's other photos are handed back, so that progress is seen and no worker
 # is alone at the end with many photos.
 SHARD_S = 15.0
+# Output folders for which this worker is as it must be.
+_checked: set[tuple[Store, bytes | None]] = set()
 
 
 @dataclass(frozen=True)
@@ -64,12 +77,16 @@ class Shard:
 
 @dataclass(frozen=True)
 class Job:
-    """What all shards share; identity: of the options."""
+    """What all shards share.
+
+    identity  of the options; folder: content of FOLDER, by which workers know the output folder
+    """
 
     options: Options
     store: Store
     versions: dict[str, str]
     identity: str
+    folder: bytes | None = None
     retry_failed: bool = False
 
 
@@ -92,10 +109,9 @@ def work(job: Job, shard: Shard) -> Answer:
     """Vectorise the photos of a shard in order, until time is up; write their SVGs and records.
 
     A shard that was begun and neither ended nor handed back has killed its worker: it is not begun
-    again, but answered with what was recorded. Raises ClusterError where this process has other
-    versions than the driver.
+    again, but answered with what was recorded. Raises ClusterError where this process cannot do it.
     """
-    check_versions(versions(), job.versions, "this worker")
+    check_worker(job)
     begun = time.monotonic()
     found: list[PhotoRecord] = []
     record = None
@@ -105,40 +121,70 @@ def work(job: Job, shard: Shard) -> Answer:
             return Answer(tuple(record.done.values()), has_died=True)
         earlier = set(record.done)
         found += [r for photo in shard.photos if (r := record.done.get(photo.output)) is not None]
-        record.write(working=True)
         options = _within_memory(job.options)
         with own_standard_error(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of decoders; nobody would read them
             for photo in shard.photos:
                 if photo.output in earlier:
                     continue
-                found.append(vectorize_photo(job, options, photo))
+                found.append(vectorize_photo(job, options, photo, record.begin))
                 if photo.prior is None or found[-1].line() != photo.prior.line():
                     record.add(found[-1])
                 if time.monotonic() - begun > SHARD_S:
                     break
-        record.write()
+        record.end()
     except OutputError as error:
         if record is not None:
             # It is begun no more, and lines held back are kept. The first error says why.
             with suppress(OutputError):
-                record.write()
+                record.end()
         return Answer(tuple(found), refused=str(error))
     return Answer(tuple(found))
 
 
-def check_versions(found: dict[str, str], needed: dict[str, str], where: str) -> None:
-    """Raise ClusterError for a worker with other versions."""
-    for name, wanted in needed.items():
+def check_worker(job: Job, dask_worker: Any = None) -> None:
+    """Raise ClusterError, once for each output folder, where this worker cannot do the work.
+
+    It must have the versions of the driver, one thread, the renderer, and see the output folder.
+    dask_worker  given by Dask outside of tasks
+    """
+    from distributed import get_worker
+
+    if (job.store, job.folder) in _checked:
+        return
+    worker, found = dask_worker or get_worker(), versions()
+    where = f"worker {worker.address}"
+    for name, wanted in job.versions.items():
         if found.get(name) != wanted:
-            raise ClusterError(
-                must_be(f"{name} of {where}", f"{wanted}, as here", shown(found.get(name)))
-                + f". Try installing {name} {wanted} there"
-            )
+            got, advice = shown(found.get(name)), f"installing {name} {wanted} there"
+            raise ClusterError(must_be(f"{name} of {where}", f"{wanted}, as here", got, advice))
+    if (threads := worker.state.nthreads) != 1:
+        raise ClusterError(must_be(f"threads of {where}", "1", threads, "dask worker --nthreads 1"))
+    try:
+        Plan(job.options).check_renderer()
+    except RendererError as error:
+        raise ClusterError(f"{where}: {error}") from error
+    if job.store.read(FOLDER) != job.folder:
+        got, advice = shown(f"another {job.store.root} at {where}"), "a shared folder or a store"
+        raise ClusterError(must_be("output", "a folder that all workers see", got, advice))
+    _checked.add((job.store, job.folder))
 
 
-def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecord:
-    """What becomes of a photo; raises OutputError alone, where no output can be written."""
+def cannot_run(where: str, error: BaseException, job: Job) -> ClusterError:
+    """The error for a worker that failed at what is no photo's fault."""
+    return ClusterError(
+        f"{where} cannot run gauss2svg: {type(error).__name__}: {reason_of(error)}. "
+        f"Try installing gauss2svg {job.versions['gauss2svg']} there and for the scheduler"
+    )
+
+
+def vectorize_photo(
+    job: Job, options: Options, photo: BatchPhoto, begin: Callable[[], None] = lambda: None
+) -> PhotoRecord:
+    """What becomes of a photo; raises OutputError alone, where no output can be written.
+
+    begin  called before anything at which a worker may die
+    """
     begun, identity = time.perf_counter(), job.identity
     stamp = digest = ""
     made: dict[str, Any]
@@ -151,6 +197,7 @@ def vectorize_photo(job: Job, options: Options, photo: BatchPhoto) -> PhotoRecor
             is_same = prior is not None and digest == prior.sha256
         if prior is not None and is_same:
             return dataclasses.replace(prior, input=photo.path, stamp=stamp, skipped=True)
+        begin()
         made = _vectorized(job, options, photo)
     except OutputError as error:
         if not (job.store.is_local and getattr(error.__cause__, "errno", None) in _OF_ITS_NAME):

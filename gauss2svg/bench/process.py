@@ -1,4 +1,7 @@
-"""A run in a process of its own, and what is known of one that fails."""
+"""A run in a process of its own, and what is known of one that fails.
+
+Not a worker of `batch`: Dask's own memory would count as the run's (docs/decisions/batch.md).
+"""
 
 from __future__ import annotations
 

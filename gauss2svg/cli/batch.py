@@ -72,8 +72,16 @@ def batch_command(
                 _print(f"Dask's dashboard: {client.dashboard_link}")
             summary = Summary()
             update("", 0, made.index.count)
-            shown = 0.0
-            for record in made.records(client):
+            shown, has_waited = 0.0, False
+
+            def waiting() -> None:
+                nonlocal has_waited
+                # A worker of this machine that died is being started again.
+                if not (has_waited or quiet) and batch.scheduler is not None:
+                    _print(f"no workers at {batch.scheduler} yet; waiting for them")
+                has_waited = True
+
+            for record in made.records(client, waiting):
                 summary.add(record)
                 if summary.seconds - shown > _SHOW_S:
                     shown = summary.seconds

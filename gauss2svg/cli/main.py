@@ -51,6 +51,7 @@ def build_app(everything: bool = False) -> App:
         "bench": "Compare settings: tables and plots of cost and quality.",
         "batch": "Vectorise many photos, on one machine or a cluster.",
         "gallery": "Write web pages that show the results for photos.",
+        "studio": "Vectorise photos in the browser.",
         "placeholder": "Write SVGs of a kilobyte for pages to show before photos.",
     }.items():
         app.command(f"gauss2svg.cli.{name}:{name}_command", name=name, help=help_line)

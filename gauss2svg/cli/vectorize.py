@@ -59,33 +59,29 @@ class OutputFiles:
 def vectorize_command(everything: bool) -> Callable[..., int]:
     """The command as a function of options whose groups are shown in its help, or most of them."""
     from gauss2svg.fit.options import DensifyOptions, FitOptions
-    from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
+    from gauss2svg.pipeline.options import GROUP_TITLES, Goal, Options, RunOptions, SvgOptions
     from gauss2svg.svg.document import Document
 
-    def group(name: str, order: int, shown: bool = everything) -> Group:
-        return Group(name, sort_key=order, show=shown)
+    def group(key: str, order: int, shown: bool = everything) -> Group:
+        return Group(GROUP_TITLES.get(key, key), sort_key=order, show=shown)
 
     def command(
         *photo: Annotated[str, Parameter(allow_leading_hyphen=True, group="Parameters")],
         output: Annotated[
             str | None, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)
         ] = None,
-        goal: Annotated[Goal, Parameter(name="*", group=group("Goal", 1, shown=True))] = Goal(),
+        goal: Annotated[Goal, Parameter(name="*", group=group("goal", 1, shown=True))] = Goal(),
         files: Annotated[
             OutputFiles, Parameter(name="*", group=group("Output files", 2, shown=True))
         ] = OutputFiles(),
-        svg: Annotated[SvgOptions, Parameter(name="*", group=group("SVG", 3))] = SvgOptions(),
-        document: Annotated[Document, Parameter(name="*", group=group("Document", 4))] = Document(),
-        fit: Annotated[FitOptions, Parameter(name="*", group=group("Fit", 5))] = FitOptions(),
+        svg: Annotated[SvgOptions, Parameter(name="*", group=group("svg", 3))] = SvgOptions(),
+        document: Annotated[Document, Parameter(name="*", group=group("document", 4))] = Document(),
+        fit: Annotated[FitOptions, Parameter(name="*", group=group("fit", 5))] = FitOptions(),
         densify: Annotated[
             DensifyOptions,
-            Parameter(
-                name="*", group=group("Densification", 6), negative_bool="no-", negative=None
-            ),
+            Parameter(name="*", group=group("densify", 6), negative_bool="no-", negative=None),
         ] = DensifyOptions(),
-        run: Annotated[
-            RunOptions, Parameter(name="*", group=group("Resources and checkpoints", 7))
-        ] = RunOptions(),
+        run: Annotated[RunOptions, Parameter(name="*", group=group("run", 7))] = RunOptions(),
     ) -> int:
         options = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
         return _run(_one_photo(photo), output, options, files)

@@ -134,3 +134,27 @@ class Clock:
             return 0.0
         whole = self.deadline - self._begun
         return self.elapsed_s / whole if whole > 0 else 1.0
+
+
+class Stopwatch:
+    """Wall-clock and CPU seconds, of all threads, spent inside its with statements so far."""
+
+    def __init__(self, wall_s: float = 0.0, cpu_s: float = 0.0) -> None:
+        self._wall_s, self._cpu_s = wall_s, cpu_s
+        self._since: tuple[float, float] | None = None
+
+    def __enter__(self) -> None:
+        self._since = time.perf_counter(), time.process_time()
+
+    def __exit__(self, *_: object) -> None:
+        self._wall_s, self._cpu_s, self._since = self.wall_s, self.cpu_s, None
+
+    @property
+    def wall_s(self) -> float:
+        """Wall-clock seconds."""
+        return self._wall_s + (time.perf_counter() - self._since[0] if self._since else 0.0)
+
+    @property
+    def cpu_s(self) -> float:
+        """CPU seconds."""
+        return self._cpu_s + (time.process_time() - self._since[1] if self._since else 0.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -145,7 +146,8 @@ class FitConfig:
 class FitProgress:
     """Progress of a fit: counts so far, PSNR of the model in dB, seconds elapsed and remaining.
 
-    done is the progress in 0..1, by iterations or by the clock.
+    done   progress in 0..1, by iterations or by the clock
+    scene  returns the Gaussians so far on the working canvas; to be called before the next step
     """
 
     round: int
@@ -155,6 +157,7 @@ class FitProgress:
     psnr: float
     elapsed_s: float
     remaining_s: float
+    scene: Callable[[], Scene] = dataclasses.field(repr=False, compare=False)
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, number_within
 from gauss2svg.fit import adam, schedule
-from gauss2svg.fit.clock import Clock
+from gauss2svg.fit.clock import Clock, Stopwatch
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.losses import DEFAULT_LOSS, psnr_of
@@ -85,8 +83,7 @@ class FitSession:
         self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
         self._rates = self.population.blending.rates
         self._shared: SharedColors | None = None
-        self._wall_s = self._cpu_s = 0.0
-        self._since: tuple[float, float] | None = None
+        self._stopwatch = Stopwatch()
 
     @property
     def state(self) -> State:
@@ -95,7 +92,7 @@ class FitSession:
 
     def fit(self) -> None:
         """Grow and refine until the policy or the clock ends it; continues a loaded state."""
-        with self._timed():
+        with self._stopwatch:
             if self.population.target.is_blank:
                 self.policy.stop_reason, self._stage = "enough", Stage(FINISHED)
             if self._stage.name == GROWING:
@@ -118,7 +115,7 @@ class FitSession:
 
     def resize(self, count: int, iterations: int) -> None:
         """Change the number of Gaussians of a finished fit, and refine them again."""
-        with self._timed():
+        with self._stopwatch:
             self.population.densify_or_prune(count)
             if self.config.fit.learned_falloff:
                 self.state.raw_beta = np.maximum(self.state.raw_beta, adam.LEAST_RAW_BETA)
@@ -137,8 +134,8 @@ class FitSession:
             scene=self.scene(),
             iterations=self.clock.iteration,
             rounds=self.population.rounds,
-            wall_s=self._wall_s,
-            cpu_s=self._cpu_s,
+            wall_s=self._stopwatch.wall_s,
+            cpu_s=self._stopwatch.cpu_s,
             pixel_pairs=self.pixel_pairs,
             stop_reason="interrupted" if self.clock.stopped else reason,
             rollbacks=self.guard.rollbacks,
@@ -150,7 +147,6 @@ class FitSession:
 
         Consists of numbers, text, None, arrays, and lists and dictionaries of these.
         """
-        wall_s, cpu_s = self._seconds()
         return {
             "population": self.population.state_dict(),
             "guard": self.guard.state_dict(),
@@ -160,8 +156,8 @@ class FitSession:
             "errors": list(self._errors),
             "shared": None if self._shared is None else self._shared.state_dict(),
             "pixel_pairs": self.pixel_pairs,
-            "wall_s": wall_s,
-            "cpu_s": cpu_s,
+            "wall_s": self._stopwatch.wall_s,
+            "cpu_s": self._stopwatch.cpu_s,
         }
 
     def load_state_dict(self, saved: dict[str, Any]) -> None:
@@ -182,26 +178,7 @@ class FitSession:
                 got = len(self._shared.entry)
                 raise InputError(must_be("colours of a checkpoint", f"{len(self.state)}", got))
         self.pixel_pairs = saved["pixel_pairs"]
-        self._wall_s, self._cpu_s = saved["wall_s"], saved["cpu_s"]
-
-    @contextmanager
-    def _timed(self) -> Iterator[None]:
-        self._since = time.perf_counter(), time.process_time()
-        try:
-            yield
-        finally:
-            self._wall_s, self._cpu_s = self._seconds()
-            self._since = None
-
-    def _seconds(self) -> tuple[float, float]:
-        """Wall-clock and CPU seconds of the fit so far."""
-        if self._since is None:
-            return self._wall_s, self._cpu_s
-        wall, cpu = self._since
-        return (
-            self._wall_s + time.perf_counter() - wall,
-            self._cpu_s + time.process_time() - cpu,
-        )
+        self._stopwatch = Stopwatch(saved["wall_s"], saved["cpu_s"])
 
     def _grow(self) -> None:
         """Rounds of new Gaussians, then the full-size target."""
@@ -396,5 +373,6 @@ class FitSession:
                 psnr=self._recent_psnr() if not self._errors else psnr_of(self._errors[-1]),
                 elapsed_s=elapsed,
                 remaining_s=elapsed / max(done, 0.01) * (1 - done),
+                scene=self.scene,
             )
         )

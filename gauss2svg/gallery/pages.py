@@ -87,7 +87,7 @@ def write_pages(
         "scores": shown,
         "unscored": _unscored(results),
         "scored": any(svg.report.get("scores") for one in results for svg in one.svgs),
-        "legend": _legend(),
+        "legend": legend(),
         "most_levels": MOST,
         "crop_side": SIDE,
     }
@@ -305,7 +305,7 @@ def _origins(results: Iterable[PhotoResult]) -> list[tuple[str, dict[str, Any], 
     return origins
 
 
-def _legend() -> list[str]:
+def legend() -> list[str]:
     """Colours of the error map at even steps, from no error to the largest."""
     levels = np.linspace(0, MOST, _LEGEND_COLORS)
     return ["#" + bytes(color).hex() for color in colors_of(levels)]

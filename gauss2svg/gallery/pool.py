@@ -16,11 +16,12 @@ Request = tuple[int, Mapping[str, Any]]
 
 
 class WorkerPool:
-    """Up to `jobs` processes, started with the first request; its with statement ends them all."""
+    """Up to `jobs` processes, started as requests need; its with statement ends them all."""
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
         self._client: Client | None = None
+        self._started = 0
         self._stack = ExitStack()
 
     def __enter__(self) -> WorkerPool:
@@ -35,9 +36,14 @@ class WorkerPool:
         """Yields (index, answer) as requests are done; begun(index) is called as they begin."""
         if not requests:
             return
+        needed = min(self._jobs, len(requests))
         if self._client is None:
-            workers = local_client(min(self._jobs, len(requests)), dashboard=False)
-            self._client = self._stack.enter_context(workers)
+            self._client = self._stack.enter_context(local_client(needed, dashboard=False))
+        elif needed > self._started:
+            cluster: Any = self._client.cluster
+            cluster.scale(needed)
+            self._client.wait_for_workers(needed)
+        self._started = max(self._started, needed)
         waiting = iter(enumerate(requests))
 
         def next_request() -> Request | None:

@@ -13,7 +13,7 @@ from PIL import ExifTags, Image
 
 _LEAST_DPI = 1.0  # a resolution of this or less counts as none
 _SQUARE = 0.01  # relative difference of resolutions up to which pixels count as square
-_SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
+SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
 _CM_PER_INCH = 2.54
 _LENGTHS_PER_INCH = {2: 1.0, 3: _CM_PER_INCH}  # by ResolutionUnit
 
@@ -58,7 +58,7 @@ def tags_from(orientation: Any, dpi: Density | None, proportions: Density | None
         orientation = 1
     if orientation != 1:
         notes.append("EXIF orientation applied")
-    if orientation in _SWAPPED:
+    if orientation in SWAPPED:
         dpi = dpi and (dpi[1], dpi[0])
         proportions = proportions and (proportions[1], proportions[0])
     if proportions is not None and abs(proportions[0] / proportions[1] - 1) > _SQUARE:
@@ -76,7 +76,7 @@ def orientation_left(image: Image.Image) -> int:
 
 def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
     """An array (h, w, ..) rotated and mirrored by an orientation (EXIF 2.32, 4.6.4, tag 274)."""
-    if orientation in _SWAPPED:
+    if orientation in SWAPPED:
         array = array.swapaxes(0, 1)
     if orientation in (3, 4, 7, 8):  # the first row is seen at the bottom
         array = array[::-1]

@@ -150,6 +150,14 @@ GROUPS: dict[str, type[OptionGroup]] = {
     "document": Document,
     "run": RunOptions,
 }
+GROUP_TITLES = {
+    "goal": "Goal",
+    "fit": "Fit",
+    "densify": "Densification",
+    "svg": "SVG",
+    "document": "Document",
+    "run": "Resources and checkpoints",
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,0 +1,113 @@
+"""Options as data for the page: names, domains, defaults and help, from the option classes."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Literal
+
+from docstring_parser import parse_from_object
+
+from gauss2svg.bench.score_axes import SCORE_AXES
+from gauss2svg.errors import InputError, must_be
+from gauss2svg.measure.scores import packages
+from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
+from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.studio.guard import MOST_UPLOADED
+
+# The server's own: files of its machine, and what it shares out among fits.
+_NOT_OFFERED = (
+    "checkpoint", "checkpoint_every", "resume", "threads", "max_memory", "max_pixels",
+)  # fmt: skip
+_UNIT = re.compile(r"\((dB|s|px)\)")
+
+
+def options_of(given: Any) -> Options:
+    """Options of flat names and values of a request; raises InputError."""
+    if not isinstance(given, dict):
+        raise InputError(must_be("options", "an object of names and values", given))
+    for name in _NOT_OFFERED:
+        if name in given:
+            raise InputError(f"{name} must not be given; it is the server's. Try without it")
+    if not isinstance(given.get("segments", 1), (int, type(None))):
+        raise InputError(must_be("segments", "a whole number", given["segments"]))
+    options = Options.from_flat(given)
+    Plan(options).check_renderer()
+    return options
+
+
+def form() -> dict[str, Any]:
+    """Groups of options, presets, scores and limits."""
+    return {
+        "limits": {"bytes": MOST_UPLOADED, "pixels": DEFAULT_MAX_PIXELS},
+        "groups": [
+            {
+                "name": key,
+                "title": GROUP_TITLES[key],
+                "main": key == "goal",
+                "options": [
+                    _described(field, texts[field.name])
+                    for field in fields_of(group)
+                    if field.name not in _NOT_OFFERED
+                ],
+            }
+            for key, group in GROUPS.items()
+            for texts in [{p.arg_name: p.description for p in parse_from_object(group).params}]
+        ],
+        "presets": list(PRESETS),
+        "scores": [
+            {
+                "slug": axis.slug,
+                "key": axis.key,
+                "name": axis.name,
+                "title": axis.title,
+                "unit": axis.unit.strip(),
+                "best": axis.best,
+                "falls": axis.falls,
+                "always": axis.slug in ("psnr", "ssim"),
+                "installed": axis.slug in ("psnr", "ssim") or bool(packages()),
+            }
+            for axis in SCORE_AXES
+        ],
+    }
+
+
+def flag_of(name: str) -> str:
+    """The option on the command line."""
+    return f"--{name.replace('_', '-')}"
+
+
+def _described(field: Field, text: str | None) -> dict[str, Any]:
+    words = " ".join((text or "").split())
+    domain = next((c for c in field.checks if isinstance(c, (Whole, Number, Flag, OneOf))), None)
+    kind: Literal["integer", "number", "boolean", "choice", "size", "text"] = "text"
+    least = most = None
+    if isinstance(domain, Flag):
+        kind = "boolean"
+    elif isinstance(domain, OneOf):
+        kind = "choice"
+    elif isinstance(domain, (Whole, Number)):
+        kind = "integer" if isinstance(domain, Whole) else "number"
+        least, most = domain.least, domain.most
+    elif byte_size in field.checks:
+        kind = "size"
+    elif field.name == "segments":
+        kind, least = "integer", 1
+    unit = _UNIT.search(words)
+    default = field.group.__dataclass_fields__[field.name].default  # pyright: ignore[reportAttributeAccessIssue]
+    return {
+        "name": field.name,
+        "flag": flag_of(field.name),
+        "type": kind,
+        "choices": list(field.choices) if kind == "choice" else None,
+        "words": list(field.words),
+        "min": least,
+        "above": bool(getattr(domain, "above", False)),
+        "max": most,
+        "default": default,
+        "optional": field.may_be_none,
+        "help": words,
+        "unit": unit[1] if unit else "B" if kind == "size" else None,
+    }

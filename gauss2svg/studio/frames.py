@@ -1,0 +1,48 @@
+"""Pictures of a fit while it runs: which, how large, and how often."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable
+
+import numpy as np
+from PIL import Image
+
+from gauss2svg.render import render
+from gauss2svg.scene import Scene
+
+MOST_SIDE = 768  # px
+_QUALITY = 80  # of JPEG
+# docs/decisions/studio.md has what a frame costs, and why it is a raster.
+_MOST_A_SECOND = 15
+_SHARE = 0.06  # of the CPU time of a fit that its frames may take
+
+
+class FrameMaker:
+    """Makes a frame where one is due: the first at once, then as the time for them allows."""
+
+    def __init__(self) -> None:
+        self._due = self._cpu_due = 0.0
+
+    def frame(self, scene: Callable[[], Scene]) -> bytes:
+        """JPEG of a scene; b"" where none is due."""
+        begun, cpu_begun = time.perf_counter(), time.process_time()
+        if begun < self._due or cpu_begun < self._cpu_due:
+            return b""
+        data = as_jpeg(scene())
+        cpu_ended = time.process_time()
+        self._due = begun + 1 / _MOST_A_SECOND
+        # Of the CPU's clock, which other programs do not move.
+        self._cpu_due = cpu_ended + (cpu_ended - cpu_begun) / _SHARE
+        return data
+
+
+def as_jpeg(scene: Scene) -> bytes:
+    """JPEG of a scene, at most MOST_SIDE px on its longer side; a transparent one over white."""
+    share = min(1.0, MOST_SIDE / max(scene.width, scene.height))
+    width, height = (max(1, round(side * share)) for side in (scene.width, scene.height))
+    levels = np.clip(render(scene, width, height) * 255 + 0.5, 0, 255).astype(np.uint8)
+    stream = io.BytesIO()
+    Image.fromarray(levels).save(stream, "JPEG", quality=_QUALITY)
+    return stream.getvalue()

@@ -1,0 +1,103 @@
+"""Photos that are uploaded or picked: checked by their headers, kept under names of ours."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import os
+import re
+import unicodedata
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from gauss2svg.errors import InputError, must_be
+from gauss2svg.files import reading
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, UnreadTiffError, opened
+from gauss2svg.photo.tags import SWAPPED, tags_of
+
+_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".gif", ".bmp", ".avif")
+_OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
+_MOST_SAMPLES = 100
+_LONGEST_NAME = 100
+_CHUNK = 1 << 20
+
+
+class Sample(NamedTuple):
+    """A picture to pick."""
+
+    name: str
+    path: Path
+    width: int
+    height: int
+
+
+def display_name(given: str | None) -> str:
+    """The last part of a file's name, fit to be shown and to be offered for a download."""
+    last = re.split(r"[/\\]", given or "")[-1]
+    plain = "".join(c for c in last if unicodedata.category(c)[0] != "C" and c not in '<>:"|?*')
+    stem, dot, suffix = plain.strip(". ").rpartition(".")
+    return f"{stem[:_LONGEST_NAME]}{dot}{suffix[:8]}" if stem else suffix[:_LONGEST_NAME] or "photo"
+
+
+def size_of(path: Path, name: str) -> tuple[int | None, int | None]:
+    """Width and height in px of an upright photo, by its header alone; None where it has none.
+
+    Raises InputError that says the name, for what is no photo and for too many pixels.
+    """
+    with reading(path, "another photo") as file:
+        try:
+            with opened(file, name, DEFAULT_MAX_PIXELS) as image:
+                width, height = image.size
+                turned = tags_of(image).orientation in SWAPPED
+        except UnreadTiffError:  # by tifffile, in the worker
+            return None, None
+    return (height, width) if turned else (width, height)
+
+
+def samples_in(folder: Path | None) -> Sequence[Sample]:
+    """Photos of a folder, or some of scikit-image's; raises InputError where a folder has none."""
+    if folder is None:
+        from skimage import data
+
+        place = Path(data.__file__).parent
+        paths = [place / name for name in _OF_SKIMAGE if (place / name).is_file()]
+    elif not folder.is_dir():
+        raise InputError(must_be("FOLDER", "a folder with photos", str(folder)))
+    else:
+        paths = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES]
+    found = []
+    for path in paths[:_MOST_SAMPLES]:
+        try:
+            width, height = size_of(path, path.name)
+        except InputError:  # it says so when it is picked nowhere: it is no photo to pick
+            continue
+        if width is not None and height is not None:
+            found.append(Sample(path.name, path, width, height))
+    if folder is not None and not found:
+        raise InputError(must_be("FOLDER", "a folder with photos", str(folder)))
+    return found
+
+
+async def save(upload: Any, path: Path) -> str:
+    """Write an upload to a file; returns its digest."""
+    digest = hashlib.sha256()
+    with path.open("wb") as file:
+        while chunk := await upload.read(_CHUNK):
+            digest.update(chunk)
+            await asyncio.to_thread(file.write, chunk)
+    return digest.hexdigest()
+
+
+def link(source: Path, path: Path) -> None:
+    """The same file under another name; a copy of what may not be linked."""
+    try:
+        os.link(source, path)
+    except OSError:
+        path.write_bytes(source.read_bytes())
+
+
+def digest_of(path: Path) -> str:
+    """As of `save`."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,152 @@
+"""Routes that give what a job has made."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import io
+import zipfile
+from pathlib import PurePath
+from typing import Annotated, Any, Literal
+from urllib.parse import quote
+
+from fastapi import FastAPI, Query
+from fastapi.responses import FileResponse, Response
+from starlette.exceptions import HTTPException
+
+from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.files import as_png
+from gauss2svg.measure.drawing import draw
+from gauss2svg.studio.fits import job_named
+from gauss2svg.studio.guard import PICTURE_POLICY
+from gauss2svg.studio.jobs import Job, Jobs
+from gauss2svg.svg.packing import file_bytes
+
+_MOST_PIXELS = 40_000_000  # of a PNG: half a gigabyte while it is drawn
+_DRAW_S = 60.0
+Markup = Literal["editable", "minimal"] | None
+_FILES = {
+    "photo.png": "image/png",
+    "errors.png": "image/png",
+    "outlines.svg": "image/svg+xml",
+    "report.json": "application/json",
+    "scene.npz": "application/octet-stream",
+}
+
+
+def add_results(app: FastAPI, queue: Jobs) -> None:
+    """Add the routes."""
+    drawing = asyncio.Semaphore(1)  # a PNG takes the time and the memory of a fit
+
+    @app.get("/api/jobs/{name}/picture.svg", response_class=Response)
+    async def _picture(
+        name: str,
+        markup: Markup = None,
+        gzip: bool = False,
+        download: bool = False,
+    ) -> Response:
+        """The SVG: as it was written, or in another markup, or as SVGZ."""
+        job = await _finished(name)
+        svg = await _svg(job, markup)
+        own = bool(job.report and job.report["gzip"])
+        zipped = gzip or (own and download)
+        headers = {"Content-Security-Policy": PICTURE_POLICY}
+        if download:
+            headers |= _attachment(job, ".svgz" if zipped else ".svg")
+        elif zipped:
+            headers["Content-Encoding"] = "gzip"
+        data = await asyncio.to_thread(file_bytes, svg, zipped)
+        return Response(data, media_type="image/svg+xml", headers=headers)
+
+    @app.get("/api/jobs/{name}/picture.png", response_class=Response)
+    async def _png(
+        name: str, width: Annotated[int | None, Query(ge=1)] = None, download: bool = False
+    ) -> Response:
+        """The SVG rasterised at a width in px; the height follows."""
+        job = await _finished(name)
+        svg, report = await _svg(job, None), job.report or {}
+        wide = width or report["width"]
+        high = max(1, round(wide * report["height"] / report["width"]))
+        if wide * high > _MOST_PIXELS:
+            got = shown(f"{wide}x{high} px")
+            raise InputError(must_be("the PNG", f"at most {_MOST_PIXELS} px", got, "a lower width"))
+        channels = 4 if report["transparent"] else 3
+        async with drawing:
+            pixels = await asyncio.to_thread(draw, svg, wide, high, "resvg", _DRAW_S, channels)
+            data = await asyncio.to_thread(as_png, pixels)
+        headers = _attachment(job, ".png") if download else {}
+        return Response(data, media_type="image/png", headers=headers)
+
+    @app.get("/api/jobs/{name}/data-uri.txt", response_class=Response)
+    async def _data_uri(name: str, markup: Markup = None) -> Response:
+        """The SVG as a data URI."""
+        svg = await _svg(await _finished(name), markup)
+        text = f"data:image/svg+xml;base64,{base64.b64encode(svg.encode()).decode()}"
+        return Response(text, media_type="text/plain")
+
+    @app.get("/api/jobs/{name}/{file}", response_class=FileResponse)
+    async def _file(
+        name: str,
+        file: Literal["photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz"],
+        download: bool = False,
+    ) -> Response:
+        """The photo as it was compared, the error map, the outlines, the report, the scene."""
+        job = await _finished(name)
+        path = job.folder / file
+        if not path.is_file():
+            raise HTTPException(404, f"this job has no {file}")
+        headers = _attachment(job, f"-{file}") if download else {}
+        if file.endswith(".svg"):
+            headers["Content-Security-Policy"] = PICTURE_POLICY
+        return FileResponse(path, media_type=_FILES[file], headers=headers)
+
+    @app.get("/api/zip", response_class=Response)
+    async def _zip(ids: str, markup: Markup = None, gzip: bool = False) -> Response:
+        """SVGs of several jobs, ids separated by commas, as one ZIP."""
+        stream, taken = io.BytesIO(), set[str]()
+        with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name in dict.fromkeys(ids.split(",")):
+                job = await _finished(name)
+                zipped = gzip or bool(job.report and job.report["gzip"])
+                suffix = ".svgz" if zipped else ".svg"
+                svg = await _svg(job, markup)
+                data = await asyncio.to_thread(file_bytes, svg, zipped)
+                await asyncio.to_thread(archive.writestr, _free(job, suffix, taken), data)
+        headers = {"Content-Disposition": 'attachment; filename="gauss2svg.zip"'}
+        return Response(stream.getvalue(), media_type="application/zip", headers=headers)
+
+    async def _finished(name: str) -> Job:
+        """The job once its SVG is written; HTTPException where there will be none."""
+        job = job_named(queue, name)
+        await job.when()
+        if job.report is None:
+            raise HTTPException(409, job.error or f"the job was {job.state}; it has no SVG")
+        return job
+
+
+async def _svg(job: Job, markup: str | None) -> str:
+    report: dict[str, Any] = job.report or {}
+    name = "picture.svg"
+    if markup not in (None, report["markup"]):
+        await job.when(ready=True)
+        name = f"picture-{markup}.svg"
+    path = job.folder / name
+    if not path.is_file():
+        raise HTTPException(422, f"these options cannot be written with {markup} markup")
+    return await asyncio.to_thread(path.read_text, "utf-8")
+
+
+def _free(job: Job, suffix: str, taken: set[str]) -> str:
+    """A name that no other of an archive has, on any system."""
+    stem = name = PurePath(job.name).stem
+    number = 1
+    while f"{name}{suffix}".casefold() in taken:
+        number += 1
+        name = f"{stem}-{number}"
+    taken.add(f"{name}{suffix}".casefold())
+    return f"{name}{suffix}"
+
+
+def _attachment(job: Job, suffix: str) -> dict[str, str]:
+    name = quote(f"{PurePath(job.name).stem}{suffix}", safe="")
+    return {"Content-Disposition": f"attachment; filename*=UTF-8''{name}"}

@@ -1,0 +1,155 @@
+"""The server of the command: its socket, its token, and its end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import secrets
+import socket
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+from threading import Thread
+from types import FrameType
+from typing import Any
+
+import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.studio.guard import Guard
+from gauss2svg.studio.service import create_app
+
+_HEAD_S = 10.0  # in which the head of a request must be there
+_MOST_CONNECTIONS = 512
+_LOCAL_NAMES = {"127.0.0.1", "localhost", "::1"}
+
+
+class _Protocol(H11Protocol):
+    """HTTP that does not wait for ever for the head of a request."""
+
+    _patience: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: Any) -> None:
+        super().connection_made(transport)
+        self._watch()
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        self._watch()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._watch()
+
+    def _watch(self) -> None:
+        answering = self.cycle is not None and not self.cycle.response_complete
+        if answering or self.transport.is_closing():
+            if self._patience is not None:
+                self._patience.cancel()
+                self._patience = None
+        elif self._patience is None:
+            self._patience = self.loop.call_later(_HEAD_S, self._give_up)
+
+    def _give_up(self) -> None:
+        self._patience = None
+        if self.cycle is None or self.cycle.response_complete:
+            self.transport.close()
+
+
+class _Server(uvicorn.Server):
+    """A server that says where it is once it answers, and ends its fits before its connections."""
+
+    def __init__(self, config: uvicorn.Config, end_fits: Any, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._end_fits, self._ready = end_fits, ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started:
+            self._ready()
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        await self._end_fits()  # which ends the streams of their events
+        await super().shutdown(sockets)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Signals end the server, which is what they are for: they are not raised again."""
+        self.should_exit = True
+        _ = sig, frame
+
+
+def serve(
+    folder: Path | None,
+    host: str,
+    port: int,
+    jobs: int | None,
+    threads: int | None,
+    *,
+    browser: bool,
+    say: Callable[[str], None],
+) -> None:
+    """Serve the studio until a signal; say is called with lines for a person.
+
+    Raises InputError for an address that cannot be listened on.
+    """
+    whole_number("port", port, 0, 65535)
+    app = create_app(jobs, threads, folder)
+    listening = _socket(host, port)
+    with contextlib.closing(listening):
+        port = listening.getsockname()[1]
+        local, token = _is_loopback(host), secrets.token_urlsafe(24)
+        names = _LOCAL_NAMES | ({host.lower()} - {"0.0.0.0", "::"})
+        names |= set() if local else {socket.gethostname().lower()}
+        shown_host = "127.0.0.1" if host in ("0.0.0.0", "::") else host
+        shown_host = f"[{shown_host}]" if ":" in shown_host else shown_host
+        address = f"http://{shown_host}:{port}/?token={token}"
+
+        def ready() -> None:
+            if not local:
+                say(
+                    f"warning: anyone who reaches {host} and knows the token may use this machine, "
+                    "and the connection is not encrypted"
+                )
+            say(f"the studio is at {address} (Ctrl-C ends it)")
+            if browser:
+                # A browser in the terminal would keep its caller until it is left.
+                Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+
+        config = uvicorn.Config(
+            Guard(app, token, port, names, local),
+            http=_Protocol,
+            loop="asyncio",
+            ws="none",
+            log_level="critical",
+            access_log=False,
+            server_header=False,
+            limit_concurrency=_MOST_CONNECTIONS,
+            timeout_keep_alive=10,
+            timeout_graceful_shutdown=2,
+        )
+        _Server(config, app.jobs.close, ready).run(sockets=[listening])
+
+
+def _socket(host: str, port: int) -> socket.socket:
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listening = socket.socket(family, kind, protocol)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(address)
+    except OSError as error:
+        got = shown(f"{host}:{port} ({error.strerror or error})")
+        advice = "another --port, or --port 0"
+        raise InputError(must_be("host and port", "free to listen on", got, advice)) from error
+    return listening
+
+
+def _is_loopback(host: str) -> bool:
+    if host.lower() == "localhost":
+        return True
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return False

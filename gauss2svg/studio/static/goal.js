@@ -1,0 +1,111 @@
+// The main control: what a run aims at, and how much of it.
+
+import { all, by, make } from "./dom.js";
+import { shortSize, whole } from "./numbers.js";
+
+const TICKS = 100; // of the slider on a logarithmic scale
+const log = (least, most) => ({
+  toSlider: (value) => Math.round(TICKS * Math.log(value / least) / Math.log(most / least)),
+  fromSlider: (at) => Number((least * (most / least) ** (at / TICKS)).toPrecision(2)),
+  least: 0, most: TICKS, step: 1,
+});
+const linear = (least, most, step) => ({ toSlider: Number, fromSlider: Number, least, most, step });
+
+// scale: of the slider, which spans what is usual; the number field takes all that the option does.
+const KINDS = {
+  gaussians: {
+    scale: log(20, 30000), start: 3000, unit: "shapes", toOption: Math.round, per: 1, step: 1,
+    text: (value) => `${whole(value)} shapes`,
+  },
+  max_bytes: {
+    scale: log(1, 5000), start: 150, unit: "kB", toOption: (value) => Math.round(value * 1000), per: 1000, step: "any",
+    text: (value) => `at most ${shortSize(value * 1000)}`,
+  },
+  target_psnr: {
+    scale: linear(20, 46, 0.5), start: 34, unit: "dB", toOption: Number, per: 1, step: "any",
+    text: (value) => `${value} dB`,
+  },
+  time_limit: {
+    scale: log(0.5, 120), start: 5, unit: "s", toOption: Number, per: 1, step: "any",
+    text: (value) => `in ${value} s`,
+  },
+};
+
+export class Goal {
+  constructor(options, changed) {
+    this.form = by("goal");
+    this.slider = by("amount");
+    this.number = by("exact");
+    this.preset = by("preset");
+    this.values = Object.fromEntries(Object.entries(KINDS).map(([kind, one]) => [kind, one.start]));
+    this.options = options; // by name
+    const quality = options.quality;
+    this.presets = quality.choices;
+    this.preset.append(...this.presets.map((name) => make("option", { value: name }, name)));
+    this.preset.value = quality.default;
+    for (const radio of all("[name=kind]", this.form)) radio.addEventListener("input", () => {
+      this.showKind();
+      changed();
+    });
+    this.slider.addEventListener("input", () => {
+      if (this.kind === "quality") this.preset.value = this.presets[Number(this.slider.value)];
+      else this.values[this.kind] = KINDS[this.kind].scale.fromSlider(Number(this.slider.value));
+      this.showValue(this.slider);
+      changed();
+    });
+    this.preset.addEventListener("input", () => {
+      this.showValue();
+      changed();
+    });
+    this.number.addEventListener("input", () => {
+      if (!this.number.validity.valid || this.number.value === "") return;
+      this.values[this.kind] = Number(this.number.value);
+      this.showValue(this.number);
+      changed();
+    });
+    this.showKind();
+  }
+
+  get kind() {
+    return this.form.elements.kind.value;
+  }
+
+  // The option that the control stands for, and its value.
+  chosen() {
+    if (this.kind === "quality") return { quality: this.preset.value };
+    return { [this.kind]: KINDS[this.kind].toOption(this.values[this.kind]) };
+  }
+
+  text() {
+    return this.kind === "quality" ? this.preset.value : KINDS[this.kind].text(this.values[this.kind]);
+  }
+
+  showKind() {
+    const isQuality = this.kind === "quality";
+    by("exact-field").hidden = isQuality;
+    by("preset-field").hidden = !isQuality;
+    by("kind-help").textContent = this.options[this.kind].help;
+    const kind = KINDS[this.kind];
+    const scale = isQuality ? linear(0, this.presets.length - 1, 1) : kind.scale;
+    this.slider.min = scale.least;
+    this.slider.max = scale.most;
+    this.slider.step = scale.step;
+    if (!isQuality) {
+      const option = this.options[this.kind];
+      this.number.step = kind.step;
+      this.number.min = (option.min ?? 0) / kind.per;
+      this.number.max = option.max === null || option.max === undefined ? "" : option.max / kind.per;
+      by("unit").textContent = kind.unit;
+    }
+    this.showValue();
+  }
+
+  // from: the control that has the value already.
+  showValue(from = null) {
+    const value = this.values[this.kind];
+    if (this.kind === "quality") this.slider.value = this.presets.indexOf(this.preset.value);
+    else if (from !== this.slider) this.slider.value = KINDS[this.kind].scale.toSlider(value);
+    if (this.kind !== "quality" && from !== this.number) this.number.value = value;
+    this.slider.setAttribute("aria-valuetext", this.text());
+  }
+}

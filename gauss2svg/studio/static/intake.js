@@ -1,0 +1,54 @@
+// Photos come in: dropped, pasted, chosen, or picked among the samples.
+
+import { by, make } from "./dom.js";
+
+const NO_PHOTO = "There was no photo in it. Try a JPEG, PNG or WebP file.";
+
+export function listen(take, complain) {
+  const files = by("files");
+  for (const id of ["choose", "add"]) by(id).addEventListener("click", () => files.click());
+  files.addEventListener("change", () => {
+    take([...files.files].map(ofFile));
+    files.value = ""; // so that the same file may be chosen again
+  });
+  const given = (transfer) => {
+    const found = [...transfer.files].map(ofFile);
+    if (found.length) take(found);
+    else complain(NO_PHOTO);
+  };
+  let depth = 0; // of elements that the pointer is over
+  const over = (change) => {
+    depth = Math.max(depth + change, 0);
+    document.body.classList.toggle("dropping", depth > 0);
+  };
+  const hasFiles = (event) => event.dataTransfer?.types.includes("Files");
+  window.addEventListener("dragenter", (event) => { if (hasFiles(event)) over(1); });
+  window.addEventListener("dragleave", (event) => { if (hasFiles(event)) over(-1); });
+  window.addEventListener("dragover", (event) => { if (hasFiles(event)) event.preventDefault(); });
+  window.addEventListener("drop", (event) => {
+    event.preventDefault(); // the browser would leave the page for the file
+    over(-Infinity);
+    given(event.dataTransfer);
+  });
+  window.addEventListener("paste", (event) => {
+    const isText = event.target.closest?.("input, textarea, select");
+    if (event.clipboardData.files.length || !isText) given(event.clipboardData);
+  });
+}
+
+function ofFile(file) {
+  return { file, name: file.name || "pasted.png", url: URL.createObjectURL(file) };
+}
+
+export function showSamples(samples, take) {
+  by("pick").hidden = samples.length === 0;
+  by("samples").replaceChildren(...samples.map(({ name, url, width, height }) => {
+    const picture = make("img", {
+      src: url, alt: "", loading: "lazy", width, height, error: () => { picture.hidden = true; },
+    });
+    const button = make("button", {
+      type: "button", class: "sample", click: () => take([{ sample: name, name, url, width, height }]),
+    }, picture, make("span", {}, name));
+    return make("li", {}, button);
+  }));
+}

@@ -1,0 +1,360 @@
+// What the page knows, and what follows from a change of it.
+
+import { ApiError, getBlob, getEstimate, getOptions, getSamples, ofJob, zipOf } from "./api.js";
+import { all, by, complain, debounced, say } from "./dom.js";
+import { Exports } from "./exports.js";
+import { Goal } from "./goal.js";
+import { listen, showSamples } from "./intake.js";
+import { isActive, isDone, Lane } from "./job.js";
+import { More } from "./more.js";
+import { about, whole } from "./numbers.js";
+import { figuresOf, showProgress, Strip } from "./progress.js";
+import { Picture } from "./rounds.js";
+import { named, Trade } from "./trade.js";
+import { Viewer } from "./viewer.js";
+
+const TYPICAL = { width: 768, height: 512 }; // px, before there is a photo
+const ESTIMATE_MS = 200; // after the last change
+const FORGOTTEN = "The server has forgotten this run, and keeps its newest ones only. Try to run it again.";
+
+class Studio {
+  constructor({ groups, scores }) {
+    Object.assign(this, { photos: [], runs: [], photo: null, shown: null, beside: null });
+    const options = Object.fromEntries(groups.flatMap((group) => group.options).map((one) => [one.name, one]));
+    const estimate = debounced(() => this.estimate(), ESTIMATE_MS);
+    this.goal = new Goal(options, estimate);
+    this.more = new More(groups, estimate);
+    this.viewer = new Viewer((source) => this.missing(source));
+    this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
+    this.exports = new Exports();
+    this.strip = new Strip((photo) => this.open(photo));
+    this.lane = new Lane(Number(document.body.dataset.workers), (run) => this.changed(run));
+    this.hear();
+    this.estimate();
+  }
+
+  hear() {
+    listen((photos) => this.take(photos), (line) => complain("photo-error", line));
+    by("goal").addEventListener("submit", (event) => {
+      event.preventDefault();
+      if (this.photo) this.run([this.photo]);
+      else by("choose").focus();
+    });
+    by("run-all").addEventListener("click", () => this.run(this.photos));
+    by("stop").addEventListener("click", () => this.stop());
+    by("cancel").addEventListener("click", () => this.cancel());
+    by("look").addEventListener("input", () => this.showStage());
+    by("look").addEventListener("submit", (event) => event.preventDefault());
+    by("rounds").addEventListener("input", () => this.showStage());
+    by("left").addEventListener("input", () => {
+      this.beside = this.runs.find((run) => String(run.number) === by("left").value) ?? null;
+      this.showAll();
+    });
+    const ramp = all(".ramp")[0];
+    ramp.style.background = `linear-gradient(to right,${ramp.dataset.colors})`;
+  }
+
+  // ---- photos and runs come in
+  take(photos) {
+    complain("photo-error", "");
+    photos.forEach((photo) => { photo.series = this.photos.push(photo) - 1; });
+    this.open(photos[0]);
+    this.run(photos);
+    by("title").focus({ preventScroll: true });
+    by("title").scrollIntoView({ block: "nearest" });
+  }
+
+  run(photos) {
+    complain("goal-error", "");
+    const asked = this.asked();
+    if (asked === null) return;
+    for (const photo of photos) {
+      const number = Math.max(0, ...this.runs.map((run) => run.number)) + 1;
+      const run = { number, photo, asked, aim: this.aim(), state: "waiting", progress: null };
+      this.runs.push(run);
+      if (photo === this.photo) this.setShown(run);
+      this.lane.add(run);
+    }
+    this.showAll();
+    say(photos.length > 1 ? `${photos.length} runs started` : "Run started");
+  }
+
+  // The options of the form; null where a field of it holds what it may not.
+  asked() {
+    const field = by("exact");
+    if (this.goal.kind !== "quality" && (!field.validity.valid || field.value === "")) {
+      complain("goal-error", field.validationMessage || "A number is missing.");
+      field.focus();
+      return null;
+    }
+    return this.more.check() ? { ...this.more.chosen(this.goal.kind), ...this.goal.chosen() } : null;
+  }
+
+  aim() {
+    const many = Object.keys(this.more.chosen(this.goal.kind)).length;
+    return this.goal.text() + (many ? `, ${many} more option${many > 1 ? "s" : ""}` : "");
+  }
+
+  async changed(run) {
+    if (!run.isEnded && !isActive(run)) {
+      run.isEnded = true;
+      await this.ended(run);
+    } else if (run.state === "running" && !run.photo.width && run.width) this.measure(run.photo, run.width, run.height);
+    const isOfShown = run === this.active();
+    if (isActive(run) && isOfShown) this.showStage();
+    this.strip.update(this.photos, this.photo, (photo) => this.newest(photo));
+    showProgress(this.active());
+  }
+
+  async ended(run) {
+    if (isDone(run)) {
+      try {
+        run.picture = await Picture.of(run.id);
+        this.measure(run.photo, run.report.width, run.report.height);
+      } catch (error) {
+        if (!(error instanceof ApiError)) throw error;
+        Object.assign(run, { state: "failed", error: error.message });
+      }
+    }
+    if (isDone(run) && run.photo.cannotBeSeen) this.tried(this.fetchPhoto(run));
+    if (!isDone(run)) this.drop(run);
+    if (this.shown === run) {
+      by("rounds").value = by("rounds").max = run.picture.rounds.length || 1;
+    }
+    if (isDone(run)) say(`${named(run)} is done: ${figuresOf(run)}`);
+    this.showAll();
+    this.estimate();
+  }
+
+  // A run without a result leaves no point; its reason is told beside what caused it.
+  drop(run) {
+    const isAlone = !this.runs.some((one) => one !== run && one.photo === run.photo);
+    this.runs = this.runs.filter((one) => one !== run);
+    if (this.shown === run) this.setShown(this.newest(run.photo) ?? null);
+    if (run.state === "canceled") {
+      say("Run canceled");
+      return;
+    }
+    const line = run.error.includes(run.photo.name) ? run.error : `${run.photo.name}: ${run.error}`;
+    if (run.id === undefined && this.more.blame(run.error)) return;
+    // A photo that the server refuses is not kept.
+    if (run.id === undefined && isAlone && [413, 415, 422].includes(run.status)) {
+      this.photos = this.photos.filter((one) => one !== run.photo);
+      URL.revokeObjectURL(run.photo.url);
+      if (this.photo === run.photo) this.open(this.photos.at(-1) ?? null);
+    }
+    complain("photo-error", line);
+  }
+
+  // The photo in a format that every browser shows, where it came in another.
+  async fetchPhoto(run) {
+    run.photo.url = URL.createObjectURL(await getBlob(ofJob(run.id, "photo.png")));
+    run.photo.cannotBeSeen = false;
+    this.showStage();
+  }
+
+  newest(photo) {
+    return this.runs.filter((run) => run.photo === photo).at(-1);
+  }
+
+  // The run under way of the photo that is shown.
+  active() {
+    if (this.shown && isActive(this.shown)) return this.shown;
+    return this.runs.find((run) => run.photo === this.photo && isActive(run)) ?? null;
+  }
+
+  async stop() {
+    const run = this.active();
+    run.isStopping = true;
+    showProgress(run);
+    await this.tried(this.lane.stop(run));
+  }
+
+  async cancel() {
+    await this.tried(this.lane.cancel(this.active()));
+  }
+
+  async tried(asked) {
+    try {
+      await asked;
+    } catch (error) {
+      if (!(error instanceof ApiError)) throw error;
+      complain("photo-error", error.message);
+    }
+  }
+
+  // ---- what is shown
+  open(photo) {
+    this.photo = photo;
+    by("empty").hidden = photo !== null;
+    by("viewer").hidden = by("add").hidden = photo === null;
+    document.body.classList.toggle("has-photo", photo !== null);
+    by("pick").open = photo === null;
+    if (photo === null) {
+      this.setShown(null);
+      this.showAll();
+      return;
+    }
+    this.setShown(this.newest(photo) ?? null);
+    if (photo.width) this.viewer.open(photo.width, photo.height);
+    else {
+      const picture = new Image();
+      picture.onload = () => this.measure(photo, picture.naturalWidth, picture.naturalHeight);
+      picture.onerror = () => { photo.cannotBeSeen = true; this.showStage(); };
+      picture.src = photo.url;
+    }
+    this.showAll();
+    this.estimate();
+  }
+
+  measure(photo, width, height) {
+    Object.assign(photo, { width, height });
+    if (photo !== this.photo) return;
+    this.viewer.open(width, height);
+    this.showHeading();
+    this.estimate();
+  }
+
+  setShown(run) {
+    this.shown = run;
+    this.beside = null;
+    const rounds = run?.picture?.rounds.length || 1;
+    by("rounds").max = rounds;
+    by("rounds").value = rounds;
+  }
+
+  show(run) {
+    const isOther = run.photo !== this.photo;
+    if (isOther) this.open(run.photo);
+    if (this.shown !== run) this.setShown(run);
+    this.showAll();
+    by("stage").scrollIntoView({ block: "nearest" }); // the table is far below
+    say(`${named(run)}: ${figuresOf(run)}`);
+  }
+
+  compare(run) {
+    if (run.photo !== this.shown?.photo || run === this.shown || !this.shown.picture) {
+      this.show(run);
+      return;
+    }
+    this.beside = this.beside === run ? null : run;
+    this.showAll();
+    by("stage").scrollIntoView({ block: "nearest" });
+    if (this.beside) say(`${named(run)} is left of the divider, ${named(this.shown)} right of it`);
+  }
+
+  showAll() {
+    this.showHeading();
+    this.showStage();
+    showProgress(this.active());
+    this.strip.update(this.photos, this.photo, (photo) => this.newest(photo));
+    const finished = this.runs.filter((run) => run.picture);
+    this.trade.update(finished, this.shown, this.beside);
+    const done = this.shown?.picture ? this.shown : null;
+    this.exports.show(done);
+    by("figures").textContent = done ? figuresOf(done) : "";
+    by("notes").textContent = done ? [...done.report.unreached, ...done.report.notes].join("; ") : "";
+    by("measured").textContent = done ? `Run ${done.number} gave ${about({ ...done.report, bytes: done.report.svg_bytes, seconds: done.report.total_s, psnr: done.report.psnr_svg })}` : "";
+    by("run-all").hidden = this.photos.length < 2;
+    by("run-all").textContent = `Run all ${this.photos.length}`;
+    const latest = this.photos.map((photo) => finished.filter((run) => run.photo === photo).at(-1)).filter(Boolean);
+    by("zip").hidden = latest.length < 2;
+    by("zip").href = zipOf(latest.map((run) => run.id));
+  }
+
+  showHeading() {
+    const { photo } = this;
+    by("title").textContent = photo ? photo.name : "A photo becomes an SVG";
+    by("facts").textContent = photo?.width ? `${whole(photo.width)} \u00d7 ${whole(photo.height)} px` : "";
+  }
+
+  showStage() {
+    const { photo, shown, beside, viewer } = this;
+    if (photo === null) return;
+    const done = shown?.picture ? shown : null, look = by("look").elements;
+    this.listSides(done);
+    if (beside) viewer.show("left", pictureSide(beside, beside.picture.whole));
+    else viewer.show("left", photo.cannotBeSeen ? null : { src: photo.url, name: "photo", alt: `The photo ${photo.name}`, badge: "Photo" });
+    for (const control of [look.outlined, ...look.side]) control.disabled = !done;
+    const isErrors = done !== null && look.side.value === "errors";
+    if (isErrors) viewer.show("right", { src: ofJob(done.id, "errors.png"), name: "error map", alt: `Error map of ${named(done)}`, badge: `Errors, run ${done.number}`, pixels: true });
+    else if (done) viewer.show("right", pictureSide(done, done.picture.upTo(Number(by("rounds").value)), !beside));
+    else viewer.show("right", frameSide(shown));
+    // The photo until there are shapes, the shapes as they come, and in the end both.
+    viewer.divide(done ? 50 : frameSide(shown) ? 0 : 100);
+    const isOutlined = done !== null && look.outlined.checked;
+    viewer.outline("right", isOutlined ? ofJob(done.id, "outlines.svg") : null);
+    viewer.outline("left", isOutlined ? ofJob((beside ?? done).id, "outlines.svg") : null);
+    by("legend").hidden = !isErrors;
+    this.showRounds(done, isErrors);
+  }
+
+  showRounds(done, isErrors) {
+    const rounds = done?.picture.rounds ?? [], field = by("rounds");
+    by("rounds-field").hidden = rounds.length < 2;
+    if (rounds.length < 2) return;
+    field.disabled = isErrors;
+    const [number, count] = rounds[Math.min(Number(field.value), rounds.length) - 1];
+    by("round").textContent = `after round ${number}: ${whole(count)} shapes`;
+    field.setAttribute("aria-valuetext", by("round").textContent);
+  }
+
+  // What may be left of the divider: the photo, or another run of it.
+  listSides(done) {
+    const others = this.runs.filter((run) => run.picture && run.photo === this.photo && run !== done);
+    by("left-field").hidden = !done || others.length === 0;
+    const listed = ["", ...others.map((run) => String(run.number))].join();
+    if (by("left").dataset.listed !== listed) {
+      by("left").dataset.listed = listed;
+      by("left").replaceChildren(new Option("Photo", ""), ...others.map((run) => new Option(`Run ${run.number}, ${run.aim}`, run.number)));
+    }
+    by("left").value = this.beside ? this.beside.number : "";
+  }
+
+  missing(source) {
+    if (source.startsWith("blob:") && source === this.photo?.url) {
+      this.photo.cannotBeSeen = true;
+      this.showStage();
+    } else if (source.startsWith("api/jobs/") && !source.includes("/frame?")) complain("photo-error", FORGOTTEN);
+  }
+
+  async estimate() {
+    this.asking?.abort();
+    this.asking = new AbortController();
+    const place = this.photo?.width ? this.photo : TYPICAL;
+    const options = { ...this.more.chosen(this.goal.kind), ...this.goal.chosen() };
+    try {
+      const of = this.runs.filter((run) => run.picture && run.photo === this.photo).at(-1)?.id;
+      const found = await getEstimate({ width: place.width, height: place.height, options, of }, this.asking.signal);
+      by("estimate").textContent = `About ${about(found)}${place === TYPICAL ? `, for a photo of ${TYPICAL.width} \u00d7 ${TYPICAL.height} px` : ""}`;
+      complain("goal-error", "");
+    } catch (error) {
+      if (error.name === "AbortError") return;
+      if (!(error instanceof ApiError)) throw error;
+      by("estimate").textContent = "";
+      if (error.status !== 422 || !this.more.blame(error.message, false)) complain("goal-error", error.message);
+    }
+  }
+}
+
+function pictureSide(run, src, isAlone = false) {
+  return { src, name: isAlone ? "SVG" : `run ${run.number}`, alt: `${run.photo.name} as SVG, ${run.aim}`, badge: `${isAlone ? "SVG" : `Run ${run.number}`}, ${run.aim}` };
+}
+
+function frameSide(run) {
+  if (!run?.progress?.frame) return run?.lastFrame ?? null;
+  run.lastFrame = { src: ofJob(run.id, `frame?n=${run.progress.frame}`), name: "shapes so far", alt: "The shapes so far", badge: "So far" };
+  return run.lastFrame;
+}
+
+async function begin() {
+  try {
+    const studio = new Studio(await getOptions());
+    showSamples(await getSamples(), (photos) => studio.take(photos));
+    document.body.classList.add("ready");
+  } catch (error) {
+    if (!(error instanceof ApiError)) throw error;
+    complain("photo-error", error.message);
+  }
+}
+begin();

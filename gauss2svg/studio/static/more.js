@@ -1,0 +1,118 @@
+// The less used options, made from the server's description of them.
+
+import { by, make } from "./dom.js";
+
+const NAMES = /\b(ssim|psnr|ssimulacra2|svg)\b/g;
+const titled = (name) => {
+  const words = name.replaceAll("_", " ").replace(NAMES, (one) => one.toUpperCase());
+  return words[0].toUpperCase() + words.slice(1);
+};
+
+export class More {
+  constructor(groups, changed) {
+    this.fields = new Map(); // by option name: {option, control, row, line}
+    for (const group of groups) {
+      const rows = group.options.map((option) => this.row(option));
+      by("groups").append(make("details", { class: "group" },
+        make("summary", {}, group.title), make("div", { class: "options" }, ...rows)));
+    }
+    by("groups").addEventListener("input", () => {
+      this.count();
+      changed();
+    });
+    by("reset").addEventListener("click", () => {
+      for (const one of this.fields.values()) this.set(one, one.option.default);
+      this.count();
+      changed();
+    });
+    this.count();
+  }
+
+  row(option) {
+    const id = `option-${option.name}`, help = `${id}-help`, line = `${id}-error`;
+    const control = this.control(option, { id, "aria-describedby": `${help} ${line}` });
+    const error = make("p", { class: "error", id: line, role: "alert", hidden: true });
+    const label = make("label", { for: id }, titled(option.name));
+    const unit = option.unit ? make("span", { class: "soft" }, ` ${option.unit}`) : null;
+    const row = make("div", { class: option.type === "boolean" ? "option bool" : "option" },
+      label, make("span", { class: "value" }, control, unit),
+      make("p", { class: "help", id: help }, option.help, " ", make("code", {}, option.flag ?? "")), error);
+    this.fields.set(option.name, { option, control, row, error });
+    this.set(this.fields.get(option.name), option.default);
+    return row;
+  }
+
+  control(option, attributes) {
+    if (option.type === "boolean") return make("input", { type: "checkbox", ...attributes });
+    if (option.type === "choice") {
+      const choices = option.choices.map((one) => make("option", { value: one }, String(one)));
+      if (option.default === null) choices.unshift(make("option", { value: "" }, "automatic"));
+      return make("select", attributes, ...choices);
+    }
+    if (option.type === "text" || option.type === "size") return make("input", { type: "text", autocomplete: "off", placeholder: "automatic", ...attributes });
+    return make("input", {
+      type: "number", step: option.type === "integer" ? 1 : "any", min: option.min, max: option.max,
+      placeholder: option.default === null ? "automatic" : "", ...attributes,
+    });
+  }
+
+  set({ option, control }, value) {
+    if (option.type === "boolean") control.checked = value === true;
+    else control.value = value ?? "";
+  }
+
+  value({ option, control }) {
+    if (option.type === "boolean") return control.checked;
+    if (control.value === "") return option.default;
+    if (option.type === "integer" || option.type === "number") return Number(control.value);
+    if (option.type === "choice") return option.choices.find((one) => String(one) === control.value);
+    return control.value;
+  }
+
+  // Options that differ from their defaults; `main` is set elsewhere.
+  chosen(main) {
+    const found = {};
+    for (const [name, one] of this.fields) {
+      one.row.hidden = name === main;
+      const value = this.value(one);
+      if (name !== main && value !== one.option.default) found[name] = value;
+    }
+    return found;
+  }
+
+  count() {
+    let many = 0;
+    for (const one of this.fields.values()) {
+      const isChanged = this.value(one) !== one.option.default;
+      one.row.classList.toggle("changed", isChanged);
+      many += isChanged;
+      one.error.hidden = true;
+    }
+    by("changed").textContent = many ? `${many} changed` : "";
+    by("reset").hidden = many === 0;
+  }
+
+  // The first field that the browser refuses gets the focus.
+  check() {
+    const bad = [...this.fields.values()].find((one) => !one.control.validity.valid);
+    if (bad) this.refuse(bad, bad.control.validationMessage);
+    return !bad;
+  }
+
+  // Shows a line of the server at the option that it names; false where it is not seen there.
+  blame(line, isRun = true) {
+    const one = this.fields.get(/^[a-z_]+/.exec(line)?.[0]);
+    if (one) this.refuse(one, line, isRun);
+    return one !== undefined && one.error.checkVisibility();
+  }
+
+  // isRun: a run was asked for, so the field gets the focus; an estimate does not take it away.
+  refuse({ control, row, error }, line, isRun = true) {
+    error.textContent = line;
+    error.hidden = false;
+    if (!isRun) return;
+    by("more").open = true;
+    row.closest("details").open = true;
+    control.focus();
+  }
+}

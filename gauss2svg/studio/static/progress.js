@@ -1,0 +1,92 @@
+// The run that is under way: its figures, its bar, and the line of photos.
+
+import { by, make } from "./dom.js";
+import { isActive, isDone } from "./job.js";
+import { decibels, seconds, size, whole } from "./numbers.js";
+
+const PHASES = {
+  read: "Reading the photo", compile: "Preparing, the first time only", write: "Writing the SVG",
+  measure: "Measuring it", correct: "Correcting colours",
+};
+const ahead = (place) => (place === 1 ? "one before it" : `${place} before it`);
+
+function standing(run) {
+  if (run.lost) return run.lost;
+  if (run.isStopping) return "Stopping with the best so far";
+  if (run.state === "waiting") return `Waiting, ${ahead(run.place)}`;
+  if (run.state === "queued") return run.place > 1 ? `In the queue, ${ahead(run.place - 1)}` : "In the queue, next";
+  const now = run.progress;
+  if (!now) return "Starting";
+  return PHASES[now.phase] ?? `Round ${now.round}`;
+}
+
+export function showProgress(run) {
+  by("progress").hidden = run === null;
+  if (run === null) return;
+  const figures = run.figures ?? run.progress; // those of the fit stay while it is written
+  const isFitting = run.progress?.iteration !== undefined;
+  if (isFitting) run.figures = run.progress;
+  by("standing").textContent = standing(run);
+  const bar = by("bar"), done = isFitting ? run.progress.done : null;
+  // Without a value the bar says only that something happens, such as a measurement.
+  if (done === null) bar.removeAttribute("value");
+  else bar.value = done;
+  const has = figures?.gaussians !== undefined;
+  for (const [id, text] of [
+    ["now-shapes", has ? whole(figures.gaussians) : ""], ["now-psnr", has ? decibels(figures.psnr) : ""],
+    ["now-size", has ? `about ${size(figures.bytes_estimate)}` : ""], ["now-time", has ? seconds(figures.elapsed_s) : ""],
+    ["now-left", has && isFitting && run.progress.remaining_s > 0 ? seconds(run.progress.remaining_s) : ""],
+  ]) {
+    by(id).textContent = text;
+    by(id).parentElement.hidden = text === "";
+  }
+  by("stop").disabled = !isFitting || run.isStopping === true;
+}
+
+export function figuresOf(run) {
+  const { report } = run;
+  const parts = [`${whole(report.gaussians)} shapes`, decibels(report.psnr_svg)];
+  if (report.ssim_svg !== null && report.ssim_svg !== undefined) parts.push(`SSIM ${report.ssim_svg.toFixed(3)}`);
+  parts.push(`${size(report.svg_bytes)} (${size(report.svgz_bytes)} gzipped)`, seconds(report.total_s));
+  return parts.join(" \u00b7 ");
+}
+
+function inShort(run) {
+  if (!run) return "";
+  if (isDone(run)) return `${decibels(run.report.psnr_svg)}, ${size(run.report.svg_bytes)}`;
+  if (!isActive(run)) return run.state;
+  if (run.state !== "running") return "waiting";
+  return run.progress?.done === undefined ? "running" : `${Math.round(100 * run.progress.done)} %`;
+}
+
+// The line of photos, where there are several; kept in place, so that the focus stays.
+export class Strip {
+  constructor(choose) {
+    this.choose = choose;
+    this.items = new Map();
+  }
+
+  update(photos, current, newest) {
+    by("strip").hidden = photos.length < 2;
+    for (const photo of photos) {
+      if (!this.items.has(photo)) this.add(photo);
+      const { button, state } = this.items.get(photo);
+      button.setAttribute("aria-pressed", photo === current);
+      state.textContent = inShort(newest(photo));
+    }
+    for (const [photo, { item }] of this.items) if (!photos.includes(photo)) {
+      item.remove();
+      this.items.delete(photo);
+    }
+  }
+
+  add(photo) {
+    const picture = make("img", { src: photo.url, alt: "", error: () => { picture.hidden = true; } });
+    const state = make("span", { class: "soft" });
+    const button = make("button", { type: "button", class: "sample", click: () => this.choose(photo) },
+      picture, make("span", { class: "name" }, photo.name), state);
+    const item = make("li", {}, button);
+    by("thumbnails").append(item);
+    this.items.set(photo, { item, button, state });
+  }
+}

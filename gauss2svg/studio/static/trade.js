@@ -1,0 +1,92 @@
+// Every finished run: a point of the chart, a row of the table.
+
+import { chartOf, mark } from "./chart.js";
+import { all, by, make } from "./dom.js";
+import { score, seconds, shortSeconds, shortSize, size, whole } from "./numbers.js";
+
+const COSTS = {
+  svg_bytes: { title: "size of the SVG", tick: shortSize, name: "size" },
+  total_s: { title: "time, photo to measured SVG", tick: shortSeconds, name: "time" },
+};
+
+// Decimals of a score, and the least distance of two ticks.
+const AXES = {
+  psnr: { digits: 2, least_step: 1 }, ssim: { digits: 3, least_step: 0.01 },
+  ssimulacra2: { digits: 1, least_step: 1 }, flip: { digits: 4, least_step: 0.01 },
+};
+
+export class Trade {
+  // scores: the axes of the server; show(run) and compare(run) are called by clicks.
+  constructor(scores, show, compare) {
+    scores = scores.map((one) => ({ ...one, ...AXES[one.slug] }));
+    Object.assign(this, { scores, show, compare, runs: [], shown: null, compared: null });
+    const radio = (axis, at) => make("label", {},
+      make("input", { type: "radio", name: "score", value: axis.key, checked: at === 0 }), make("span", {}, axis.name));
+    by("scores").append(...scores.map(radio));
+    by("axes").addEventListener("input", () => this.drawChart());
+    by("axes").addEventListener("submit", (event) => event.preventDefault());
+  }
+
+  update(runs, shown, compared) {
+    Object.assign(this, { runs, shown, compared });
+    by("trade").hidden = by("runs-section").hidden = runs.length === 0;
+    if (!runs.length) return;
+    this.measured = this.scores.filter((axis) => runs.some((run) => axis.key in run.report && (run.report[axis.key] !== null || axis.best === null)));
+    for (const input of all("[name=score]", by("axes")))
+      input.closest("label").hidden = !this.measured.some((axis) => axis.key === input.value);
+    this.drawChart();
+    this.fillTable();
+  }
+
+  axis() {
+    const form = by("axes").elements;
+    return this.measured.find((axis) => axis.key === form.score.value) ?? this.measured[0];
+  }
+
+  drawChart() {
+    const axis = this.axis(), cost = COSTS[by("axes").elements.cost.value];
+    const key = by("axes").elements.cost.value;
+    const has = (run) => axis.best === null || (run.report[axis.key] ?? null) !== null;
+    const points = this.runs.filter(has).map((run) => ({
+      cost: run.report[key], score: run.report[axis.key], series: run.photo.series, run: run.number,
+      text: `${named(run)}: ${score(axis, run.report[axis.key])}, ${size(run.report.svg_bytes)}, ${seconds(run.report.total_s)}`,
+      isShown: run === this.shown, isCompared: run === this.compared,
+      choose: (event) => (event.shiftKey ? this.compare(run) : this.show(run)),
+    }));
+    const focused = document.activeElement?.closest?.(".point")?.dataset.run;
+    by("chart").replaceChildren(chartOf(points, axis, cost, `${axis.title}, over ${cost.title}, logarithmic; the table has the numbers`));
+    if (focused) by("chart").querySelector(`[data-run="${focused}"]`)?.focus({ preventScroll: true });
+  }
+
+  fillTable() {
+    const columns = ["Run", "Aim", "Shapes", ...this.measured.map((axis) => axis.name), "Size", "Gzipped", "Time", "Beside the shown"];
+    const texts = ["Run", "Aim", "Beside the shown"];
+    const heads = columns.map((name) => make("th", { scope: "col", class: texts.includes(name) ? "text" : null }, name));
+    const focused = document.activeElement?.dataset.action;
+    by("runs").replaceChildren(
+      make("caption", {}, "All runs, measured on the rasterised SVG against the photo"),
+      make("thead", {}, make("tr", {}, ...heads)),
+      make("tbody", {}, ...this.runs.map((run) => this.row(run))));
+    if (focused) all("[data-action]", by("runs")).find((one) => one.dataset.action === focused)?.focus({ preventScroll: true });
+  }
+
+  row(run) {
+    const { report } = run, isShown = run === this.shown, isCompared = run === this.compared;
+    const cell = (words) => make("td", {}, words);
+    const compare = make("button", {
+      class: "small", type: "button", "aria-pressed": String(isCompared), "data-action": `compare-${run.number}`,
+      "aria-label": `Compare ${named(run)} with the shown one`,
+      disabled: isShown || run.photo !== this.shown?.photo, click: () => this.compare(run),
+    }, "Compare");
+    return make("tr", { "aria-current": isShown ? "true" : null },
+      make("th", { scope: "row" }, mark(run.photo.series), make("button", {
+        class: "plain-button", type: "button", "data-action": `show-${run.number}`, click: () => this.show(run),
+      }, `${run.number}, ${run.photo.name}`)),
+      make("td", { class: "text" }, run.aim),
+      cell(whole(report.gaussians)), ...this.measured.map((axis) => cell(score(axis, report[axis.key]))),
+      cell(size(report.svg_bytes)), cell(size(report.svgz_bytes)), cell(seconds(report.total_s)),
+      make("td", { class: "text" }, compare));
+  }
+}
+
+export const named = (run) => `Run ${run.number}, ${run.photo.name}, ${run.aim}`;

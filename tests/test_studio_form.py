@@ -1,0 +1,214 @@
+"""What the page is told of options, and the lines that make the same file."""
+
+import io
+import shlex
+import subprocess
+import sys
+import types
+
+import pytest
+from conftest import random_scene
+from PIL import Image
+
+import gauss2svg
+from gauss2svg.cli import vectorize as command
+from gauss2svg.cli.main import build_app, main
+from gauss2svg.errors import InputError
+from gauss2svg.pipeline.options import Options, option_names
+from gauss2svg.studio import frames
+from gauss2svg.studio.estimate import Estimator
+from gauss2svg.studio.form import form, options_of
+from gauss2svg.studio.jobs import Jobs
+from gauss2svg.studio.lines import lines_of
+from gauss2svg.studio.share import workers_and_threads
+
+OPTIONS = [option for group in form()["groups"] for option in group["options"]]
+# A value of each option that is not its default.
+CHANGED = {
+    "quality": "fast", "gaussians": 700, "target_psnr": 31.5, "target_ssimulacra2": 55,
+    "max_bytes": 40_000, "time_limit": 9.5, "iterations": 77, "loss": "l1+ssim", "tune": "psnr",
+    "ssim_weight": 0.3, "learning_rate": 0.5, "blend": "add", "falloff": "gaussian", "seed": 5,
+    "init": "random", "schedule": "linear", "per_round": 50, "round_iterations": 9,
+    "relocate": False, "form": "blur", "markup": "minimal", "palette": 12, "stops": 8,
+    "precision": 0.1, "matte": "#fa0", "portable": True, "gzip": True, "title": "A 'quoted' title",
+    "alt": "-starts like an option", "size": "120mm", "aspect": "xMidYMid slice", "segments": 8,
+    "animate": 2.5, "fragments": True, "renderer": "cairo", "scores": True, "max_size": 200,
+}  # fmt: skip
+# What an option needs beside it.
+WITH = {
+    "ssim_weight": {"loss": "l1+ssim"}, "portable": {"blend": "add"},
+    "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
+    "schedule": {"gaussians": 100},
+}  # fmt: skip
+
+
+def test_every_option_is_described_except_the_servers_own():
+    names = [option["name"] for option in OPTIONS]
+    own = {"checkpoint", "checkpoint_every", "resume", "threads", "max_memory", "max_pixels"}
+    assert (
+        names == [name for name in option_names() if name not in own]
+        or set(names) == set(option_names()) - own
+    )
+    assert set(CHANGED) == set(names)
+    defaults = Options().flat()
+    for option in OPTIONS:
+        assert option["default"] == defaults[option["name"]]
+        assert option["help"]
+
+
+def test_the_help_is_that_of_the_command_line(capsys):
+    build_app(everything=True)(["--help-all"], exit_on_error=False)
+    shown = letters(capsys.readouterr().out)
+    for option in OPTIONS:
+        assert letters(option["flag"]) in shown
+        assert letters(option["help"])[:12] in shown  # the table breaks lines further on
+
+
+def letters(text: str) -> str:
+    return "".join(c for c in text if c.isalnum())
+
+
+@pytest.mark.parametrize(
+    "option", [o for o in OPTIONS if o["min"] is not None], ids=lambda o: o["name"]
+)
+def test_limits_are_those_that_are_checked(option):
+    for inside in (option["min"], option["max"]):
+        if not (option["above"] and inside == option["min"]):
+            gauss2svg_options(option["name"], inside)
+    whole = option["type"] == "integer"
+    if option["max"] is not None and option["name"] != "segments":
+        with pytest.raises(InputError):
+            gauss2svg_options(option["name"], option["max"] + (1 if whole else 0.5))
+
+
+def gauss2svg_options(name: str, value) -> Options:
+    return Options.from_flat({name: value})
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_the_lines_are_read_back_as_the_same_options(name, monkeypatch):
+    given = {name: CHANGED[name], **WITH.get(name, {})}
+    options = Options.from_flat(given)
+    lines = lines_of("-my photo's.jpg", options)
+    read = []
+    monkeypatch.setattr(command, "_run", lambda photo, output, o, files: read.append((photo, o)))
+    words = shlex.split(lines["command"])
+    build_app()(words[1:], exit_on_error=False, print_error=False)
+    assert read[0][0] == "./-my photo's.jpg"
+    assert read[0][1].flat() == options.flat()
+    saved = types.SimpleNamespace(save=read.append)
+
+    def vectorize(photo, **options):
+        read.append(options)
+        return saved
+
+    monkeypatch.setattr(gauss2svg, "vectorize", vectorize, raising=False)
+    exec(lines["python"], {})
+    groups = {k: v for k, v in read[1].items() if k in ("fit", "densify", "svg", "document", "run")}
+    goal = gauss2svg.Goal(**{k: v for k, v in read[1].items() if k not in groups})
+    assert Options(goal=goal, **groups).flat() == options.flat()
+
+
+def test_lines_say_only_what_is_not_the_default():
+    assert lines_of("a.png", Options())["command"] == "gauss2svg a.png -o a.svg"
+    assert lines_of("a.png", options_of({"quality": "balanced", "seed": 0})) == lines_of(
+        "a.png", Options()
+    )
+
+
+def estimated(width: int = 768, height: int = 512, **options) -> dict:
+    return Estimator(Jobs(1, 1)).estimate(width, height, options_of(options), None)
+
+
+def test_estimates_grow_with_quality_and_keep_to_what_is_asked():
+    presets = [estimated(quality=q) for q in ("draft", "fast", "balanced", "high", "max")]
+    for key in ("gaussians", "bytes", "gzip_bytes", "psnr"):
+        values = [found[key] for found in presets]
+        assert values == sorted(set(values))
+    assert estimated(gaussians=500)["gaussians"] == 500
+    assert estimated(max_bytes=50_000)["bytes"] == 50_000
+    assert estimated(target_psnr=32.6)["psnr"] == pytest.approx(32.6, abs=0.5)
+    assert estimated(time_limit=0.25)["seconds"] == 0.25
+    assert estimated(width=4000, height=3000, quality="draft")["seconds"] > presets[0]["seconds"]
+
+
+@pytest.mark.parametrize("size", [(0, 10), (10, -1), (None, 5), ("9", 9), (10**12, 1)])
+def test_an_estimate_of_no_size_is_refused(size):
+    with pytest.raises(InputError):
+        estimated(*size)
+
+
+@pytest.mark.parametrize(
+    ("cores", "given", "shares"),
+    [
+        (1, (None, None), (1, 1)), (2, (None, None), (1, 2)), (4, (None, None), (1, 4)),
+        (7, (None, None), (1, 7)), (8, (None, None), (2, 4)), (16, (None, None), (4, 4)),
+        (8, (4, None), (4, 2)), (8, (None, 2), (4, 2)), (2, (2, 2), (2, 2)),
+    ],
+)  # fmt: skip
+def test_cores_are_shared_out(cores, given, shares, monkeypatch):
+    monkeypatch.setattr("gauss2svg.studio.share.machine", lambda: {"cores": cores})
+    assert workers_and_threads(*given) == shares
+
+
+@pytest.mark.parametrize("given", [(0, None), (99, None), (None, 99), (None, 0)])
+def test_more_than_the_cores_are_refused(given, monkeypatch):
+    monkeypatch.setattr("gauss2svg.studio.share.machine", lambda: {"cores": 2})
+    with pytest.raises(InputError):
+        workers_and_threads(*given)
+
+
+def test_frames_come_at_once_and_then_as_their_share_of_the_cpu_allows(monkeypatch):
+    now = {"wall": 100.0, "cpu": 5.0}
+    monkeypatch.setattr(frames.time, "perf_counter", lambda: now["wall"])
+    monkeypatch.setattr(frames.time, "process_time", lambda: now["cpu"])
+
+    def scene():
+        now["cpu"] += 0.02
+        return random_scene(3, 2000, 1000)
+
+    maker = frames.FrameMaker()
+    first = maker.frame(scene)
+    assert Image.open(io.BytesIO(first)).size == (768, 384)
+    made = 1
+    for _ in range(10_000):
+        now["wall"] += 0.01
+        now["cpu"] += 0.001
+        made += bool(maker.frame(scene))
+    assert 0.9 * 0.06 < made * 0.02 / 10 <= 0.061
+
+
+def test_importing_gauss2svg_and_its_command_loads_no_server():
+    code = (
+        "import sys, gauss2svg, gauss2svg.studio, gauss2svg.cli.main as m; m.build_app(); "
+        "print([n for n in ('fastapi', 'uvicorn', 'starlette') if n in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("package", ["fastapi", "uvicorn", "python_multipart"])
+def test_without_its_packages_the_command_says_how_to_get_them(package, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, package, None)
+    assert main(["studio"]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert "pip install 'gauss2svg[studio]'" in line
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--port", "70000"], "port"),
+        (["--jobs", "0"], "jobs"),
+        (["no such folder"], "FOLDER"),
+        (["--host", "300.1.1.1"], "host and port"),
+    ],
+)
+def test_arguments_that_cannot_be_are_refused_in_a_line(words, said, capsys):
+    assert main(["studio", "--no-browser", *words]) == 2
+    line = capsys.readouterr().err
+    assert line.count("\n") == 1
+    assert said in line

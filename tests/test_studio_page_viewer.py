@@ -1,0 +1,353 @@
+"""Laws of the studio's page in a browser: the stage, the trade, and access for everyone."""
+
+import json
+
+import numpy as np
+import pytest
+import studio_site
+from gallery_site import PHONE, WIDE, box, shot
+from playwright.sync_api import expect
+from studio_site import HOSTILE, PLAIN, aim, await_run, difference, draft, job_of, pick
+from test_gallery_browser import CONTROLS, OVERFLOW, grave_faults
+
+from gauss2svg.bench.score_axes import PSNR, SSIM
+
+pytestmark = pytest.mark.browser
+photos, server, tabs, visit = (
+    studio_site.photos, studio_site.server, studio_site.tabs, studio_site.visit,
+)  # fmt: skip
+
+SCREEN = {"width": 1280, "height": 1000}
+HUGE = {"width": 1920, "height": 1080}
+# Whether the element with the focus looks different from how it looks without.
+IS_SEEN = """() => {
+    const one = document.activeElement.closest(".segments label")?.querySelector("span")
+        ?? document.activeElement.querySelector(".target") ?? document.activeElement;
+    const look = () => [one, document.activeElement, document.getElementById("stage")].map(
+        (each) => ["outline", "stroke", "boxShadow"].map((it) => getComputedStyle(each)[it]).join(),
+    ).join();
+    const focused = document.activeElement, before = look();
+    focused.blur();
+    const after = look();
+    focused.focus();
+    return before !== after;
+}"""
+
+
+@pytest.fixture
+def done(visit):
+    """Opens the page with one run of the small photo."""
+
+    def open_one(**options):
+        one = visit(**({"viewport": SCREEN} | options))
+        page = one.open()
+        draft(page)
+        pick(page, PLAIN)
+        await_run(page, 1)
+        expect(page.locator("#slider")).to_have_attribute("aria-valuenow", "50")
+        return one
+
+    return open_one
+
+
+def run(page, number, count):
+    aim(page, "Shapes", count)
+    page.locator("#run").click()
+    await_run(page, number)
+
+
+def zoom(page):
+    """Pixels of the screen for one of the photo; both sides are checked to lie in step."""
+    place = box(page, "#photo")
+    assert box(page, "#svg") == pytest.approx(place, abs=0.01)
+    return place["width"] / 96
+
+
+def test_divider_shows_the_photo_on_its_left_and_the_svg_on_its_right(done):
+    page = done().page
+    stage = box(page, "#stage")
+    slider = page.locator("#slider")
+    slider.focus()
+    screens = []
+    for key in ("End", "Home"):
+        page.keyboard.press(key)
+        expect(slider).to_have_attribute("aria-valuenow", "100" if key == "End" else "0")
+        page.wait_for_timeout(200)  # the divider glides
+        screens.append(shot(page, stage))
+    assert difference(page, f"api/samples/{PLAIN}", "#photo") == 0
+    assert difference(page, f"api/jobs/{job_of(page)}/picture.svg") == 0
+    assert np.abs(screens[0] - screens[1]).mean() > 1
+    assert "% SVG" in slider.get_attribute("aria-valuetext")
+
+
+def test_zoom_by_buttons_keys_and_wheel_keeps_both_sides_in_step(done):
+    page = done().page
+    fit = zoom(page)
+    page.locator("#closer").click()
+    assert zoom(page) == pytest.approx(1.5 * fit, rel=0.01)
+    page.locator("#slider").focus()
+    page.keyboard.press("+")
+    assert zoom(page) == pytest.approx(2.25 * fit, rel=0.01)
+    page.keyboard.press("-")
+    assert zoom(page) == pytest.approx(1.5 * fit, rel=0.01)
+    before = box(page, "#photo")
+    page.keyboard.press("Shift+ArrowLeft")
+    after = box(page, "#photo")
+    assert after["x"] - before["x"] == pytest.approx(60, abs=2)
+    assert box(page, "#svg") == pytest.approx(after, abs=0.01)
+    page.keyboard.press("0")
+    assert zoom(page) == pytest.approx(fit, rel=0.001)
+    page.locator("#actual").click()
+    assert zoom(page) == pytest.approx(1, rel=0.01)
+    page.locator("#fit").click()
+    # The place under the pointer stays where it is.
+    stage = box(page, "#stage")
+    x, y = stage["x"] + stage["width"] / 4, stage["y"] + stage["height"] / 4
+    page.mouse.move(x, y)
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -100)
+    page.keyboard.up("Control")
+    expect(page.locator("#stage")).to_have_class("stage zoomed")
+    place = box(page, "#photo")
+    assert (x - place["x"]) / place["width"] == pytest.approx(0.25, abs=0.01)
+    assert (y - place["y"]) / place["height"] == pytest.approx(0.25, abs=0.01)
+
+
+def test_the_wheel_scrolls_the_page_unless_zoom_is_meant(done):
+    page = done(viewport={"width": 1280, "height": 700}).page
+    page.locator("#title").focus()
+    stage = box(page, "#stage")
+    page.mouse.move(stage["x"] + 100, stage["y"] + 100)
+    page.mouse.wheel(0, 200)
+    for _ in range(50):
+        if page.evaluate("scrollY") > 0:
+            break
+        page.wait_for_timeout(100)
+    assert page.evaluate("scrollY") > 0
+    expect(page.locator("#fit")).to_have_attribute("aria-pressed", "true")
+
+
+def test_a_zoomed_picture_is_dragged_and_two_fingers_zoom(done):
+    one = done(has_touch=True)
+    page = one.page
+    stage, fit = box(page, "#stage"), zoom(page)
+    x, y = stage["x"] + stage["width"] / 2, stage["y"] + stage["height"] / 2
+    one.touch("Start", (x - 40, y), (x + 40, y))
+    for step in (50, 60, 70, 80):
+        one.touch("Move", (x - step, y), (x + step, y))
+    one.touch("End")
+    assert zoom(page) == pytest.approx(2 * fit, rel=0.1)
+    expect(page.locator("#slider")).to_have_attribute("aria-valuenow", "50")
+    before = box(page, "#photo")
+    page.mouse.move(x + 100, y + 60)
+    page.mouse.down()
+    page.mouse.move(x + 130, y + 80, steps=3)
+    page.mouse.up()
+    after = box(page, "#photo")
+    assert (after["x"] - before["x"], after["y"] - before["y"]) == pytest.approx((30, 20), abs=2)
+    assert box(page, "#svg") == pytest.approx(after, abs=0.01)
+    expect(page.locator("#slider")).to_have_attribute("aria-valuenow", "50")
+
+
+def test_rounds_show_what_was_there_after_each(done):
+    page = done().page
+    rounds, words = page.locator("#rounds"), page.locator("#round")
+    many = int(rounds.get_attribute("max"))
+    assert many > 2
+    assert rounds.input_value() == str(many)
+    counts, last = [], page.locator("#svg").get_attribute("src")
+    whole = f"api/jobs/{job_of(page)}/picture.svg"
+    distances = []
+    for at in range(1, many + 1):
+        rounds.fill(str(at))
+        expect(words).to_contain_text(f"after round {at}: ")
+        counts.append(int(words.text_content().split()[-2]))
+        if at == many:
+            expect(page.locator("#svg")).to_have_attribute("src", last)
+        else:
+            expect(page.locator("#svg")).not_to_have_attribute("src", last)
+        distances.append(difference(page, whole))
+    assert counts == sorted(counts)
+    assert page.locator("#figures").text_content().startswith(f"{counts[-1]} shapes")
+    assert distances[0] > 30
+    assert distances[-1] == 0
+
+
+def test_outlines_and_error_map_are_those_of_the_service(done):
+    page = done().page
+    job = job_of(page)
+    for strokes in ("#outlines-left", "#outlines-right"):
+        expect(page.locator(strokes)).to_be_hidden()
+    page.get_by_label("Outlines").check()
+    for strokes in ("#outlines-left", "#outlines-right"):
+        expect(page.locator(strokes)).to_be_visible()
+        assert difference(page, f"api/jobs/{job}/outlines.svg", strokes) == 0
+    page.get_by_label("Outlines").uncheck()
+    expect(page.locator("#outlines-left")).to_be_hidden()
+    page.get_by_label("Error map").check()
+    expect(page.locator("#legend")).to_be_visible()
+    expect(page.locator("#badge-right")).to_have_text("Errors, run 1")
+    assert difference(page, f"api/jobs/{job}/errors.png") == 0
+    assert "error map" in page.locator("#slider").get_attribute("aria-valuetext")
+    ramp = page.locator(".ramp").evaluate("one => getComputedStyle(one).backgroundImage")
+    assert ramp.count("rgb") > 5
+    page.get_by_label("SVG", exact=True).check()
+    expect(page.locator("#legend")).to_be_hidden()
+    assert difference(page, f"api/jobs/{job}/picture.svg") == 0
+
+
+def test_every_run_is_a_point_that_brings_its_picture_back(done, server):
+    page = done().page
+    run(page, 2, 20)
+    run(page, 3, 60)
+    points = page.locator("#chart .point")
+    assert points.count() == 3
+    reports = {}
+    for number in (1, 2, 3):
+        point = page.locator(f"#chart [data-run='{number}']")
+        if number == 2:
+            point.focus()
+            page.keyboard.press("Enter")
+        else:
+            point.locator(".target").click()
+        expect(page.locator(f"#chart [data-run='{number}']")).to_have_attribute(
+            "aria-pressed", "true"
+        )
+        assert difference(page, f"api/jobs/{job_of(page)}/picture.svg") == 0
+        reports[number] = json.loads(server.get(f"api/jobs/{job_of(page)}/report.json"))
+        label = page.locator(f"#chart [data-run='{number}']").get_attribute("aria-label")
+        assert PSNR.text(reports[number]["psnr_svg"]) in label
+        row = page.locator("#runs tbody tr").nth(number - 1)
+        expect(row).to_have_attribute("aria-current", "true")
+        expect(row).to_contain_text(SSIM.text(reports[number]["ssim_svg"]))
+    # Right is more bytes, above is the better score; so for the other axes.
+    for cost, key in (("Size", "svg_bytes"), ("Time", "total_s")):
+        for score, of in (("PSNR", "psnr_svg"), ("SSIM", "ssim_svg")):
+            page.locator("#axes").get_by_label(cost, exact=True).check()
+            page.locator("#axes").get_by_label(score, exact=True).check()
+            places = {n: box(page, f"#chart [data-run='{n}'] .target") for n in reports}
+            for axis, field, sign in (("x", key, 1), ("y", of, -1)):
+                seen = sorted(reports, key=lambda n: sign * places[n][axis])
+                assert seen == sorted(reports, key=lambda n: reports[n][field]), (axis, field)
+    page.locator("[data-action=show-1]").click()
+    expect(page.locator("#figures")).to_contain_text(PSNR.text(reports[1]["psnr_svg"]))
+
+
+@pytest.mark.parametrize("way", ["point", "table", "side"])
+def test_two_runs_stand_side_by_side(done, way):
+    page = done().page
+    first = job_of(page)
+    run(page, 2, 15)
+    second = job_of(page)
+    if way == "point":
+        page.locator("#chart [data-run='1'] .target").click(modifiers=["Shift"])
+    elif way == "table":
+        page.locator("[data-action=compare-1]").click()
+    else:
+        page.locator("#left").select_option("1")
+    expect(page.locator("#badge-left")).to_contain_text("Run 1")
+    expect(page.locator("#badge-right")).to_contain_text("Run 2")
+    assert difference(page, f"api/jobs/{first}/picture.svg", "#photo") == 0
+    assert difference(page, f"api/jobs/{second}/picture.svg") == 0
+    expect(page.locator("[data-action=compare-1]")).to_have_attribute("aria-pressed", "true")
+    assert "% run 1" in page.locator("#slider").get_attribute("aria-valuetext")
+    page.locator("[data-action=compare-1]").click()
+    expect(page.locator("#badge-left")).to_have_text("Photo")
+    assert difference(page, f"api/samples/{PLAIN}", "#photo") == 0
+
+
+def test_names_are_text(visit):
+    page = visit().open()
+    draft(page)
+    pick(page, HOSTILE)
+    expect(page.locator("#title")).to_have_text(HOSTILE)
+    await_run(page, 1)
+    expect(page.locator("#runs tbody th")).to_have_text(f"1, {HOSTILE}")
+    assert page.locator("img[onerror]").count() == 0
+
+
+def check_access(page):
+    """The page from a phone to a wide screen, in light, dark and forced colours."""
+    for size in (WIDE, PHONE, HUGE):
+        page.set_viewport_size(size)
+        page.emulate_media(color_scheme="light", forced_colors="none")
+        assert page.evaluate(OVERFLOW) == 0, size
+        assert not grave_faults(page), size
+        page.emulate_media(color_scheme="dark")
+        assert not grave_faults(page, runOnly=["color-contrast"]), size
+        page.emulate_media(color_scheme="light", forced_colors="active")
+        assert page.evaluate(OVERFLOW) == 0, size
+
+
+def test_no_grave_accessibility_fault_in_the_empty_page(visit):
+    page = visit().open()
+    check_access(page)
+    page.locator("#more > summary").click()
+    for summary in page.locator(".group > summary").all():
+        summary.click()
+    check_access(page)
+
+
+def test_nor_while_it_shows_all_it_can(done, photos):
+    page = done().page
+    page.locator("#files").set_input_files(list(photos.values())[:2])
+    for number in (2, 3):
+        await_run(page, number)
+    run(page, 4, 15)
+    page.locator("[data-action=compare-2]").click()
+    page.get_by_label("Outlines").check()
+    page.get_by_label("Error map").check()
+    page.evaluate("document.getElementById('photo-error').hidden = false")
+    check_access(page)
+
+
+def test_everything_is_done_by_keys_and_the_focus_is_seen(visit):
+    page = visit(viewport=SCREEN).open()
+    draft(page)
+
+    def tab_to(what, most=60):
+        for _ in range(most):
+            page.keyboard.press("Tab")
+            if page.evaluate("what => document.activeElement.matches(what)", what):
+                return
+            focused = page.evaluate("document.activeElement.tagName")
+            assert focused == "BODY" or page.evaluate(IS_SEEN), page.evaluate(
+                "document.activeElement.outerHTML"
+            )
+        raise AssertionError(what)
+
+    page.locator(".skip").focus()
+    tab_to("#samples button")
+    page.keyboard.press("Enter")
+    await_run(page, 1)
+    tab_to("#slider")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#slider")).to_have_attribute("aria-valuenow", "52")
+    tab_to("#amount")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#preset")).to_have_value("fast")
+    page.keyboard.press("ArrowLeft")
+    tab_to("#run")
+    page.keyboard.press("Enter")
+    await_run(page, 2)
+    tab_to("#chart .point")
+    page.keyboard.press("Shift+Enter")
+    expect(page.locator("#badge-left")).to_contain_text("Run 1")
+    tab_to("[data-file]")
+    with page.expect_download():
+        page.keyboard.press("Enter")
+    tab_to("[data-copy=python]")
+    tab_to("[data-action=show-1]")
+    page.keyboard.press("Enter")
+    expect(page.locator("#badge-right")).to_contain_text("SVG, draft")
+
+
+def test_controls_are_large_enough_and_named(done):
+    page = done(viewport=PHONE).page
+    for one in page.locator(CONTROLS).all():
+        if one.is_visible() and one.evaluate(
+            "e => e.matches('button, select, input[type=number]')"
+        ):
+            assert one.bounding_box()["height"] >= 24, one.evaluate("e => e.outerHTML")
+    expect(page.get_by_role("button", name="Zoom in")).to_be_visible()
+    expect(page.get_by_role("slider", name="Divider")).to_be_visible()
