@@ -41,14 +41,16 @@ def drawing() -> str:
     """The SVG: a box for each room, and an arc from each to those that it imports."""
     at = {name: 8 + k * _STEP for k, name in enumerate(rooms_in_order())}
     height = 8 + len(at) * _STEP
+    width = 212 + round(0.75 * _reach(height))  # as far as the widest arc gets
     parts = [
-        f'<svg class="rooms" viewBox="0 0 560 {height}" role="img" aria-labelledby="rooms-title">'
+        f'<svg class="rooms" viewBox="0 0 {width} {height}" role="img" '
+        'aria-labelledby="rooms-title">'
         '<title id="rooms-title">Rooms of the package, from top to bottom, and arcs to the rooms '
         "that each imports</title>"
     ]
     for (source, target), count in sorted(imports(set(at)).items()):
         y0, y1 = (at[name] + _BOX / 2 for name in (source, target))
-        reach = 40 + 0.85 * (y1 - y0)
+        reach = _reach(y1 - y0)
         parts.append(
             f'<path d="M212 {y0 + 4:g}C{212 + reach:g} {y0 + 4:g} {212 + reach:g} {y1 - 4:g} '
             f'214 {y1 - 4:g}" stroke-width="{min(0.6 + count / 8, 4):.2g}"><title>{source} imports '
@@ -61,6 +63,11 @@ def drawing() -> str:
             f'<text x="108" y="{y + 20}">{escape(name)}</text>'
         )
     return "".join([*parts, "</svg>"])
+
+
+def _reach(distance: float) -> float:
+    """Of an arc's control points, in px to the right, for rooms so far from each other."""
+    return 40 + 0.85 * distance
 
 
 class Rooms(SphinxDirective):
