@@ -18,11 +18,21 @@ class Layer {
     this.image = image;
     this.wanted = null;
     this.isLoading = false;
+    this.failed = new Set(); // sources that were asked for twice
     for (const kind of ["load", "error"]) image.addEventListener(kind, () => {
       this.isLoading = false;
       if (this.wanted !== null && kind === "error" && image.getAttribute("src") === this.wanted) failed(this.wanted);
       this.show(this.wanted);
     });
+  }
+
+  // Asks for a source that has failed once more; whether anybody still wants it, and had not before.
+  again(source) {
+    if (this.wanted !== source || this.failed.has(source)) return false;
+    this.failed.add(source);
+    this.isLoading = true;
+    this.image.src = source;
+    return true;
   }
 
   show(source) {
@@ -83,6 +93,11 @@ export class Viewer {
 
   outline(side, source) {
     this.strokes[side].show(source);
+  }
+
+  // Loads a picture once more that has failed; false where that was done before.
+  again(source) {
+    return [...Object.values(this.layers), ...Object.values(this.strokes)].map((layer) => layer.again(source)).some(Boolean);
   }
 
   // Moves the divider unless someone has.
@@ -155,6 +170,10 @@ export class Viewer {
     for (const [name, value] of [["role", "slider"], ["aria-label", "Divider between the two pictures"],
       ["aria-valuemin", 0], ["aria-valuemax", 100], ["aria-orientation", "horizontal"], ["aria-describedby", "hint"]])
       this.slider.setAttribute(name, value);
+    // The slider glides by itself, also for those who want no motion.
+    const still = new CSSStyleSheet();
+    still.replaceSync("@media (prefers-reduced-motion: reduce) { * { transition: none !important; } }");
+    this.slider.shadowRoot.adoptedStyleSheets.push(still);
   }
 
   tellDivider() {
