@@ -81,3 +81,26 @@ def test_few_runs_are_followed_at_once_however_many_the_server_fits(visit, photo
         }"""
     )
     assert most == 3
+
+
+def test_an_error_map_that_is_not_there_yet_holds_nothing_up(visit):
+    one = visit()
+    one.expected.append("ERR_ABORTED")
+    page = one.open()
+    draft(page)
+    pick(page, PLAIN)
+    await_run(page, 1)
+    waiting = []
+    page.route("**/errors.png", lambda route: waiting.append(route))
+    picture = page.locator("#svg")
+    page.get_by_label("Error map").check()
+    expect(picture).to_have_attribute("aria-busy", "true")
+    expect(picture).to_have_css("opacity", "0.3")  # it is still that of before
+    page.get_by_label("SVG", exact=True).check()
+    expect(picture).to_have_attribute("aria-busy", "false")
+    assert difference(page, f"api/jobs/{job_of(page)}/picture.svg") == 0
+    assert waiting
+    page.unroute("**/errors.png")
+    page.get_by_label("Error map").check()
+    expect(picture).to_have_attribute("aria-busy", "false")
+    assert difference(page, f"api/jobs/{job_of(page)}/errors.png") == 0
