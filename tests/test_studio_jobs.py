@@ -240,6 +240,25 @@ def test_finished_jobs_are_bounded_in_number(monkeypatch):
     with_queue(story)
 
 
+def test_older_jobs_keep_their_results_and_lose_what_is_looked_at(monkeypatch):
+    monkeypatch.setattr(module, "MOST_WHOLE", 1)
+
+    async def story(queue):
+        made = []
+        for _ in range(3):
+            made.append(new_job(queue))
+            await until(lambda: made[-1].state == RUNNING)
+            (made[-1].folder / "photo.png").write_bytes(b"large")
+            Pretender.made[0].say(made[-1].id, "progress", b"frame", progress={})
+            Pretender.made[0].finish(made[-1])
+            await until(lambda: made[-1].ready)
+        new_job(queue)
+        assert [(job.folder / "photo.png").exists() for job in made] == [False, False, True]
+        assert all((job.folder / "report.json").exists() for job in made)
+
+    with_queue(story)
+
+
 def test_jobs_are_bounded_in_bytes_and_those_that_wait_are_never_dropped(monkeypatch):
     monkeypatch.setattr(module, "MOST_BYTES", 1000)
 

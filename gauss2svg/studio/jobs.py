@@ -21,7 +21,9 @@ from typing import Any
 from gauss2svg.studio.pool import Worker, WorkerDiedError
 
 MOST_WAITING = 32
-MOST_KEPT = 100  # finished jobs, of which the oldest are forgotten
+MOST_KEPT = 1000  # finished jobs, of which the oldest are forgotten
+MOST_WHOLE = 50  # of them; older ones lose what is only looked at
+_LOOKED_AT = ("photo.png", "errors.png", "outlines.svg")
 MOST_BYTES = 1 << 30  # of the files of all jobs
 _CANCEL_S = 0.2  # in which a worker may end its fit by itself, and stay warm
 UNWATCHED_S = 2.0  # after which a job whose last reader is gone is canceled
@@ -215,9 +217,14 @@ class Jobs:
             asyncio.get_running_loop().call_later(UNWATCHED_S, if_unwatched)
 
     def _make_room(self) -> None:
-        """Forget the oldest finished jobs that nobody reads."""
-        sizes = {job.id: _bytes_in(job.folder) for job in self.known.values()}
+        """Forget the oldest finished jobs that nobody reads, after what is only looked at."""
         over = [job for job in self.known.values() if job.ready and not job.readers]
+        for job in over[:-MOST_WHOLE]:
+            if job.frame:
+                job.frame, job.flaw = b"", "it was forgotten for newer ones"
+                for name in _LOOKED_AT:
+                    (job.folder / name).unlink(missing_ok=True)
+        sizes = {job.id: _bytes_in(job.folder) for job in self.known.values()}
         for job in over:
             if len(over) < MOST_KEPT and sum(sizes.values()) < MOST_BYTES:
                 return
