@@ -101,7 +101,9 @@ def _add_errors(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def _bug(_: Request, error: Exception) -> Response:
-        return line(500, f"{type(error).__name__}: {error}")
+        # Without the path of a file, which is private.
+        what = error.strerror if isinstance(error, OSError) else error
+        return line(500, f"{type(error).__name__}: {what}")
 
 
 def _add_pages(app: FastAPI, queue: Jobs, is_local: bool) -> None:
