@@ -12,7 +12,7 @@ from PIL import Image
 
 from gauss2svg.studio import guard
 from gauss2svg.studio.guard import Bounded, Guard
-from gauss2svg.studio.photos import display_name
+from gauss2svg.studio.photos import display_name, link, size_of, stem_of
 from gauss2svg.studio.service import create_app
 
 TOKEN, PORT = "t0ken", 8137
@@ -88,6 +88,30 @@ def test_no_page_of_another_origin_may_drive_it_even_with_the_token(headers):
     answer = ask("POST", "/api/jobs", headers=BEARER | headers)
     assert answer.status_code == 403
     assert "another site" in line_of(answer)
+
+
+@pytest.mark.parametrize("headers", [{"Origin": "http://["}, {"Sec-Fetch-Site": "cross-site"}])
+@pytest.mark.parametrize("path", ["/api/jobs?token=junk", f"/api/jobs?token={TOKEN}"])
+def test_no_token_in_the_address_opens_more_than_the_page(path, headers):
+    assert ask("POST", path, headers=BEARER | headers).status_code == 403
+
+
+@pytest.mark.parametrize(
+    "site", [{"Origin": "https://evil.example"}, {"Sec-Fetch-Site": "same-site"}]
+)
+def test_nor_may_such_a_page_drive_a_mounted_studio(site):
+    async def one():
+        transport = httpx.ASGITransport(STUDIO)
+        async with httpx.AsyncClient(transport=transport, base_url=HOME) as client:
+            return await client.post("/api/estimate", headers=site, content="{}")
+
+    assert asyncio.run(one()).status_code == 403
+
+
+@pytest.mark.parametrize("odd", ["a[b]=1", "x=\\", 'q="open', "=", "{j}=1"])
+def test_odd_cookies_of_other_servers_lock_nobody_out(odd):
+    cookie = f"{odd}; gauss2svg-{PORT}={TOKEN}; {odd}"
+    assert ask("GET", "/api/options", headers={"Cookie": cookie}).status_code == 200
 
 
 def test_its_own_page_may():
@@ -255,6 +279,38 @@ def test_options_that_are_not_offered_or_wrong_are_refused_in_a_line(options, wo
     answer = post_photo(stream.getvalue(), options=options)
     assert answer.status_code == 422
     assert word in line_of(answer)
+
+
+@pytest.mark.parametrize("body", ["[" * 60_000, '{"a": ' * 9000, " " * 10**6, "no JSON", "[1]"])
+def test_json_is_bounded_in_bytes_and_depth(body):
+    line = line_of(answer := ask("POST", "/api/estimate", headers=BEARER, content=body))
+    assert answer.status_code == 422
+    assert line.startswith("the body must be")
+    assert len(line) < 200
+
+
+def test_the_size_of_a_png_is_read_without_its_pixels(tmp_path, monkeypatch):
+    path = tmp_path / "private"
+    Image.new("RGB", (8, 6)).save(path, "PNG")
+    monkeypatch.setattr("PIL.ImageFile.ImageFile.load", None)
+    assert size_of(path, "a.png") == (8, 6)
+
+
+def test_a_sample_by_a_symbolic_link_is_a_photo(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "real" / "a.png").write_bytes(b"photo")
+    (tmp_path / "a.png").symlink_to("real/a.png")
+    (tmp_path / "job").mkdir()
+    link(tmp_path / "a.png", tmp_path / "job" / "photo")
+    assert (tmp_path / "job" / "photo").read_bytes() == b"photo"
+
+
+@pytest.mark.parametrize(
+    ("name", "stem"),
+    [("con.png", "_con"), ("LPT1.a.png", "_LPT1.a"), ("\u00fc" * 150, "\u00fc" * 100)],
+)
+def test_the_stem_of_a_name_is_one_on_every_system(name, stem):
+    assert stem_of(name) == stem
 
 
 @pytest.mark.parametrize(

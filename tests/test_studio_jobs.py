@@ -8,6 +8,7 @@ from typing import ClassVar
 import pytest
 
 from gauss2svg.studio import jobs as module
+from gauss2svg.studio import pool
 from gauss2svg.studio.jobs import (
     CANCELED,
     DONE,
@@ -239,6 +240,25 @@ def test_finished_jobs_are_bounded_in_number(monkeypatch):
     with_queue(story)
 
 
+def test_older_jobs_keep_their_results_and_lose_what_is_looked_at(monkeypatch):
+    monkeypatch.setattr(module, "MOST_WHOLE", 1)
+
+    async def story(queue):
+        made = []
+        for _ in range(3):
+            made.append(new_job(queue))
+            await until(lambda: made[-1].state == RUNNING)
+            (made[-1].folder / "photo.png").write_bytes(b"large")
+            Pretender.made[0].say(made[-1].id, "progress", b"frame", progress={})
+            Pretender.made[0].finish(made[-1])
+            await until(lambda: made[-1].ready)
+        new_job(queue)
+        assert [(job.folder / "photo.png").exists() for job in made] == [False, False, True]
+        assert all((job.folder / "report.json").exists() for job in made)
+
+    with_queue(story)
+
+
 def test_jobs_are_bounded_in_bytes_and_those_that_wait_are_never_dropped(monkeypatch):
     monkeypatch.setattr(module, "MOST_BYTES", 1000)
 
@@ -300,22 +320,61 @@ def test_workers_that_can_no_longer_start_fail_every_fit(monkeypatch):
     with_queue(story)
 
 
-def test_forgetting_a_finished_job_ends_no_worker():
+async def done_but_writing(queue) -> Job:
+    job = new_job(queue)
+    await until(lambda: job.state == RUNNING)
+    (job.folder / "report.json").write_text('{"stop_reason": "gain"}')
+    Pretender.made[0].say(job.id, "done")  # and now it writes the other files
+    await until(lambda: job.state == DONE)
+    return job
+
+
+@pytest.mark.parametrize("obeys", [True, False])
+def test_forgetting_a_job_whose_files_are_written_frees_its_core(obeys):
     async def story(queue):
-        job = new_job(queue)
-        await until(lambda: job.state == RUNNING)
+        job = await done_but_writing(queue)
         (worker,) = Pretender.made
-        (job.folder / "report.json").write_text('{"stop_reason": "gain"}')
-        worker.say(job.id, "done")  # and now it writes the other files
-        await until(lambda: job.state == DONE)
+        worker.obeys = obeys
         queue.forget(job)
-        await asyncio.sleep(0.05)
-        assert job.folder.exists()
-        assert not worker.killed
-        worker.say(job.id, "ended")
         await until(lambda: not job.folder.exists())
+        assert worker.killed == (not obeys)
+        assert job.state == DONE
 
     with_queue(story)
+
+
+@pytest.mark.parametrize("way", ["incomplete", "failed", "killed"])
+def test_what_fails_after_a_fit_is_done_costs_no_fit(way):
+    async def story(queue):
+        job = await done_but_writing(queue)
+        (worker,) = Pretender.made
+        if way == "killed":
+            worker.kill()
+        else:
+            worker.say(job.id, way, error="no room SIGKILL")
+            worker.say(job.id, "ended")
+        await job.when(ready=True)
+        assert (job.state, job.error) == (DONE, None)
+        assert "SIGKILL" in job.flaw
+
+    with_queue(story)
+
+
+@pytest.mark.parametrize("said", ["rubbish\\n", "x" * 99])
+def test_a_worker_that_sends_no_messages_is_one_that_died(monkeypatch, said, tmp_path):
+    monkeypatch.setattr(pool, "_LONGEST_LINE", 20)
+    program = tmp_path / "python"
+    program.write_text(f"#!/bin/sh\nprintf '{said}'; exec sleep 99\n")
+    program.chmod(0o700)
+    monkeypatch.setattr(pool.sys, "executable", str(program))
+    with pytest.raises(WorkerDiedError, match="no message"):
+        asyncio.run(pool.Worker.started(tmp_path))
+
+
+def test_a_worker_that_cannot_begin_is_one_that_died(monkeypatch, tmp_path):
+    monkeypatch.setattr(pool.sys, "executable", str(tmp_path / "none"))
+    with pytest.raises(WorkerDiedError, match="could not begin"):
+        asyncio.run(pool.Worker.started(tmp_path))
 
 
 def test_the_folder_is_private():

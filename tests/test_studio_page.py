@@ -299,27 +299,37 @@ def test_a_bad_option_is_told_at_its_field(visit):
 
 
 def test_files_are_those_of_the_service(visit, server):
-    page = visit().open()
+    one = visit()
+    one.expected.append("422")
+    page = one.open()
     draft(page)
     pick(page, UPRIGHT)
     await_run(page, 1)
     job = job_of(page)
-    for name, query, end in (
-        ("SVG", "", ".svg"),
-        ("SVG, editable", "?markup=editable", "-editable.svg"),
-        ("SVG, minimal", "?markup=minimal", "-minimal.svg"),
-        ("SVGZ", "?gzip=1&download=1", ".svgz"),
+    for name, query, full in (
+        ("SVG", "", "cup.svg"),
+        ("SVG, editable", "?markup=editable", "cup-editable.svg"),
+        ("SVG, minimal", "?markup=minimal", "cup-minimal.svg"),
+        ("SVGZ", "?gzip=1&download=1", "cup.svgz"),
     ):
         with page.expect_download() as saving:
             page.locator("#save").get_by_role("link", name=name, exact=True).click()
         saved = saving.value.path().read_bytes()
         assert saved == server.get(f"api/jobs/{job}/picture.svg{query}")
-        assert saving.value.suggested_filename.endswith(end[-4:])
+        assert saving.value.suggested_filename == full
     page.locator("#png-width").fill("200")
     with page.expect_download() as saving:
         page.locator("#png").click()
     with Image.open(saving.value.path()) as picture:
         assert picture.size == (200, 300)
+    assert saving.value.suggested_filename == "cup-200.png"
+    # The form and the service have one bound; a step wider is refused by both.
+    most = int(page.locator("#png-width").get_attribute("max"))
+    assert most * round(most * 1.5) <= 40_000_000 < (most + 1) * round((most + 1) * 1.5)
+    page.locator("#png-width").fill(str(most + 1))
+    expect(page.locator("#png-error")).to_contain_text(f"1 to {most} px")
+    status = "async (path) => (await fetch(path)).status"
+    assert page.evaluate(status, f"api/jobs/{job}/picture.png?width={most + 1}") == 422
     page.locator("#png-width").fill("0")
     expect(page.locator("#png-error")).to_contain_text("must be")
     assert page.locator("#png").get_attribute("href") is None

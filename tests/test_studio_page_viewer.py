@@ -351,3 +351,35 @@ def test_controls_are_large_enough_and_named(done):
             assert one.bounding_box()["height"] >= 24, one.evaluate("e => e.outerHTML")
     expect(page.get_by_role("button", name="Zoom in")).to_be_visible()
     expect(page.get_by_role("slider", name="Divider")).to_be_visible()
+
+
+def test_nothing_glides_where_no_motion_is_wanted(done):
+    page = done(reduced_motion="reduce").page
+    moves = """() => {
+        const slider = document.getElementById("slider");
+        slider.value = slider.value > 50 ? 20 : 80;
+        return slider.shadowRoot.getAnimations().length + document.getAnimations().length;
+    }"""
+    assert page.evaluate(moves) == 0
+    assert page.evaluate("getComputedStyle(document.documentElement).scrollBehavior") == "auto"
+    page.emulate_media(reduced_motion="no-preference")
+    assert page.evaluate(moves) > 0
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_points_are_seen(done, scheme):
+    page = done(color_scheme=scheme).page
+    for number, count in enumerate((15, 20, 30, 60), 2):
+        run(page, number, count)
+    points = page.locator("#chart .point")
+    assert points.count() == 5
+    page.locator("#chart").scroll_into_view_if_needed()
+    for number in range(1, 6):
+        wanted = page.locator(f"#chart [data-run='{number}']").evaluate(
+            "e => getComputedStyle(e).fill"
+        )
+        place = box(page, f"#chart [data-run='{number}'] .target")
+        x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
+        seen = shot(page, {"x": x - 1, "y": y - 1, "width": 2, "height": 2}).reshape(-1, 3)
+        levels = [int(text) for text in wanted[4:-1].split(",")]
+        assert np.abs(seen - levels).max() < 3, number

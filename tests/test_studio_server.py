@@ -39,10 +39,12 @@ def png(photo) -> bytes:
     return as_png(photo)
 
 
-def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path):
-    options = {"quality": "draft", "iterations": 40, "seed": 3, "markup": "minimal"}
+@pytest.mark.parametrize("packed", [False, True])
+def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path, packed):
+    options = {"quality": "draft", "iterations": 40, "seed": 3, "markup": "minimal", "gzip": packed}
     job = server.wait(server.submit(png, **options))
-    served = server.client.get(f"/api/jobs/{job['id']}/picture.svg").content
+    with server.client.stream("GET", f"/api/jobs/{job['id']}/picture.svg") as stream:
+        served = b"".join(stream.iter_raw())
     direct = server.client.post(
         "/api/vectorize", data={"options": json.dumps(options)}, files={"photo": ("p.png", png)}
     )
@@ -50,10 +52,12 @@ def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path)
     # the line that the page shows, as it would be typed
     words = job["lines"]["command"].split()
     subprocess.run([sys.executable, "-P", "-m", *words], cwd=tmp_path, check=True)
-    command = (tmp_path / "p.svg").read_bytes()
+    suffix = "svgz" if packed else "svg"
+    command = (tmp_path / f"p.{suffix}").read_bytes()
     script = job["lines"]["python"].replace("p.svg", "q.svg")
     subprocess.run([sys.executable, "-P", "-c", script], cwd=tmp_path, check=True)
-    assert served == direct.content == command == (tmp_path / "q.svg").read_bytes()
+    assert served == command == (tmp_path / f"q.{suffix}").read_bytes()
+    assert direct.content == (gzip.decompress(command) if packed else command)
     assert float(direct.headers["X-Gauss2svg-psnr-svg"]) == job["report"]["psnr_svg"]
 
 
@@ -67,6 +71,7 @@ def test_events_show_rounds_and_frames_until_the_end(server):
         ]
     assert [s["state"] for s in seen][-1] == "done"
     assert seen[-1]["report"]["psnr_svg"] > 20
+    assert [s.get("name") for s in seen] == ["coffee.png"] + [None] * (len(seen) - 1)
     steps = [s["progress"] for s in seen if (s["progress"] or {}).get("iteration")]
     assert len(steps) >= 3
     assert all(a["iteration"] <= b["iteration"] for a, b in itertools.pairwise(steps))
@@ -87,7 +92,12 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo):
     assert abs(check(photo, other).psnr - check(photo, svg).psnr) < 0.5
     packed = get("picture.svg?gzip=1&download=1")
     assert gzip.decompress(packed.content).decode() == svg
-    assert "p.svgz" in packed.headers["content-disposition"]
+    for path, name in {
+        "picture.svg?gzip=1&download=1": "p.svgz",
+        "picture.svg?markup=minimal&download=1": "p-minimal.svg",
+        "picture.png?width=30&download=1": "p-30.png",
+    }.items():
+        assert get(path).headers["content-disposition"] == f"attachment; filename*=UTF-8''{name}"
     assert Image.open(io.BytesIO(get("picture.png?width=300").content)).size == (300, 300)
     assert get("picture.png?width=100000").status_code == 422
     shown = np.asarray(Image.open(io.BytesIO(get("photo.png").content)))
@@ -104,9 +114,10 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo):
     ).json()
     server.wait(again)
     assert server.client.get(f"/api/jobs/{again['id']}/picture.svg").text == svg
-    zipped = server.client.get(f"/api/zip?ids={job['id']},{again['id']},{job['id']}")
+    zipped = server.client.get(f"/api/zip?ids={job['id']},{again['id']},{job['id']},gone")
     archive = zipfile.ZipFile(io.BytesIO(zipped.content))
-    assert archive.namelist() == ["p.svg", "p-2.svg"]
+    assert archive.namelist() == ["p.svg", "p-2.svg", "missing.txt"]
+    assert b"gone" in archive.read("missing.txt")
     assert archive.read("p.svg").decode() == svg
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import shutil
 from collections.abc import AsyncIterator, Mapping
 from typing import Any
 
 from fastapi import FastAPI, Request
-from fastapi.responses import FileResponse, Response, StreamingResponse
+from fastapi.responses import Response, StreamingResponse
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 
@@ -20,8 +21,11 @@ from gauss2svg.studio.form import options_of
 from gauss2svg.studio.guard import PICTURE_POLICY
 from gauss2svg.studio.jobs import CANCELED, FAILED, Job, Jobs, QueueFullError
 from gauss2svg.studio.lines import lines_of
+from gauss2svg.svg.packing import file_bytes
 
+_MOST_JSON = 64_000  # characters of what is given as JSON
 _ALIVE_S = 15.0  # between two lines of an event stream that has nothing to tell
+_FIXED = ("name", "width", "height", "options", "lines")  # told once of a job
 _ENDS = ("true", "1", "yes", "on")
 _TEXT = {"type": "string"}
 _FIELDS = {
@@ -61,6 +65,15 @@ def state_of(job: Job) -> dict[str, Any]:
     }
 
 
+def is_zipped(job: Job) -> bool:
+    """Whether the command would write its SVG gzipped."""
+    return bool(job.report and job.report["gzip"])
+
+
+def _news_of(job: Job) -> dict[str, Any]:
+    return {name: value for name, value in state_of(job).items() if name not in _FIXED}
+
+
 def job_named(queue: Jobs, name: str) -> Job:
     """The job of that id; HTTPException where there is none."""
     job = queue.known.get(name)
@@ -78,7 +91,7 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
         """Queue a photo; answers with its id and its place in line."""
         return state_of(await _submitted(request))
 
-    @app.post("/api/vectorize", openapi_extra=_FORM, responses=_ERRORS, response_class=FileResponse)
+    @app.post("/api/vectorize", openapi_extra=_FORM, responses=_ERRORS, response_class=Response)
     async def _vectorize(request: Request) -> Response:
         """The SVG of a photo; a client that goes away cancels it."""
         job = await _submitted(request)
@@ -98,11 +111,15 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
             f"X-Gauss2svg-{name.replace('_', '-')}": str(job.report[name]) for name in figures
         }
         headers |= {"X-Gauss2svg-job": job.id, "Content-Security-Policy": PICTURE_POLICY}
-        path = job.folder / "picture.svg"
-        return FileResponse(path, media_type="image/svg+xml", headers=headers)
+        svg = await asyncio.to_thread((job.folder / "picture.svg").read_text, "utf-8")
+        data = await asyncio.to_thread(file_bytes, svg, is_zipped(job))
+        if is_zipped(job):
+            headers["Content-Encoding"] = "gzip"
+        return Response(data, media_type="image/svg+xml", headers=headers)
 
     async def _submitted(request: Request) -> Job:
         try:
+            queue.check_room()  # before an upload is read in vain
             async with request.form(max_files=1, max_fields=len(_FIELDS)) as given:
                 job = await _new_job(given)
             try:
@@ -112,10 +129,16 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
                 raise
         except QueueFullError as error:
             raise HTTPException(429, str(error), {"Retry-After": str(queue.wait_s)}) from error
+        except InputError:
+            raise
+        except OSError as error:  # without its path, which is private
+            status = 507 if error.errno in (errno.ENOSPC, errno.EDQUOT) else 500
+            line = f"the photo cannot be kept: {error.strerror or 'an error of the disk'}"
+            raise HTTPException(status, line) from error
         return job
 
     async def _new_job(given: Mapping[str, Any]) -> Job:
-        options = _parsed(given.get("options") or "{}")
+        options = _parsed("options", given.get("options") or "{}")
         checked = options_of(options)
         upload = given.get("photo")
         folder = queue.new_folder()
@@ -148,9 +171,14 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
     @app.post("/api/estimate")
     async def _estimate(request: Request) -> dict[str, Any]:
         """What a run will give: JSON {width, height, options, of?} in, figures out."""
-        given = _parsed((await request.body()).decode(errors="replace"))
+        body = b""
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > _MOST_JSON:
+                break
+        given = _parsed("the body", body.decode(errors="replace"))
         if not isinstance(given, dict):
-            raise InputError(must_be("the body", "an object", given))
+            raise InputError(must_be("the body", "an object", shown(type(given).__name__)))
         of = queue.known.get(str(given.get("of")))
         sides = given.get("width"), given.get("height")
         if of is not None and of.width and of.height:
@@ -164,7 +192,7 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
 
     @app.get("/api/jobs/{name}/events", response_class=StreamingResponse)
     async def _events(name: str) -> Response:
-        """Server-sent events of the state; a slow reader gets the newest only."""
+        """Server-sent events: the state, then what of it changes; a slow reader gets the newest."""
         job = job_named(queue, name)
         return StreamingResponse(
             _stream(queue, job), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
@@ -195,10 +223,10 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
 
 async def _stream(queue: Jobs, job: Job) -> AsyncIterator[str]:
     with queue.reading(job):
-        seen = -1
+        told = state_of(job)
         while True:
             seen = job.version
-            yield f"event: state\ndata: {json.dumps(state_of(job))}\n\n"
+            yield f"event: state\ndata: {json.dumps(told)}\n\n"
             if job.is_over:
                 return
             while job.version == seen:
@@ -206,6 +234,7 @@ async def _stream(queue: Jobs, job: Job) -> AsyncIterator[str]:
                     await asyncio.wait_for(job.news(seen), _ALIVE_S)
                 except TimeoutError:
                     yield ": alive\n\n"
+            told = _news_of(job)
 
 
 async def _disconnection(request: Request) -> None:
@@ -213,8 +242,14 @@ async def _disconnection(request: Request) -> None:
         pass
 
 
-def _parsed(text: Any) -> Any:
+def _parsed(what: str, text: Any) -> Any:
+    if not isinstance(text, str):
+        raise InputError(must_be(what, "JSON", shown("a file")))
+    if len(text) > _MOST_JSON:
+        raise InputError(must_be(what, f"at most {_MOST_JSON} characters", shown("more")))
     try:
         return json.loads(text)
-    except (TypeError, ValueError) as error:
-        raise InputError(must_be("options", "JSON", shown(str(error)))) from error
+    except ValueError as error:
+        raise InputError(must_be(what, "JSON", shown(str(error)))) from error
+    except RecursionError as error:
+        raise InputError(must_be(what, "JSON", shown("one too deep"))) from error

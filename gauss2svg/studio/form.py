@@ -8,7 +8,7 @@ from typing import Any, Literal
 from docstring_parser import parse_from_object
 
 from gauss2svg.bench.score_axes import SCORE_AXES
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.measure.scores import packages
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
@@ -17,6 +17,7 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.studio.guard import MOST_UPLOADED
 
+MOST_DRAWN = 40_000_000  # px of a PNG: half a gigabyte while it is drawn
 # The server's own: files of its machine, and what it shares out among fits.
 _NOT_OFFERED = (
     "checkpoint", "checkpoint_every", "resume", "threads", "max_memory", "max_pixels",
@@ -27,7 +28,9 @@ _UNIT = re.compile(r"\((dB|s|px)\)")
 def options_of(given: Any) -> Options:
     """Options of flat names and values of a request; raises InputError."""
     if not isinstance(given, dict):
-        raise InputError(must_be("options", "an object of names and values", given))
+        raise InputError(
+            must_be("options", "an object of names and values", shown(type(given).__name__))
+        )
     for name in _NOT_OFFERED:
         if name in given:
             raise InputError(f"{name} must not be given; it is the server's. Try without it")
@@ -41,7 +44,7 @@ def options_of(given: Any) -> Options:
 def form() -> dict[str, Any]:
     """Groups of options, presets, scores and limits."""
     return {
-        "limits": {"bytes": MOST_UPLOADED, "pixels": DEFAULT_MAX_PIXELS},
+        "limits": {"bytes": MOST_UPLOADED, "pixels": DEFAULT_MAX_PIXELS, "png_pixels": MOST_DRAWN},
         "groups": [
             {
                 "name": key,

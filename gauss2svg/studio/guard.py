@@ -11,11 +11,12 @@ import ipaddress
 import json
 import secrets
 from collections.abc import Awaitable, Callable, MutableMapping
-from http.cookies import SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from starlette.exceptions import HTTPException
+
+from gauss2svg.errors import must_be
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Any]]
@@ -33,6 +34,7 @@ PAGE_POLICY = (
 PICTURE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; sandbox"
 )
+_OTHER_SITE = "a page of another site may not use the studio"
 _HEADERS = [
     (b"content-security-policy", PAGE_POLICY.encode()),
     (b"x-content-type-options", b"nosniff"),
@@ -88,6 +90,8 @@ class Bounded:
             await send(message)
 
         try:
+            if _is_of_another_site(scope):
+                raise RefusedError(403, _OTHER_SITE)
             length = _header(scope, b"content-length")
             if length.isdecimal() and int(length) > self._most:
                 raise self._too_large()
@@ -151,24 +155,23 @@ class Guard:
         """Whether the page is opened by the token in its address; raises RefusedError."""
         host = _header(scope, b"host")
         if not self._is_ours(host):
-            raise RefusedError(421, "the address must be the one that the studio has printed")
-        origin = _header(scope, b"origin")
-        if origin and urlsplit(origin).netloc.lower() != host.lower():
-            raise RefusedError(403, "a page of another site may not use the studio")
-        query = parse_qs(scope["query_string"].decode("latin-1"))
-        if (
-            _header(scope, b"sec-fetch-site") in ("cross-site", "same-site")
-            and "token" not in query
-        ):
-            raise RefusedError(403, "a page of another site may not use the studio")
+            line = must_be("the address", "the one that the studio has printed", host, "that one")
+            raise RefusedError(421, line)
+        if not _is_own_origin(scope):
+            raise RefusedError(403, _OTHER_SITE)
+        asked = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+        opened = self._fits(asked) and scope["method"] == "GET" and scope["path"] == "/"
+        if not opened and _header(scope, b"sec-fetch-site") in ("cross-site", "same-site"):
+            raise RefusedError(403, _OTHER_SITE)
         scheme, _, bearer = _header(scope, b"authorization").partition(" ")
-        cookie = SimpleCookie(_header(scope, b"cookie")).get(self._cookie)
-        given = [bearer if scheme.lower() == "bearer" else "", cookie.value if cookie else ""]
-        asked = query.get("token", [""])[0]
+        # By hand: a parser gives up all cookies for one odd one of another server.
+        cookies = [part.strip().partition("=") for part in _header(scope, b"cookie").split(";")]
+        given = [value for name, _, value in cookies if name == self._cookie]
+        given.append(bearer if scheme.lower() == "bearer" else "")
         if not any(self._fits(text) for text in [*given, asked]):
             line = "the token must be given; try the address that the studio has printed"
             raise RefusedError(401, line)
-        return self._fits(asked) and scope["method"] == "GET" and scope["path"] == "/"
+        return opened
 
     def _fits(self, text: str) -> bool:
         return secrets.compare_digest(text.encode(), self._token.encode())
@@ -183,6 +186,23 @@ class Guard:
             return name in self._names and port == self._port
         # A name can be made to point here (DNS rebinding); digits cannot.
         return name in self._names or _is_address(name)
+
+
+def _is_own_origin(scope: Scope) -> bool:
+    origin = _header(scope, b"origin")
+    try:
+        return not origin or urlsplit(origin).netloc.lower() == _header(scope, b"host").lower()
+    except ValueError:
+        return False
+
+
+def _is_of_another_site(scope: Scope) -> bool:
+    site, mode = _header(scope, b"sec-fetch-site"), _header(scope, b"sec-fetch-mode")
+    if not site:
+        return not _is_own_origin(scope)
+    # A link to the studio is no use of it.
+    is_link = scope["method"] == "GET" and mode in ("", "navigate")
+    return site in ("cross-site", "same-site") and not is_link
 
 
 def _is_address(name: str) -> bool:

@@ -21,7 +21,9 @@ from typing import Any
 from gauss2svg.studio.pool import Worker, WorkerDiedError
 
 MOST_WAITING = 32
-MOST_KEPT = 100  # finished jobs, of which the oldest are forgotten
+MOST_KEPT = 1000  # finished jobs, of which the oldest are forgotten
+MOST_WHOLE = 50  # of them; older ones lose what is only looked at
+_LOOKED_AT = ("photo.png", "errors.png", "outlines.svg")
 MOST_BYTES = 1 << 30  # of the files of all jobs
 _CANCEL_S = 0.2  # in which a worker may end its fit by itself, and stay warm
 UNWATCHED_S = 2.0  # after which a job whose last reader is gone is canceled
@@ -41,7 +43,8 @@ class Job:
     keep    whether it runs on without a reader
     place   of a queued job, from 1; 0 once it runs
     frame   newest picture of the fit, JPEG, and how many there were
-    ready   whether all files are written, or none will be
+    ready   whether all files are written, or no more will be
+    flaw    why some were not, of a fit that is done
     """
 
     folder: Path
@@ -58,6 +61,7 @@ class Job:
     progress: dict[str, Any] | None = None
     report: dict[str, Any] | None = None
     error: str | None = None
+    flaw: str = ""
     frame: bytes = b""
     frames: int = 0
     ready: bool = False
@@ -174,12 +178,12 @@ class Jobs:
             job.worker.send({"job": job.id, "stop": True})
 
     def cancel(self, job: Job) -> None:
-        """End a job without a result; its core is free in a moment."""
+        """End a job without a result, or without the rest of its files; its core is soon free."""
         if job.state == QUEUED:
             self._waiting.remove(job)
             job.change(state=CANCELED, ready=True, place=0)
             self._tell_places()
-        elif job.worker is not None and not job.is_over:
+        elif job.worker is not None:
             worker = job.worker
             worker.send({"job": job.id, "cancel": True})
 
@@ -188,7 +192,8 @@ class Jobs:
                     worker.kill()
 
             asyncio.get_running_loop().call_later(_CANCEL_S, insist)
-            job.change(state=CANCELED)
+            if not job.is_over:
+                job.change(state=CANCELED)
 
     def forget(self, job: Job) -> None:
         """Cancel a job, and remove its files once no worker writes them."""
@@ -212,9 +217,14 @@ class Jobs:
             asyncio.get_running_loop().call_later(UNWATCHED_S, if_unwatched)
 
     def _make_room(self) -> None:
-        """Forget the oldest finished jobs that nobody reads."""
-        sizes = {job.id: _bytes_in(job.folder) for job in self.known.values()}
+        """Forget the oldest finished jobs that nobody reads, after what is only looked at."""
         over = [job for job in self.known.values() if job.ready and not job.readers]
+        for job in over[:-MOST_WHOLE]:
+            if job.frame:
+                job.frame, job.flaw = b"", "it was forgotten for newer ones"
+                for name in _LOOKED_AT:
+                    (job.folder / name).unlink(missing_ok=True)
+        sizes = {job.id: _bytes_in(job.folder) for job in self.known.values()}
         for job in over:
             if len(over) < MOST_KEPT and sum(sizes.values()) < MOST_BYTES:
                 return
@@ -285,16 +295,24 @@ class Jobs:
                     stopped = report["stop_reason"] == "interrupted"
                     job.change(state=STOPPED if stopped else DONE, report=report)
                 else:
-                    job.change(state=FAILED, error=message["error"])
+                    self._fail(job, message["error"])
         except WorkerDiedError as error:
-            if not job.is_over:
-                job.change(state=FAILED, error=f"its worker process was lost: {error}")
+            self._fail(job, f"its worker process was lost: {error}")
         except (OSError, ValueError) as error:
-            job.change(state=FAILED, error=f"its files were lost: {error}")
+            worker.kill()  # it may be in the midst of messages
+            self._fail(job, f"its files were lost: {error}")
         finally:
             job.change(ready=True, worker=None)
             if job.id not in self.known:
                 shutil.rmtree(job.folder, ignore_errors=True)
+
+    @staticmethod
+    def _fail(job: Job, line: str) -> None:
+        """A fit that is done stays so: it only lacks files."""
+        if not job.is_over:
+            job.change(state=FAILED, error=line)
+        elif job.report is not None:
+            job.flaw = line
 
 
 def _bytes_in(folder: Path) -> int:

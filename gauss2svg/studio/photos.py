@@ -8,18 +8,22 @@ import os
 import re
 import unicodedata
 from collections.abc import Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
-from gauss2svg.errors import InputError, must_be
+from PIL import ExifTags, Image
+
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.files import reading
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, UnreadTiffError, opened
-from gauss2svg.photo.tags import SWAPPED, tags_of
+from gauss2svg.photo.tags import SWAPPED
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".gif", ".bmp", ".avif")
 _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 _MOST_SAMPLES = 100
 _LONGEST_NAME = 100
+_LONGEST_STEM = 200  # bytes
+_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)  # by Windows
 _CHUNK = 1 << 20
 
 
@@ -40,6 +44,12 @@ def display_name(given: str | None) -> str:
     return f"{stem[:_LONGEST_NAME]}{dot}{suffix[:8]}" if stem else suffix[:_LONGEST_NAME] or "photo"
 
 
+def stem_of(name: str) -> str:
+    """What a display name begins with, as any system takes it for the name of a file."""
+    stem = PurePath(name).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
+    return f"_{stem}" if _RESERVED.match(stem) else stem
+
+
 def size_of(path: Path, name: str) -> tuple[int | None, int | None]:
     """Width and height in px of an upright photo, by its header alone; None where it has none.
 
@@ -49,10 +59,19 @@ def size_of(path: Path, name: str) -> tuple[int | None, int | None]:
         try:
             with opened(file, name, DEFAULT_MAX_PIXELS) as image:
                 width, height = image.size
-                turned = tags_of(image).orientation in SWAPPED
+                turned = _is_turned(image)
         except UnreadTiffError:  # by tifffile, in the worker
             return None, None
     return (height, width) if turned else (width, height)
+
+
+def _is_turned(image: Image.Image) -> bool:
+    try:
+        # That of a PNG would decode the whole image, in search of tags behind it.
+        tags = Image.Image.getexif(image)
+        return tags.get(ExifTags.Base.Orientation) in SWAPPED
+    except Exception:  # hostile bytes make the EXIF reader raise anything
+        return False
 
 
 def samples_in(folder: Path | None) -> Sequence[Sample]:
@@ -62,10 +81,11 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
 
         place = Path(data.__file__).parent
         paths = [place / name for name in _OF_SKIMAGE if (place / name).is_file()]
-    elif not folder.is_dir():
-        raise InputError(must_be("FOLDER", "a folder with photos", str(folder)))
     else:
-        paths = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES]
+        try:
+            paths = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES]
+        except OSError as error:
+            raise _no_folder(folder, error.strerror or str(error)) from error
     found = []
     for path in paths[:_MOST_SAMPLES]:
         try:
@@ -75,8 +95,13 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
         if width is not None and height is not None:
             found.append(Sample(path.name, path, width, height))
     if folder is not None and not found:
-        raise InputError(must_be("FOLDER", "a folder with photos", str(folder)))
+        raise _no_folder(folder, "no photo is in it")
     return found
+
+
+def _no_folder(folder: Path, why: str) -> InputError:
+    got, advice = shown(f"{folder} ({why})"), "another folder, or none for pictures of scikit-image"
+    return InputError(must_be("FOLDER", "a folder with photos", got, advice))
 
 
 async def save(upload: Any, path: Path) -> str:
@@ -91,6 +116,7 @@ async def save(upload: Any, path: Path) -> str:
 
 def link(source: Path, path: Path) -> None:
     """The same file under another name; a copy of what may not be linked."""
+    source = source.resolve()  # not a symbolic link, which may lead nowhere from there
     try:
         os.link(source, path)
     except OSError:

@@ -31,15 +31,18 @@ class Worker:
     @classmethod
     async def started(cls, folder: Path) -> Worker:
         """A worker that is warm: kernels loaded, one tiny fit done. Raises WorkerDiedError."""
-        process = await asyncio.create_subprocess_exec(
-            sys.executable, "-P", "-m", "gauss2svg.studio.worker", str(folder),
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            limit=_LONGEST_LINE,
-            # A Ctrl-C at the terminal is the server's; what a worker starts is killed with it.
-            start_new_session=True,
-            env={**os.environ, "PYTHONPATH": import_path()},
-        )  # fmt: skip
+        try:
+            process = await asyncio.create_subprocess_exec(
+                sys.executable, "-P", "-m", "gauss2svg.studio.worker", str(folder),
+                stdin=asyncio.subprocess.PIPE,
+                stdout=asyncio.subprocess.PIPE,
+                limit=_LONGEST_LINE,
+                # A Ctrl-C at the terminal is the server's; what a worker starts is killed with it.
+                start_new_session=True,
+                env={**os.environ, "PYTHONPATH": import_path()},
+            )  # fmt: skip
+        except OSError as error:
+            raise WorkerDiedError(f"could not begin ({error.strerror or error})") from error
         worker = cls(process)
         try:
             await worker.receive()
@@ -74,6 +77,10 @@ class Worker:
             return head, await stdout.readexactly(head["bytes"])
         except (asyncio.IncompleteReadError, ConnectionError) as error:
             raise WorkerDiedError(end_of(await self._process.wait())) from error
+        except (asyncio.LimitOverrunError, ValueError) as error:
+            # What comes next cannot be told from what is left of this.
+            await self.end()
+            raise WorkerDiedError("sent what is no message") from error
 
     async def messages(self, job: str) -> AsyncIterator[tuple[dict[str, Any], bytes]]:
         """Messages about a job, until it has ended; raises WorkerDiedError."""
@@ -97,7 +104,8 @@ class Worker:
     async def end(self) -> None:
         """Kill it and wait for its end."""
         self.kill()
-        await self._process.wait()
         transport = getattr(self._process, "_transport", None)
-        if transport is not None:  # so that none is left for a loop that is closed
+        # So that none is left for a loop that is closed; and a pipe that is full has no end.
+        if transport is not None:
             transport.close()
+        await self._process.wait()

@@ -6,7 +6,6 @@ import asyncio
 import base64
 import io
 import zipfile
-from pathlib import PurePath
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
@@ -17,12 +16,13 @@ from starlette.exceptions import HTTPException
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.files import as_png
 from gauss2svg.measure.drawing import draw
-from gauss2svg.studio.fits import job_named
+from gauss2svg.studio import photos
+from gauss2svg.studio.fits import is_zipped, job_named
+from gauss2svg.studio.form import MOST_DRAWN
 from gauss2svg.studio.guard import PICTURE_POLICY
 from gauss2svg.studio.jobs import Job, Jobs
 from gauss2svg.svg.packing import file_bytes
 
-_MOST_PIXELS = 40_000_000  # of a PNG: half a gigabyte while it is drawn
 _DRAW_S = 60.0
 Markup = Literal["editable", "minimal"] | None
 _FILES = {
@@ -48,11 +48,11 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
         """The SVG: as it was written, or in another markup, or as SVGZ."""
         job = await _finished(name)
         svg = await _svg(job, markup)
-        own = bool(job.report and job.report["gzip"])
-        zipped = gzip or (own and download)
+        zipped = gzip or is_zipped(job)
         headers = {"Content-Security-Policy": PICTURE_POLICY}
         if download:
-            headers |= _attachment(job, ".svgz" if zipped else ".svg")
+            which = f"-{markup}" if markup else ""
+            headers |= _attachment(job, f"{which}.svgz" if zipped else f"{which}.svg")
         elif zipped:
             headers["Content-Encoding"] = "gzip"
         data = await asyncio.to_thread(file_bytes, svg, zipped)
@@ -67,14 +67,14 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
         svg, report = await _svg(job, None), job.report or {}
         wide = width or report["width"]
         high = max(1, round(wide * report["height"] / report["width"]))
-        if wide * high > _MOST_PIXELS:
+        if wide * high > MOST_DRAWN:
             got = shown(f"{wide}x{high} px")
-            raise InputError(must_be("the PNG", f"at most {_MOST_PIXELS} px", got, "a lower width"))
+            raise InputError(must_be("the PNG", f"at most {MOST_DRAWN} px", got, "a lower width"))
         channels = 4 if report["transparent"] else 3
         async with drawing:
             pixels = await asyncio.to_thread(draw, svg, wide, high, "resvg", _DRAW_S, channels)
             data = await asyncio.to_thread(as_png, pixels)
-        headers = _attachment(job, ".png") if download else {}
+        headers = _attachment(job, f"-{wide}.png") if download else {}
         return Response(data, media_type="image/png", headers=headers)
 
     @app.get("/api/jobs/{name}/data-uri.txt", response_class=Response)
@@ -92,9 +92,11 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
     ) -> Response:
         """The photo as it was compared, the error map, the outlines, the report, the scene."""
         job = await _finished(name)
+        if file != "report.json":
+            await job.when(ready=True)
         path = job.folder / file
         if not path.is_file():
-            raise HTTPException(404, f"this job has no {file}")
+            raise HTTPException(404, f"this job has no {file}" + (job.flaw and f": {job.flaw}"))
         headers = _attachment(job, f"-{file}") if download else {}
         if file.endswith(".svg"):
             headers["Content-Security-Policy"] = PICTURE_POLICY
@@ -102,16 +104,24 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
 
     @app.get("/api/zip", response_class=Response)
     async def _zip(ids: str, markup: Markup = None, gzip: bool = False) -> Response:
-        """SVGs of several jobs, ids separated by commas, as one ZIP."""
-        stream, taken = io.BytesIO(), set[str]()
+        """SVGs of several jobs, ids separated by commas, as one ZIP; it says which are missing."""
+        stream, taken, missing = io.BytesIO(), set[str](), list[HTTPException]()
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
             for name in dict.fromkeys(ids.split(",")):
-                job = await _finished(name)
-                zipped = gzip or bool(job.report and job.report["gzip"])
+                try:
+                    job = await _finished(name)
+                    svg = await _svg(job, markup)
+                except HTTPException as error:
+                    missing.append(error)
+                    continue
+                zipped = gzip or is_zipped(job)
                 suffix = ".svgz" if zipped else ".svg"
-                svg = await _svg(job, markup)
                 data = await asyncio.to_thread(file_bytes, svg, zipped)
                 await asyncio.to_thread(archive.writestr, _free(job, suffix, taken), data)
+            if not taken:
+                raise missing[0]
+            if missing:
+                archive.writestr("missing.txt", "".join(f"{one.detail}\n" for one in missing))
         headers = {"Content-Disposition": 'attachment; filename="gauss2svg.zip"'}
         return Response(stream.getvalue(), media_type="application/zip", headers=headers)
 
@@ -131,6 +141,8 @@ async def _svg(job: Job, markup: str | None) -> str:
         await job.when(ready=True)
         name = f"picture-{markup}.svg"
     path = job.folder / name
+    if not path.is_file() and (job.flaw or name == "picture.svg"):
+        raise HTTPException(404, f"this job has no {name}: {job.flaw or 'it was lost'}")
     if not path.is_file():
         raise HTTPException(422, f"these options cannot be written with {markup} markup")
     return await asyncio.to_thread(path.read_text, "utf-8")
@@ -138,7 +150,7 @@ async def _svg(job: Job, markup: str | None) -> str:
 
 def _free(job: Job, suffix: str, taken: set[str]) -> str:
     """A name that no other of an archive has, on any system."""
-    stem = name = PurePath(job.name).stem
+    stem = name = photos.stem_of(job.name)
     number = 1
     while f"{name}{suffix}".casefold() in taken:
         number += 1
@@ -148,5 +160,5 @@ def _free(job: Job, suffix: str, taken: set[str]) -> str:
 
 
 def _attachment(job: Job, suffix: str) -> dict[str, str]:
-    name = quote(f"{PurePath(job.name).stem}{suffix}", safe="")
+    name = quote(f"{photos.stem_of(job.name)}{suffix}", safe="")
     return {"Content-Disposition": f"attachment; filename*=UTF-8''{name}"}

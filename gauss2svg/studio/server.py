@@ -95,7 +95,7 @@ def serve(
     Raises InputError for an address that cannot be listened on.
     """
     whole_number("port", port, 0, 65535)
-    app = create_app(jobs, threads, folder)
+    app = create_app(jobs, threads, folder, is_local=_is_loopback(host))
     listening = _socket(host, port)
     with contextlib.closing(listening):
         port = listening.getsockname()[1]

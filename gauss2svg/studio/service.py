@@ -39,13 +39,18 @@ class Studio(Bounded):
 
 
 def create_app(
-    jobs: int | None = None, threads: int | None = None, folder: Path | None = None
+    jobs: int | None = None,
+    threads: int | None = None,
+    folder: Path | None = None,
+    *,
+    is_local: bool = False,
 ) -> Studio:
     """The ASGI application.
 
     jobs     fits that run at once; None: by the cores
     threads  of each; None: the cores, shared out
     folder   whose photos can be picked; None: pictures of scikit-image
+    is_local  whether it is served to its own machine only, which the page then says
     Raises InputError for more than the machine has, and for a folder without photos.
     """
     queue = Jobs(*workers_and_threads(jobs, threads))
@@ -70,7 +75,7 @@ def create_app(
         redoc_url=None,
     )
     _add_errors(app)
-    _add_pages(app, queue)
+    _add_pages(app, queue, is_local)
     _add_photos(app, samples)
     add_fits(app, queue, samples)
     add_results(app, queue)
@@ -96,10 +101,12 @@ def _add_errors(app: FastAPI) -> None:
 
     @app.exception_handler(Exception)
     async def _bug(_: Request, error: Exception) -> Response:
-        return line(500, f"{type(error).__name__}: {error}")
+        # Without the path of a file, which is private.
+        what = error.strerror if isinstance(error, OSError) else error
+        return line(500, f"{type(error).__name__}: {what}")
 
 
-def _add_pages(app: FastAPI, queue: Jobs) -> None:
+def _add_pages(app: FastAPI, queue: Jobs, is_local: bool) -> None:
     static = {
         file.name: file
         for package in ("gauss2svg.gallery", "gauss2svg.studio")
@@ -118,7 +125,11 @@ def _add_pages(app: FastAPI, queue: Jobs) -> None:
     async def _page() -> Response:
         template = environment.get_template("studio.html.jinja")
         html = template.render(
-            version=__version__, workers=queue.workers, legend=legend(), most_levels=MOST
+            version=__version__,
+            workers=queue.workers,
+            legend=legend(),
+            most_levels=MOST,
+            is_local=is_local,
         )
         return HTMLResponse(html)
 

@@ -7,9 +7,10 @@ Reads lines of JSON from standard input:
     {"job": id, "cancel": true}   drop it at the next step
 
 and answers on standard output, in messages of one line of JSON with so many "bytes" after it:
-"ready" once; for each fit "progress", "done" with the figures or "failed" with a line, and "ended",
-after which the next may come. When its input ends its server is gone: it removes FOLDER, the
-server's private one, and ends, in the midst of a fit as well.
+"ready" once; for each fit "progress", then "done" or "failed" with a line, after "done" perhaps
+"incomplete" with a line on files that could not be made, and "ended", after which the next may
+come. When its input ends its server is gone: it removes FOLDER, the server's private one, and ends,
+in the midst of a fit as well.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import shutil
 import sys
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
@@ -29,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from gauss2svg.errors import Gauss2SvgError, on_one_line
-from gauss2svg.files import as_json, as_png
+from gauss2svg.files import as_json, as_png, write_whole
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.alpha import over
 from gauss2svg.photo.stderr import own_standard_error
@@ -100,7 +102,7 @@ class _Worker:
                 (folder / "picture.svg").write_bytes(result.svg.encode())
                 (folder / "report.json").write_bytes(as_json(result.report))
                 self._send(job, "done")
-                _write_rest(folder, result, options)
+                self._write_rest(request, result, options)
         except _CanceledError:
             pass
         except Gauss2SvgError as error:
@@ -109,6 +111,18 @@ class _Worker:
             self._fail(job, f"out of memory ({error}). Try a smaller photo, or fewer Gaussians")
         except Exception as error:  # a bug of ours: the page shows it with its type
             self._fail(job, f"{type(error).__name__}: {error}")
+
+    def _write_rest(self, request: dict[str, Any], result: Result, options: Options) -> None:
+        """The other files, each whole or not at all; what fails here costs no finished fit."""
+        job, folder = request["job"], Path(request["folder"])
+        try:
+            for name, data in _rest(result, options):
+                if self._canceled == job:
+                    return
+                write_whole(folder / name, data, folder / "part")
+        except Exception as error:
+            line = on_one_line(f"{type(error).__name__}: {error}")
+            self._send(job, "incomplete", error=line.replace(f"{folder}{os.sep}", ""))
 
     def _fail(self, job: str, line: str) -> None:
         self._send(job, "failed", error=on_one_line(line))
@@ -152,21 +166,21 @@ class _Worker:
         )
 
 
-def _write_rest(folder: Path, result: Result, options: Options) -> None:
-    (folder / "photo.png").write_bytes(as_png(result.photo))
+def _rest(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
+    """Names and bytes of what is looked at afterwards."""
+    yield "photo.png", as_png(result.photo)
     stream = io.BytesIO()
     error_map(over(result.raster), over(result.photo)).save(stream, "PNG")
-    (folder / "errors.png").write_bytes(stream.getvalue())
+    yield "errors.png", stream.getvalue()
     with contextlib.suppress(Gauss2SvgError):  # an additive picture has none
-        (folder / "outlines.svg").write_bytes(result.outline().encode())
+        yield "outlines.svg", result.outline().encode()
     other = MINIMAL if result.report["markup"] == EDITABLE else EDITABLE
     with contextlib.suppress(Gauss2SvgError):  # options that only one of them has
         form = Plan(options.changed(markup=other)).svg_format
-        svg = write_svg(result.scene, form, result.document)
-        (folder / f"picture-{other}.svg").write_bytes(svg.encode())
+        yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
     stream = io.BytesIO()
     result.scene.save(stream)
-    (folder / "scene.npz").write_bytes(stream.getvalue())
+    yield "scene.npz", stream.getvalue()
 
 
 if __name__ == "__main__":

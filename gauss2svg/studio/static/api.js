@@ -35,13 +35,16 @@ export function getEstimate(asked, signal) {
   const headers = { "content-type": "application/json" };
   return json("api/estimate", { method: "POST", headers, body: JSON.stringify(asked), signal });
 }
+// A photo whose bytes the server has already is not sent again; a 404 says that it has them no longer.
 export function postJob(photo, options) {
   const body = new FormData();
-  if (photo.file) body.append("photo", photo.file, photo.name);
+  if (photo.job) body.append("of", photo.job);
+  else if (photo.file) body.append("photo", photo.file, photo.name);
   else body.append("sample", photo.sample);
   body.append("options", JSON.stringify(options));
   return json("api/jobs", { method: "POST", body });
 }
+export const getJob = (id) => json(ofJob(id));
 export const stopJob = (id) => answer(`${ofJob(id)}/stop`, { method: "POST" });
 export const cancelJob = (id) => answer(ofJob(id), { method: "DELETE" });
 export const ofJob = (id, name = "") => `api/jobs/${encodeURIComponent(id)}${name && "/"}${name}`;

@@ -3,10 +3,9 @@
 import { getBlob, getText, ofJob } from "./api.js";
 import { all, by, complain, say } from "./dom.js";
 
-const LARGEST_PNG = 16384; // px a side
-
 export class Exports {
-  constructor() {
+  constructor(limits) {
+    this.limits = limits;
     this.run = null;
     by("png-width").addEventListener("input", () => this.setPng());
     by("save").addEventListener("click", (event) => {
@@ -21,13 +20,8 @@ export class Exports {
     by("save").hidden = run === null;
     if (run === null || !isOther) return;
     complain("save-error", "");
-    const stem = run.photo.name.replace(/\.[^.]*$/, "") || "picture";
-    for (const link of all("[data-file]", by("save"))) {
-      link.href = ofJob(run.id, link.dataset.file);
-      link.download = stem + link.dataset.end;
-    }
-    this.stem = stem;
-    by("png-width").max = LARGEST_PNG;
+    for (const link of all("[data-file]", by("save"))) link.href = ofJob(run.id, link.dataset.file);
+    by("png-width").max = widest(run.report, this.limits.png_pixels);
     by("png-width").value = run.report.width;
     this.setPng();
     by("command").textContent = run.lines.command;
@@ -37,12 +31,10 @@ export class Exports {
   setPng() {
     const field = by("png-width"), link = by("png");
     const isValid = field.validity.valid && field.value !== "";
-    complain("png-error", isValid ? "" : `The width must be 1 to ${LARGEST_PNG} px; got ${field.value || "nothing"}.`);
+    complain("png-error", isValid ? "" : `The width must be 1 to ${field.max} px; got ${field.value || "nothing"}.`);
     link.classList.toggle("off", !isValid);
-    if (isValid) {
-      link.href = ofJob(this.run.id, `picture.png?width=${field.value}&download=1`);
-      link.download = `${this.stem}-${field.value}.png`;
-    } else link.removeAttribute("href");
+    if (isValid) link.href = ofJob(this.run.id, `picture.png?width=${field.value}&download=1`);
+    else link.removeAttribute("href");
   }
 
   async copy(button) {
@@ -70,4 +62,11 @@ export class Exports {
     }
     return navigator.clipboard.writeText(lines[what]);
   }
+}
+
+// The largest width of a PNG of so many pixels, whose height follows.
+function widest({ width, height }, most) {
+  let wide = Math.ceil(Math.sqrt(most * width / height)) + 1;
+  while (wide > 1 && wide * Math.max(1, Math.round(wide * height / width)) > most) wide -= 1;
+  return wide;
 }

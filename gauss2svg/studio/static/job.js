@@ -2,6 +2,7 @@
 
 import { ApiError, cancelJob, ofJob, postJob, stopJob } from "./api.js";
 
+const MOST_FOLLOWED = 3; // by streams: a browser has six connections to a server, also for pictures and answers
 const PAUSE_MS = 1000; // before a full queue is asked again, where the server names no time
 const LOST = "The server does not answer; it is asked again.";
 const GONE = "The server no longer knows this run. Try to run it again";
@@ -10,10 +11,10 @@ export const ENDED = ["done", "stopped", "failed", "canceled"];
 export const isDone = (run) => run.state === "done" || run.state === "stopped";
 export const isActive = (run) => !ENDED.includes(run.state);
 
-// Runs wait here, not at the server, beyond what it fits at once: a browser holds few connections.
+// Runs wait here, not at the server, beyond what it fits and the page follows at once.
 export class Lane {
   constructor(most, changed) {
-    this.most = most;
+    this.most = Math.min(most, MOST_FOLLOWED);
     this.changed = changed; // called with a run whenever it changes
     this.waiting = [];
     this.running = 0;
@@ -59,6 +60,8 @@ export class Lane {
       await cancelJob(run.id);
       return;
     }
+    run.photo.job = run.id;
+    Object.assign(run, posted); // later only what changes is told
     await new Promise((ended) => {
       run.events = new EventSource(ofJob(run.id, "events"));
       run.end = () => {
@@ -87,6 +90,10 @@ export class Lane {
       try {
         return await postJob(run.photo, run.asked);
       } catch (error) {
+        if (error.status === 404 && run.photo.job) {
+          run.photo.job = null;
+          continue;
+        }
         if (error.status !== 429) throw error;
         run.lost = error.message;
         this.changed(run);
@@ -106,6 +113,7 @@ export class Lane {
     this.waiting = this.waiting.filter((one) => one !== run);
     this.changed(run);
     if (run.id) {
+      if (run.photo.job === run.id) run.photo.job = null;
       run.end();
       await cancelJob(run.id);
     }

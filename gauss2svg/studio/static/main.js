@@ -1,6 +1,6 @@
 // What the page knows, and what follows from a change of it.
 
-import { ApiError, getBlob, getEstimate, getOptions, getSamples, ofJob, zipOf } from "./api.js";
+import { ApiError, getBlob, getEstimate, getJob, getOptions, getSamples, ofJob, zipOf } from "./api.js";
 import { all, by, complain, debounced, say } from "./dom.js";
 import { Exports } from "./exports.js";
 import { Goal } from "./goal.js";
@@ -15,10 +15,11 @@ import { Viewer } from "./viewer.js";
 
 const TYPICAL = { width: 768, height: 512 }; // px, before there is a photo
 const ESTIMATE_MS = 200; // after the last change
+const OF_JOB = /^api\/jobs\/([^/]+)\/((?!frame).*)/; // frames are followed by others
 const FORGOTTEN = "The server has forgotten this run, and keeps its newest ones only. Try to run it again.";
 
 class Studio {
-  constructor({ groups, scores }) {
+  constructor({ groups, scores, limits }) {
     Object.assign(this, { photos: [], runs: [], photo: null, shown: null, beside: null });
     const options = Object.fromEntries(groups.flatMap((group) => group.options).map((one) => [one.name, one]));
     const estimate = debounced(() => this.estimate(), ESTIMATE_MS);
@@ -26,7 +27,7 @@ class Studio {
     this.more = new More(groups, estimate);
     this.viewer = new Viewer((source) => this.missing(source));
     this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
-    this.exports = new Exports();
+    this.exports = new Exports(limits);
     this.strip = new Strip((photo) => this.open(photo));
     this.lane = new Lane(Number(document.body.dataset.workers), (run) => this.changed(run));
     this.hear();
@@ -311,11 +312,24 @@ class Studio {
     by("left").value = this.beside ? this.beside.number : "";
   }
 
-  missing(source) {
+  // A picture that the browser could not show: once more, and else the server says why.
+  async missing(source) {
     if (source.startsWith("blob:") && source === this.photo?.url) {
       this.photo.cannotBeSeen = true;
       this.showStage();
-    } else if (source.startsWith("api/jobs/") && !source.includes("/frame?")) complain("photo-error", FORGOTTEN);
+    }
+    const [, id, file] = OF_JOB.exec(source) ?? [];
+    if (id === undefined) return;
+    let isKnown = false;
+    try {
+      await getJob(id);
+      isKnown = true;
+      await getBlob(source);
+      if (!this.viewer.again(source)) complain("photo-error", `The browser could not show ${file}. Try to save the SVG.`);
+    } catch (error) {
+      if (!(error instanceof ApiError)) throw error;
+      complain("photo-error", error.status === 404 && !isKnown ? FORGOTTEN : error.message);
+    }
   }
 
   async estimate() {

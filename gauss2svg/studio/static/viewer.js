@@ -6,23 +6,40 @@ const MOST_ZOOM = 16; // pixels of the screen for one of the photo
 const SHARP_MS = 160; // without a further step of the zoom; only then pictures are drawn anew
 const STEP = 1.5; // of a key or button
 const PAN_PX = 60;
+const YET_TO_COME = /\/(errors\.png|outlines\.svg)$/;
 const HINTS = {
   fit: "Drag the divider, or use the arrow keys. Zoom: + and \u2212, two fingers, or the wheel with Ctrl or after a click.",
   zoomed: "Drag the picture, or press Shift and the arrow keys, to move it. Drag the handle, or press the arrow keys, to move the divider. 0 fits, 1 shows pixels.",
 };
 
 // One source at a time: a large SVG takes a while to load, and of those that pass in that time
-// only the last is needed.
+// only the last is needed. Files that the server has yet to make are not waited for.
 class Layer {
   constructor(image, failed) {
     this.image = image;
     this.wanted = null;
     this.isLoading = false;
+    this.failed = new Set(); // sources that were asked for twice
     for (const kind of ["load", "error"]) image.addEventListener(kind, () => {
-      this.isLoading = false;
+      this.load(null);
       if (this.wanted !== null && kind === "error" && image.getAttribute("src") === this.wanted) failed(this.wanted);
       this.show(this.wanted);
     });
+  }
+
+  // Asks for a source that has failed once more; whether anybody still wants it, and had not before.
+  again(source) {
+    if (this.wanted !== source || this.failed.has(source)) return false;
+    this.failed.add(source);
+    this.load(source);
+    return true;
+  }
+
+  // null: nothing more.
+  load(source) {
+    this.isLoading = source !== null;
+    this.image.ariaBusy = this.isLoading;
+    if (source !== null) this.image.src = source;
   }
 
   show(source) {
@@ -30,10 +47,9 @@ class Layer {
     this.image.hidden = source === null;
     if (source === null) {
       this.image.removeAttribute("src");
-      this.isLoading = false;
-    } else if (!this.isLoading && this.image.getAttribute("src") !== source) {
-      this.isLoading = true;
-      this.image.src = source;
+      this.load(null);
+    } else if (this.image.getAttribute("src") !== source && (!this.isLoading || YET_TO_COME.test(this.image.src))) {
+      this.load(source);
     }
   }
 }
@@ -83,6 +99,11 @@ export class Viewer {
 
   outline(side, source) {
     this.strokes[side].show(source);
+  }
+
+  // Loads a picture once more that has failed; false where that was done before.
+  again(source) {
+    return [...Object.values(this.layers), ...Object.values(this.strokes)].map((layer) => layer.again(source)).some(Boolean);
   }
 
   // Moves the divider unless someone has.
@@ -155,6 +176,10 @@ export class Viewer {
     for (const [name, value] of [["role", "slider"], ["aria-label", "Divider between the two pictures"],
       ["aria-valuemin", 0], ["aria-valuemax", 100], ["aria-orientation", "horizontal"], ["aria-describedby", "hint"]])
       this.slider.setAttribute(name, value);
+    // The slider glides by itself, also for those who want no motion.
+    const still = new CSSStyleSheet();
+    still.replaceSync("@media (prefers-reduced-motion: reduce) { * { transition: none !important; } }");
+    this.slider.shadowRoot.adoptedStyleSheets.push(still);
   }
 
   tellDivider() {
