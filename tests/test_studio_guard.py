@@ -66,6 +66,27 @@ def test_the_address_with_the_token_opens_the_page_by_a_cookie():
     assert TOKEN not in page.text
 
 
+def test_a_ticket_opens_the_page_once():
+    async def statuses():
+        guarded = Guard(STUDIO, TOKEN, PORT, {"127.0.0.1"}, True)
+        ticket = guarded.ticket()
+        transport = httpx.ASGITransport(guarded)
+        async with httpx.AsyncClient(transport=transport, base_url=HOME) as client:
+            asked = [
+                f"/api/options?token={ticket}",
+                f"/?token={ticket}",
+                f"/?token={ticket}",
+                "/?token=",
+            ]
+            found = []
+            for path in asked:
+                client.cookies.clear()
+                found.append((await client.get(path)).status_code)
+        return found
+
+    assert asyncio.run(statuses()) == [401, 303, 401, 401]
+
+
 def test_a_link_of_another_site_with_the_token_opens_it_at_once():
     # browsers leave out a strict cookie after such a redirect
     answer = ask("GET", f"/?token={TOKEN}", headers={"Sec-Fetch-Site": "cross-site"})
@@ -333,3 +354,24 @@ def test_errors_are_one_line_of_json(method, path, status):
     answer = ask(method, path, headers=BEARER)
     assert answer.status_code == status
     assert line_of(answer)
+
+
+def test_the_description_of_the_service_has_types_of_its_answers_and_errors():
+    document = STUDIO.api.openapi()
+    for path, methods in document["paths"].items():
+        for method, route in methods.items():
+            assert not route["summary"].startswith(" "), (method, path)
+            for status in ("403", "404", "422"):
+                said = route["responses"][status]["content"]["application/json"]["schema"]
+                assert said == {"$ref": "#/components/schemas/Error"}
+    state = document["paths"]["/api/jobs/{name}"]["get"]["responses"]["200"]
+    assert state["content"]["application/json"]["schema"]["$ref"].endswith("/State")
+    assert {"id", "state", "place", "lines"} <= document["components"]["schemas"]["State"][
+        "properties"
+    ].keys()
+
+
+def test_a_zip_of_no_jobs_is_refused():
+    answer = ask("GET", "/api/zip?ids=,", headers=BEARER)
+    assert answer.status_code == 422
+    assert "ids must" in line_of(answer)

@@ -17,6 +17,7 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.pipeline.vectorize import load_of
+from gauss2svg.studio.answers import Estimate
 from gauss2svg.studio.form import options_of
 from gauss2svg.studio.jobs import DONE, Job, Jobs
 from gauss2svg.svg.format import MINIMAL
@@ -41,7 +42,7 @@ class Estimator:
     def __init__(self, queue: Jobs) -> None:
         self._queue = queue
 
-    def estimate(self, width: Any, height: Any, options: Options, of: Job | None) -> dict[str, Any]:
+    def estimate(self, width: Any, height: Any, options: Options, of: Job | None) -> Estimate:
         """Gaussians, bytes, gzipped bytes, seconds, PSNR in dB, and what they are based on.
 
         of  a job of the same photo, or None

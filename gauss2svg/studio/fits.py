@@ -16,6 +16,7 @@ from starlette.exceptions import HTTPException
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.studio import photos
+from gauss2svg.studio.answers import Estimate, State
 from gauss2svg.studio.estimate import Estimator
 from gauss2svg.studio.form import options_of
 from gauss2svg.studio.guard import PICTURE_POLICY
@@ -41,14 +42,9 @@ _FORM = {
         "content": {"multipart/form-data": {"schema": {"type": "object", "properties": _FIELDS}}},
     }
 }
-_ERRORS: dict[int | str, dict[str, Any]] = {
-    413: {"description": "too many bytes"},
-    422: {"description": "a photo or options that cannot be used"},
-    429: {"description": "the queue is full; Retry-After has the seconds"},
-}
 
 
-def state_of(job: Job) -> dict[str, Any]:
+def state_of(job: Job) -> State:
     """What is reported of a job; the report once it is over."""
     return {
         "id": job.id,
@@ -86,12 +82,12 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
     """Add the routes."""
     estimator = Estimator(queue)
 
-    @app.post("/api/jobs", status_code=201, openapi_extra=_FORM, responses=_ERRORS)
-    async def _submit(request: Request) -> dict[str, Any]:
+    @app.post("/api/jobs", status_code=201, openapi_extra=_FORM)
+    async def _submit(request: Request) -> State:
         """Queue a photo; answers with its id and its place in line."""
         return state_of(await _submitted(request))
 
-    @app.post("/api/vectorize", openapi_extra=_FORM, responses=_ERRORS, response_class=Response)
+    @app.post("/api/vectorize", openapi_extra=_FORM, response_class=Response)
     async def _vectorize(request: Request) -> Response:
         """The SVG of a photo; a client that goes away cancels it."""
         job = await _submitted(request)
@@ -169,7 +165,7 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
         return Job(folder, name, options, width, height, keep=keep, digest=digest, lines=lines)
 
     @app.post("/api/estimate")
-    async def _estimate(request: Request) -> dict[str, Any]:
+    async def _estimate(request: Request) -> Estimate:
         """What a run will give: JSON {width, height, options, of?} in, figures out."""
         body = b""
         async for chunk in request.stream():
@@ -186,7 +182,7 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
         return estimator.estimate(*sides, options_of(given.get("options", {})), of)
 
     @app.get("/api/jobs/{name}")
-    async def _state(name: str) -> dict[str, Any]:
+    async def _state(name: str) -> State:
         """State, progress, and the report once it is there."""
         return state_of(job_named(queue, name))
 
@@ -209,7 +205,7 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
         return Response(job.frame, media_type="image/jpeg", headers=headers)
 
     @app.post("/api/jobs/{name}/stop")
-    async def _stop(name: str) -> dict[str, Any]:
+    async def _stop(name: str) -> State:
         """End a fit with the best so far."""
         job = job_named(queue, name)
         queue.stop(job)

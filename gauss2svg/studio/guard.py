@@ -121,6 +121,12 @@ class Guard:
         self._local = local
         # Cookies do not tell ports apart, and there may be two studios.
         self._cookie = f"gauss2svg-{port}"
+        self._ticket = ""
+
+    def ticket(self) -> str:
+        """A token that opens the page once: others may read a browser's command line."""
+        self._ticket = secrets.token_urlsafe(24)
+        return self._ticket
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request, or answer why not."""
@@ -160,7 +166,15 @@ class Guard:
         if not _is_own_origin(scope):
             raise RefusedError(403, _OTHER_SITE)
         asked = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        opened = self._fits(asked) and scope["method"] == "GET" and scope["path"] == "/"
+        is_page = scope["method"] == "GET" and scope["path"] == "/"
+        if (
+            is_page
+            and self._ticket
+            and secrets.compare_digest(asked.encode(), self._ticket.encode())
+        ):
+            self._ticket = ""
+            return True
+        opened = is_page and self._fits(asked)
         if not opened and _header(scope, b"sec-fetch-site") in ("cross-site", "same-site"):
             raise RefusedError(403, _OTHER_SITE)
         scheme, _, bearer = _header(scope, b"authorization").partition(" ")

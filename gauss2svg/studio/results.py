@@ -107,7 +107,7 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
         """SVGs of several jobs, ids separated by commas, as one ZIP; it says which are missing."""
         stream, taken, missing = io.BytesIO(), set[str](), list[HTTPException]()
         with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name in dict.fromkeys(ids.split(",")):
+            for name in dict.fromkeys(filter(None, ids.split(","))):
                 try:
                     job = await _finished(name)
                     svg = await _svg(job, markup)
@@ -119,7 +119,11 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
                 data = await asyncio.to_thread(file_bytes, svg, zipped)
                 await asyncio.to_thread(archive.writestr, _free(job, suffix, taken), data)
             if not taken:
-                raise missing[0]
+                raise (
+                    missing[0]
+                    if missing
+                    else HTTPException(422, "ids must name jobs; got none. Try A,B")
+                )
             if missing:
                 archive.writestr("missing.txt", "".join(f"{one.detail}\n" for one in missing))
         headers = {"Content-Disposition": 'attachment; filename="gauss2svg.zip"'}

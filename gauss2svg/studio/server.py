@@ -104,7 +104,8 @@ def serve(
         names |= set() if local else {socket.gethostname().lower()}
         shown_host = "127.0.0.1" if host in ("0.0.0.0", "::") else host
         shown_host = f"[{shown_host}]" if ":" in shown_host else shown_host
-        address = f"http://{shown_host}:{port}/?token={token}"
+        address = f"http://{shown_host}:{port}/?token="
+        guard = Guard(app, token, port, names, local)
 
         def ready() -> None:
             if not local:
@@ -112,13 +113,14 @@ def serve(
                     f"warning: anyone who reaches {host} and knows the token may use this machine, "
                     "and the connection is not encrypted"
                 )
-            say(f"the studio is at {address} (Ctrl-C ends it)")
+            say(f"the studio is at {address}{token} (Ctrl-C ends it)")
             if browser:
                 # A browser in the terminal would keep its caller until it is left.
-                Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+                opened = f"{address}{guard.ticket()}"
+                Thread(target=webbrowser.open, args=(opened,), daemon=True).start()
 
         config = uvicorn.Config(
-            Guard(app, token, port, names, local),
+            guard,
             http=_Protocol,
             loop="asyncio",
             ws="none",

@@ -12,6 +12,7 @@ from urllib.parse import quote
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, Response
+from fastapi.routing import APIRoute
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from starlette.exceptions import HTTPException
 
@@ -19,6 +20,7 @@ from gauss2svg.errors import Gauss2SvgError, on_one_line
 from gauss2svg.gallery.pages import legend
 from gauss2svg.measure.heatmap import MOST
 from gauss2svg.studio import photos
+from gauss2svg.studio.answers import ERRORS, Sample
 from gauss2svg.studio.fits import add_fits
 from gauss2svg.studio.form import form
 from gauss2svg.studio.guard import Bounded
@@ -70,6 +72,8 @@ def create_app(
         description="Photos in, SVGs of Gaussians out. Errors are {'error': one line}.",
         lifespan=lifespan,
         openapi_url="/api/openapi.json",
+        responses=ERRORS,
+        generate_unique_id_function=lambda route: route.name.strip("_"),
         # These pages load scripts from other sites.
         docs_url=None,
         redoc_url=None,
@@ -79,6 +83,9 @@ def create_app(
     _add_photos(app, samples)
     add_fits(app, queue, samples)
     add_results(app, queue)
+    for route in app.routes:
+        if isinstance(route, APIRoute):
+            route.summary = route.description.partition(".")[0].partition(":")[0]
     return Studio(app, queue)
 
 
@@ -148,7 +155,7 @@ def _add_pages(app: FastAPI, queue: Jobs, is_local: bool) -> None:
 
 def _add_photos(app: FastAPI, samples: dict[str, photos.Sample]) -> None:
     @app.get("/api/samples")
-    async def _samples() -> list[dict[str, Any]]:
+    async def _samples() -> list[Sample]:
         """Pictures that can be picked in place of an upload."""
         return [
             {
