@@ -19,6 +19,7 @@ from gauss2svg.batch.inputs import photos_of
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.records import FOLDER, PARTS, RECORDS, record_of
 from gauss2svg.batch.stores import Store
+from gauss2svg.batch.tasks import answers
 from gauss2svg.errors import ClusterError, InputError, OutputError
 
 
@@ -297,3 +298,16 @@ def test_command_without_a_shared_folder_ends_in_a_line(
     address = dask_client.scheduler.address
     assert batch_here(photos, "-o", tmp_path / "out", "--scheduler", address) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith("gauss2svg: output must be a folder")
+
+
+def test_an_interrupt_that_was_lost_is_raised_again(dask_client, monkeypatch):
+    def lost():
+        raise KeyboardInterrupt
+
+    def next_request():
+        monkeypatch.setattr("gauss2svg.batch.interrupts.pending", lost)
+        return next(requests, None)
+
+    requests = iter([0.0])  # seconds of a task, after which all would be done
+    with pytest.raises(KeyboardInterrupt):
+        list(answers(dask_client, time.sleep, next_request, lambda: 1))

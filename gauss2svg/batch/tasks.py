@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 from distributed import Client, Future
 from distributed.protocol.pickle import dumps, loads
 
+from gauss2svg.batch.interrupts import raise_pending
 from gauss2svg.errors import ClusterError
 
 T = TypeVar("T")
@@ -40,6 +41,7 @@ def answers(
     submitted: dict[Any, tuple[Future, T]] = {}
     try:
         while True:
+            raise_pending()
             while len(submitted) < window() and (request := next_request()) is not None:
                 # The scheduler remembers its last thousand tasks, with all that is in them.
                 packed = zlib.compress(dumps((function, request)))
@@ -68,6 +70,7 @@ def _call(packed: bytes) -> Any:
 
 def _next(client: Client, finished: queue.SimpleQueue[Future], idle: Callable[[], None]) -> Future:
     while True:
+        raise_pending()
         try:
             return finished.get(timeout=_POLL_S)
         except queue.Empty:

@@ -11,7 +11,10 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from types import FrameType
+
+from gauss2svg.batch import interrupts
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
@@ -93,8 +96,16 @@ def exit_before_fits() -> None:
 @contextmanager
 def raising() -> Iterator[None]:
     """Inside signals raise, so that files are closed and child processes end."""
-    with _handled(_SIGNALS, raise_for):
-        yield
+
+    def received(number: int, _frame: FrameType | None) -> None:
+        interrupts.pending = partial(raise_for, number)
+        raise_for(number)
+
+    try:
+        with _handled(_SIGNALS, received):
+            yield
+    finally:
+        interrupts.pending = None
 
 
 @contextmanager
