@@ -1,5 +1,6 @@
 """Laws of blurred discs: the profile they draw, which shapes are drawn so, and by whom."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -19,10 +20,10 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius, half_radius, profile
 from gauss2svg.svg.blur import (
     BLUR,
+    BLURS,
     FORMS,
     blur_of,
     blurred_disc,
-    blurs,
     chosen_blurs,
     drawn_blurs,
 )
@@ -58,8 +59,8 @@ def test_table_of_exponents_opacities_and_errors_is_as_stated():
         3.4: (1.74, 1.0, 0.0065), 5.0: (2.61, 1.0, 0.012), 8.0: (4.32, 1.0, 0.0165),
         12.0: (6.64, 1.0, 0.0185),
     }  # fmt: skip
-    assert len(stated) == len(blurs())
-    for (ratio, (beta, most, error)), blur in zip(stated.items(), blurs(), strict=True):
+    assert len(stated) == len(BLURS)
+    for (ratio, (beta, most, error)), blur in zip(stated.items(), BLURS, strict=True):
         assert blur.deviation == pytest.approx(1 / ratio)
         assert blur.beta == pytest.approx(beta, abs=0.007)
         assert min(1, 1 / blur.peak) == pytest.approx(most, abs=0.006)
@@ -69,8 +70,14 @@ def test_table_of_exponents_opacities_and_errors_is_as_stated():
         assert np.sqrt(np.average(missed**2, weights=r)) < error
 
 
+@pytest.mark.parametrize("blur", BLURS)
+def test_table_is_what_is_fitted(blur):
+    derived = blur_of(1 / blur.deviation)
+    assert dataclasses.astuple(blur) == pytest.approx(dataclasses.astuple(derived), rel=1e-5)
+
+
 def test_filters_end_where_less_than_half_a_level_is_left():
-    for blur in blurs():
+    for blur in BLURS:
         end = np.array([1 + blur.margin])
         assert blur.peak * blurred_disc(end, 1 / blur.deviation)[0] < 0.5 / 255
 
@@ -117,7 +124,7 @@ def test_blurred_shapes_are_large_and_as_opaque_as_a_disc_can_be(seed):
     blurred = index >= 0
     half = scene.ellipse_axes[0][:, 1] * half_radius(scene.betas)
     assert (half[blurred] >= 1.8).all()
-    full = scene.opacity[blurred] * [blurs()[k].peak for k in index[blurred]]
+    full = scene.opacity[blurred] * [BLURS[k].peak for k in index[blurred]]
     assert (full <= 1.021).all()
     assert not (blurred & is_solid(scene)).any()
 
@@ -137,7 +144,7 @@ def test_blurring_changes_little_or_is_not_done(beta, opacity):
     index = int(chosen_blurs(scene, BLUR)[0])
     if index < 0:
         return
-    blur, r = blurs()[index], np.linspace(0, 4, 300)
+    blur, r = BLURS[index], np.linspace(0, 4, 300)
     sigmas = r * half_radius(blur.beta) / half_radius(beta)
     drawn = blur.peak * blurred_disc(sigmas / blur.radius, 1 / blur.deviation)
     differing = opacity * np.abs(drawn - profile(r, beta)).max()

@@ -17,7 +17,7 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.blur import FORMS, GRADIENT, blurs, drawn_blurs
+from gauss2svg.svg.blur import BLURS, FORMS, GRADIENT, drawn_blurs
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.affine import compose, parse_transform
 from gauss2svg.svg.reader.read import read_svg
@@ -58,7 +58,7 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
     # M / R has entries rounded by step / R, with R > sqrt 2 for all exponents
     missed = np.abs(back.factor - scene.factor).max(axis=(1, 2), initial=0.0)
     assert missed[~solid & ~blurred].max(initial=0.0) <= step / math.sqrt(2)
-    assert missed[blurred].max(initial=0.0) <= step / min(blur.radius for blur in blurs())
+    assert missed[blurred].max(initial=0.0) <= step / min(blur.radius for blur in BLURS)
     np.testing.assert_allclose(back.color, scene.color, atol=0.5 / 255 + 1e-9)
     np.testing.assert_array_equal(back.rounds, scene.rounds)
     assert (back.width, back.height) == (scene.width, scene.height)

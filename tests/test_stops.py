@@ -5,8 +5,19 @@ import pytest
 
 from gauss2svg.errors import InputError
 from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, cut_radius, profile
-from gauss2svg.svg.stops import STATED_ERRORS, STOP_COUNTS, gradient_stops
+from gauss2svg.svg.stops import (
+    FEWEST_STOPS,
+    STATED_ERRORS,
+    STOP_COUNTS,
+    best_stops,
+    gradient_stops,
+    optimised_stops,
+)
 
+TABLE = [
+    n if n in (3, 6) else pytest.param(n, marks=pytest.mark.sweep)
+    for n in range(FEWEST_STOPS, max(STOP_COUNTS) + 1)
+]
 ALL = [(count, beta) for count in STOP_COUNTS for beta in (LEAST_BETA, *BETA_CLASSES)]
 
 
@@ -56,6 +67,15 @@ def test_no_knot_can_be_moved_for_the_better(beta):
             moved = offsets.copy()
             moved[k] += way
             assert error_of(moved, values, beta)[0] > least
+
+
+@pytest.mark.parametrize("count", TABLE)
+@pytest.mark.parametrize("beta", BETA_CLASSES)
+def test_table_is_what_is_derived(count, beta):
+    table, derived = best_stops(count, beta), optimised_stops(count, beta)
+    assert [len(part) for part in table] == [len(part) for part in derived] == [count, count]
+    assert error_of(*table, beta)[0] <= 1.001 * error_of(*derived, beta)[0]
+    np.testing.assert_allclose(table, derived, atol=0.02)
 
 
 def test_unknown_stop_count_is_refused_with_the_known_ones():

@@ -1,11 +1,13 @@
 """What the page is told of options, and the lines that make the same file."""
 
+import asyncio
 import io
 import shlex
 import subprocess
 import sys
 import types
 
+import httpx
 import pytest
 from conftest import random_scene
 from PIL import Image
@@ -20,6 +22,7 @@ from gauss2svg.studio.estimate import Estimator
 from gauss2svg.studio.form import form, options_of
 from gauss2svg.studio.jobs import Jobs
 from gauss2svg.studio.lines import lines_of
+from gauss2svg.studio.service import create_app
 from gauss2svg.studio.share import workers_and_threads
 
 OPTIONS = [option for group in form()["groups"] for option in group["options"]]
@@ -187,6 +190,37 @@ def test_importing_gauss2svg_and_its_command_loads_no_server():
         [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("is_local", [True, False])
+def test_the_page_says_where_photos_go(is_local):
+    async def page():
+        transport = httpx.ASGITransport(create_app(is_local=is_local))
+        async with httpx.AsyncClient(transport=transport, base_url="http://studio") as client:
+            return (await client.get("/")).text
+
+    text = asyncio.run(page())
+    assert ("Photos stay on this machine" in text) == is_local
+    assert ("Photos go to this server only" in text) != is_local
+
+
+def test_a_full_queue_refuses_before_a_photo_is_read():
+    async def post():
+        studio = create_app()
+        studio.jobs.most_waiting = 0
+        transport = httpx.ASGITransport(studio)
+
+        async def photo():
+            pytest.fail("the photo was read")
+            yield b""
+
+        async with httpx.AsyncClient(transport=transport, base_url="http://studio") as client:
+            form = {"Content-Type": "multipart/form-data; boundary=b"}
+            return await client.post("/api/jobs", content=photo(), headers=form)
+
+    answer = asyncio.run(post())
+    assert answer.status_code == 429
+    assert "Retry-After" in answer.headers
 
 
 @pytest.mark.parametrize("package", ["fastapi", "uvicorn", "python_multipart"])

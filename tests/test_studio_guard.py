@@ -1,8 +1,10 @@
 """Who may use the studio: each hostile use has its answer. All in process, no fit is run."""
 
 import asyncio
+import errno
 import io
 import json
+import os
 import struct
 import zlib
 
@@ -10,7 +12,7 @@ import httpx
 import pytest
 from PIL import Image
 
-from gauss2svg.studio import guard
+from gauss2svg.studio import guard, photos
 from gauss2svg.studio.guard import Bounded, Guard
 from gauss2svg.studio.photos import display_name, link, size_of, stem_of
 from gauss2svg.studio.service import create_app
@@ -170,6 +172,17 @@ def test_the_page_may_load_only_what_is_here():
 def post_photo(data: bytes, name: str = "photo.png", options: str = "{}", **more):
     files = {"photo": (name, data, "image/png")}
     return ask("POST", "/api/jobs", headers=BEARER, files=files, data={"options": options}, **more)
+
+
+@pytest.mark.parametrize(("code", "status"), [(errno.ENOSPC, 507), (errno.EIO, 500)])
+def test_a_photo_that_the_disk_does_not_take_is_a_line_without_its_path(code, status, monkeypatch):
+    async def refuse(upload, path):
+        raise OSError(code, os.strerror(code), str(path))
+
+    monkeypatch.setattr(photos, "save", refuse)
+    answer = post_photo(b"photo")
+    assert answer.status_code == status
+    assert line_of(answer) == f"the photo cannot be kept: {os.strerror(code)}"
 
 
 def test_an_upload_of_2_gb_is_refused_by_its_length_before_it_comes():

@@ -18,7 +18,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import ive
 
 from gauss2svg.errors import InputError, must_be
@@ -36,7 +35,6 @@ _MOST_DIFFERING = 0.08
 _LOG_STEP = 0.04  # of exponents at which differences are cached
 _SAME_BETA = 1e-6
 
-_RATIOS = (1.4, 2.0, 2.6, 3.4, 5.0, 8.0, 12.0)
 LEAST_RATIO, MOST_RATIO = 0.5, 16.0  # of the ratios that are recognised
 _CLEAR = 3.5  # standard deviations around the disc that a filter region includes
 _OVERFULL = 0.02  # relative excess over a disc's largest opacity that is clipped
@@ -63,10 +61,17 @@ class Blur:
         return _CLEAR * self.deviation
 
 
-@lru_cache(maxsize=1)
-def blurs() -> tuple[Blur, ...]:
-    """The blurs of files, the softest first."""
-    return tuple(blur_of(ratio) for ratio in _RATIOS)
+# Those of files, the softest first: blur_of for discs of 1.4, 2, 2.6, 3.4, 5, 8 and 12 deviations'
+# radius, which takes too long for every start.
+BLURS = (
+    Blur(1 / 1.4, 1.01147233778, 1.09458307443, 1.59501799762),
+    Blur(1 / 2, 1.14528662352, 1.25762415807, 1.16469982183),
+    Blur(1 / 2.6, 1.36563435691, 1.30896075143, 1.04243700421),
+    Blur(1 / 3.4, 1.74340697660, 1.32641735405, 0.99816573719),
+    Blur(1 / 5, 2.60683835486, 1.33969286603, 0.98493441846),
+    Blur(1 / 8, 4.31967523876, 1.35788668786, 0.98709482037),
+    Blur(1 / 12, 6.64289524310, 1.37279799581, 0.99067903041),
+)
 
 
 @lru_cache(maxsize=64)
@@ -78,6 +83,8 @@ def blur_of(ratio: float) -> Blur:
     if not LEAST_RATIO <= ratio <= MOST_RATIO:
         needed = f"{LEAST_RATIO:g}..{MOST_RATIO:g} times the deviation of its blur"
         raise InputError(must_be("radius of the circle", needed, ratio, "to set its blur again"))
+    from scipy.optimize import minimize  # a quarter of a second, and seldom needed
+
     r = np.arange(0.5, 500) / 500 * (1 + 6 / ratio)
     drawn = blurred_disc(r, ratio)
 
@@ -106,7 +113,7 @@ def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
 
 
 def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
-    """(n,) index into blurs() of each shape's blur in a form, -1 where it is not blurred.
+    """(n,) index into BLURS of each shape's blur in a form, -1 where it is not blurred.
 
     The blur has the nearest exponent of those that allow the shape's opacity; a shape has none
     where the two profiles differ too much, or where it is small. A shape that already has the
@@ -120,8 +127,8 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     before = drawn_blurs(scene) >= 0
     candidates = large | before
     beta, opacity = scene.betas[candidates], scene.opacity[candidates]
-    distance = np.abs(np.log(beta[:, None] / [blur.beta for blur in blurs()]))
-    full = np.array([blur.peak for blur in blurs()]) * opacity[:, None]
+    distance = np.abs(np.log(beta[:, None] / [blur.beta for blur in BLURS]))
+    full = np.array([blur.peak for blur in BLURS]) * opacity[:, None]
     nearest = np.where(full <= 1 + _OVERFULL, distance, np.inf).argmin(axis=1)
     differing = opacity * [
         _differing(round(math.log(b) / _LOG_STEP), k) for b, k in zip(beta, nearest, strict=True)
@@ -131,12 +138,12 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
 
 
 def drawn_blurs(scene: Scene) -> NDArray[np.intp]:
-    """(n,) index into blurs() of the one whose exponent a shape has exactly, or -1.
+    """(n,) index into BLURS of the one whose exponent a shape has exactly, or -1.
 
     No exponent of a gradient equals one of a blur, so that it identifies how a quantized shape is
     drawn.
     """
-    ratios = scene.betas[:, None] / [blur.beta for blur in blurs()]
+    ratios = scene.betas[:, None] / [blur.beta for blur in BLURS]
     same = np.abs(ratios - 1) < _SAME_BETA
     return np.where(same.any(axis=1), same.argmax(axis=1), -1)
 
@@ -147,7 +154,7 @@ def _differing(step: int, index: int) -> float:
 
     The profile's exponent is exp(step _LOG_STEP).
     """
-    beta, blur = math.exp(step * _LOG_STEP), blurs()[index]
+    beta, blur = math.exp(step * _LOG_STEP), BLURS[index]
     r = np.linspace(0, 4, 400)  # in sigmas of the profile
     own = r * float(half_radius(blur.beta) / half_radius(beta))
     drawn = blur.peak * blurred_disc(own / blur.radius, 1 / blur.deviation)

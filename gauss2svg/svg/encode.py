@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from gauss2svg.errors import SceneError, must_be, shown
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
-from gauss2svg.svg.blur import GRADIENT, blurs, drawn_blurs
+from gauss2svg.svg.blur import BLURS, GRADIENT, drawn_blurs
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.solid import is_solid, solid_radius
@@ -183,7 +183,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     keys = np.column_stack([nearest_class(scene.betas), color])
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
     # The shortest ids go to those that are used most.
-    uses = np.append(uses, np.bincount(blur[blurred], minlength=len(blurs())))
+    uses = np.append(uses, np.bincount(blur[blurred], minlength=len(BLURS)))
     names = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     ids, filter_ids = names[: len(shared)], names[len(shared) :]
 
@@ -193,8 +193,8 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     filters[blurred] = [filter_ids[k] for k in blur[blurred]]
     radius, opacity = cut_radius(scene.betas), scene.opacity.copy()
     radius[solid] = solid_radius(scene.betas[solid])
-    radius[blurred] = [blurs()[k].radius for k in blur[blurred]]
-    opacity[blurred] *= [blurs()[k].peak for k in blur[blurred]]
+    radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
+    opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
     unit = np.where((scene.betas >= _LARGE_FROM) & shaded, _LARGE, 1)
     discs = _Discs(
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
@@ -217,7 +217,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
         ),
         filters=tuple(
             Filter(name, number(blur.deviation, 4), number(blur.margin / 2, 2))
-            for name, blur in zip(filter_ids, blurs(), strict=True)
+            for name, blur in zip(filter_ids, BLURS, strict=True)
             if name in filters_used
         ),
         layers=layers,

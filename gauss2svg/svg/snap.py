@@ -6,7 +6,7 @@ import numpy as np
 
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class, widening
-from gauss2svg.svg.blur import blurs, chosen_blurs
+from gauss2svg.svg.blur import BLURS, chosen_blurs
 from gauss2svg.svg.solid import is_solid
 
 
@@ -24,7 +24,7 @@ def snapped(scene: Scene, form: str) -> Scene:
     blurred = blur >= 0
     shaded = ~is_solid(scene) & ~blurred
     beta = scene.betas.copy()
-    beta[blurred] = [blurs()[k].beta for k in blur[blurred]]
+    beta[blurred] = [BLURS[k].beta for k in blur[blurred]]
     beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]
     return with_exponents(scene, beta).replace(color=np.round(scene.color * 255) / 255)
 

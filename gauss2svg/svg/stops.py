@@ -7,12 +7,17 @@ An SVG gradient is linear between its stops. Their offsets (free knots) and opac
 in px^2 for a shape of sigma 1 px: the squared error of the image. A dynamic program finds the best
 knots of an interpolating polygon among candidates, then knots are moved one by one while the
 least-squares values improve. tests/test_stops.py checks STATED_ERRORS.
+
+That takes up to a second for each exponent, so stops.json has those of all files
+(`python examples/stops.py gauss2svg/svg/stops.json`), and tests/test_stops.py derives them again.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from functools import lru_cache
+from importlib.resources import files
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +31,7 @@ STATED_ERRORS = {
     5: (0.0045, 0.012), 6: (0.0028, 0.012), 8: (0.0017, 0.007), 10: (0.0011, 0.007),
     12: (0.0008, 0.005),
 }  # fmt: skip
-_FEWEST = 3
+FEWEST_STOPS = 3
 _LENIENCE = 1.2  # allowed error of another exponent, as a multiple of that at beta = 1
 _SAMPLES = 2000
 _CANDIDATES = 120
@@ -61,7 +66,7 @@ def _fewest(count: int, beta: float) -> Stops:
     if beta == 1:
         return _best(count, beta)[0]
     allowed = _LENIENCE * _best(count, 1.0)[1]
-    for fewer in range(_FEWEST, count):
+    for fewer in range(FEWEST_STOPS, count):
         stops, error = _best(fewer, beta)
         if error <= allowed:
             return stops
@@ -71,10 +76,31 @@ def _fewest(count: int, beta: float) -> Stops:
 @lru_cache(maxsize=256)
 def _best(count: int, beta: float) -> tuple[Stops, float]:
     """The best stops, and the integral of their squared error in px^2 at sigma 1 px."""
+    stops = _known().get((count, beta)) or optimised_stops(count, beta)
+    x, weight, target = _sampled(beta)
+    drawn = np.interp(x, *stops) - target
+    return stops, float(np.sum(weight * np.square(drawn)))
+
+
+@lru_cache(maxsize=1)
+def _known() -> dict[tuple[int, float], Stops]:
+    """The stops of stops.json, whose rows are a count, an exponent, offsets and opacities."""
+    rows = json.loads(files("gauss2svg.svg").joinpath("stops.json").read_text())
+    return {(count, beta): (tuple(at), tuple(values)) for count, beta, at, values in rows}
+
+
+def _sampled(beta: float) -> tuple[NDArray[np.float64], ...]:
+    """Offsets (n,), their weight in the integral over the disc, and the profile there."""
     radius = float(cut_radius(beta))
     x = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
     weight = 2 * np.pi * radius * radius / _SAMPLES * x
-    target = profile(x * radius, beta)
+    return x, weight, profile(x * radius, beta)
+
+
+def optimised_stops(count: int, beta: float) -> Stops:
+    """Offsets and opacities of exactly so many stops, of the least error, computed anew."""
+    x, weight, target = _sampled(beta)
+    radius = float(cut_radius(beta))
     knots = _interpolating(count, x, weight, target, radius, beta)
     knots[0] = _FIRST_OFFSET * knots[1]
     values, error = _fitted(knots, x, weight, target)
@@ -96,9 +122,7 @@ def _best(count: int, beta: float) -> tuple[Stops, float]:
     decimals = _CRISP_OFFSET_DECIMALS if beta > CRISP else _OFFSET_DECIMALS
     offsets = np.round(knots, decimals)
     opacities = np.round(values, 3)
-    drawn = np.interp(x, offsets, opacities) - target
-    stops = tuple(offsets.tolist()), tuple(opacities.tolist())
-    return stops, float(np.sum(weight * np.square(drawn)))
+    return tuple(offsets.tolist()), tuple(opacities.tolist())
 
 
 def _interpolating(

@@ -13,7 +13,7 @@ from typing import Any
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.scene.falloff import cut_radius
-from gauss2svg.svg.blur import blur_of, blurs
+from gauss2svg.svg.blur import BLURS, blur_of
 from gauss2svg.svg.reader.affine import Affine, compose
 from gauss2svg.svg.reader.gradient import SVG, Gradient, Gradients
 from gauss2svg.svg.reader.outline import outline
@@ -96,7 +96,7 @@ def blurred_profile(radius: float, deviation: float) -> tuple[float, float, floa
     if not _LEAST_RATIO < ratio < 1 / _LEAST_RATIO:
         got = shown(f"a radius of {radius:g} and a deviation of {deviation:g}")
         raise InputError(must_be("its blur", "one of write_svg", got, "to remove its filter"))
-    blur = min(blurs(), key=lambda known: abs(math.log(ratio * known.deviation)))
+    blur = min(BLURS, key=lambda known: abs(math.log(ratio * known.deviation)))
     if abs(ratio * blur.deviation - 1) > _SAME_RATIO:
         blur = blur_of(ratio)
     return blur.beta, blur.radius, 1 / blur.peak
