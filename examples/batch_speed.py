@@ -3,12 +3,15 @@
     python examples/batch_speed.py --photos 400 --side 256
 
 The photos are crops of those that ship with scikit-image. Prints wall-clock and CPU seconds of all
-processes of each way; CPU seconds tell the engine's own work also where others use the machine.
+processes of each way. The last column is the share of the workers' wall-clock time that was spent
+on photos, by the table of the batch: the rest is the engine's, start and end included. It holds
+also where a machine's speed changes from one run to the next.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import os
 import resource
 import subprocess
@@ -20,6 +23,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 from skimage import data
+
+from gauss2svg.batch.table import TABLE
 
 _PHOTOS = ("astronaut", "brick", "camera", "cat", "coffee", "coins", "grass", "gravel", "rocket")
 _ONE_PROCESS = """
@@ -82,11 +87,18 @@ def main() -> None:
             batch += ["--workers", str(workers), "--threads", "1", "--quiet"]
             ways[f"batch, workers: {workers}"] = (given.photos, [batch])
             ways[f"the same again: {workers}"] = (given.photos, [batch])
-        print("| way | photos | s | photos a second | CPU s a photo |\n|---|---|---|---|---|")
+        print("| way | photos | s | photos a second | CPU s a photo | on photos |")
+        print("|---|---|---|---|---|---|")
         for way, (count, commands) in ways.items():
             wall, cpu = timed(*commands)
             rate = f"{count / wall:.2f} | {cpu / count:.3f}"
-            print(f"| {way} | {count} | {wall:.1f} | {rate} |", flush=True)
+            share = ""
+            if way.startswith("batch"):
+                workers = int(way[-1])
+                with (root / f"out{workers}" / TABLE).open(newline="") as table:
+                    spent = sum(float(row["seconds"]) for row in csv.DictReader(table))
+                share = f"{spent / wall / workers:.1%}"
+            print(f"| {way} | {count} | {wall:.1f} | {rate} | {share} |", flush=True)
         for path in photos.iterdir():
             texts = {
                 (root / out / f"{path.stem}.svg").read_bytes() for out in ("out1", "out2", "one")

@@ -109,6 +109,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
             "minimal markup for so small a file, without names and layers; --markup editable has "
             "them"
         )
+    if plan.minimal_is_closer and fitted.stop_reason == "max_bytes":
+        notes.append("--markup minimal, without names and layers, is often closer in as many bytes")
     outlines = outline_bytes(photo.pixels)
     if outlines is not None and len(outcome.scene) and outlines <= len(outcome.svg):
         notes.append(
