@@ -2,8 +2,8 @@
 
     python examples/figures.py docs/_static [start model progressive-fit ...]
 
-FOLDER/figures/NAME.webp stands on docs/concepts/NAME.md; FOLDER/start has the pictures of the start
-page and start.inc, which shows them.
+FOLDER/figures/NAME.webp stands on docs/concepts/NAME.md or docs/guide/NAME.md; FOLDER/start has the
+pictures of the start page and start.inc, which shows them.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import scenes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
+from skimage import data
 
 from gauss2svg import FitOptions, Scene, quantize, vectorize, write_svg
 from gauss2svg.errors import RendererError
@@ -217,6 +218,15 @@ def extremes() -> Figure:
     return tiles(zoomed, [f"{z} times" for z in (1, 10, 100)])
 
 
+def logos() -> Figure:
+    """A logo in files of some sizes, and the picture."""
+    logo = np.asarray(Image.fromarray(data.logo()).convert("RGB")) / np.float32(255)
+    results = [vectorize(logo, max_bytes=limit) for limit in (5000, 20_000)] + [vectorize(logo)]
+    figures = [(r.report["svg_bytes"] / 1000, r.report["psnr_svg"]) for r in results]
+    titles = [f"{size:.0f} kB: {match:.1f} dB" for size, match in figures]
+    return tiles([*(r.raster for r in results), logo], [*titles, "the picture"])
+
+
 FIGURES: dict[str, Callable[[], Figure]] = {
     "model": model,
     "progressive-fit": progressive_fit,
@@ -224,6 +234,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "writing-svg": writing_svg,
     "additive-blending": additive_blending,
     "extremes": extremes,
+    "logos": logos,
 }
 
 
@@ -239,9 +250,9 @@ def main() -> None:
         figure.savefig(stream, format="png", dpi=WIDTH_PX / _INCHES)
         plt.close(figure)
         with Image.open(stream) as image:
-            data = small_webp(np.asarray(image.convert("RGB")) / 255)
-        (folder / "figures" / f"{name}.webp").write_bytes(data)
-        print(f"{name}: {len(data)} bytes")
+            encoded = small_webp(np.asarray(image.convert("RGB")) / 255)
+        (folder / "figures" / f"{name}.webp").write_bytes(encoded)
+        print(f"{name}: {len(encoded)} bytes")
 
 
 if __name__ == "__main__":
