@@ -89,6 +89,7 @@ def drawn_within(scene: Scene, width: int | None = None, height: int | None = No
     return psnr(rasterize(write_svg(scene, EXACT), width, height), model)
 
 
+@pytest.mark.sweep
 @given(seeds, st.sampled_from([0.1, 1.0, 4.0]))
 def test_a_file_s_numbers_sum_up_to_the_model(seed, strength):
     scene = scene_with(seed)
@@ -116,6 +117,7 @@ def test_resvg_draws_sums_of_one_sign_and_of_both(background, sign):
     assert drawn_within(scene) > 40
 
 
+@pytest.mark.sweep
 @given(seeds)
 def test_resvg_draws_what_the_model_is(seed):
     scene = scene_with(seed)

@@ -160,6 +160,7 @@ def test_what_a_disc_cannot_draw_keeps_its_gradient(beta, opacity, blurred):
     assert (chosen_blurs(one_shape(20, beta, opacity), BLUR)[0] >= 0) == blurred
 
 
+@pytest.mark.sweep
 @given(st.integers(0, 10**6), st.sampled_from([0, 12]))
 def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette):
     scene = large_scene(30, seed)

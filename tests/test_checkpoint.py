@@ -276,6 +276,7 @@ def same(one, other) -> bool:
     return one == other and type(one) is type(other)
 
 
+@pytest.mark.sweep
 @given(TREES)
 def test_whatever_is_packed_comes_back_to_the_last_bit(tree):
     assert same({"it": tree}, unpacked(io.BytesIO(packed({"it": tree}))))

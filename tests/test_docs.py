@@ -155,6 +155,7 @@ def test_code_is_fenced_and_says_its_language():
         assert not bare, f"{named(page)} has code outside of fences: {bare}"
 
 
+@pytest.mark.sweep
 def test_commands_that_are_left_out_have_options_that_exist():
     app = build_app(True)
     for page in PAGES:

@@ -51,6 +51,7 @@ def test_larger_limit_of_bytes_is_not_worse(smile):
     assert found[-1] > found[0] + 10
 
 
+@pytest.mark.sweep
 def test_plain_drawing_does_not_diverge(smile):
     assert vectorize(smile, gaussians=256).report["rollbacks"] == 0
 

@@ -60,6 +60,7 @@ def halved(plane):
     return out
 
 
+@pytest.mark.sweep
 def test_it_is_that_of_the_slow_twin(pair):
     image, noisy = (picture[:, :, :1] for picture in pair)
     assert metrics.ms_ssim(image, noisy) == pytest.approx(twin(image, noisy), abs=1e-9)

@@ -89,6 +89,7 @@ def test_a_transparent_photo_loses_its_placeholder_when_it_has_come(photos):
     assert 'alt="a <b>"' in text
 
 
+@pytest.mark.sweep
 def test_the_page_names_photos_by_their_address_from_its_folder(photos, tmp_path, capsys):
     odd = tmp_path / "a #1 50%?\n.png"
     odd.write_bytes(Path(photos[0]).read_bytes())
@@ -126,6 +127,7 @@ def test_one_bad_photo_of_many_costs_only_itself(photos, tmp_path, capsys):
     assert sum("more than once" in line for line in lines) == 1
 
 
+@pytest.mark.sweep
 def test_files_are_named_by_their_photos(photos, tmp_path, capsys):
     folder = tmp_path / "new" / "folder"
     command = ["placeholder", *photos[:2], "--format", "svg", "--max-bytes", "300", "--quiet"]

@@ -119,6 +119,7 @@ def test_gradients_are_exact_at_every_opacity(opacity, dtype):
     assert_same_gradients(fast, slow, dtype)
 
 
+@pytest.mark.sweep
 def test_reference_gradients_match_finite_differences():
     # sigma large enough that no pixel centre crosses the cut within the difference
     scene = random_scene(4, 9, 7, 2, sigma=(4.0, 9.0))

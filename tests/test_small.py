@@ -141,11 +141,13 @@ def test_a_given_count_is_the_largest():
     assert 1 <= len(matched(hills(), 3000, most=3)[1].scene) <= 3
 
 
+@pytest.mark.sweep
 def test_a_compressed_limit_is_kept_and_holds_more():
     plain, packed = (matched(hills(), 600, gzipped=zipped)[1] for zipped in (False, True))
     assert len(packed.scene) > len(plain.scene)
 
 
+@pytest.mark.sweep
 def test_a_tracer_is_named_where_it_draws_flat_colours_exactly_in_as_many_bytes():
     def advice(picture, limit):
         notes = vectorize(picture, max_bytes=limit, iterations=STEPS).report["notes"]

@@ -124,6 +124,7 @@ def test_the_portable_form_has_as_many_as_were_asked_for(photo):
     assert result.report["rounds"] == 6
 
 
+@pytest.mark.sweep
 def test_the_portable_form_meets_the_preset(photo):
     composited_only, portable_form = (
         vectorize(photo, quality="fast", **options)

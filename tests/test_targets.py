@@ -60,6 +60,7 @@ def test_target_psnr_is_met_by_the_rasterised_file(photo, target):
     assert report["unreached"] == []
 
 
+@pytest.mark.sweep
 def test_higher_target_takes_more_gaussians_and_no_more_than_needed(photo):
     counts = [vectorize(photo, target_psnr=t, **QUICK).report["gaussians"] for t in (22, 26)]
     assert counts[0] * 1.5 < counts[1]
@@ -67,6 +68,7 @@ def test_higher_target_takes_more_gaussians_and_no_more_than_needed(photo):
     assert fewer["psnr_svg"] < 26
 
 
+@pytest.mark.sweep
 def test_target_holds_at_the_size_of_a_photo_that_was_fitted_smaller(photo):
     rng = np.random.default_rng(0)
     grainy = np.clip(photo + rng.normal(0, 0.03, photo.shape), 0, 1).astype(np.float32)
@@ -75,7 +77,7 @@ def test_target_holds_at_the_size_of_a_photo_that_was_fitted_smaller(photo):
     assert 24 - 0.05 <= report["psnr_svg"] <= 24 + 0.5
 
 
-@pytest.mark.parametrize("limit", [6_000, 25_000, 60_000])
+@pytest.mark.parametrize("limit", [pytest.param(6_000, marks=pytest.mark.sweep), 25_000, 60_000])
 def test_max_bytes_is_never_passed_and_well_used(photo, limit):
     result = vectorize(photo, max_bytes=limit, quality="high", **QUICK)
     # A dozen Gaussians fill a small file in large steps.
@@ -84,11 +86,13 @@ def test_max_bytes_is_never_passed_and_well_used(photo, limit):
     assert result.report["unreached"] == []
 
 
+@pytest.mark.sweep
 def test_max_bytes_is_kept_where_every_colour_is_written(photo):
     result = vectorize(photo, max_bytes=30_000, palette=0, quality="high", **QUICK)
     assert 0.9 * 30_000 <= len(result.svg.encode()) <= 30_000
 
 
+@pytest.mark.sweep
 def test_the_first_bound_that_binds_is_named(photo):
     by_size = vectorize(photo, target_psnr=35, max_bytes="12k", **QUICK).report
     assert by_size["stop_reason"] == "max_bytes"
@@ -180,8 +184,10 @@ def test_numpy_counts_are_counts(photo):
 @pytest.mark.parametrize(
     "asked",
     [
-        {"target_psnr": 23}, {"target_psnr": 90}, {"target_psnr": 24, "max_bytes": "5k"},
-        {"target_psnr": 25, "max_size": 20}, {"target_psnr": 25, "time_limit": 60},
+        {"target_psnr": 23}, {"target_psnr": 24, "max_bytes": "5k"},
+        {"target_psnr": 25, "time_limit": 60},
+        pytest.param({"target_psnr": 90}, marks=pytest.mark.sweep),
+        pytest.param({"target_psnr": 25, "max_size": 20}, marks=pytest.mark.sweep),
     ],
 )  # fmt: skip
 def test_target_is_the_stop_reason_if_and_only_if_the_file_has_it(photo, asked):
@@ -222,6 +228,7 @@ def test_too_large_file_loses_its_least_useful_gaussians(photo):
     assert kept > first
 
 
+@pytest.mark.sweep
 def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
     result = vectorize(photo, gaussians="auto", max_bytes=4000, **QUICK)
     exact = rasterize(write_svg(result.scene, SvgFormat()), 128, 128)

@@ -18,6 +18,7 @@ def printed(code: str) -> str:
     return run.stdout
 
 
+@pytest.mark.sweep
 def test_photos_are_vectorised_without_it():
     code = (
         "import numpy as np, gauss2svg\n"

@@ -138,6 +138,7 @@ def test_maximum_size_is_kept_at_the_least_loss(cut_out):
     assert report["psnr_svg_black"] > 20
 
 
+@pytest.mark.sweep
 def test_additive_blending_is_refused_and_its_portable_form_is_not(cut_out):
     with pytest.raises(InputError, match="--matte white"):
         vectorize(cut_out, blend=ADD, **QUICK)
@@ -154,6 +155,7 @@ def test_superpixels_divide_visible_pixels_alone(cut_out):
     assert report["psnr_svg_alpha"] > 30
 
 
+@pytest.mark.sweep
 def test_check_compares_alpha_too(result, cut_out):
     checked = gauss2svg.check(cut_out, result.svg)
     for key in ("psnr_svg", "psnr_svg_black", "psnr_svg_alpha", "ssim_svg", "transparent"):
@@ -174,6 +176,7 @@ def test_check_shows_a_background_that_should_not_be_there(cut_out, result):
     assert checked.psnr_alpha < 10
 
 
+@pytest.mark.sweep
 def test_command_writes_a_transparent_preview_and_prints_all_three(cut_out, tmp_path, capsys):
     source, out, seen, written = (tmp_path / name for name in ("i.png", "o.svg", "p.png", "r.json"))
     Image.fromarray(cut_out).save(source)
