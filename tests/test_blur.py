@@ -40,6 +40,7 @@ def large_scene(count: int, seed: int) -> Scene:
     return random_scene(count, 90, 70, seed, (0.5, 25))
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize("ratio", [1.4, 3.4, 12.0])
 def test_profile_is_that_of_a_picture_of_a_disc_blurred(ratio):
     disc_px, side = 120, 901
@@ -82,6 +83,7 @@ def test_filters_end_where_less_than_half_a_level_is_left():
         assert blur.peak * blurred_disc(end, 1 / blur.deviation)[0] < 0.5 / 255
 
 
+@pytest.mark.sweep
 def test_no_other_exponent_scale_or_peak_errs_less():
     blur = blur_of(2.0)
     r = (np.arange(1500) + 0.5) / 1500 * 5

@@ -91,6 +91,7 @@ def test_smooth_scene_keeps_its_gaussians():
     assert shares[1] < shares[0] - 0.1
 
 
+@pytest.mark.sweep
 def test_price_of_an_exponent_keeps_shapes_gaussian(photo, monkeypatch):
     shares = []
     for price in (0.0, 0.06, 1.0):
@@ -184,6 +185,7 @@ def test_palette_holds_however_short_the_fit(photo, limits, falloff):
     assert (quantize(result.scene).color == result.scene.color).all()
 
 
+@pytest.mark.sweep
 def test_adaptive_palette_holds_however_short_the_time(photo):
     for limit in (0.3, 1.0, 3.0, 9.0):  # a busy machine places too few in a short time
         result = vectorize(photo, quality="fast", time_limit=limit)

@@ -160,6 +160,7 @@ def test_relocation_moves_the_least_useful_and_raises_psnr(photo, monkeypatch):
     assert relocated > quality_of(photo, gaussians=400, iterations=120) + 0.2
 
 
+@pytest.mark.sweep
 def test_learning_rate_decay_raises_psnr(photo, monkeypatch):
     shrinking = quality_of(photo, gaussians=800, iterations=120)
     monkeypatch.setattr("gauss2svg.fit.schedule.rate", lambda *_: 1.0)

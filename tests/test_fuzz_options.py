@@ -32,6 +32,7 @@ def refused(seed: int, numbers: range) -> None:
     assert {"result", "refused by InputError", "refused by the command"} <= kinds
 
 
+@pytest.mark.sweep
 def test_some_combinations_give_a_result_or_one_refusal():
     refused(1, range(60))
 

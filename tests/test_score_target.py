@@ -29,6 +29,7 @@ def test_score_of_the_rasterised_file_is_the_target(cat, score):
     assert measured == pytest.approx(report["ssimulacra2_svg"], abs=1e-6)
 
 
+@pytest.mark.sweep
 def test_score_that_few_gaussians_cannot_reach_is_reported(cat):
     report = vectorize(cat, target_ssimulacra2=90, gaussians=20, iterations=10).report
     assert report["gaussians"] <= 20

@@ -238,6 +238,7 @@ def test_smaller_fit_has_the_same_segments(photo):
     assert listed == of_scene
 
 
+@pytest.mark.sweep
 def test_bytes_are_met_with_the_layers_in_them(photo):
     result = vectorize(photo, segments=40, max_bytes=30_000, iterations=60)
     assert 26_000 < len(result.svg.encode()) <= 30_000

@@ -169,6 +169,7 @@ def test_a_form_of_blurs_is_refused_for_additive_blending(photo):
         vectorize(photo, blend=ADD, form="blur", **QUICK)
 
 
+@pytest.mark.sweep
 def test_rounds_of_the_paper_reach_the_report(photo):
     result = vectorize(
         photo, gaussians=31, iterations=60, blend=ADD, init="live", per_round=16,
