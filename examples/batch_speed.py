@@ -4,8 +4,8 @@
 
 The photos are crops of those that ship with scikit-image. Prints wall-clock and CPU seconds of all
 processes of each way. The last column is the share of the workers' wall-clock time that was spent
-on photos, by the table of the batch: the rest is the engine's, start and end included. It holds
-also where a machine's speed changes from one run to the next.
+on photos, by the table of the batch: the rest is the engine's, start and end included. Its work on
+a worker's core while a photo is fitted counts as spent on it.
 """
 
 from __future__ import annotations

@@ -1,9 +1,11 @@
 """Small files at given sizes: Gaussians, match, gzipped bytes, seconds, and a WebP of equal size.
 
-python examples/small.py PHOTO... [--bytes 500,800,1500,3000,8000,20000] [--usual] [--svgs FOLDER]
+python examples/small.py PHOTO... [--bytes 500,800,1500,3000,8000,20000] [--usual [MARKUP]]
+    [--svgs FOLDER]
 
---usual measures the usual fit, in editable markup, which has no room for a Gaussian under some
-700 bytes; --svgs measures another tool's files instead: FOLDER/NAME.svg for each PHOTO NAME.jpg.
+--usual measures the usual fit, in editable or minimal markup, of which editable has no room for a
+Gaussian under some 700 bytes; --svgs measures another tool's files instead: FOLDER/NAME.svg for
+each PHOTO NAME.jpg.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import io
 import re
 import time
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from PIL import Image
@@ -59,9 +62,9 @@ def of_another_tool(svg: str, photo: np.ndarray) -> np.ndarray:
     return rasterize(svg, photo.shape[1], photo.shape[0])
 
 
-def usual(photo: np.ndarray, limit: int) -> Result:
-    """The result of the usual fit, in editable markup."""
-    return vectorize(photo, max_bytes=limit, svg=SvgOptions(markup="editable"))
+def usual(photo: np.ndarray, limit: int, markup: Literal["editable", "minimal"]) -> Result:
+    """The result of the usual fit, which files of over 20 000 bytes have."""
+    return vectorize(photo, max_bytes=limit, svg=SvgOptions(markup=markup))
 
 
 def main() -> None:
@@ -70,7 +73,7 @@ def main() -> None:
     )
     parser.add_argument("photos", nargs="+", type=Path)
     parser.add_argument("--bytes", default="500,800,1500,3000,8000,20000")
-    parser.add_argument("--usual", action="store_true")
+    parser.add_argument("--usual", nargs="?", const="editable", choices=("editable", "minimal"))
     parser.add_argument("--svgs", type=Path)
     given = parser.parse_args()
     compile_kernels()
@@ -94,7 +97,10 @@ def main() -> None:
         rows = []
         for photo in photos.values():
             begun = time.process_time()
-            found = usual(photo, limit) if given.usual else SmallSearch(photo, limit).run()
+            if given.usual:
+                found = usual(photo, limit, given.usual)
+            else:
+                found = SmallSearch(photo, limit).run()
             spent = time.process_time() - begun
             drawn = rasterize(found.svg, photo.shape[1], photo.shape[0])
             packed = len(gzip.compress(found.svg.encode(), 9))

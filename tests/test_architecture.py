@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -44,3 +45,12 @@ def test_only_its_modules_know_a_package(package, homes):
         if re.search(rf"^\s*(import|from) {package}\b", path.read_text(), re.MULTILINE)
     ]
     assert importers == homes
+
+
+def test_every_test_is_in_a_lane():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]
+    options = settings.get("ini_options", settings)
+    markers = " or ".join(marker.partition(":")[0] for marker in options["markers"])
+    assert f"not ({markers})" in options["addopts"]
+    for text in (ROOT / ".ci" / "run", ROOT / "docs" / "development.md"):
+        assert f'-m "{markers}"' in text.read_text()

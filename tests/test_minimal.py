@@ -293,6 +293,26 @@ def test_the_switch_writes_minimal_files_and_the_summary_says_why():
     assert any("minimal markup" in note for note in small.report["notes"])
 
 
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ({"max_bytes": 21_000}, True), ({"max_bytes": 20_000}, False), ({}, False),
+        ({"max_bytes": 21_000, "markup": "editable"}, False),
+        ({"max_bytes": 21_000, "markup": "minimal"}, False),
+        ({"max_bytes": 21_000, "fragments": True}, False),
+        ({"max_bytes": 21_000, "renderer": "cairo"}, False),
+        pytest.param({"max_bytes": 60_000}, True, marks=pytest.mark.sweep),
+        pytest.param({"max_bytes": 61_000}, False, marks=pytest.mark.sweep),
+    ],
+)  # fmt: skip
+def test_the_summary_names_minimal_markup_where_a_small_limit_binds_an_editable_file(more, said):
+    photo = np.random.default_rng(0).random((60, 60, 3)).astype(np.float32)
+    report = vectorize(photo, iterations=4, **more).report
+    binds = report["stop_reason"] == "max_bytes"
+    assert binds == ("max_bytes" in more)
+    assert any("--markup minimal" in note for note in report["notes"]) == said
+
+
 def test_a_mask_is_not_measured_by_cairo_which_draws_it_wrongly():
     with pytest.raises(RendererError, match="a mask"):
         rasterize(minimal_svg(soft_scene(3), 1.5), SIDE, SIDE, "cairo")

@@ -1,5 +1,7 @@
 """Laws of gradient stops: near to the falloff, in order, and no more of them than needed."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,8 @@ from gauss2svg.svg.stops import (
     FEWEST_STOPS,
     STATED_ERRORS,
     STOP_COUNTS,
-    best_stops,
     gradient_stops,
+    known_stops,
     optimised_stops,
 )
 
@@ -72,10 +74,15 @@ def test_no_knot_can_be_moved_for_the_better(beta):
 @pytest.mark.parametrize("count", TABLE)
 @pytest.mark.parametrize("beta", BETA_CLASSES)
 def test_table_is_what_is_derived(count, beta):
-    table, derived = best_stops(count, beta), optimised_stops(count, beta)
+    table, derived = known_stops()[count, beta], optimised_stops(count, beta)
     assert [len(part) for part in table] == [len(part) for part in derived] == [count, count]
     assert error_of(*table, beta)[0] <= 1.001 * error_of(*derived, beta)[0]
     np.testing.assert_allclose(table, derived, atol=0.02)
+
+
+def test_table_has_all_that_files_need():
+    counts = range(FEWEST_STOPS, max(STOP_COUNTS) + 1)
+    assert set(known_stops()) == set(itertools.product(counts, BETA_CLASSES))
 
 
 def test_unknown_stop_count_is_refused_with_the_known_ones():

@@ -52,8 +52,8 @@ class FitOptions(OptionGroup):
     the paper; the default is adaptive, or gaussian with additive blending."""
 
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
-    """Random seed; the same seed gives the same file. The default init and count draw nothing at
-    random."""
+    """Random seed; the same seed gives the same file. Another often does too: by default little is
+    drawn at random."""
 
     @property
     def learned_falloff(self) -> bool:

@@ -26,7 +26,7 @@ from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
 LARGEST_COLOR_ERROR = 1.6e-4
 # Bytes from which on names and layers are little of a file (docs/decisions/minimal.md).
 MINIMAL_UP_TO = 20_000
-# Bytes up to which a minimal file is the closer one of a photo (docs/guide/targets.md).
+# Bytes up to which a minimal file is by far the closer one (docs/decisions/minimal.md).
 _MINIMAL_IS_CLOSER_UP_TO = 60_000
 # Bytes from which an editable file may be the closer one (docs/decisions/small.md).
 _EDITABLE_FROM = 5000
@@ -221,8 +221,8 @@ class Plan:
         return MINIMAL if small and drawn and not self._needs_editable else EDITABLE
 
     @property
-    def minimal_is_closer(self) -> bool:
-        """Whether a file is editable by itself though names and layers are much of its bytes."""
+    def minimal_may_be_closer(self) -> bool:
+        """Whether a small file is editable though nothing asks for that."""
         limit, drawn = self.options.goal.max_bytes, self.options.run.renderer in DRAW_MINIMAL
         few = isinstance(limit, int) and MINIMAL_UP_TO < limit <= _MINIMAL_IS_CLOSER_UP_TO
         return few and drawn and self.options.svg.markup == AUTO and not self._needs_editable

@@ -109,13 +109,16 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
             "minimal markup for so small a file, without names and layers; --markup editable has "
             "them"
         )
-    if plan.minimal_is_closer and fitted.stop_reason == "max_bytes":
-        notes.append("--markup minimal, without names and layers, is often closer in as many bytes")
     outlines = outline_bytes(photo.pixels)
     if outlines is not None and len(outcome.scene) and outlines <= len(outcome.svg):
         notes.append(
             "a tracer, such as vtracer, draws these few flat colours exactly in about "
             f"{math.ceil(outlines / 1000)} kB"
+        )
+    elif plan.minimal_may_be_closer and fitted.stop_reason == "max_bytes":
+        notes.append(
+            "--markup minimal is often closer in as many bytes; a browser takes longer to paint "
+            "it, and Inkscape cannot read it"
         )
     if fitted.rollbacks:
         times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"

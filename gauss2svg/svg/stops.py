@@ -76,20 +76,22 @@ def _fewest(count: int, beta: float) -> Stops:
 @lru_cache(maxsize=256)
 def _best(count: int, beta: float) -> tuple[Stops, float]:
     """The best stops, and the integral of their squared error in px^2 at sigma 1 px."""
-    stops = _known().get((count, beta)) or optimised_stops(count, beta)
+    stops = known_stops().get((count, beta)) or optimised_stops(count, beta)
     x, weight, target = _sampled(beta)
     drawn = np.interp(x, *stops) - target
     return stops, float(np.sum(weight * np.square(drawn)))
 
 
 @lru_cache(maxsize=1)
-def _known() -> dict[tuple[int, float], Stops]:
+def known_stops() -> dict[tuple[int, float], Stops]:
     """The stops of stops.json, whose rows are a count, an exponent, offsets and opacities."""
     rows = json.loads(files("gauss2svg.svg").joinpath("stops.json").read_text())
     return {(count, beta): (tuple(at), tuple(values)) for count, beta, at, values in rows}
 
 
-def _sampled(beta: float) -> tuple[NDArray[np.float64], ...]:
+def _sampled(
+    beta: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.floating]]:
     """Offsets (n,), their weight in the integral over the disc, and the profile there."""
     radius = float(cut_radius(beta))
     x = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
