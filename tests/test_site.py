@@ -24,6 +24,7 @@ FIGURE_BYTES = 60_000
 LOOKED_AT = ("index", "guide/python", "reference/options", "concepts/writing-svg", "development")
 
 pytestmark = pytest.mark.example
+_LOADED = {"stylesheet", "icon", "preload"}
 
 
 class Page(HTMLParser):
@@ -39,8 +40,10 @@ class Page(HTMLParser):
         self.ids |= {given[name] for name in ("id", "name") if given.get(name)}
         if tag == "a" and given.get("href"):
             self.links.append(given["href"])
-        elif tag == "link" and given.get("rel") in ("stylesheet", "icon", "preload"):
+        elif tag == "link" and _LOADED & set((given.get("rel") or "").split()):
             self.loaded.append(given["href"])
+        elif given.get("data-frames"):  # the pictures of the start page's slider
+            self.loaded += [f"_static/start/{n}.webp" for n in given["data-frames"].split()]
         elif given.get("src"):
             self.loaded.append(given["src"])
 

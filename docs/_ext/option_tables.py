@@ -1,4 +1,4 @@
-"""Directives that list options as the code has them: `{options}` of the command line."""
+"""Directives that list what the code has: `{options}` of a command, `{statuses}` of the studio."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from sphinx.util.docutils import SphinxDirective
 
 from gauss2svg.cli.main import build_app
 from gauss2svg.options import Field, Number, OptionGroup, Whole, fields_of
+from gauss2svg.studio.answers import ERRORS
 
 _OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z0-9-]*|-)(?![\w-])")
 _SPECIAL = re.compile(r"([\\`*_<>#|\[\]{}])")
@@ -28,7 +29,10 @@ def _number(value: float) -> str:
     powers = {2**31 - 1: "2^31 - 1", 2**63 - 1: "2^63 - 1", 10**9: "10^9", 2**24: "16 777 216"}
     if value in powers:
         return powers[value]
-    return f"{value:,}".replace(",", " ") if isinstance(value, int) else f"{value:g}"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", " ")
+    digits, _, power = f"{value:g}".partition("e")
+    return f"{digits} 10^{int(power)}".removeprefix("1 ") if power else digits
 
 
 def allowed(field: Field) -> str:
@@ -37,9 +41,14 @@ def allowed(field: Field) -> str:
         if isinstance(check, Whole):
             return f"A whole number from {_number(check.least)} to {_number(check.most)}."
         if isinstance(check, Number):
-            least = f"above {check.least:g} and up" if check.above else f"from {check.least:g}"
-            return f"A number {least} to {_number(check.most)}."
+            least = "above" if check.above else "from"
+            least = f"{least} {_number(check.least)}" + " and up" * check.above
+            return f"A number {least} to {_number(check.most)}{_advised(check)}."
     return ""
+
+
+def _advised(check: Number) -> str:
+    return f", such as {check.advice}" if check.advice else ""
 
 
 class Options(SphinxDirective):
@@ -82,7 +91,11 @@ def _entry(argument: Any, fields: dict[str, Field]) -> Iterator[str]:
         text.append(f"One of {', '.join(f'`{choice}`' for choice in choices)}.")
     elif field is not None:
         text.append(allowed(field))
+    if argument.required and not positional:
+        text.append("Required.")
     default = argument.field_info.default
+    if default is True and len(names) > 1:
+        text.append("On by default.")
     if isinstance(default, (int, float, str)) and not isinstance(default, bool) and default != "":
         shown = _number(default) if isinstance(default, (int, float)) else default
         text.append(f"Default: `{shown}`.")
@@ -92,15 +105,25 @@ def _entry(argument: Any, fields: dict[str, Field]) -> Iterator[str]:
 
 
 def _names(argument: Any) -> list[str]:
-    """Its names; of a flag and its opposite only the one that changes something."""
-    names = argument.names
-    negative = [n for n in names if n.startswith("--no-") and n.replace("no-", "", 1) in names]
+    """Its names; of a flag that is off by default not its opposite."""
+    names = list(argument.names)
     if argument.field_info.default is True:
-        return negative
-    return [name for name in names if name not in negative]
+        return names
+    opposites = {f"--no-{name.removeprefix('--')}" for name in names}
+    return [name for name in names if name not in opposites]
+
+
+class Statuses(SphinxDirective):
+    """The statuses with which the studio refuses a request."""
+
+    def run(self) -> list[nodes.Node]:
+        """The nodes."""
+        rows = [f"| {status} | {said['description']} |" for status, said in ERRORS.items()]
+        return self.parse_text_to_nodes("\n".join(["| status | meaning |", "|---|---|", *rows]))
 
 
 def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
     app.add_directive("options", Options)
+    app.add_directive("statuses", Statuses)
     return {"parallel_read_safe": True}

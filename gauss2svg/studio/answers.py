@@ -50,6 +50,7 @@ class Error(TypedDict):
 
 
 _STATUSES = {
+    400: "a body that is no form with a file",
     401: "no token",
     403: "a page of another site",
     404: "no such job, or forgotten",

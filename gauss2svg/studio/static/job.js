@@ -61,7 +61,7 @@ export class Lane {
       return;
     }
     run.photo.job = run.id;
-    Object.assign(run, posted); // later only what changes is told
+    Object.assign(run, posted); // later only what changes is sent
     await new Promise((ended) => {
       run.events = new EventSource(ofJob(run.id, "events"));
       run.end = () => {

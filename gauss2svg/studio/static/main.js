@@ -127,7 +127,7 @@ class Studio {
     this.estimate();
   }
 
-  // A run without a result leaves no point; its reason is told beside what caused it.
+  // A run without a result leaves no point; its reason stands beside what caused it.
   drop(run) {
     const isAlone = !this.runs.some((one) => one !== run && one.photo === run.photo);
     this.runs = this.runs.filter((one) => one !== run);
