@@ -21,7 +21,8 @@ extensions = [
     "option_tables",
     "rooms",
 ]
-exclude_patterns = ["_ext"]
+exclude_patterns = ["_ext", "_templates"]
+templates_path = ["_templates"]  # the theme's search page has no heading
 smartquotes = False  # docstrings quote code
 nitpicky = True
 # Types of other libraries, whose inventories are not fetched: a build needs no network.

@@ -21,7 +21,10 @@ BUILT = "GAUSS2SVG_SITE"  # the folder of a site that is built already
 MOST_BYTES = 500_000
 START_BYTES = 300_000
 FIGURE_BYTES = 60_000
-LOOKED_AT = ("index", "guide/python", "reference/options", "concepts/writing-svg", "development")
+LOOKED_AT = (
+    "index", "guide/python", "reference/options", "concepts/writing-svg", "development", "search",
+    "decisions/batch",
+)  # fmt: skip
 
 pytestmark = pytest.mark.example
 _LOADED = {"stylesheet", "icon", "preload"}
