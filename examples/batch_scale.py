@@ -28,9 +28,10 @@ from gauss2svg.batch import work
 from gauss2svg.batch.records import PhotoRecord, all_versions
 _VERSIONS = all_versions()
 
-def stand_in(job, options, photo):
+def stand_in(job, options, photo, begin):
     if photo.prior is not None:
         return PhotoRecord(**photo.prior.line(), skipped=True)
+    begin()
     return PhotoRecord(
         input=photo.path, output=photo.output, options=job.identity, stamp="1 1",
         sha256="0" * 64, width=768, height=512, gaussians=5000, psnr_svg=32.125, bytes=150_000,

@@ -121,3 +121,12 @@ def test_figures_of_the_documentation_are_small(tmp_path, monkeypatch):
         assert len(data) <= figures.MOST_BYTES
         with Image.open(io.BytesIO(data)) as image:
             assert image.width == figures.WIDTH_PX
+
+
+def test_scale_of_batches_is_measured_in_both_runs(tmp_path, capsys):
+    importlib.import_module("batch_scale").scale(60, tmp_path)
+    first, second = capsys.readouterr().out.splitlines()
+    assert first.startswith("| 60 | first |")
+    assert second.startswith("| 60 | second |")
+    (records,) = (tmp_path / "out").rglob("table.csv")
+    assert len(records.read_text().splitlines()) == 61
