@@ -144,7 +144,7 @@ def _shown(values: Any) -> str:
         return ", ".join(f"{name}={_shown(value)}" for name, value in values.items())
     try:
         text = repr(values)
-    except Exception:
+    except Exception:  # some arguments are objects whose own methods fail
         text = type(values).__name__
     return (text if len(text) < 100 else text[:100] + "...").encode("unicode_escape").decode()
 

@@ -162,10 +162,7 @@ def test_tiff_without_some_of_its_parts_says_how_many(name, parts, planar):
     stream = io.BytesIO()
     tifffile.imwrite(stream, array, photometric="rgb", planarconfig=planar, **parts, **options)
     whole = stream.getvalue()
-    try:
-        load_image(whole)
-    except InputError:
-        pytest.skip("this arrangement is not read at all")
+    load_image(whole)
     offsets, counts = (324, 325) if "tile" in parts else (273, 279)
     number = (6 if "rowsperstrip" in parts else 12) * (array.shape[0] if planar != "contig" else 1)
     for tag in (offsets, counts):

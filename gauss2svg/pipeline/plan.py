@@ -217,15 +217,19 @@ class Plan:
         if asked != AUTO:
             return asked
         small = isinstance(limit, int) and limit <= MINIMAL_UP_TO
-        drawn = self.options.run.renderer in DRAW_MINIMAL
-        return MINIMAL if small and drawn and not self._needs_editable else EDITABLE
+        return MINIMAL if small and self._may_be_minimal else EDITABLE
 
     @property
     def minimal_may_be_closer(self) -> bool:
         """Whether a small file is editable though nothing asks for that."""
-        limit, drawn = self.options.goal.max_bytes, self.options.run.renderer in DRAW_MINIMAL
+        limit = self.options.goal.max_bytes
         few = isinstance(limit, int) and MINIMAL_UP_TO < limit <= _MINIMAL_IS_CLOSER_UP_TO
-        return few and drawn and self.options.svg.markup == AUTO and not self._needs_editable
+        return few and self.options.svg.markup == AUTO and self._may_be_minimal
+
+    @property
+    def _may_be_minimal(self) -> bool:
+        """Whether the renderer draws minimal files, and nothing is asked for that they lack."""
+        return self.options.run.renderer in DRAW_MINIMAL and not self._needs_editable
 
     @cached_property
     def is_small(self) -> bool:
