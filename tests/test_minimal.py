@@ -265,17 +265,29 @@ def test_the_plan_refuses_minimal_markup_and_auto_does_not_choose_it(given):
     assert Plan(Options.from_flat({"max_bytes": 5000, **given})).markup == "editable"
 
 
-def test_auto_is_minimal_under_20_kb_in_renderers_that_draw_it():
-    def markup(**given):
-        return Plan(Options.from_flat(given)).markup
+def test_auto_tries_each_markup_that_may_be_the_closest_in_its_bytes():
+    def ways(**given):
+        plan = Plan(Options.from_flat(given))
+        return [(way.markup, way.is_small) for way in plan.ways]
 
-    assert (markup(), markup(max_bytes=20_001), markup(max_bytes=20_000)) == (
-        "editable", "editable", "minimal",
-    )  # fmt: skip
-    assert markup(max_bytes=5000, markup="editable") == "editable"
-    assert markup(max_bytes=5000, renderer="cairo") == "editable"
+    small, minimal, editable = ("minimal", True), ("minimal", False), ("editable", False)
+    assert ways() == [editable]
+    assert ways(max_bytes=4999) == [small]
+    assert ways(max_bytes=5000) == [small, editable]
+    assert ways(max_bytes=20_000) == ways(max_bytes=20_001) == [small, minimal, editable]
+    assert ways(max_bytes=200_000) == ways(max_bytes=300_000) == [minimal, editable]
+    assert ways(max_bytes=300_001) == [editable]
+    for more in ({"markup": "editable"}, {"renderer": "cairo"}, {"fragments": True}):
+        assert ways(max_bytes=5000, **more) == [editable]
+    assert ways(max_bytes=500_000, markup="minimal") == [minimal]
+    assert ways(max_bytes=20_000, time_limit=5) == [minimal]
     with pytest.raises(RendererError, match="renderer must be one of resvg"):
-        markup(markup="minimal", renderer="cairo")
+        ways(markup="minimal", renderer="cairo")
+
+
+def test_a_limit_beyond_that_of_minimal_files_is_not_worse_than_theirs():
+    plan = Plan(Options.from_flat({"max_bytes": 250_000}))
+    assert [way.byte_limit for way in plan.ways] == [200_000, 250_000]
 
 
 def test_the_switch_writes_minimal_files_and_the_summary_says_why():
@@ -293,24 +305,13 @@ def test_the_switch_writes_minimal_files_and_the_summary_says_why():
     assert any("minimal markup" in note for note in small.report["notes"])
 
 
-@pytest.mark.parametrize(
-    ("more", "said"),
-    [
-        ({"max_bytes": 21_000}, True), ({"max_bytes": 20_000}, False), ({}, False),
-        ({"max_bytes": 21_000, "markup": "editable"}, False),
-        ({"max_bytes": 21_000, "markup": "minimal"}, False),
-        ({"max_bytes": 21_000, "fragments": True}, False),
-        ({"max_bytes": 21_000, "renderer": "cairo"}, False),
-        pytest.param({"max_bytes": 60_000}, True, marks=pytest.mark.sweep),
-        pytest.param({"max_bytes": 61_000}, False, marks=pytest.mark.sweep),
-    ],
-)  # fmt: skip
-def test_the_summary_names_minimal_markup_where_a_small_limit_binds_an_editable_file(more, said):
-    photo = np.random.default_rng(0).random((60, 60, 3)).astype(np.float32)
-    report = vectorize(photo, iterations=4, **more).report
-    binds = report["stop_reason"] == "max_bytes"
-    assert binds == ("max_bytes" in more)
-    assert any("--markup minimal" in note for note in report["notes"]) == said
+@pytest.mark.parametrize("limit", [6_000, 12_000, pytest.param(40_000, marks=pytest.mark.sweep)])
+def test_auto_is_the_closer_of_both_markups(photo, limit):
+    def found(**given):
+        report = vectorize(photo, max_bytes=limit, iterations=40, tune="psnr", **given).report
+        return report["psnr_svg"], report["markup"]
+
+    assert found() == max(found(markup="minimal"), found(markup="editable"))
 
 
 def test_a_mask_is_not_measured_by_cairo_which_draws_it_wrongly():

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from gauss2svg.errors import number_within, whole_number
-from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, REDUCED_STEPS
+from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, REDUCED_STEPS, REDUCED_TIME
 
 # Where only time is limited, a round of growth takes at most this many steps: the rest of the time
 # is better spent once all Gaussians exist.
@@ -86,6 +87,16 @@ class Clock:
         self._stage_first, self._stage_steps = self.iteration, steps
         self._stage_begun, self._from = time.perf_counter(), progress
 
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Inside, time passes that is not the fit's: its end is as much later."""
+        begun = time.perf_counter()
+        yield
+        taken = time.perf_counter() - begun
+        self._begun, self._stage_begun = self._begun + taken, self._stage_begun + taken
+        if self.deadline is not None:
+            self.deadline += taken
+
     def refinement_progress(self) -> float:
         """Progress of the fit during refinement; 1 ends it."""
         if self.stopped:
@@ -100,12 +111,18 @@ class Clock:
             left = self.deadline - self._stage_begun
             by_time = (now - self._stage_begun) / left if left > 0 else 1.0
         self.out_of_time = by_time > by_steps
-        share = min(max(by_steps, by_time), 1.0)
         if not self._reduced:
-            return self._from + (1 - self._from) * share
-        if share < REDUCED_STEPS:
-            return self._from + (FULL_FROM[0] - self._from) * share / REDUCED_STEPS
-        return 1 - (1 - FULL_FROM[0]) * (1 - share) / (1 - REDUCED_STEPS)
+            return self._from + (1 - self._from) * min(max(by_steps, by_time), 1.0)
+        # Steps on reduced pictures are many, and take little of the time.
+        until = FULL_FROM[0]
+        steps, seconds = (
+            self._from + (until - self._from) * share / reduced
+            if share < reduced
+            else 1 - (1 - until) * (1 - share) / (1 - reduced)
+            for share, reduced in ((by_steps, REDUCED_STEPS), (by_time, REDUCED_TIME))
+        )
+        self.out_of_time = seconds > steps
+        return min(max(steps, seconds), 1.0)
 
     def state_dict(self) -> dict[str, Any]:
         """The clock's state for `load_state_dict`, without the deadline."""

@@ -89,6 +89,10 @@ class DensificationPolicy(Protocol):
         """Gain in dB under which a Gaussian is pruned before the last steps."""
         ...
 
+    def most(self, now: Snapshot) -> int:
+        """Largest number of Gaussians to write, asked before the last steps."""
+        ...
+
     def state_dict(self) -> dict[str, Any]:
         """The policy's state for a checkpoint."""
         ...
@@ -117,6 +121,10 @@ class FixedCount:
         return next((total for total in self._totals if total > now.count), now.count)
 
     def adjust(self, now: Snapshot) -> int:
+        """The present count."""
+        return now.count
+
+    def most(self, now: Snapshot) -> int:
         """The present count."""
         return now.count
 
@@ -170,12 +178,16 @@ class AdaptiveCount:
     fourth of the cap, and returns if that did not pay either.
 
     revise(limits, now) may replace the limits at every decision; it may be replaced itself.
+    first is the count of the first round.
     """
 
-    def __init__(self, limits: GrowthLimits, revise: Revise = as_given) -> None:
+    def __init__(
+        self, limits: GrowthLimits, revise: Revise = as_given, first: int = FIRST_ROUND
+    ) -> None:
         self.limits = limits
+        self._first = first
         # One more for the leap.
-        self.rounds = max(1, math.ceil(math.log2(max(limits.cap, 1) / FIRST_ROUND)) + 2)
+        self.rounds = max(1, math.ceil(math.log2(max(limits.cap, 1) / first)) + 2)
         self.stop_reason = "cap"
         self.slope = 3.0  # dB a doubling
         self.revise = revise
@@ -203,7 +215,7 @@ class AdaptiveCount:
                 return leap
         if wanted < _LEAST_ROUND * now.count or not wanted:
             return now.count
-        return min(math.ceil(wanted), max(2 * now.count, FIRST_ROUND))
+        return min(math.ceil(wanted), max(2 * now.count, self._first))
 
     def _learn(self, now: Snapshot, last: Snapshot) -> None:
         """Extrapolate from the last round to the rounds to come."""
@@ -233,6 +245,11 @@ class AdaptiveCount:
             return now.count
         bounds = (1 - _MOST_CHANGE) * now.count, (1 + _MOST_CHANGE) * now.count
         return min(math.ceil(min(max(wanted, bounds[0]), bounds[1])), self.limits.cap)
+
+    def most(self, now: Snapshot) -> int:
+        """The largest number that the limits allow."""
+        self.limits = self.revise(self.limits, now)
+        return self.limits.cap
 
     def least_gain(self) -> float:
         """The gain that its bytes must bring."""

@@ -24,9 +24,9 @@ LARGEST_REDUCTION = 8
 # next two).
 FULL_FROM = 0.55, 0.45
 _SMALLEST_REFINED_SIDE = 128  # on smaller pictures a step costs little anyway
-# Share of the steps of refinement until the full picture, and how many times a preset's steps a
-# fit takes where they are reduced.
-REDUCED_STEPS = 0.72
+# Share of the steps of refinement until the full picture, and of the time where that ends the fit;
+# and how many times a preset's steps a fit takes where they are reduced.
+REDUCED_STEPS, REDUCED_TIME = 0.72, 0.4
 _EXTENDED = 2
 # Relocation, docs/decisions/fit.md: progress between which it happens, iterations between two.
 _RELOCATION, _RELOCATION_EVERY = (0.2, 0.75), 10

@@ -291,14 +291,21 @@ class FitSession:
             population.state, self._shared = best
 
     def _quantize(self) -> None:
-        """Exponents become those of the file and stay; colours are shared from here on."""
+        """Exponents become those of the file and stay; colours are shared from here on.
+
+        Before that the least useful Gaussians beyond what may be written go.
+        """
         self._restore_best()
         population = self.population
+        most = self.policy.most(self._snapshot(schedule.QUANTIZED_FROM, self._recent_psnr))
+        if most < len(self.state):
+            population.densify_or_prune(most)
         population.fix_segments()
         if self._as_written is not None and len(self.state):
             opaque = self.state.raw_opacity > math.log(_OPAQUE_FROM / (1 - _OPAQUE_FROM))
             self.state.raw_opacity[opaque] = _OPAQUE_LOGIT
-            scene = self._as_written(self.scene(), self._recent_psnr())
+            with self.clock.paused():
+                scene = self._as_written(self.scene(), self._recent_psnr())
             population.state = self.state.quantized(scene)
             self._share_colors()
         self.guard.reset()

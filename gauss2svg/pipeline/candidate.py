@@ -21,10 +21,20 @@ from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.format import MINIMAL, SvgFormat
 from gauss2svg.svg.layers import grouped_by_segment
+from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
+from gauss2svg.svg.minimal_text import MOST_MASKED
 from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.solid import is_solid
 from gauss2svg.svg.write import write_svg
+
+# Soft shapes that a fit aims at where as many are drawn under masks: a few solid ones may become
+# soft in the last steps.
+_MASKED = MOST_MASKED - 8
+# Share of the Gaussians that is kept at least at once where fewer may be drawn in another way.
+_KEPT_AT_ONCE = 0.98
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +63,7 @@ class Candidate:
 class Outcome:
     """A fitted, written and measured scene on the photo's canvas.
 
+    format        of its file
     quantization  of its file
     reached       its score, by the plan's aim; None without one
     corrections   how often the count was changed after the fit
@@ -60,6 +71,7 @@ class Outcome:
 
     scene: Scene
     svg: str
+    format: SvgFormat
     quantization: Quantization
     reached: float | None
     fitted: FitResult
@@ -85,7 +97,8 @@ class Exporter:
         self.working = working
         self.document = document
         self._plan = plan
-        self._gzipped = plan.options.svg.gzip
+        self._gzipped = plan.counts_gzipped
+        self._format, self._seen = plan.svg_format, -math.inf
 
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
         """The scene on the photo's canvas, with the colours and exponents of its file."""
@@ -103,15 +116,38 @@ class Exporter:
     def as_written(self, scene: Scene, psnr: float) -> Scene:
         """The same on the working canvas, for the last steps of a fit."""
         photo = self.quantized(scene, psnr)
+        self._format = self._format_at(psnr)
         return photo.scaled(scene.width / photo.width, scene.height / photo.height)
 
     def write(self, scene: Scene, psnr: float) -> str:
         """The SVG of a scene on the working canvas whose colours are not quantised yet."""
-        return write_svg(self.quantized(scene, psnr), self._plan.svg_format, self.document)
+        return write_svg(self.quantized(scene, psnr), self._format_at(psnr), self.document)
 
-    def bytes_of(self, scene: Scene, psnr: float) -> int:
-        """Bytes of that file."""
-        return len(file_bytes(self.write(scene, psnr), self._gzipped))
+    def bytes_each(self, scene: Scene, psnr: float, room: float) -> float:
+        """Bytes of each shape where so many bytes are filled by more or fewer such shapes.
+
+        A minimal file draws some hundred soft shapes under masks and more by gradients, which are
+        longer: where the limit lies between, it has as many as masks draw.
+        """
+        quantized, written = self.quantized(scene, psnr), self._format_at(psnr)
+
+        def each(masked: bool | None = None) -> float:
+            if masked is None:
+                svg = write_svg(quantized, written, self.document)
+            else:
+                svg = minimal_svg(
+                    quantized, written.precision, HEX_DIGITS[-1], self.document,
+                    opacity_decimals=written.opacity_decimals, stops=written.stops, masked=masked,
+                )  # fmt: skip
+            return (len(file_bytes(svg, self._gzipped)) - self.empty_bytes) / max(len(scene), 1)
+
+        if written.markup != MINIMAL:
+            return each()
+        most = _MASKED * len(scene) / max(np.count_nonzero(~is_solid(quantized)), 1)
+        under_masks = each(masked=True)
+        if room / under_masks <= most:
+            return under_masks
+        return min(each(masked=False), room / most)
 
     @cached_property
     def _weight(self) -> NDArray[np.floating] | None:
@@ -133,14 +169,12 @@ class Exporter:
         model = model_psnr(scene, self.working)
         # Colours are in the palette already, except those of ellipses that are no longer solid.
         exact = grouped_by_segment(self.quantized(scene, None), self.document.labels)
-        svg = write_svg(exact, self._plan.svg_format, self.document)
+        svg = write_svg(exact, self._format, self.document)
         aim, score = self._plan.aim, math.nan
         if aim is not None:
             raster = rasterize_like(svg, self.working, self._plan.options.run.renderer)
             score = aim.score(raster, self.working)
-        return Candidate(
-            exact, svg, self._plan.svg_format, self.document, self._gzipped, model, score
-        )
+        return Candidate(exact, svg, self._format, self.document, self._gzipped, model, score)
 
     def measured(self, best: Candidate, deadline: float | None) -> RoundTrip:
         """The round trip at the photo's size; where time is short, at the size of the fit.
@@ -157,6 +191,11 @@ class Exporter:
             if (now - begun) * photo.size / working.size > deadline - now:
                 return smaller
         return round_trip(best.svg, best.scene, photo, renderer)
+
+    def _format_at(self, psnr: float) -> SvgFormat:
+        """The format at this PSNR in dB; what it once was worth it stays worth, or bytes jump."""
+        self._seen = max(self._seen, psnr)
+        return self._plan.format_at(self._seen)
 
     def _on_photo(self, scene: Scene) -> Scene:
         height, width = self.photo.shape[:2]
@@ -180,6 +219,8 @@ def pruned_to_size(
         splats = splats_of(scene.scaled(width / scene.width, height / scene.height))
         cost = target.removal_cost(splats)[1][:, 0]
         share = max(limit - empty, 0) / (candidate.size - empty)
+        if candidate.format.markup == MINIMAL:
+            share = max(share, _KEPT_AT_ONCE)
         kept = min(len(scene) - 1, int(len(scene) * share))
         scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
         svg = write_svg(scene, candidate.format, candidate.document)

@@ -16,8 +16,11 @@ from gauss2svg.pipeline.plan import Plan
 
 # PSNR (dB) from which more Gaussians do not show: an error of half a level of 255 has 54.1.
 INDISTINGUISHABLE = 54.0
-FILL = 0.975  # share of the allowed bytes that a fit aims at
-FULL = 0.93  # share of the allowed bytes from which a file counts as full
+# Times the allowed bytes that the last steps begin with; a few shapes are pruned after them.
+FILL = 1.006
+FULL = 0.97  # share of the allowed bytes from which a file counts as full
+# Times the allowed bytes from which a fit is corrected; fewer are lost by pruning.
+_TOO_LARGE = 1.02
 # dB under and over the preset's PSNR up to which there is no correction. Together less than the
 # presets lie apart, so that none ends under a cheaper one (docs/decisions/monotone.md).
 _LESS_THAN_ENOUGH, _FAR_MORE = 0.8, 3.0
@@ -57,8 +60,7 @@ class Candidates:
         self.made: list[Candidate] = []
         self.detail = 0.0
         self._plan, self._empty = plan, empty_bytes
-        goal = plan.options.goal
-        self._max_bytes = goal.max_bytes if isinstance(goal.max_bytes, int) else None
+        self._max_bytes = plan.byte_limit
         self._aim = plan.aim
 
     def score(self, candidate: Candidate) -> float:
@@ -73,7 +75,7 @@ class Candidates:
         """Count of the next candidate, None where no correction is needed; and the stop reason.
 
         count        the present count
-        limit        the largest count
+        limit        the largest count, by the bytes of the last candidate too
         stop_reason  of the growth
         usual_slope  dB gained per doubling during growth
         """
@@ -83,12 +85,10 @@ class Candidates:
             room = last.size < (self._max_bytes or math.inf)
             return (min(FIRST_ROUND, cap) if lacking and room and cap else None), stop_reason
         if self._max_bytes is not None:
-            room = max(self._max_bytes * FILL - self._empty, 0)
-            by_bytes = int(room * count / max(last.size - self._empty, 1))
-            if by_bytes < cap:
-                cap, limit = by_bytes, Limit(by_bytes, "max_bytes")
-            if last.size > self._max_bytes:
+            if last.size > _TOO_LARGE * self._max_bytes:
                 return min(cap, count - 1), "max_bytes"
+            if last.size > self._max_bytes and aim is None:  # a few are pruned
+                return None, "max_bytes"
         wanted, slope = count, self._slope(usual_slope)
         if aim is not None:
             score = self.score(last)
@@ -103,11 +103,13 @@ class Candidates:
         """Count for the preset's PSNR, or with a limit of bytes as many as they allow."""
         last, limit = self.made[-1], self._max_bytes
         if limit is not None:
-            full = last.size > FULL * limit or last.model >= INDISTINGUISHABLE
+            enough = max(self._plan.preset.enough, INDISTINGUISHABLE)
+            full = last.size > FULL * limit or last.model >= enough
             wanted = count if full else min(4 * count, most.gaussians)
             return Correction(wanted, most.name if wanted > count else stop_reason)
         missing = self._plan.preset.enough - last.model
-        if self._plan.count is not None or -_FAR_MORE <= missing <= _LESS_THAN_ENOUGH:
+        given = self._plan.is_budget or self._plan.count is not None
+        if given or -_FAR_MORE <= missing <= _LESS_THAN_ENOUGH:
             return Correction(count, stop_reason)
         if missing > 0 and stop_reason != "enough":
             return Correction(count, stop_reason)
@@ -142,12 +144,13 @@ class Candidates:
     def best(self) -> Candidate:
         """The smallest file that meets every target, else the nearest one."""
         limit = self._max_bytes or math.inf
-        small = [c for c in self.made if c.size <= limit]
+        tolerated = limit if self._aim is not None else _TOO_LARGE * limit  # pruned to it
+        small = [c for c in self.made if c.size <= tolerated]
         if not small:
             return min(self.made, key=lambda c: c.size)
         aim = self._aim
         if aim is None:
-            if self._plan.count is not None or self._max_bytes is not None:
+            if self._plan.count is not None or limit < math.inf or self._plan.is_budget:
                 return max(small, key=lambda c: c.model)
             enough = self._plan.preset.enough
             return _nearest(small, lambda c: c.model - enough, _LESS_THAN_ENOUGH, _FAR_MORE)

@@ -41,10 +41,14 @@ def color_name(name: str, value: Any) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Goal(OptionGroup):
-    """Targets and limits of a run, the first of which ends it."""
+    """Targets and limits of a run, the first of which ends it.
 
-    quality: Literal["draft", "fast", "balanced", "high", "max"] = "balanced"
-    """Speed and quality preset."""
+    A limit of bytes or seconds that is given alone is a budget, and the best picture within it is
+    wanted; a preset or a number of Gaussians beside it is a cap, and two limits hold both.
+    """
+
+    quality: Literal["draft", "fast", "balanced", "high", "max"] | None = None
+    """Preset (balanced); a cap beside a limit."""
 
     gaussians: Annotated[int | Literal["auto"] | None, Whole(0, MOST_GAUSSIANS)] = None
     """Number of Gaussians, with a target the largest; auto adapts it to the image."""
@@ -61,10 +65,10 @@ class Goal(OptionGroup):
     """Target SSIMULACRA2 of the SVG (extra scores)."""
 
     max_bytes: Annotated[int | str | None, byte_size] = None
-    """Maximum file size: 150000, 150k or 1.5M."""
+    """Maximum file size: 150k, 1.5M; the best in it."""
 
     time_limit: Annotated[float | None, Number(0, 1e9, above=True)] = None
-    """Time limit (s) of the whole run."""
+    """Time limit (s) of the run; the best in it."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -73,6 +77,13 @@ class Goal(OptionGroup):
         if self.target_psnr is not None and self.target_ssimulacra2 is not None:
             got = f"{self.target_ssimulacra2:g}"
             raise InputError(must_be("target_ssimulacra2", "given without target_psnr", got))
+
+    @property
+    def is_budget(self) -> bool:
+        """Whether bytes or seconds are limited and nothing else is asked for: the best in them."""
+        limited = self.max_bytes is not None or self.time_limit is not None
+        others = (self.quality, self.gaussians, self.target_psnr, self.target_ssimulacra2)
+        return limited and all(other is None for other in others)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +96,7 @@ class SvgOptions(OptionGroup):
 
     markup: Literal["auto", "editable", "minimal"] = "auto"
     """editable: layers with names, for editors; minimal: nothing that does not draw; auto: with
-    --max-bytes up to 20k the closer one, else editable."""
+    --max-bytes up to 200k the closer one, else editable."""
 
     palette: Annotated[int | None, Whole(0, 2**24)] = None
     """Maximum number of gradients in the file; fewer make it smaller, 0 writes all."""
@@ -106,6 +117,9 @@ class SvgOptions(OptionGroup):
     gzip: bool = False
     """Compress the SVG, also where its name does not end in .svgz; --max-bytes applies to the
     compressed file."""
+
+    count_gzipped: bool = False
+    """Apply --max-bytes to the gzipped bytes of a plain SVG, which are what a web server sends."""
 
 
 @dataclass(frozen=True, kw_only=True)

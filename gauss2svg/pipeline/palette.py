@@ -94,18 +94,29 @@ def _few(
     weight = weight + floor  # so that colours that are hardly visible still count
     if allowed <= 0:
         return _lloyd(features, weight, _split(features, weight, count, 0.0)[0], written)
+    if distinct <= count and _loss(features, weight, *kept) > allowed:
+        return kept  # rounding alone loses more
     most = min(count, distinct)
     aim = allowed * _SPARE
     while True:
         means, left = _split(features, weight, most, aim)
         entries, entry = _lloyd(features, weight, means, written)
-        missed = entries[entry] - features
-        if float(np.sum(weight * np.square(missed).sum(axis=1))) <= allowed:
+        if _loss(features, weight, entries, entry) <= allowed:
             return entries, entry
         if left > aim or len(means) >= most or aim < allowed * _LEAST_AIM:
             # No palette suffices: the rest of the error is rounding.
             return kept if distinct <= count else (entries, entry)
         aim *= _LESS
+
+
+def _loss(
+    features: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    entries: NDArray[np.float64],
+    entry: NDArray[np.intp],
+) -> float:
+    """The sum that `best_palette` minimises."""
+    return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
 
 
 def _features(palette: Palette) -> NDArray[np.float64]:

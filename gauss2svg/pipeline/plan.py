@@ -15,7 +15,14 @@ from gauss2svg.measure.scores import require_packages
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.options import AUTO, Goal, Options
-from gauss2svg.pipeline.presets import PRESETS, Preset
+from gauss2svg.pipeline.presets import (
+    DEFAULT_PRESET,
+    FINE_BYTES_FROM,
+    FINE_FROM,
+    PRESETS,
+    Preset,
+    budget_preset,
+)
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.svg.blur import GRADIENT
@@ -24,12 +31,18 @@ from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
 # Mean squared error that a palette may add in any case: 38 dB, about three levels of 255. With
 # eight levels, which a coarse fit of foliage would allow, sky and leaves change their hue.
 LARGEST_COLOR_ERROR = 1.6e-4
-# Bytes from which on names and layers are little of a file (docs/decisions/minimal.md).
+# Bytes of the largest placeholder, and of the largest file with a target that is minimal by itself.
 MINIMAL_UP_TO = 20_000
-# Bytes up to which a minimal file is by far the closer one (docs/decisions/minimal.md).
-_MINIMAL_IS_CLOSER_UP_TO = 60_000
-# Bytes from which an editable file may be the closer one (docs/decisions/small.md).
-_EDITABLE_FROM = 5000
+# Bytes between which files of gauss2svg.pipeline.small, minimal files of the usual fit and editable
+# ones are tried; the closest is written (docs/decisions/markup.md).
+_SMALL_UP_TO, _USUAL_FROM, _EDITABLE_FROM = 30_000, 8_000, 5_000
+# Bytes of the largest minimal file that is written unasked, and times as many from which an
+# editable file is closer than that (docs/decisions/markup.md).
+_MINIMAL_IS_PLAUSIBLE_UP_TO, _EDITABLE_IS_CLOSER = 200_000, 1.5
+# Steps of a fit that ends by the clock alone, beyond which there is nothing to be gained
+# (docs/decisions/time.md).
+_MOST_STEPS = 1000
+_STEPS_A_ROUND = 6  # of growth; the rest of the time is better spent once all Gaussians exist
 _NEARLY = 1.5  # times a preset's largest side, which it then reduces little
 # dB that the palette of a given count may cost by having fewer entries than allowed.
 _UNSEEN_COLOR_LOSS = 0.03
@@ -48,10 +61,12 @@ class Plan:
     """The resolved options of a run; raises InputError for options that exclude each other.
 
     fit_side  longest side in px of the image that the fit runs on, None before the photo is read
+    is_small  whether the file is one of gauss2svg.pipeline.small, which plans every byte
     """
 
     options: Options
     fit_side: int | None = None
+    is_small: bool = False
 
     def __post_init__(self) -> None:
         goal, svg, run = self.options.goal, self.options.svg, self.options.run
@@ -70,6 +85,9 @@ class Plan:
                 f"form must be {GRADIENT} with the renderer {run.renderer}, which does not render "
                 f"rotated blurs; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
             )
+        if svg.count_gzipped and goal.max_bytes is None:
+            needed, advice = "given with max_bytes alone", "--max-bytes 60k --count-gzipped"
+            raise InputError(must_be("count_gzipped", needed, True, advice))
         targeted = goal.target_ssimulacra2 is not None
         name = "scores" if run.scores else "target_ssimulacra2"
         if run.scores or targeted:
@@ -136,8 +154,32 @@ class Plan:
 
     @cached_property
     def preset(self) -> Preset:
-        """The preset."""
-        return PRESETS[self.options.goal.quality]
+        """The preset, or the numbers of a budget of bytes or seconds."""
+        goal = self.options.goal
+        if self.is_budget:
+            return budget_preset(self.byte_limit, goal.time_limit)
+        return PRESETS[goal.quality or DEFAULT_PRESET]
+
+    @property
+    def is_budget(self) -> bool:
+        """Whether the best picture within a limit of bytes or seconds is wanted."""
+        return self.options.goal.is_budget and not self.options.svg.portable
+
+    @property
+    def quality(self) -> str | None:
+        """The name of the preset, None of a budget."""
+        return None if self.is_budget else self.options.goal.quality or DEFAULT_PRESET
+
+    @property
+    def byte_limit(self) -> int | None:
+        """Largest number of bytes, gzipped ones if these are counted; None without a limit."""
+        limit = self.options.goal.max_bytes
+        return limit if isinstance(limit, int) else None
+
+    @property
+    def counts_gzipped(self) -> bool:
+        """Whether a limit of bytes is on those of the gzipped file."""
+        return self.options.svg.gzip or self.options.svg.count_gzipped
 
     @property
     def iterations(self) -> int:
@@ -147,7 +189,7 @@ class Plan:
         (docs/decisions/monotone.md).
         """
         presets = list(PRESETS.values())
-        cheaper = presets[: presets.index(self.preset)]
+        cheaper = [] if self.is_budget else presets[: presets.index(self.preset)]
         side = math.inf if self.fit_side is None else self.fit_side
         fits = [p.iterations for p in cheaper if side <= _NEARLY * p.max_size]
         return max([self.preset.iterations, *fits])
@@ -190,74 +232,91 @@ class Plan:
 
     @cached_property
     def fit_config(self) -> FitConfig:
-        """The fit that is written; a time limit without other targets replaces the iterations."""
+        """The fit that is written."""
         return self._config(self.written_blend)
+
+    @property
+    def only_time_limits(self) -> bool:
+        """Whether the steps of the fit follow from the seconds that are left."""
+        goal = self.options.goal
+        if goal.time_limit is None or goal.quality is not None or self.aim is not None:
+            return False
+        return self.options.fit.iterations is None
 
     def _config(self, blend: str) -> FitConfig:
         options, iterations = self.options, self.options.fit.iterations
-        only_time = options.goal.time_limit is not None and (
-            self.aim is None and options.goal.max_bytes is None
-        )
-        if iterations is None and not only_time:
-            iterations = self.iterations
+        if iterations is None:
+            iterations = _MOST_STEPS if self.only_time_limits else self.iterations
+        densify = options.densify
+        if self.only_time_limits and densify.round_iterations is None:
+            densify = dataclasses.replace(densify, round_iterations=_STEPS_A_ROUND)
         falloff = options.fit.falloff if blend == self.written_blend else None
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
             gaussians=0 if self.count_adapts else self.count or 0,
             iterations=iterations,
             fit=fit,
-            densify=options.densify,
+            densify=densify,
             extend=options.fit.iterations is None and not self.count_adapts,
         )
 
     @cached_property
     def markup(self) -> Literal["editable", "minimal"]:
-        """That of the file; auto is minimal where names and layers would be much of it."""
-        asked, limit = self.options.svg.markup, self.options.goal.max_bytes
+        """Markup of the file: with auto minimal for small ones; `ways` tries more than one."""
+        asked, limit = self.options.svg.markup, self.byte_limit
         if asked != AUTO:
             return asked
-        small = isinstance(limit, int) and limit <= MINIMAL_UP_TO
+        small = limit is not None and limit <= MINIMAL_UP_TO
         return MINIMAL if small and self._may_be_minimal else EDITABLE
-
-    @property
-    def minimal_may_be_closer(self) -> bool:
-        """Whether a small file is editable though nothing asks for that."""
-        limit = self.options.goal.max_bytes
-        few = isinstance(limit, int) and MINIMAL_UP_TO < limit <= _MINIMAL_IS_CLOSER_UP_TO
-        return few and self.options.svg.markup == AUTO and self._may_be_minimal
 
     @property
     def _may_be_minimal(self) -> bool:
         """Whether the renderer draws minimal files, and nothing is asked for that they lack."""
         return self.options.run.renderer in DRAW_MINIMAL and not self._needs_editable
 
-    @cached_property
-    def is_small(self) -> bool:
-        """Whether the file is one of gauss2svg.pipeline.small, which plans every byte.
-
-        Not with another target than bytes, or with options of another fit or another file.
-        """
-        goal, svg, fit, run = (getattr(self.options, n) for n in ("goal", "svg", "fit", "run"))
-        small = isinstance(goal.max_bytes, int) and goal.max_bytes <= MINIMAL_UP_TO
-        free = (svg.palette, svg.stops, svg.precision, goal.time_limit, run.checkpoint, run.resume)
-        usual = self.options.densify == DensifyOptions()
-        usual = usual and fit.loss == DEFAULT_LOSS and fit.blend == OVER
-        usual = usual and self.aim is None and all(given is None for given in free)
-        return small and usual and self.markup == MINIMAL
+    @property
+    def _may_be_small(self) -> bool:
+        """Whether no other fit, target or file is asked for than gauss2svg.pipeline.small has."""
+        svg, fit, run = (getattr(self.options, name) for name in ("svg", "fit", "run"))
+        free = (svg.palette, svg.stops, svg.precision, run.checkpoint, run.resume)
+        usual = self.options.densify == DensifyOptions() and self._may_be_minimal
+        usual = usual and fit.loss == DEFAULT_LOSS and fit.blend == OVER and self.aim is None
+        return usual and all(given is None for given in free)
 
     @cached_property
-    def rival(self) -> Plan | None:
-        """The plan of an editable file of as many bytes, which draws crisp drawings more exactly.
+    def ways(self) -> list[Plan]:
+        """The plans to carry out, of whose files the closest is written; most runs have one.
 
-        None where the file is not small, too small for that, or asked to be minimal.
+        With a limit of bytes they differ in markup and fit. Targets, checkpoints and a limit of
+        seconds leave time for one.
         """
-        svg, limit = self.options.svg, self.options.goal.max_bytes
-        if not (self.is_small and svg.markup == AUTO and isinstance(limit, int)):
-            return None
-        if limit < _EDITABLE_FROM:
-            return None
-        editable = dataclasses.replace(svg, markup=EDITABLE)
-        return dataclasses.replace(self, options=dataclasses.replace(self.options, svg=editable))
+        limit, asked, goal = self.byte_limit, self.options.svg.markup, self.options.goal
+        run = self.options.run
+        if limit is None or self.aim is not None or run.checkpoint or run.resume:
+            return [self]
+        small = asked != EDITABLE and self._may_be_small and limit <= _SMALL_UP_TO
+        usual = asked == MINIMAL or (asked == AUTO and self._may_be_minimal)
+        if asked == AUTO and limit > _EDITABLE_IS_CLOSER * _MINIMAL_IS_PLAUSIBLE_UP_TO:
+            usual = False
+        usual = usual and (limit >= _USUAL_FROM or not small)
+        editable = asked == EDITABLE or (
+            asked == AUTO and (limit >= _EDITABLE_FROM or not (small or usual))
+        )
+        ways = [self._way(MINIMAL, is_small=True)] if small else []
+        ways += [self._way(MINIMAL)] if usual else []
+        ways += [self._way(EDITABLE)] if editable else []
+        if goal.time_limit is not None:  # for the one that is the closest most often
+            under = limit < _USUAL_FROM
+            return ways[:1] if under or not small else ways[1:2]
+        return ways
+
+    def _way(self, markup: Literal["editable", "minimal"], is_small: bool = False) -> Plan:
+        svg = dataclasses.replace(self.options.svg, markup=markup)
+        goal, limit = self.options.goal, self.byte_limit
+        if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
+            goal = dataclasses.replace(goal, max_bytes=min(limit, _MINIMAL_IS_PLAUSIBLE_UP_TO))
+        options = dataclasses.replace(self.options, svg=svg, goal=goal)
+        return dataclasses.replace(self, options=options, is_small=is_small)
 
     @property
     def _needs_editable(self) -> str:
@@ -267,10 +326,14 @@ class Plan:
         needs += ["additive blending"] * (self.written_blend == ADD)
         return next(iter(needs + document.layered), "")
 
-    @cached_property
+    @property
     def svg_format(self) -> SvgFormat:
-        """The format of the shapes."""
-        svg, preset = self.options.svg, self.preset
+        """The format of the shapes, before any is fitted."""
+        return self.format_at(None)
+
+    def format_at(self, psnr: float | None) -> SvgFormat:
+        """The format of the shapes of a scene of this PSNR in dB, None for any."""
+        svg, preset = self.options.svg, self._written_like(psnr)
         return SvgFormat(
             form=svg.form,
             markup=self.markup,
@@ -290,6 +353,13 @@ class Plan:
         if error is not None and self.options.svg.palette is None:
             color_error = min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
         return Quantization(palette, color_error)
+
+    def _written_like(self, psnr: float | None) -> Preset:
+        """The preset whose numbers the file has; within a budget those that its PSNR is worth."""
+        if not self.is_budget or psnr is None:
+            return self.preset
+        of_bytes = FINE_BYTES_FROM if self.byte_limit is not None else FINE_FROM
+        return next((PRESETS[name] for name, least in of_bytes if psnr >= least), self.preset)
 
 
 def has_targets(goal: Goal) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -50,3 +51,28 @@ PRESETS: dict[str, Preset] = {
     "max": Preset(0.0004, 44, 30000, 0.2, 0.0, 800, 2048, 10, 0.01, 3),
 }
 DEFAULT_PRESET = "balanced"
+
+# PSNR (dB) of the model from which the 8 bits of a raster decide, and more Gaussians gain nothing.
+NOTHING_TO_GAIN = 58.0
+# Bytes of the shortest shapes and Gaussians that a second fits, from above; px of the fit for each
+# of the shapes that a limit allows (docs/decisions/time.md, also for the next two).
+_FEWEST_BYTES, _MOST_A_SECOND = 12, 20_000
+_PIXELS_EACH = 30
+# PSNR (dB) from which the numbers of a dearer preset are worth their time, or their bytes.
+FINE_FROM = ("max", 46.0), ("high", 40.0)
+FINE_BYTES_FROM = (("high", 44.0),)
+
+
+def budget_preset(max_bytes: int | None, time_limit: float | None) -> Preset:
+    """The numbers of a run that is limited by bytes or seconds alone."""
+    usual, finest = PRESETS[DEFAULT_PRESET], PRESETS["max"]
+    side, cap = finest.max_size, math.inf
+    if time_limit is not None:
+        cap = _MOST_A_SECOND * time_limit
+    if max_bytes is not None:
+        cap = min(cap, max_bytes / _FEWEST_BYTES)
+        square = math.sqrt(_PIXELS_EACH * max_bytes / 100)
+        side = round(min(max(square, usual.max_size), finest.max_size))
+    return dataclasses.replace(
+        usual, gain=0.0, enough=NOTHING_TO_GAIN, cap=max(1, int(min(cap, 10**7))), max_size=side
+    )

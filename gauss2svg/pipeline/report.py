@@ -29,6 +29,7 @@ from gauss2svg.version import __version__
 
 def run_report(
     plan: Plan,
+    chosen: Plan,
     document: Document,
     photo: Photo,
     outcome: Outcome,
@@ -41,17 +42,19 @@ def run_report(
 ) -> dict[str, Any]:
     """All options and results of a run; the keys are in docs/reference/report.md.
 
+    chosen    the one of the plan's ways whose file is written
     fit_size  width and height in px of the image that the fit ran on
     """
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
     run_s = total_s - (compile_s if compile_s > COMPILED_S else 0.0)
-    size_reached = measured.svgz_bytes if options.svg.gzip else measured.svg_bytes
+    size_reached = measured.svgz_bytes if plan.counts_gzipped else measured.svg_bytes
     missed = unreached(
         options.goal, outcome.reached, size_reached, run_s, fitted.stop_reason,
         len(outcome.scene),
     )  # fmt: skip
     return {
         **options.flat(),
+        "quality": plan.quality,
         # Values of options that were left open.
         "width": photo.width,
         "height": photo.height,
@@ -60,10 +63,10 @@ def run_report(
         "gaussians": len(outcome.scene),
         "iterations": fitted.iterations,
         "falloff": ADAPTIVE if plan.fit_config.fit.learned_falloff else GAUSSIAN,
-        "markup": plan.markup,
-        "stops": plan.svg_format.stops,
-        "precision": None if plan.is_small else plan.svg_format.precision,
-        "tune": PSNR if plan.is_small else options.fit.tune,
+        "markup": chosen.markup,
+        "stops": outcome.format.stops,
+        "precision": None if chosen.is_small else outcome.format.precision,
+        "tune": PSNR if chosen.is_small else options.fit.tune,
         "palette": outcome.quantization.palette if plan.palette_is_counted else None,
         "size": document.size,
         "segments": None if document.labels is None else len(np.unique(document.labels)),
@@ -90,24 +93,24 @@ def run_report(
         # Filters were not measured.
         "paint_ms": None if "<filter" in outcome.svg else paint_ms(outcome.scene, outcome.svg),
         "transparent": photo.alpha is not None,
-        "notes": _notes(plan, photo, outcome),
+        "notes": _notes(plan, chosen, photo, outcome),
         "versions": _versions(),
         "total_s": total_s,
     }
 
 
-def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
-    fitted, notes = outcome.fitted, list(photo.notes)
+def _notes(plan: Plan, chosen: Plan, photo: Photo, outcome: Outcome) -> list[str]:
+    notes = list(photo.notes)
     height, width = outcome.measured.raster.shape[:2]
     if (width, height) != (photo.width, photo.height):
         notes.append(f"measured at {width}x{height} px to meet the time limit")
     nothing = photo.alpha is not None and photo.alpha.any() and not len(outcome.scene)
-    if nothing and not plan.is_small:  # of which unreached says that it has no room
+    if nothing and not chosen.is_small:  # of which unreached says that it has no room
         notes.append("the photo is too transparent to be rendered: the SVG is empty")
-    if plan.markup == MINIMAL != plan.options.svg.markup:
+    if chosen.markup == MINIMAL != plan.options.svg.markup:
         notes.append(
-            "minimal markup for so small a file, without names and layers; --markup editable has "
-            "them"
+            "minimal markup, which is closer in as many bytes, without names and layers; "
+            "--markup editable has them, and is for Inkscape"
         )
     outlines = outline_bytes(photo.pixels)
     if outlines is not None and len(outcome.scene) and outlines <= len(outcome.svg):
@@ -115,17 +118,11 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
             "a tracer, such as vtracer, draws these few flat colours exactly in about "
             f"{math.ceil(outlines / 1000)} kB"
         )
-    elif plan.minimal_may_be_closer and fitted.stop_reason == "max_bytes":
+    rate = plan.options.fit.learning_rate
+    if outcome.fitted.rollbacks and rate > 1:  # else nothing can be done about it
         notes.append(
-            "--markup minimal is often closer in as many bytes; a browser takes longer to paint "
-            "it, and Inkscape cannot read it"
-        )
-    if fitted.rollbacks:
-        times = "once" if fitted.rollbacks == 1 else f"{fitted.rollbacks} times"
-        rate = f" ({fitted.rate:.3g} times the usual)" if fitted.rate != 1 else ""
-        notes.append(
-            f"the fit diverged {times} and was rolled back to its best state; it continued with a "
-            f"smaller learning rate{rate}"
+            f"a learning rate of {rate:g} was too large: the fit diverged, was rolled back and "
+            f"ended at {outcome.fitted.rate:.3g}"
         )
     return notes
 

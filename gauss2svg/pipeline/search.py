@@ -14,6 +14,7 @@ from typing import Any
 
 from gauss2svg.errors import number_within, whole_number
 from gauss2svg.fit.densification import (
+    FIRST_ROUND,
     AdaptiveCount,
     DensificationPolicy,
     GrowthLimits,
@@ -23,7 +24,7 @@ from gauss2svg.fit.densification import (
 )
 from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.options import FitProgress, FitResult
-from gauss2svg.fit.schedule import GROWTH_SHARE
+from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, ROUNDS
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.alpha import over
@@ -41,6 +42,11 @@ KILOBYTES_PER_GAUSSIAN = 0.12
 CAP_FOR_TARGET = 50000  # largest number of Gaussians for a target, whatever the preset
 _GZIPPED = 0.17  # compressed share of the bytes, until it is measured
 _LEAST_MEASURED = 200  # Gaussians from which the bytes of one are measured
+# Times the allowed bytes that growth aims at, and refinement until its last steps: the least useful
+# shapes go then (docs/decisions/markup.md).
+_OVERFILL = 1.25, 1.03
+_BYTES_TO_COME = 0.25  # share by which a shape's bytes, its colour's above all, grow in refinement
+_PIXELS_EACH, _PIXELS_EACH_OF_BUDGET = 3, 2  # at least, for each Gaussian
 _CORRECTIONS = 5
 _CALIBRATIONS = 2  # of a search on a smaller image
 _CORRECTION_SHARE = 0.25  # of the iterations of a fit
@@ -81,16 +87,14 @@ class TargetSearch:
         self._checkpoint = checkpoint
         self._resumed = resumed or {}
         self._phase = "fit"
-        goal = plan.options.goal
         self._aim = plan.aim
-        self._max_bytes = goal.max_bytes if isinstance(goal.max_bytes, int) else None
-        self._bytes_each = (
-            KILOBYTES_PER_GAUSSIAN * 1000 * (_GZIPPED if plan.options.svg.gzip else 1)
-        )
+        self._max_bytes = plan.byte_limit
+        self._bytes_each = KILOBYTES_PER_GAUSSIAN * 1000 * (_GZIPPED if plan.counts_gzipped else 1)
         self._bytes_known = False
         self._candidates = Candidates(plan, exporter.empty_bytes if self._max_bytes else 0)
         self._additive: FitResult | None = None
         self._limit = Limit(0, "gaussians")
+        self._expected: int | None = None  # count, of a fit that is limited by time alone
         portable = plan.options.svg.portable
         self._policy = self._policy_for(as_given if portable else self._revise)
         if not portable:
@@ -121,6 +125,7 @@ class TargetSearch:
         return Outcome(
             scene=best.scene,
             svg=best.svg,
+            format=best.format,
             quantization=self._plan.quantization(len(best.scene), None),
             reached=reached,
             fitted=self._session.result().after(self._additive, reason),
@@ -131,9 +136,12 @@ class TargetSearch:
     def _begin(self) -> None:
         """Create the session of the fit that is written, in the time that is left."""
         labels, exporter = self._exporter.document.labels, self._exporter
+        config = self._plan.fit_config
+        if self._expected is not None:  # few are fitted on reduced pictures first
+            config = dataclasses.replace(config, gaussians=self._expected)
+        deadline = self._budget.fit_deadline(self._expected or self._limit.gaussians)
         self._session = FitSession(
-            exporter.working, self._plan.fit_config, self._policy, self._budget.fit_deadline(),
-            self._on_step, exporter.as_written,
+            exporter.working, config, self._policy, deadline, self._on_step, exporter.as_written,
             segment_at=None if labels is None else partial(segment_at, labels),
             stop=self._is_ended,
         )  # fmt: skip
@@ -143,7 +151,7 @@ class TargetSearch:
         """Fit additively, and continue with the same Gaussians alpha-composited."""
         session = FitSession(
             over(self._exporter.working), self._plan.additive_config, self._policy,
-            self._budget.fit_deadline(_ADDITIVE_SHARE),
+            self._budget.fit_deadline(self._limit.gaussians, _ADDITIVE_SHARE),
             lambda progress: self._after_step(ADDITIVE, session, progress),
             stop=self._is_ended,
         )  # fmt: skip
@@ -164,10 +172,12 @@ class TargetSearch:
             return fixed_count(config)
         preset, (height, width) = plan.preset, self._exporter.working.shape[:2]
         # Nine numbers per Gaussian, three per pixel: more would exceed the image itself.
-        cap = min(preset.cap, max(1, width * height // 3))
+        each = _PIXELS_EACH_OF_BUDGET if plan.is_budget else _PIXELS_EACH
+        cap = min(preset.cap, max(1, width * height // each))
         limits = GrowthLimits(preset.gain, KILOBYTES_PER_GAUSSIAN, preset.enough, cap)
         if self._max_bytes is not None:  # the best that fits, not what the preset calls enough
-            limits = dataclasses.replace(limits, gain=0.0, psnr=INDISTINGUISHABLE)
+            enough = max(preset.enough, INDISTINGUISHABLE)
+            limits = dataclasses.replace(limits, gain=0.0, psnr=enough)
         if plan.count is not None:
             limits = GrowthLimits(
                 0.0, KILOBYTES_PER_GAUSSIAN, math.inf, plan.count, cap_named="gaussians"
@@ -185,25 +195,47 @@ class TargetSearch:
                 )
             # Else growth ends at what the preset calls enough, and corrections find the score.
         self._limit = Limit(limits.cap, limits.cap_named)
-        return AdaptiveCount(limits, revise)
+        if not plan.only_time_limits:
+            return AdaptiveCount(limits, revise)
+        expected = min(limits.cap, self._budget.most_gaussians(0, 0.0))
+        self._expected = expected
+        first = max(FIRST_ROUND, expected >> (ROUNDS - 1))
+        return AdaptiveCount(dataclasses.replace(limits, cap=expected), revise, first)
 
     def _revise(self, limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
         """The limits, capped by the bytes and the time."""
-        most, named = self._limit
+        most = self._limit
         if self._max_bytes is not None:
-            refining = now.done > GROWTH_SHARE
-            if now.count >= _LEAST_MEASURED and (refining or not self._bytes_known):
-                self._bytes_known = True
-                shapes = self._exporter.bytes_of(now.scene(), now.psnr) - self._exporter.empty_bytes
-                self._bytes_each = shapes / now.count
-            room = max(self._max_bytes * FILL - self._exporter.empty_bytes, 0)
-            if room / self._bytes_each < most:
-                most, named = int(room / self._bytes_each), "max_bytes"
-        if self._session.clock.growth_is_late and now.done <= GROWTH_SHARE and now.count < most:
-            most, named = max(now.count, 1), "time_limit"
-        return dataclasses.replace(limits, cap=most, cap_named=named)
+            by_bytes = self._most_by_bytes(now)
+            most = min(most, Limit(by_bytes, "max_bytes"))
+        if self._budget.deadline is not None:
+            most = min(most, Limit(self._most_by_time(now, most.gaussians), "time_limit"))
+        return dataclasses.replace(limits, cap=most.gaussians, cap_named=most.name)
+
+    def _most_by_bytes(self, now: Snapshot) -> int:
+        """The count that fills the limit; before the last steps a few more, of which some go."""
+        assert self._max_bytes is not None
+        exporter, last = self._exporter, now.done >= QUANTIZED_FROM
+        refining = now.done > GROWTH_SHARE
+        share = FILL if last else _OVERFILL[refining]
+        room = max(self._max_bytes * share - exporter.empty_bytes, 0)
+        known = self._bytes_known and not refining
+        if now.count >= (1 if refining else _LEAST_MEASURED) and not known:
+            self._bytes_known = True
+            to_come = _BYTES_TO_COME * max(QUANTIZED_FROM - now.done, 0) if refining else 0.0
+            self._bytes_each = (1 + to_come) * exporter.bytes_each(now.scene(), now.psnr, room)
+        return int(room / self._bytes_each)
+
+    def _most_by_time(self, now: Snapshot, most: int) -> int:
+        if self._plan.only_time_limits:
+            return self._budget.most_gaussians(now.count, now.done)
+        late = self._session.clock.growth_is_late and now.done <= GROWTH_SHARE
+        return max(now.count, 1) if late else most
 
     def _on_step(self, progress: FitProgress) -> None:
+        target = self._session.population.target
+        growing = progress.done <= GROWTH_SHARE
+        self._budget.stepped(target.width * target.height, progress.gaussians, growing)
         self._after_step(FIT, self._session, progress)
         reserved = self._budget.reserve(
             progress.done, progress.gaussians, lambda: self._export_seconds(progress.psnr)
@@ -263,13 +295,21 @@ class TargetSearch:
             if not isinstance(policy, AdaptiveCount):
                 break
             wanted, policy.stop_reason = self._candidates.correction(
-                len(self._session.state), self._limit, policy.stop_reason, policy.slope
+                len(self._session.state), self._most_now(), policy.stop_reason, policy.slope
             )
             if wanted is None:
                 break
             self._phase = "correct"
             self._session.resize(wanted, steps)
             self._add_candidate()
+
+    def _most_now(self) -> Limit:
+        """The largest count, also by the bytes of the last candidate."""
+        if self._max_bytes is None:
+            return self._limit
+        scene, model = self._session.scene(), self._candidates.made[-1].model
+        now = Snapshot(len(scene), 1.0, lambda: model, lambda: scene)
+        return min(self._limit, Limit(self._most_by_bytes(now), "max_bytes"))
 
     def _calibrate(self, best: Candidate, measured: RoundTrip, reached: float | None) -> bool:
         """Correct the scores by that at the photo's size; False if there is no need."""

@@ -366,7 +366,7 @@ def small_outcome(
         return stopped
 
     search = SmallSearch(
-        photo, limit, document=document, gzipped=options.svg.gzip, most=plan.count,
+        photo, limit, document=document, gzipped=plan.counts_gzipped, most=plan.count,
         options=options.fit, renderer=options.run.renderer, max_size=options.run.max_size,
         progress=lambda now: report("fit", now), stop=is_stopped,
     )  # fmt: skip
@@ -385,6 +385,7 @@ def small_outcome(
     outcome = Outcome(
         scene=found.scene,
         svg=found.svg,
+        format=plan.svg_format,
         quantization=plan.quantization(len(found.scene), None),
         reached=None,
         fitted=costs,

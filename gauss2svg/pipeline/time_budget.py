@@ -1,31 +1,103 @@
-"""The time budget of a run: how much of the time limit the fit may use."""
+"""The time budget of a run: how many Gaussians and how long a fit its time limit allows.
+
+What a step and the export cost is predicted by a rule, in seconds of one thread of the machine that
+it was measured on, and corrected by the speed of the steps so far (docs/decisions/time.md).
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-_RESERVE_SHARE = 0.3  # of the time left, reserved for the export until it is estimated
-_ESTIMATE_AT = 0.4  # share of the fit done at the estimate
+from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, REDUCED_STEPS, refinement_reduction
+from gauss2svg.raster import DEFAULT_RENDERER
+
+# Of a step of the fit: at least, for a pixel in growth and after it, and for a Gaussian. And once,
+# afterwards, for writing, rasterising and measuring.
+_STEP, _STEP_PIXEL, _STEP_GAUSSIAN = 3e-4, (1.1e-8, 2.9e-8), 8e-7
+_EXPORT, _EXPORT_PIXEL, _EXPORT_GAUSSIAN = 0.08, 1.2e-6, 1.2e-4
+_SECOND_THREAD = 0.8  # what each further thread adds to the speed of the first, in a fit
+# Steps that a fit should have: with fewer it gains more from time than from Gaussians. And of them
+# those of growth, at the cost of the last round.
+_STEPS, _GROWING = 90, 0.2
+_PRIOR_S = 0.03  # predicted seconds of steps that count as taken before any is
+# Times the predicted seconds that are left in refinement, under which Gaussians are removed and
+# over which some are added; in between it has fewer or more steps.
+_TOO_LATE, _TOO_EARLY = 0.5, 1.5
+_AT_ONCE = 0.7  # share of the Gaussians that is kept
+_ESTIMATE_AT = 0.4  # share of the fit done when the export is predicted for its count
 _MOST_RESERVED = 0.6  # of the time left; if the export needs more, Gaussians are removed
+_FEWEST = 50  # Gaussians, however short the time is: fewer steps then do
 
 
 class TimeBudget:
     """The time left, and how much of it the fit may use.
 
-    deadline  by time.perf_counter() in s, or None
+    deadline  by time.perf_counter() in s, or None without a limit
+    size      width and height in px of the image that the fit runs on
+    measured  pixels of the image at whose size the file is measured
+    threads   of the fit
+    steps     of the fit, None for as many as pay
+    renderer  that rasterises the file
     """
 
-    def __init__(self, deadline: float | None) -> None:
+    def __init__(
+        self,
+        deadline: float | None,
+        size: tuple[int, int],
+        measured: int,
+        threads: int = 1,
+        steps: int | None = None,
+        renderer: str = DEFAULT_RENDERER,
+    ) -> None:
         self.deadline = deadline
+        self._size, self._measured = size, measured
+        self._threaded = 1 + _SECOND_THREAD * (threads - 1)
+        self._steps = steps or _STEPS
+        self._predicted = self._taken = 0.0
+        self._last: float | None = None  # end of the last step, None if something else came after
         self._estimated = deadline is None
+        self._renderer = renderer
 
-    def fit_deadline(self, share: float = 1 - _RESERVE_SHARE) -> float | None:
-        """End of a fit that may use this share of the time left."""
+    def stepped(self, pixels: int, count: int, growing: bool) -> None:
+        """Note that a step with so many Gaussians on a target of so many pixels is over."""
+        if self.deadline is None:
+            return
+        now = time.perf_counter()
+        if self._last is not None:
+            self._taken += now - self._last
+            self._predicted += self._step(pixels, count, growing)
+        self._last = now
+
+    def most_gaussians(self, count: int, done: float) -> int:
+        """The largest count that leaves time for its steps and its export.
+
+        count, done  the present count, and the progress of the fit in 0..1
+
+        In refinement the present count, unless it is far off.
+        """
+        self._last = None
+        left, least = self._left_s() / self._slowness, 1
+        if done > GROWTH_SHARE:
+            needed = self._needed_s(count, done)
+            if done >= QUANTIZED_FROM or _TOO_LATE * needed <= left <= _TOO_EARLY * needed:
+                return count
+            least = int(_AT_ONCE * count)
+        low, high = _FEWEST, 2 * _FEWEST
+        while self._needed_s(high, done) <= left:
+            low, high = high, 2 * high
+        while high - low > 1:
+            middle = (low + high) // 2
+            low, high = (middle, high) if self._needed_s(middle, done) <= left else (low, middle)
+        return max(low, least)
+
+    def fit_deadline(self, count: int, share: float = 1.0) -> float | None:
+        """End of a fit of so many Gaussians, or of this share of it; None without a limit."""
         if self.deadline is None:
             return None
-        now = time.perf_counter()
-        return now + share * max(self.deadline - now, 0.0)
+        left = self._left_s()
+        reserved = min(self._slowness * self._export_s(count), _MOST_RESERVED * left)
+        return time.perf_counter() + share * (left - reserved)
 
     def reserve(
         self, done: float, count: int, estimate_s: Callable[[], float]
@@ -34,13 +106,44 @@ class TimeBudget:
 
         done        share of the fit that is over
         count       of Gaussians
-        estimate_s  measures how long writing, rasterising and measuring will take
+        estimate_s  measures on a sample how long writing, rasterising and measuring will take, by a
+                    renderer that the rule is not for
         """
         if self.deadline is None or self._estimated or done <= _ESTIMATE_AT:
             return None
         self._estimated = True
-        reserve = estimate_s()
-        left = self.deadline - time.perf_counter()
-        share = min(_MOST_RESERVED * left / reserve, 1.0)
+        reserve = self._slowness * self._export_s(count)
+        if self._renderer != DEFAULT_RENDERER:
+            reserve = estimate_s()
+            self._last = None  # the sample was no step
+        share = min(_MOST_RESERVED * self._left_s() / reserve, 1.0)
         most = max(1, int(count * share)) if share < 1 else None
         return self.deadline - share * reserve, most
+
+    @property
+    def _slowness(self) -> float:
+        """Seconds that a predicted second takes; the first few steps say little of that."""
+        return (self._taken + _PRIOR_S) / (self._predicted + _PRIOR_S)
+
+    def _left_s(self) -> float:
+        assert self.deadline is not None
+        return max(self.deadline - time.perf_counter(), 0.0)
+
+    def _needed_s(self, count: int, done: float) -> float:
+        """Predicted seconds of the rest of a fit of so many Gaussians, and of its export."""
+        pixels = self._size[0] * self._size[1]
+        growing = max(1 - done / GROWTH_SHARE, 0.0) * _GROWING
+        refining = min(1 - done, 1 - GROWTH_SHARE)
+        factor = refinement_reduction(max(done, GROWTH_SHARE), count, *self._size)
+        reduced = REDUCED_STEPS if factor > 1 else 0.0
+        refined = (1 - reduced + reduced / factor**2) * pixels
+        steps = growing * self._step(pixels, count, True)
+        steps += refining * self._step(refined, count, False)
+        return self._steps * steps + self._export_s(count)
+
+    def _step(self, pixels: float, count: int, growing: bool) -> float:
+        work = _STEP_PIXEL[not growing] * pixels + _STEP_GAUSSIAN * count
+        return _STEP + work / self._threaded
+
+    def _export_s(self, count: int) -> float:
+        return _EXPORT + _EXPORT_PIXEL * self._measured + _EXPORT_GAUSSIAN * count

@@ -7,7 +7,7 @@ import inspect
 import math
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -44,9 +44,10 @@ from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import LARGEST_NUMBER
 
-# Largest size of the fit per second of a time limit: rasterising and measuring alone take 20 s for
-# 12 megapixels.
-PIXELS_PER_SECOND = 150_000
+# Largest size of the fit per second of a time limit, and seconds of it that the start takes
+# (docs/decisions/time.md).
+_PIXELS_PER_SECOND, _START_S = 300_000, 0.5
+_EXPORT_OF_SMALL_S = 0.3  # for which a small file's fits end before a time limit
 _MOST_REACH = 5  # canvas sides that a shape may extend to: sigma is at most 1, the cut-off is at 3
 
 
@@ -166,22 +167,20 @@ def vectorize_by(
 
         def found(plan: Plan) -> tuple[Outcome, NDArray[np.float32]]:
             if plan.is_small:
-                return small_outcome(plan, pixels, document, report_phase, stop)
-            exporter, budget = Exporter(pixels, working, plan, document), TimeBudget(deadline)
+                return small_outcome(plan, pixels, document, report_phase, late)
+            exporter = Exporter(pixels, working, plan, document)
+            steps, measured = options.fit.iterations, pixels.shape[0] * pixels.shape[1]
+            budget = TimeBudget(
+                deadline, (width, height), measured, thread_count, steps, run.renderer
+            )
             search = TargetSearch(plan, exporter, budget, report_phase, stop, checkpoint, saved)
             return search.run(), working
 
-        outcome, fitted_on = found(plan)
-        if plan.rival is not None and outcome.fitted.stop_reason != "interrupted":
-            other, other_on = found(plan.rival)
-            rest = outcome.fitted
-            if other.measured.psnr_lowest > outcome.measured.psnr_lowest:
-                plan, outcome, fitted_on = plan.rival, other, other_on
-            else:
-                rest = other.fitted
-            ended = {other.fitted.stop_reason, outcome.fitted.stop_reason}
-            reason = "interrupted" if "interrupted" in ended else outcome.fitted.stop_reason
-            outcome = dataclasses.replace(outcome, fitted=outcome.fitted.after(rest, reason))
+        def late() -> bool:
+            too_late = deadline is not None and time.perf_counter() > deadline - _EXPORT_OF_SMALL_S
+            return too_late or (stop is not None and stop())
+
+        chosen, outcome, fitted_on = closest(plan.ways, found)
     working = fitted_on
     height, width = working.shape[:2]
     raster = outcome.measured.raster
@@ -191,11 +190,33 @@ def vectorize_by(
         known = None if options.goal.target_ssimulacra2 is None else outcome.reached
         scores = perceptual_scores(raster, reference, most_bytes - held_bytes(), known)
     report = run_report(
-        plan, document, photo, outcome, (width, height), scores, threads=thread_count,
+        plan, chosen, document, photo, outcome, (width, height), scores, threads=thread_count,
         compile_s=compile_s, total_s=time.perf_counter() - begun,
     )  # fmt: skip
     report["checkpoint_trouble"] = None if checkpoint is None else checkpoint.trouble
     return Result(outcome.svg, outcome.scene, report, raster, reference, document)
+
+
+def closest(
+    ways: Sequence[Plan], found: Callable[[Plan], tuple[Outcome, NDArray[np.float32]]]
+) -> tuple[Plan, Outcome, NDArray[np.float32]]:
+    """The plan whose file is closest to the photo, its outcome with the costs of all, its image.
+
+    found  carries out a plan; no further one is begun once it has been interrupted
+    """
+    tried: list[tuple[Plan, Outcome, NDArray[np.float32]]] = []
+    for plan in ways:
+        tried.append((plan, *found(plan)))
+        if tried[-1][1].fitted.stop_reason == "interrupted":
+            break
+    plan, outcome, image = max(tried, key=lambda one: one[1].measured.psnr_lowest)
+    fitted = outcome.fitted
+    reason = tried[-1][1].fitted.stop_reason
+    for _, other, _ in tried:
+        if other is not outcome:
+            ended = "interrupted" if reason == "interrupted" else fitted.stop_reason
+            fitted = fitted.after(other.fitted, ended)
+    return plan, dataclasses.replace(outcome, fitted=fitted), image
 
 
 def _check_callable(name: str, function: object, *arguments: str) -> None:
@@ -255,14 +276,16 @@ def load_of(plan: Plan, width: int, height: int, has_alpha: bool) -> Load:
     goal, asked = plan.options.goal, plan.options.run.max_size is not None
     shrunk = min(1.0, plan.side / max(width, height))
     if goal.time_limit is not None and not asked:
-        shrunk = min(shrunk, math.sqrt(PIXELS_PER_SECOND * goal.time_limit / (width * height)))
+        pixels = _PIXELS_PER_SECOND * max(goal.time_limit - _START_S, _START_S / 2)
+        shrunk = min(shrunk, math.sqrt(pixels / (width * height)))
+    fit_width, fit_height = (max(1, round(side * shrunk)) for side in (width, height))
     most = plan.preset.cap if plan.aim is None else CAP_FOR_TARGET
     return Load(
         width,
         height,
-        max(1, round(width * shrunk)),
-        max(1, round(height * shrunk)),
-        gaussians=most if plan.count is None else plan.count,
+        fit_width,
+        fit_height,
+        gaussians=min(most, fit_width * fit_height) if plan.count is None else plan.count,
         loss=plan.options.fit.loss,
         blend=plan.options.fit.blend,
         has_alpha=has_alpha,

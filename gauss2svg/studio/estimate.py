@@ -15,7 +15,7 @@ from gauss2svg.errors import whole_number
 from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
 from gauss2svg.pipeline.vectorize import load_of
 from gauss2svg.studio.answers import Estimate
 from gauss2svg.studio.form import options_of
@@ -103,7 +103,7 @@ class Estimator:
         elif isinstance(goal.max_bytes, int):
             count = (goal.max_bytes - _EMPTY / 2) / _each(plan)[1 if options.svg.gzip else 0]
         else:
-            count = _GAUSSIANS[list(PRESETS).index(goal.quality)] * grown
+            count = _GAUSSIANS[list(PRESETS).index(plan.quality or DEFAULT_PRESET)] * grown
         if isinstance(goal.gaussians, int):
             count = min(count, goal.gaussians) if plan.count_adapts else goal.gaussians
         else:
@@ -135,7 +135,7 @@ def _adapts(options: Options) -> bool:
 
 def _each(plan: Plan) -> tuple[int, int]:
     """Bytes of a shape, and gzipped."""
-    return _EACH_MINIMAL if plan.markup == MINIMAL else _EACH[plan.options.goal.quality]
+    return _EACH_MINIMAL if plan.markup == MINIMAL else _EACH[plan.quality or DEFAULT_PRESET]
 
 
 def _grown(pixels: float) -> float:

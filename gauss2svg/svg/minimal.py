@@ -33,12 +33,14 @@ def minimal_svg(
     *,
     opacity_decimals: int = OPACITY_DECIMALS,
     stops: int = STOP_COUNTS[0],
+    masked: bool | None = None,
 ) -> str:
     """The shortest SVG of a scene, of which coordinates are whole numbers of units.
 
     unit    px of the canvas, LEAST_UNIT..MOST_UNIT
     digits  of colours, 3 or 6
-    stops   of a gradient, one of STOP_COUNTS, where there are more than MOST_MASKED soft shapes
+    stops   of a gradient, one of STOP_COUNTS
+    masked  whether soft shapes are drawn under masks, not by gradients; None: up to MOST_MASKED
     What it draws is minimal_rounded(scene, unit, digits): shapes whose extent or opacity is written
     as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
     otherwise the file has no names, and a size only where a unit is less than a pixel. Raises
@@ -53,7 +55,8 @@ def minimal_svg(
         across, down = (number(math.ceil(float(side)), 0) for side in (width, height))
         fill = fill_of(color_levels(scene.background, digits))
         cover = f'<path{fill} d="M0 0h{across}v{down}H0"/>'
-    masked = np.count_nonzero(shapes.falloff >= 0) <= MOST_MASKED
+    if masked is None:
+        masked = int(np.count_nonzero(shapes.falloff >= 0)) <= MOST_MASKED
     definitions, elements = drawing(shapes, opacity_decimals, None if masked else stops)
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg"{_presented(document, scene, unit)} '
