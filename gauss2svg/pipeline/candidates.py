@@ -16,8 +16,6 @@ from gauss2svg.pipeline.plan import Plan
 
 # PSNR (dB) from which more Gaussians do not show: an error of half a level of 255 has 54.1.
 INDISTINGUISHABLE = 54.0
-# Times the allowed bytes that the last steps begin with; a few shapes are pruned after them.
-FILL = 1.006
 FULL = 0.97  # share of the allowed bytes from which a file counts as full
 # Times the allowed bytes from which a fit is corrected; fewer are lost by pruning.
 _TOO_LARGE = 1.02

@@ -29,7 +29,7 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.alpha import over
 from gauss2svg.pipeline.candidate import Candidate, Exporter, Outcome, pruned_to_size
-from gauss2svg.pipeline.candidates import FILL, FULL, INDISTINGUISHABLE, Candidates, Limit
+from gauss2svg.pipeline.candidates import FULL, INDISTINGUISHABLE, Candidates, Limit
 from gauss2svg.pipeline.checkpoint import ADDITIVE, FIT, Checkpoint, damaged
 from gauss2svg.pipeline.export_time import estimate_export_seconds
 from gauss2svg.pipeline.plan import Plan
@@ -45,6 +45,9 @@ _LEAST_MEASURED = 200  # Gaussians from which the bytes of one are measured
 # Times the allowed bytes that growth aims at, and refinement until its last steps: the least useful
 # shapes go then (docs/decisions/markup.md).
 _OVERFILL = 1.25, 1.03
+# Times the allowed bytes beyond 1, over the root of the count, that the last steps begin with: the
+# file is then full, and a few shapes more are pruned.
+_SPARE = 0.4
 _BYTES_TO_COME = 0.25  # share by which a shape's bytes, its colour's above all, grow in refinement
 _PIXELS_EACH, _PIXELS_EACH_OF_BUDGET = 3, 2  # at least, for each Gaussian
 _CORRECTIONS = 5
@@ -217,7 +220,7 @@ class TargetSearch:
         assert self._max_bytes is not None
         exporter, last = self._exporter, now.done >= QUANTIZED_FROM
         refining = now.done > GROWTH_SHARE
-        share = FILL if last else _OVERFILL[refining]
+        share = 1 + _SPARE / math.sqrt(max(now.count, 1)) if last else _OVERFILL[refining]
         room = max(self._max_bytes * share - exporter.empty_bytes, 0)
         known = self._bytes_known and not refining
         if now.count >= (1 if refining else _LEAST_MEASURED) and not known:

@@ -1,0 +1,148 @@
+"""A limit that is given alone is a budget: more of it is never worse, a preset beside it is a cap."""
+
+import gzip
+import time
+
+import numpy as np
+import pytest
+from flat import vectorize
+
+from gauss2svg.errors import InputError
+from gauss2svg.fit.clock import Clock
+from gauss2svg.fit.session import FitSession
+from gauss2svg.pipeline.options import Goal, Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.pipeline.time_budget import TimeBudget
+
+LEAST_USED = 0.985
+DECIDED_BY_8_BITS = 50.0  # dB, from which the rounding of renderers decides: decisions/monotone.md
+
+
+@pytest.fixture
+def work_clock(monkeypatch):
+    """Time passes with the steps of the fit alone, by their pixels and Gaussians: it repeats."""
+    now, step = [0.0], FitSession._step
+
+    def stepped(self, done):
+        target = self.population.target
+        now[0] += 2e-4 + 3e-8 * target.width * target.height + 6e-7 * len(self.state)
+        step(self, done)
+
+    monkeypatch.setattr(FitSession, "_step", stepped)
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+
+
+def drawing() -> np.ndarray:
+    """A disc and a bar of flat colours, antialiased."""
+    y, x = np.mgrid[:288, :288] / 3
+    picture = np.full((288, 288, 3), 0.9, np.float32)
+    picture[np.hypot(x - 40, y - 44) < 25] = 0.8, 0.2, 0.1
+    picture[(abs(x - y) < 6) & (x > 50)] = 0.1, 0.2, 0.6
+    return picture.reshape(96, 3, 96, 3, 3).mean(axis=(1, 3))
+
+
+@pytest.mark.parametrize("kind", ["photo", pytest.param("drawing", marks=pytest.mark.sweep)])
+def test_more_seconds_are_never_worse(kind, photo, work_clock):
+    picture = photo if kind == "photo" else drawing()
+    found = [
+        vectorize(picture, time_limit=limit, tune="psnr").report
+        for limit in (0.15, 0.3, 0.6, 0.9, 1.8)
+    ]
+    psnr = [min(report["psnr_svg"], DECIDED_BY_8_BITS) for report in found]
+    assert all(b > a - 0.1 for a, b in zip(psnr, psnr[1:], strict=False))
+    assert psnr[-1] > psnr[0] + 6
+    assert found[0]["gaussians"] < found[-1]["gaussians"]
+
+
+def test_seconds_beyond_what_pays_are_not_taken(work_clock):
+    picture = drawing()[::4, ::4]
+    long, longer = (vectorize(picture, time_limit=limit).report for limit in (100, 200))
+    assert long["psnr_svg"] == longer["psnr_svg"]
+    assert long["stop_reason"] == longer["stop_reason"] != "time_limit"
+    assert long["unreached"] == []
+
+
+def test_a_preset_beside_a_limit_of_seconds_is_a_cap(photo, work_clock):
+    alone = vectorize(photo, time_limit=1.0).report
+    capped = vectorize(photo, time_limit=1.0, quality="draft").report
+    draft = vectorize(photo, quality="draft").report
+    assert capped["gaussians"] <= PRESETS["draft"].cap < alone["gaussians"]
+    assert capped["psnr_svg"] == pytest.approx(draft["psnr_svg"], abs=0.3)
+
+
+def test_a_preset_beside_a_limit_of_bytes_is_a_cap(photo):
+    quick = {"iterations": 40, "max_bytes": "400k"}
+    assert vectorize(photo, **quick, quality="draft").report["gaussians"] <= PRESETS["draft"].cap
+    report = vectorize(photo, **quick).report
+    assert report["gaussians"] > PRESETS["draft"].cap
+    assert (report["quality"], vectorize(photo, iterations=2).report["quality"]) == (
+        None, "balanced",
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "given",
+    [{"max_bytes": 9}, {"time_limit": 9}, {"max_bytes": 9, "time_limit": 9}],
+)
+def test_only_limits_alone_are_budgets(given):
+    assert Goal(**given).is_budget
+    for more in ({"quality": "max"}, {"gaussians": 9}, {"target_psnr": 30}):
+        assert not Goal(**given, **more).is_budget
+    assert not Goal().is_budget
+
+
+@pytest.mark.parametrize(
+    ("limit", "markup"),
+    [(30_000, "editable"), (100_000, "editable"), (100_000, "minimal"), (9_000, "minimal")],
+)
+def test_a_limit_of_bytes_is_used_where_more_shapes_help(photo, limit, markup):
+    report = vectorize(photo, max_bytes=limit, markup=markup, iterations=100).report
+    assert LEAST_USED * limit <= report["svg_bytes"] <= limit
+
+
+@pytest.mark.sweep
+def test_more_bytes_are_never_worse_across_markups(photo):
+    found = [
+        vectorize(photo, max_bytes=limit, tune="psnr", iterations=100).report["psnr_svg"]
+        for limit in (6_000, 12_000, 20_000, 20_001, 30_000, 45_000, 55_000, 90_000)
+    ]
+    assert all(b > a - 0.1 for a, b in zip(found, found[1:], strict=False))
+
+
+def test_a_limit_of_gzipped_bytes_is_on_what_travels(photo):
+    result = vectorize(photo, max_bytes=12_000, count_gzipped=True, iterations=60)
+    travels = len(gzip.compress(result.svg.encode(), 9))
+    assert 0.95 * 12_000 <= travels <= 12_000 < len(result.svg)
+    plain = vectorize(photo, max_bytes=12_000, iterations=60)
+    assert result.report["psnr_svg"] > plain.report["psnr_svg"] + 1
+    with pytest.raises(InputError, match="count_gzipped must be given with max_bytes"):
+        Plan(Options.from_flat({"count_gzipped": True}))
+
+
+def test_the_count_follows_from_the_seconds_that_are_left_and_the_speed(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    counts = [
+        TimeBudget(limit, (768, 512), 768 * 512).most_gaussians(0, 0.0) for limit in (2, 4, 8, 16)
+    ]
+    assert counts == sorted(set(counts))
+    slow = TimeBudget(8, (768, 512), 768 * 512)
+    for _ in range(40):
+        slow.stepped(768 * 512, 1000, growing=True)
+        now[0] += 0.02
+    left = TimeBudget(8, (768, 512), 768 * 512)
+    assert 50 < slow.most_gaussians(1000, 0.1) < 0.7 * left.most_gaussians(1000, 0.1)
+
+
+def test_a_pause_takes_no_share_of_the_fit(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    clock = Clock(None, 1, 10.0)
+    clock.begin_refinement(None, 0.3)
+    now[0] = 4.0
+    before = clock.refinement_progress()
+    with clock.paused():
+        now[0] = 7.0
+    assert clock.refinement_progress() == pytest.approx(before)
+    assert clock.deadline == 13.0
