@@ -71,8 +71,9 @@ def test_a_forked_process_renders_and_fits_with_threads_of_its_own(loss, threads
     options = {"gaussians": 9, "iterations": 9, "loss": loss}
     expected, svg = render(scene), vectorize(photo[:40, :40], **options).svg
     assert forked(
-        lambda: vectorize(photo[:40, :40], **options).svg == svg
-        and (render(scene) == expected).all()
+        lambda: (
+            vectorize(photo[:40, :40], **options).svg == svg and (render(scene) == expected).all()
+        )
     )
 
 
