@@ -16,6 +16,7 @@ from numba.core import config
 from numba.core.caching import CacheImpl, IndexDataCacheFile
 
 _BESIDE = "__pycache__"
+_numba: Any = config  # which creates its attributes dynamically
 _lost = False  # whether code of this process could not be kept
 
 
@@ -49,7 +50,7 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             return njit(**options)(function)
         # None where NUMBA_DISABLE_JIT is set, and where numba keeps its files in another way: then
         # two processes that compile at once may have to compile again.
-        files = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        files: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
         if type(files) is IndexDataCacheFile:
             files.__class__ = KernelFiles
             files.beside = os.path.join(os.path.dirname(function.__code__.co_filename), _BESIDE)
@@ -63,18 +64,18 @@ def _usual(module: Path) -> Iterator[bool]:
     """Inside, numba keeps code where it does by itself; False where that is nowhere."""
     has_home = bool(os.environ.get("XDG_CACHE_HOME")) or os.path.isabs(os.path.expanduser("~"))
     # Without a home numba would make a folder named ~ in the current one.
-    yield has_home or bool(config.CACHE_DIR) or os.access(module, os.W_OK)
+    yield has_home or bool(_numba.CACHE_DIR) or os.access(module, os.W_OK)
 
 
 @contextmanager
 def _temporary(_: Path) -> Iterator[bool]:
     """Inside, numba keeps code among the temporary files; False where there is no place for it."""
-    folder, before = temporary_folder(), config.CACHE_DIR
-    config.CACHE_DIR = folder or before  # pyright: ignore[reportAttributeAccessIssue]
+    folder, before = temporary_folder(), _numba.CACHE_DIR
+    _numba.CACHE_DIR = folder or before
     try:
         yield folder is not None
     finally:
-        config.CACHE_DIR = before  # pyright: ignore[reportAttributeAccessIssue]
+        _numba.CACHE_DIR = before
 
 
 @contextmanager
