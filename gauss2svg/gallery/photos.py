@@ -28,6 +28,7 @@ class GalleryPhoto:
 
     path     of the file
     name     the file's name as printable text, with its folder if another photo has the same name
+    file     the same as it is
     slug     name of its folder in the gallery: a-z, 0-9 and -, unique
     digest   SHA-256 of the file's bytes; None where it cannot be read
     problem  why it cannot be read
@@ -35,6 +36,7 @@ class GalleryPhoto:
 
     path: str
     name: str
+    file: str
     slug: str
     digest: str | None
     problem: str | None = None
@@ -59,18 +61,18 @@ def gallery_photos(paths: Sequence[str | os.PathLike[str]]) -> list[GalleryPhoto
         (Path(path).stem, digest) for path, (digest, _) in zip(texts, read, strict=True)
     )
     return [
-        GalleryPhoto(path, name, slug, digest, problem)
-        for path, name, slug, (digest, problem) in zip(
+        GalleryPhoto(path, on_one_line(file), file, slug, digest, problem)
+        for path, file, slug, (digest, problem) in zip(
             texts, _names(texts), slugs, read, strict=True
         )
     ]
 
 
 def _names(paths: Sequence[str]) -> list[str]:
-    """The last part of each path, on one line; with its folder where another has the same."""
+    """The last part of each path; with its folder where another has the same."""
     parts = [Path(path).absolute().parts for path in paths]
     shared = Counter(own[-1] for own in parts)
-    return [on_one_line("/".join(own[-2:] if shared[own[-1]] > 1 else own[-1:])) for own in parts]
+    return ["/".join(own[-2:] if shared[own[-1]] > 1 else own[-1:]) for own in parts]
 
 
 def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:

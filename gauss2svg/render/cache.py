@@ -53,7 +53,8 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         files: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
         if type(files) is IndexDataCacheFile:
             files.__class__ = KernelFiles
-            files.beside = os.path.join(os.path.dirname(function.__code__.co_filename), _BESIDE)
+            beside = os.path.join(os.path.dirname(function.__code__.co_filename), _BESIDE)
+            vars(files)["beside"] = beside
         return dispatcher
 
     return compiled
