@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 STANDARD_STREAM = "-"
 FileName = str | os.PathLike[str]
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # by OWASP's page on CSV injection
 _NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
 
 
@@ -218,6 +219,11 @@ def _is_standard_input(path: str) -> bool:
         return stat.S_ISREG(read.st_mode) and os.path.samestat(read, os.stat(path))
     except (AttributeError, OSError, ValueError):  # it is closed or no file, or nothing is there
         return False
+
+
+def as_cell(value: Any) -> Any:
+    """A value for a CSV: text that a spreadsheet would calculate, such as =1+1, begins with a '."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
 
 
 def as_png(pixels: NDArray[np.floating]) -> bytes:

@@ -113,7 +113,8 @@ def _whole_name(path: str) -> str:
     return "/".join(parts) or path
 
 
-def _is_picture(name: str) -> bool:
+def is_picture(name: str) -> bool:
+    """Whether a file of this name is taken for a photo where a folder is given."""
     return name.lower().endswith(SUFFIXES) and not name.startswith(".")
 
 
@@ -128,7 +129,7 @@ def _folder(root: str, under: str) -> Iterator[Source]:
                 if entry.is_dir(follow_symlinks=False):
                     if not entry.name.startswith("."):
                         folders.append(name)
-                elif _is_picture(entry.name) and _is_file(entry.path):
+                elif is_picture(entry.name) and _is_file(entry.path):
                     yield Source(entry.path, _stem(name), _size(entry.path, found=True))
     except OSError as error:
         # One that vanished since it was listed has no photos.
@@ -173,7 +174,7 @@ def _remote(url: str) -> Iterator[Source]:
             relative = name.removeprefix(base).lstrip("/")
             parts = relative.split("/")
             hidden = any(part.startswith(".") for part in parts)
-            if every or (_is_picture(parts[-1]) and not hidden):
+            if every or (is_picture(parts[-1]) and not hidden):
                 yield Source(_url_of(fs, name, url, path), _stem(relative), info.get("size"))
     except InputError:
         raise
