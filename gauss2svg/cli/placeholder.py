@@ -53,10 +53,11 @@ def placeholder_command(
     """Write placeholders of about a kilobyte, which a page shows until its photos have come."""
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.errors import Gauss2SvgError
-    from gauss2svg.files import STANDARD_STREAM, refuse_option_like
+    from gauss2svg.files import STANDARD_STREAM, expanded, refuse_option_like
     from gauss2svg.gallery.photos import gallery_photos
     from gauss2svg.pipeline.placeholder import placeholder
 
+    photos = expanded(photos)
     refuse_option_like(*photos, output)
     once = gallery_photos(photos)
     targets = _targets(output, options.format, [photo.slug for photo in once])

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gauss2svg.errors import InputError, must_be, on_one_line
+from gauss2svg.files import is_device
 from gauss2svg.gallery.artifacts import RECORD
 
 _LONGEST_SLUG = 48
 _NAMELESS = "photo"
 _ADVICE = "Try the path of a photo"
-# Names of devices on Windows, also with an extension.
-_DEVICES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])$")
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def slug_of(name: str) -> str:
     """A folder name that every system accepts: 1 to 48 characters of a-z, 0-9 and -."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_LONGEST_SLUG].rstrip("-") or _NAMELESS
-    return f"{_NAMELESS}-{slug}" if _DEVICES.match(slug) else slug
+    return f"{_NAMELESS}-{slug}" if is_device(slug) else slug
 
 
 def _resolved(path: str) -> str:

@@ -15,7 +15,7 @@ from PIL import ExifTags, Image
 
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.files import reading
+from gauss2svg.files import is_device, reading
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, UnreadTiffError, opened
 from gauss2svg.photo.tags import SWAPPED
 
@@ -24,7 +24,6 @@ _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 _MOST_SAMPLES = 100
 _LONGEST_NAME = 100
 _LONGEST_STEM = 200  # bytes
-_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)  # by Windows
 _CHUNK = 1 << 20
 
 
@@ -48,7 +47,7 @@ def display_name(given: str | None) -> str:
 def stem_of(name: str) -> str:
     """What a display name begins with, as any system takes it for the name of a file."""
     stem = PurePath(name).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
-    return f"_{stem}" if _RESERVED.match(stem) else stem
+    return f"_{stem}" if is_device(stem) else stem
 
 
 def size_of(path: Path, name: str) -> tuple[int | None, int | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import ipaddress
+import os
 import secrets
 import socket
 import webbrowser
@@ -18,6 +19,7 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.processes import WINDOWS
 from gauss2svg.studio.guard import Guard
 from gauss2svg.studio.service import create_app
 
@@ -153,13 +155,23 @@ def _socket(host: str, port: int) -> socket.socket:
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
         listening = socket.socket(family, kind, protocol)
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setsockopt(socket.SOL_SOCKET, _claim(), 1)
         listening.bind(address)
     except OSError as error:
         got = shown(f"{host}:{port} ({error.strerror or error})")
         advice = "another --port, or --port 0"
         raise InputError(must_be("host and port", "free to listen on", got, advice)) from error
     return listening
+
+
+def _claim(system: str = os.name) -> int:
+    """The option of a socket whose port is free again at once, and is nobody else's until then.
+
+    On Windows SO_REUSEADDR would let others listen on the same port, and take its requests.
+    """
+    if system == WINDOWS:
+        return ~socket.SO_REUSEADDR  # SO_EXCLUSIVEADDRUSE, which Python has on Windows alone
+    return socket.SO_REUSEADDR
 
 
 def _is_loopback(host: str) -> bool:
