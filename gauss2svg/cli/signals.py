@@ -13,17 +13,27 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from types import FrameType
+from typing import Any
 
 from gauss2svg.batch import interrupts
 
-# Windows has Ctrl-Break, which also the end of its console and other programs send; nobody else can
-# send SIGTERM there.
-BREAK = getattr(signal, "SIGBREAK", None)
-SIGNALS = tuple(one for one in (signal.SIGINT, signal.SIGTERM, BREAK) if one is not None)
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
 _SHOW_CURSOR = b"\x1b[?25h"  # which a progress bar hides
 _ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
 STATUS_OF_SIGNAL = 128  # plus the number of the signal, as in shells
+
+
+def handled_of(module: Any = signal) -> tuple[int, ...]:
+    """The signals that end a command, by Python's module of the system.
+
+    Windows has Ctrl-Break, which closing its console sends as well; no other program sends SIGTERM
+    there.
+    """
+    names = ("SIGINT", "SIGTERM", "SIGBREAK")
+    return tuple(getattr(module, name) for name in names if hasattr(module, name))
+
+
+SIGNALS = handled_of()
 
 
 class Terminated(KeyboardInterrupt):
@@ -125,7 +135,7 @@ def interruptible() -> Iterator[Interruption]:
 
 
 @contextmanager
-def _handled(signals: tuple[signal.Signals, ...], handler: object) -> Iterator[None]:
+def _handled(signals: tuple[int, ...], handler: object) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
