@@ -15,7 +15,7 @@ The script prints a Markdown table with a row for each case:
                of 255, or "refused" where it cannot be written
 
 tests/test_extremes.py asserts the bounds of each case, which are in the table as well. The
-reference needs pip install 'gauss2svg[torch]'.
+reference needs pip install "gauss2svg[torch]".
 """
 
 from __future__ import annotations

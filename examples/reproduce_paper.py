@@ -5,7 +5,7 @@
 The script fits photos that scikit-image ships with the schedules, kernels and losses of
 "Investigation into 2D Gaussian Splatting for Image Representation", continues to the rasterised
 SVG, and decides for each claim of the abstract whether it holds. It takes minutes; --quick runs
-small versions of all experiments in seconds. It needs pip install '.[dev]'; with
+small versions of all experiments in seconds. It needs pip install ".[dev]"; with
 vtracer installed the page compares polygons.
 """
 
@@ -33,7 +33,7 @@ def main() -> None:
 
         from gauss2svg.errors import InputError
     except ModuleNotFoundError as error:
-        advice = "Try pip install '.[dev]'"
+        advice = 'Try pip install ".[dev]"'
         parser.exit(2, f"{parser.prog}: {error.name} must be installed. {advice}\n")
     settings = QUICK if options.quick else FULL
     try:

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import errno
+import glob
 import io
 import json
 import os
+import re
 import secrets
+import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from gauss2svg.errors import InputError, OutputError, must_be, shown
+from gauss2svg.processes import WINDOWS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -22,6 +28,14 @@ if TYPE_CHECKING:
 
 STANDARD_STREAM = "-"
 FileName = str | os.PathLike[str]
+PATTERN = re.compile(r"[*?\[]")  # what makes a name that of many files
+# Devices of Windows, also with a suffix; Microsoft, "Naming Files, Paths, and Namespaces".
+_DEVICE = re.compile(
+    r"(con|prn|aux|nul|conin\$|conout\$|(com|lpt)[0-9¹²³]) *([.:]|$)", re.IGNORECASE
+)
+# s between tries to rename on Windows: scanners for viruses hold a new file open for moments.
+_PAUSES_S = (0.01, 0.03, 0.1, 0.3, 1.0)
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # by OWASP's page on CSV injection
 _NOT_BLOCKING, _BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
 
 
@@ -34,7 +48,10 @@ def reading(path: FileName, advice: str) -> Iterator[BinaryIO]:
     try:
         descriptor = os.open(path, os.O_RDONLY | _NOT_BLOCKING | _BINARY)
     except (OSError, ValueError) as error:
-        raise _cannot_read(path, getattr(error, "strerror", None) or str(error), advice) from error
+        reason = getattr(error, "strerror", None) or str(error)
+        # Windows, which opens no folder, says that permission was denied.
+        reason = "it is a folder, not a regular file" if os.path.isdir(path) else reason
+        raise _cannot_read(path, reason, advice) from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
         os.close(descriptor)
@@ -44,10 +61,11 @@ def reading(path: FileName, advice: str) -> Iterator[BinaryIO]:
         yield file
 
 
-def check_writable(path: FileName) -> None:
+def check_writable(path: FileName, system: str = os.name) -> None:
     """Raise OutputError if no file can be written there; changes no existing file."""
     target = Path(path)
     try:
+        _refuse_device(target, system)
         _mode_of(target)  # raises for links in a circle, which neither exist nor can be made
         if target.is_dir():
             raise OutputError(f"cannot write {target}: it is a folder. Try a file name")
@@ -74,8 +92,8 @@ def write_atomically(path: FileName, data: bytes) -> None:
 def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
     """Write each as write_atomically does, renaming none before all are on the disk.
 
-    A full disk, or an interruption before the renames, thus leaves every old file unchanged. Pipes
-    and devices, which cannot be renamed, are written just before that.
+    A full disk, an interruption, or a file that another program holds open on Windows thus leaves
+    every old file unchanged. Pipes and devices, which cannot be renamed, are written just before.
     Raises OutputError for the first that cannot be written.
     """
     for path in files:
@@ -97,14 +115,77 @@ def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
         for target, data in streams:
             with target.open("wb", buffering=0) as stream:
                 _write_all(stream.fileno(), data)
-        for made, target in beside:
-            os.replace(made, target)
+        _rename(beside)
     except (OSError, ValueError) as error:
         raise _cannot_write(target, error) from error
     finally:
         for made, _ in beside:  # renamed ones no longer exist
             with suppress(OSError):
                 os.unlink(made)
+
+
+def _rename(made: Sequence[tuple[Path, Path]], system: str = os.name) -> None:
+    """Rename each file to its target; where one cannot be, all targets are as they were.
+
+    On Windows, where a program that holds a target open may refuse it: elsewhere none can.
+    """
+    may_fail = system == WINDOWS and len(made) > 1
+    targets = [target for _, target in made if may_fail and target.exists()]
+    old = {target: target.with_name(f".{secrets.token_hex(8)}") for target in targets}
+    try:
+        for target, kept in old.items():
+            try:
+                os.link(target, kept)
+            except OSError:  # the disk has no hard links
+                shutil.copy2(target, kept)
+        for one, target in made:
+            replace(one, target, system)
+    except BaseException:
+        for one, target in made if may_fail else ():
+            if not one.exists():  # it was renamed
+                with suppress(OSError):  # the first error says why
+                    replace(old[target], target, system) if target in old else target.unlink()
+        raise
+    finally:
+        for kept in old.values():
+            with suppress(OSError):
+                kept.unlink(missing_ok=True)
+
+
+def replace(made: FileName, target: FileName, system: str = os.name) -> None:
+    """Rename a file over another; on Windows with patience, if a program holds that one open."""
+    for pause in _PAUSES_S if system == WINDOWS else ():
+        try:
+            os.replace(made, target)
+        except PermissionError:
+            time.sleep(pause)
+        else:
+            return
+    os.replace(made, target)
+
+
+def is_device(name: str) -> bool:
+    """Whether Windows takes a name for that of a device, such as con, aux.svg and COM1.txt."""
+    return _DEVICE.match(name) is not None
+
+
+def _refuse_device(path: Path, system: str = os.name) -> None:
+    # To nul, in so many letters, one writes on purpose.
+    if system == WINDOWS and is_device(path.name) and path.name.lower() != "nul":
+        raise OSError(errno.EINVAL, "Windows takes the name for that of a device")
+
+
+def expanded(names: Iterable[str]) -> list[str]:
+    """Names of files, with those that match in place of a pattern such as *.jpg.
+
+    Shells of Windows leave that to programs. A name that exists is no pattern; a pattern that
+    matches nothing stays, as in other shells.
+    """
+    found: list[str] = []
+    for name in names:
+        is_pattern = PATTERN.search(name) is not None and not os.path.lexists(name)
+        found += (is_pattern and sorted(glob.glob(name, recursive=True))) or [name]
+    return found
 
 
 def write_whole(path: Path, data: bytes, part: Path) -> None:
@@ -114,8 +195,9 @@ def write_whole(path: Path, data: bytes, part: Path) -> None:
     """
     try:
         try:
+            _refuse_device(path)
             _write_new(part, data, None)
-            os.replace(part, path)
+            replace(part, path)
         except BaseException:
             part.unlink(missing_ok=True)
             raise
@@ -218,6 +300,11 @@ def _is_standard_input(path: str) -> bool:
         return stat.S_ISREG(read.st_mode) and os.path.samestat(read, os.stat(path))
     except (AttributeError, OSError, ValueError):  # it is closed or no file, or nothing is there
         return False
+
+
+def as_cell(value: Any) -> Any:
+    """A value for a CSV: text that a spreadsheet would calculate, such as =1+1, begins with a '."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
 
 
 def as_png(pixels: NDArray[np.floating]) -> bytes:

@@ -1,5 +1,6 @@
 """Batches: workers that cannot do the work, stores, and what is wrong with disks, in one line."""
 
+import csv
 import json
 import sqlite3
 import sys
@@ -7,6 +8,7 @@ import time
 
 import distributed
 import fsspec
+import numpy as np
 import pytest
 from batches import lines, outputs, save_photos, tiny
 from clusters import batch_here, under_way
@@ -17,10 +19,18 @@ from gauss2svg.batch import index, inputs, stores, table, work
 from gauss2svg.batch.cluster import local_client
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.batch.many import Batch, vectorize_many
-from gauss2svg.batch.records import FOLDER, PARTS, RECORDS, record_of
+from gauss2svg.batch.records import (
+    FOLDER,
+    PARTS,
+    RECORDS,
+    PhotoRecord,
+    identity_of,
+    record_of,
+)
 from gauss2svg.batch.stores import Store
 from gauss2svg.batch.tasks import answers
 from gauss2svg.errors import ClusterError, InputError, OutputError
+from gauss2svg.pipeline import checkpoint
 
 
 @pytest.fixture
@@ -311,3 +321,38 @@ def test_an_interrupt_that_was_lost_is_raised_again(dask_client, monkeypatch):
     requests = iter([0.0])  # seconds of a task, after which all would be done
     with pytest.raises(KeyboardInterrupt):
         list(answers(dask_client, time.sleep, next_request, lambda: 1))
+
+
+def test_no_cell_of_a_table_begins_a_formula(tmp_path):
+    made = index.PhotoIndex()
+    texts = ["=1+1", "+1", "-1", "@a", "\tx", "\rx", "a=1", "'a"]
+    for text in texts:
+        made.add_record(
+            PhotoRecord(input=text, output=text, options="x", psnr_svg=-1.5, error=text)
+        )
+    made.add_record(PhotoRecord(input="b", output="b", options="x", unreached=["=1", "a"]))
+    store = Store(str(tmp_path), PARTS)
+    store.prepare()
+    table.write_table(store, made)
+    made.close()
+    with (tmp_path / table.TABLE).open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    by_output = {row["output"]: row for row in rows}
+    assert set(by_output) == {
+        "'=1+1", "'+1", "'-1", "'@a", "'\tx", "'\rx", "a=1", "'a", "b",
+    }  # fmt: skip
+    assert by_output["'=1+1"]["error"] == by_output["'=1+1"]["input"] == "'=1+1"
+    assert by_output["b"]["unreached"] == "'=1; a"
+    assert by_output["a=1"]["psnr_svg"] == "-1.5"  # a number stays one
+
+
+@pytest.mark.parametrize("changed", [
+    {"threads": 2}, {"checkpoint_every": 5.0}, {"scores": True}, {"max_pixels": 9}, {"seed": 1},
+    {"gaussians": 9}, {"renderer": "cairo"},
+])  # fmt: skip
+def test_batches_and_checkpoints_agree_on_what_changes_a_picture(changed):
+    pixels, one, other = np.zeros((2, 2, 3), np.float32), tiny(), tiny().changed(**changed)
+    checkpoints = [checkpoint.identity_of(o, o.document, pixels) for o in (one, other)]
+    changes = identity_of(one) != identity_of(other)
+    assert changes == (checkpoints[0] != checkpoints[1])
+    assert changes == bool(changed.keys() & {"seed", "gaussians", "renderer"})

@@ -1,5 +1,6 @@
 """What a batch reads and how outputs are named; what it refuses, in one line, before it runs."""
 
+import gc
 import io
 import os
 import sys
@@ -10,9 +11,10 @@ from batches import save_photo, save_photos
 from gauss2svg.batch import inputs, many
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import photos_of
+from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.stores import Store, stamp_of
 from gauss2svg.cli.main import main
-from gauss2svg.errors import InputError, OutputError
+from gauss2svg.errors import ClusterError, InputError, OutputError
 
 
 def names(*sources):
@@ -214,6 +216,43 @@ def test_folder_that_is_read_only_is_refused(refused, tmp_path, monkeypatch):
     (tmp_path / "out").mkdir()
     (tmp_path / "out/gauss2svg-batch").write_text("")
     assert "cannot create " in refused("in", "-o", "out")
+
+
+NO_ADDRESSES = [
+    "", " ", "nonsense", "host", "tcp://host", "host:", "host:port", "host:8786x", "host:0",
+    "host:65536", ":8786", "tcp://", "tcp://:8786", "ftp://host:8786", "http://host:8786",
+    "tcp:/host:8786", "tcp://[::1:8786", "a b:8786", "tcp://host:8786/page", "tcp://host:8786?a",
+    "inproc://host:8786", 8786,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("address", NO_ADDRESSES)
+def test_what_cannot_be_an_address_of_a_scheduler_is_refused_before_anything_runs(address):
+    with pytest.raises(InputError, match="scheduler must be HOST:PORT, or one of tcp://"):
+        BatchOptions(scheduler=address)
+
+
+@pytest.mark.parametrize(
+    "address",
+    ["host:8786", "10.0.0.1:8786", "tcp://host:1", "tls://a.b.example:65535", "tcp://[::1]:8786",
+     "ws://host:80", "wss://host:443/", "ucx://host:8786", "inproc://10.0.0.1/12/1"],
+)  # fmt: skip
+def test_every_kind_of_address_of_dask_is_one(address):
+    assert BatchOptions(scheduler=address).scheduler == address
+
+
+def test_a_client_that_cannot_connect_is_not_heard_of_again(monkeypatch):
+    from distributed import Client
+
+    from gauss2svg.batch.cluster import remote_client
+
+    closed = []
+    monkeypatch.setattr(Client, "close", lambda client, *_: closed.append(client.status))
+    # Dask refuses TLS without certificates after its client has begun.
+    with pytest.raises(ClusterError, match="ssl_context"), remote_client("tls://127.0.0.1:1"):
+        pass
+    gc.collect()
+    assert closed == ["closed"]  # its finaliser would wait for 20 s for any other
 
 
 def test_scheduler_that_does_not_answer_is_reported(tmp_path, monkeypatch, capsys):

@@ -1,5 +1,7 @@
 """Laws of the kernels on disk: whatever several processes do at once, none gets another's code."""
 
+import os
+import tempfile
 import threading
 from itertools import permutations
 from pathlib import Path
@@ -8,7 +10,9 @@ import pytest
 from numba.core.caching import CacheImpl
 
 import gauss2svg
-from gauss2svg.render.cache import KernelFiles, cached
+from gauss2svg.cli import terminal
+from gauss2svg.render import cache
+from gauss2svg.render.cache import KernelFiles, cached, temporary_folder
 
 _STEPS = ("_load_index", "_save_index", "_save_data")
 
@@ -78,9 +82,128 @@ def test_a_disk_that_cannot_be_written_stops_no_run(tmp_path):
     assert files.load("types") is None
 
 
-def test_kernels_are_compiled_also_where_no_folder_can_be_written(monkeypatch):
+@pytest.fixture
+def no_home(monkeypatch, tmp_path):
+    """A module in a folder that cannot be written, and a user whose home is not known."""
+    module = tmp_path / "read only"
+    module.mkdir()
+    (module / "kernel.py").write_text("def twice(number):\n    return 2 * number\n")
+    found = {}
+    exec(compile((module / "kernel.py").read_text(), module / "kernel.py", "exec"), found)
+    access = os.access
+    monkeypatch.setattr(os, "access", lambda path, mode: path != module and access(path, mode))
+    # The superuser, which tests may run as, can write anywhere.
+    makedirs = os.makedirs
+
+    def made(path, *given, **named):
+        if str(path).startswith(str(module)):
+            raise PermissionError(path)
+        return makedirs(path, *given, **named)
+
+    monkeypatch.setattr(os, "makedirs", made)
+    for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    monkeypatch.setattr(cache, "_lost", False)
+    monkeypatch.chdir(tmp_path)
+    makedirs(tmp_path / "temporary")
+    found["twice"].__module__ = "kernel"
+    return found["twice"]
+
+
+def machine_code(folder):
+    return sorted(path.name for path in folder.rglob("*.nbc"))
+
+
+def test_without_a_home_kernels_are_kept_among_the_temporary_files(no_home, tmp_path):
+    assert cached()(no_home)(2) == 4
+    assert len(machine_code(tmp_path / "temporary")) == 1
+    again = cached()(no_home)
+    assert again(2) == 4
+    assert sum(again.stats.cache_hits.values()) == 1
+    assert cache.are_kept()
+    assert not (tmp_path / "~").exists()
+
+
+def test_kernels_are_kept_in_the_users_cache_before_the_temporary_files(
+    no_home, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert cached()(no_home)(2) == 4
+    assert len(machine_code(tmp_path / "cache")) == 1
+    assert not machine_code(tmp_path / "temporary")
+
+
+@pytest.mark.parametrize("place", ["temporary", None])
+def test_kernels_beside_a_module_are_read_where_they_cannot_be_written(
+    no_home, tmp_path, monkeypatch, place
+):
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "makedirs", lambda path, exist_ok: Path(path).mkdir(exist_ok=exist_ok))
+        patch.setattr(os, "access", lambda *_: True)
+        assert cached()(no_home)(2) == 4
+    assert len(machine_code(tmp_path / "read only")) == 1
+    if place is None:
+        monkeypatch.setattr(cache, "temporary_folder", lambda: None)
+    again = cached()(no_home)
+    assert again(2) == 4
+    assert sum(again.stats.cache_hits.values()) == 1
+    assert len(machine_code(tmp_path)) == 1
+    assert cache.are_kept()
+
+
+def test_where_no_folder_can_be_written_kernels_are_compiled_and_said_to_be_lost(
+    no_home, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(cache, "temporary_folder", lambda: None)
+    monkeypatch.setattr(KernelFiles, "_open_for_write", _refused)
+    assert cached()(no_home)(2) == 4
+    assert not machine_code(tmp_path)
+    assert not cache.are_kept()
+    assert "NUMBA_CACHE_DIR" in terminal._compilation(5.0)
+    assert terminal._compilation(0.0) == ""
+
+
+def _refused(*_):
+    raise PermissionError
+
+
+def test_kernels_are_compiled_also_where_numba_knows_no_folder(monkeypatch):
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
+    monkeypatch.setattr(cache, "_lost", False)
     assert cached()(_twice)(2) == 4
+    assert not cache.are_kept()
+
+
+def test_the_current_folder_is_no_folder_for_temporary_files(tmp_path, monkeypatch):
+    # Python takes it where no other can be written.
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert temporary_folder() is None
+    assert not list(tmp_path.iterdir())
+    tmp_path.chmod(0o1777)  # as /tmp is
+    assert temporary_folder() is not None
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="the folder's parent is the user's own there")
+def test_no_kernel_is_read_from_a_folder_that_another_user_may_write(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    folder = Path(temporary_folder())
+    assert folder.stat().st_mode & 0o777 == 0o700
+    for mode in (0o720, 0o702, 0o777, 0o750):
+        folder.chmod(mode)
+        assert temporary_folder() is None
+    folder.chmod(0o700)
+    user = os.getuid()
+    monkeypatch.setattr(os, "getuid", lambda: user + 1)
+    folder.rename(tmp_path / f"gauss2svg-kernels-{user + 1}")
+    assert temporary_folder() is None
+    monkeypatch.undo()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    (tmp_path / "elsewhere").mkdir(mode=0o700)
+    folder.symlink_to("elsewhere")
+    assert temporary_folder() is None
 
 
 def _twice(number):

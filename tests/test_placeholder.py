@@ -105,14 +105,60 @@ def test_the_page_names_photos_by_their_address_from_its_folder(photos, tmp_path
     capsys.readouterr()
 
 
-def test_where_no_photo_can_be_read_the_list_is_empty(photos, tmp_path, capsys):
+@pytest.mark.parametrize("form", ["json", "html", "svg"])
+def test_where_every_photo_fails_nothing_is_written(form, photos, tmp_path, capfdbinary):
+    output = tmp_path / ("bad" if form == "svg" else "placeholders")
+    file = output / "bad.svg" if form == "svg" else output
+    if form == "svg":
+        output.mkdir()
+    file.write_text("of an earlier run")
+    command = ["placeholder", photos[-1], "--format", form]
+    assert main([*command, "-o", str(output)]) == 1
+    assert file.read_text() == "of an earlier run"
+    assert main([*command[:1], photos[0], *command[2:], "--max-bytes", "20"]) == 1
+    out, err = capfdbinary.readouterr()
+    assert out == b""
+    assert b"--max-bytes must be at least" in err
+    assert err.count(b"1 failed, and nothing was written") == 2
+
+
+@pytest.mark.parametrize("form", ["json", "html"])
+def test_a_photo_that_fails_keeps_the_entry_that_it_had(form, photos, tmp_path, capsys):
+    output = tmp_path / "placeholders"
+    command = ["placeholder", *photos, "--max-bytes", "300", "--format", form, "-o", str(output)]
+    main(command)
+    before = output.read_text()
+    Path(photos[0]).write_bytes(b"no picture any more")
+    assert main(command) == 1
+    assert output.read_text() == before
+    assert "2 failed; 1 of them kept from before" in capsys.readouterr().err
+    # What is not asked for any more is not kept, and what is no such file is not read.
+    assert main([*command[:1], *command[2:]]) == 1
+    assert len(output.read_text()) < len(before)
+    for other in ("no JSON", "[1]", "{}", '[{"metadata": 1}]', "[" * 100_000):
+        output.write_text(other)
+        assert main([*command[:1], *command[2:]]) == 1
+        assert output.read_text().count("two words" if form == "json" else "two%20words") == 1
+
+
+ODD_NAMES = [
+    "two  spaces.png",
+    "no\u00a0break.png",
+    "family \U0001f468\u200d\U0001f469.png",
+    "a\tb.png",
+]
+
+
+def test_names_in_the_list_are_those_of_the_files(photos, tmp_path, capsys):
+    strange = [*ODD_NAMES, os.fsdecode(b"caf\xe9.png")]
+    for name in strange:
+        (tmp_path / name).write_bytes(Path(photos[0]).read_bytes() + name[:3].encode())
     output = tmp_path / "placeholders.json"
-    assert main(["placeholder", photos[-1], "-o", str(output)]) == 1
-    assert json.loads(output.read_text()) == []
-    assert main(["placeholder", photos[0], "--max-bytes", "20"]) == 1
-    out, err = capsys.readouterr()
-    assert json.loads(out) == []
-    assert "--max-bytes must be at least" in err
+    given = [str(tmp_path / name) for name in strange]
+    assert main(["placeholder", *given, "--max-bytes", "300", "-o", str(output)]) == 0
+    records = json.loads(output.read_text())
+    assert [record["metadata"]["filename"] for record in records] == strange
+    capsys.readouterr()
 
 
 def test_one_bad_photo_of_many_costs_only_itself(photos, tmp_path, capsys):

@@ -152,7 +152,7 @@ def test_playwright_that_hangs_is_refused(have, refused, monkeypatch):
 
 def test_missing_playwright_is_one_line_that_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "playwright", None)
-    with pytest.raises(RendererError, match=r"pip install 'gauss2svg\[browser\]'") as caught:
+    with pytest.raises(RendererError, match=r'pip install "gauss2svg\[browser\]"') as caught:
         renderer_version("chromium")
     assert "\n" not in str(caught.value)
 

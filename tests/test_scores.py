@@ -30,7 +30,7 @@ from gauss2svg.measure.scores import (
 
 KEYS = ("ssimulacra2_svg", "flip_svg", "scores_missing")
 LACKING = (
-    "SSIMULACRA2 and FLIP are not measured: not installed. Try pip install 'gauss2svg[scores]'"
+    'SSIMULACRA2 and FLIP are not measured: not installed. Try pip install "gauss2svg[scores]"'
 )
 SMALL = "SSIMULACRA2 is not measured: it needs at least 225 px a side"
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'

@@ -229,7 +229,7 @@ def test_without_its_packages_the_command_says_how_to_get_them(package, monkeypa
     assert main(["studio"]) == 2
     line = capsys.readouterr().err
     assert line.count("\n") == 1
-    assert "pip install 'gauss2svg[studio]'" in line
+    assert 'pip install "gauss2svg[studio]"' in line
 
 
 @pytest.mark.parametrize(

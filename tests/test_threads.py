@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from conftest import random_scene
 from flat import vectorize
+from numba.core.compiler_lock import global_compiler_lock
 
 from gauss2svg.render import render
+from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.render.threads import in_shares
 from gauss2svg.render.walk import add_pairs
 
@@ -68,9 +70,84 @@ def test_a_forked_process_renders_and_fits_with_threads_of_its_own(loss, threads
     scene = random_scene(800, 200, 160, 1)  # enough for two shares
     options = {"gaussians": 9, "iterations": 9, "loss": loss}
     expected, svg = render(scene), vectorize(photo[:40, :40], **options).svg
+    assert forked(
+        lambda: (
+            vectorize(photo[:40, :40], **options).svg == svg and (render(scene) == expected).all()
+        )
+    )
+
+
+def forked(holds):
+    """Whether a fork of this process finds that holds() is true, within a minute."""
     child = os.fork()
     if child == 0:
-        signal.alarm(60)
-        again = vectorize(photo[:40, :40], **options).svg
-        os._exit(0 if (render(scene) == expected).all() and again == svg else 1)
-    assert os.waitpid(child, 0)[1] == 0
+        status = 1
+        try:
+            signal.alarm(60)
+            status = 0 if holds() else 1
+        finally:
+            os._exit(status)
+    return os.waitpid(child, 0)[1] == 0
+
+
+class HeldElsewhere:
+    """A thread that holds a lock, as while it fits or compiles."""
+
+    def __init__(self, lock):
+        self.held, self.let = threading.Event(), threading.Event()
+        self.thread = threading.Thread(target=self.hold, args=(lock,))
+
+    def hold(self, lock):
+        with lock:
+            self.held.set()
+            assert self.let.wait(timeout=60)
+
+    def __enter__(self):
+        self.thread.start()
+        assert self.held.wait(timeout=60)
+        return self
+
+    def __exit__(self, *_):
+        self.let.set()
+        self.thread.join()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+@pytest.mark.filterwarnings("default::DeprecationWarning")
+def test_a_process_that_is_forked_while_another_thread_fits_can_fit(photo):
+    options = {"gaussians": 3, "iterations": 2}
+    svg = vectorize(photo[:9, :9], **options).svg
+    with HeldElsewhere(kernel_lock):
+        assert forked(lambda: vectorize(photo[:9, :9], **options).svg == svg)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+@pytest.mark.filterwarnings("default::DeprecationWarning")
+def test_a_process_that_is_forked_inside_of_a_fit_keeps_its_lock_and_can_give_it_back():
+    with kernel_lock:
+
+        def own_lock_is_still_held():
+            refused = []
+            other = threading.Thread(target=lambda: refused.append(not kernel_lock.is_open()))
+            other.start()
+            other.join()
+            kernel_lock.__exit__()
+            return refused == [True] and kernel_lock.is_open()
+
+        assert forked(own_lock_is_still_held)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
+@pytest.mark.filterwarnings("default::DeprecationWarning")
+def test_a_fork_awaits_the_compilation_of_another_thread():
+    with HeldElsewhere(global_compiler_lock) as other:
+        results = []
+        forking = threading.Thread(
+            target=lambda: results.append(forked(lambda: global_compiler_lock.acquire() is None))
+        )
+        forking.start()
+        forking.join(timeout=0.2)
+        assert forking.is_alive()
+        other.let.set()
+        forking.join()
+    assert results == [True]

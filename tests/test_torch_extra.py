@@ -7,7 +7,7 @@ import pytest
 
 # As if it were not installed.
 WITHOUT = "import sys; sys.modules['torch'] = None\n"
-ADVICE = "needs PyTorch. Try pip install 'gauss2svg[torch]'"
+ADVICE = 'needs PyTorch. Try pip install "gauss2svg[torch]"'
 
 
 def printed(code: str) -> str:

@@ -14,7 +14,8 @@ from sphinx.util.docutils import SphinxDirective
 
 _PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 _STEP, _BOX = 42, 28  # px: from row to row, and of a box
-_PLAIN = ("errors", "version", "files", "options", "__main__")  # files, most of which all import
+# Files, most of which all import.
+_PLAIN = ("errors", "version", "files", "options", "processes", "__main__")
 
 
 def rooms_in_order() -> list[str]:

@@ -90,12 +90,23 @@ def local_client(
             cluster.close(timeout=_CLOSE_S)
 
 
+class _Connecting(Client):
+    """A client whose finaliser says nothing, 20 s later, where it could not connect."""
+
+    def start(self, **options: Any) -> None:
+        try:
+            super().start(**options)
+        except BaseException:
+            self.status = "closed"
+            raise
+
+
 @contextmanager
 def remote_client(scheduler: str) -> Iterator[Client]:
     """A client of a scheduler, such as tcp://host:8786; raises ClusterError without an answer."""
     with _quiet():
         try:
-            client = Client(scheduler, timeout=_CONNECT_S, set_as_default=False)
+            client = _Connecting(scheduler, timeout=_CONNECT_S, set_as_default=False)
         except Exception as error:  # of addresses, names, sockets and handshakes
             why = " ".join(str(error).split())[:200] or type(error).__name__
             raise ClusterError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import codecs
 import os
-import re
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import PurePosixPath
@@ -12,14 +11,13 @@ from typing import Any, NamedTuple
 
 from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, lines_of, reason_of
 from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.files import STANDARD_STREAM
+from gauss2svg.files import PATTERN, STANDARD_STREAM
 
 # Names of the formats that are read (gauss2svg.photo.formats.FORMATS).
 SUFFIXES = (
     ".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".gif", ".bmp", ".avif",
 )  # fmt: skip
 MANIFESTS = (".txt", ".lst")
-_GLOB = re.compile(r"[*?\[]")
 
 
 class Source(NamedTuple):
@@ -62,7 +60,7 @@ def _photos(source: str) -> Iterator[Source]:
         yield from _remote(source)
     elif os.path.isdir(source):
         yield from _folder(source, "")
-    elif _GLOB.search(source) and not os.path.lexists(source):
+    elif PATTERN.search(source) and not os.path.lexists(source):
         yield from _matching(source)
     else:
         yield Source(source, _stem(os.path.basename(source)), _size(source))
@@ -71,7 +69,7 @@ def _photos(source: str) -> Iterator[Source]:
 def folder_of(source: str) -> str | None:
     """The folder that is searched for photos, in and under it; None where only names are read."""
     if is_url(source):
-        return source.partition("*")[0] if "**" in source or not _GLOB.search(source) else None
+        return source.partition("*")[0] if "**" in source or not PATTERN.search(source) else None
     if os.path.isdir(source):
         return source
     return _base(source) if "**" in source and not os.path.lexists(source) else None
@@ -113,7 +111,8 @@ def _whole_name(path: str) -> str:
     return "/".join(parts) or path
 
 
-def _is_picture(name: str) -> bool:
+def is_picture(name: str) -> bool:
+    """Whether a file of this name is taken for a photo where a folder is given."""
     return name.lower().endswith(SUFFIXES) and not name.startswith(".")
 
 
@@ -128,7 +127,7 @@ def _folder(root: str, under: str) -> Iterator[Source]:
                 if entry.is_dir(follow_symlinks=False):
                     if not entry.name.startswith("."):
                         folders.append(name)
-                elif _is_picture(entry.name) and _is_file(entry.path):
+                elif is_picture(entry.name) and _is_file(entry.path):
                     yield Source(entry.path, _stem(name), _size(entry.path, found=True))
     except OSError as error:
         # One that vanished since it was listed has no photos.
@@ -141,7 +140,7 @@ def _folder(root: str, under: str) -> Iterator[Source]:
 
 def _base(pattern: str) -> str:
     """The folder of a glob: its part before the first wildcard."""
-    return os.path.dirname(pattern[: _GLOB.search(pattern).start()])  # pyright: ignore[reportOptionalMemberAccess]
+    return os.path.dirname(pattern[: PATTERN.search(pattern).start()])  # pyright: ignore[reportOptionalMemberAccess]
 
 
 def _matching(pattern: str) -> Iterator[Source]:
@@ -159,8 +158,8 @@ def _remote(url: str) -> Iterator[Source]:
     fs, path = filesystem(url)
     protocol = url.partition("://")[0]
     try:
-        if _GLOB.search(url):
-            base = path[: _GLOB.search(path).start()].rpartition("/")[0]  # pyright: ignore[reportOptionalMemberAccess]
+        if PATTERN.search(url):
+            base = path[: PATTERN.search(path).start()].rpartition("/")[0]  # pyright: ignore[reportOptionalMemberAccess]
             found = fs.glob(path, detail=True)
             files = ((name, info) for name, info in found.items() if info["type"] == "file")
             every = True
@@ -173,7 +172,7 @@ def _remote(url: str) -> Iterator[Source]:
             relative = name.removeprefix(base).lstrip("/")
             parts = relative.split("/")
             hidden = any(part.startswith(".") for part in parts)
-            if every or (_is_picture(parts[-1]) and not hidden):
+            if every or (is_picture(parts[-1]) and not hidden):
                 yield Source(_url_of(fs, name, url, path), _stem(relative), info.get("size"))
     except InputError:
         raise

@@ -4,18 +4,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Annotated, Any
+from urllib.parse import urlsplit
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.options import OptionGroup, Whole
 
+_PROTOCOLS = ("tcp://", "tls://", "ws://", "wss://", "ucx://")  # of Dask, between machines
 _MOST_WORKERS = 1024  # more cores than a machine has; more processes are a slip of the keyboard
 
 
 def address(name: str, value: Any) -> str:
-    """An address of a scheduler; raises InputError for anything but a text."""
-    if not isinstance(value, str) or not value.strip():
-        raise InputError(must_be(name, "an address", value, "tcp://host:8786"))
-    return value
+    """An address of a scheduler; raises InputError for what cannot be one."""
+    if not isinstance(value, str) or not _is_address(value.strip()):
+        needed = f"HOST:PORT, or one of {', '.join(_PROTOCOLS)} before it"
+        raise InputError(must_be(name, needed, value, "tcp://host:8786"))
+    return value.strip()
+
+
+def _is_address(text: str) -> bool:
+    protocol, _, place = text.rpartition("://")
+    if protocol == "inproc":  # within this process: machine, process, number
+        return len(place.split("/")) == 3
+    try:
+        parts = urlsplit(f"//{place}")
+        is_whole = bool(parts.hostname) and bool(parts.port)
+    except ValueError:  # of the port, or of brackets
+        return False
+    has_more = parts.path.strip("/") or parts.query or parts.fragment or " " in place
+    return is_whole and not has_more and (not protocol or f"{protocol}://" in _PROTOCOLS)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,5 +7,10 @@ from gauss2svg.batch import work  # noqa: F401 (workers that start together impo
 
 
 def dask_setup(_: Any) -> None:
-    """Ignore Ctrl-C, which at a terminal reaches all its processes: the driver ends its workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Ignore Ctrl-C, and Ctrl-Break of Windows: at a terminal they reach all its processes.
+
+    The driver ends its workers.
+    """
+    for name in ("SIGINT", "SIGBREAK"):
+        if number := getattr(signal, name, None):
+            signal.signal(number, signal.SIG_IGN)

@@ -13,7 +13,7 @@ from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from gauss2svg.batch.stores import Store
-from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
 from gauss2svg.version import __version__
 
 STATE = "gauss2svg-batch"  # the folder, beside the outputs, of all that is not an output
@@ -21,9 +21,8 @@ FOLDER = f"{STATE}/folder"  # tells this output folder from another of its name 
 RECORDS, PARTS = f"{STATE}/records", f"{STATE}/parts"
 _WORKING = {"working": True}  # the last line of a shard that is worked on, or whose worker died
 _SHARE = 0.05  # of a worker's time, for writing records
-# Options that change no file, and those of them that change not either whether there is one.
-_NOT_OF_IDENTITY = {"threads", "max_memory", "max_pixels", "scores"}
-_NOT_OF_LIMITS = {"threads"}
+# Options that change neither a picture nor whether there is one.
+_NOT_OF_LIMITS = frozenset({"threads", "checkpoint_every"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +104,7 @@ def all_versions() -> dict[str, str]:
 
 def identity_of(options: Options) -> str:
     """A hash of the version and of all options that a file depends on."""
-    return _hash_of(options, _NOT_OF_IDENTITY)
+    return _hash_of(options, NOT_OF_PICTURE)
 
 
 def limits_of(options: Options) -> str:
@@ -113,7 +112,7 @@ def limits_of(options: Options) -> str:
     return _hash_of(options, _NOT_OF_LIMITS)
 
 
-def _hash_of(options: Options, without: set[str]) -> str:
+def _hash_of(options: Options, without: frozenset[str]) -> str:
     given = {k: v for k, v in options.flat().items() if k not in without}
     text = json.dumps([__version__, given], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

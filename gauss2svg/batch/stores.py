@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from gauss2svg.errors import InputError, OutputError, must_be, on_one_line, shown
-from gauss2svg.files import check_writable, reading, write_whole
+from gauss2svg.files import check_writable, reading, replace, write_whole
 
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
 _ADVICE = "the path or the URL of a photo"
@@ -171,7 +171,7 @@ class Store:
         """Move a file of this machine there."""
         if self.is_local:
             with self._writing(name):
-                os.replace(made, self.path(name))
+                replace(made, self.path(name))
             return
         with self._putting(name) as (fs, path):
             fs.put_file(str(made), path)

@@ -20,6 +20,7 @@ from gauss2svg.batch.records import PARTS, STATE, PhotoRecord
 from gauss2svg.batch.stores import Store
 from gauss2svg.batch.stores import reason_of as why
 from gauss2svg.errors import OutputError
+from gauss2svg.files import as_cell
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
 _COLUMNS = [field.name for field in dataclasses.fields(PhotoRecord)]
@@ -122,14 +123,14 @@ def _umask() -> int:
 
 
 def _csv(path: Path, records: Iterable[PhotoRecord]) -> None:
-    with path.open("w", newline="", errors="backslashreplace") as stream:
-        writer = csv.DictWriter(stream, _COLUMNS, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(map(_row, records))
+    with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
+        writer = csv.writer(stream)  # whose own line ends have names with either character quoted
+        writer.writerow(_COLUMNS)
+        writer.writerows(map(as_cell, _row(record).values()) for record in records)
 
 
 def _row(record: PhotoRecord) -> dict[str, Any]:
-    return vars(record) | {
+    return {name: getattr(record, name) for name in _COLUMNS} | {
         "unreached": "; ".join(record.unreached),
         "versions": json.dumps(record.versions),
     }

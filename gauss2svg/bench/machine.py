@@ -40,7 +40,7 @@ def _cpu_seconds() -> float:
 
 def _busy_seconds() -> float | None:
     try:
-        fields = Path("/proc/stat").read_text().split(maxsplit=9)
+        fields = Path("/proc/stat").read_text(encoding="utf-8").split(maxsplit=9)
         user, nice, system, _, _, irq, softirq, steal = map(int, fields[1:9])
     except (OSError, ValueError):  # not Linux
         return None
@@ -57,7 +57,7 @@ def peak_bytes() -> int | None:
     children = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit
     try:
         # Linux carries ru_maxrss over from the process that started this one.
-        status = Path("/proc/self/status").read_text().splitlines()
+        status = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
         own = next(int(line.split()[1]) for line in status if line.startswith("VmHWM:")) * 1024
     except (OSError, StopIteration):
         own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
@@ -73,7 +73,7 @@ def machine() -> dict[str, Any]:
 
 def _cpu_model() -> str:
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         lines = []
     named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))

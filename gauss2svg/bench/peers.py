@@ -102,7 +102,14 @@ def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
     command += ["-s", str(side)]
 
     def convert() -> None:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            check=False,
+        )
         if done.returncode:
             raise PeerError(f"primitive ended with status {done.returncode}: {done.stderr}")
 

@@ -6,59 +6,46 @@ Not a worker of `batch`: Dask's own memory would count as the run's (docs/decisi
 from __future__ import annotations
 
 import json
-import os
-import signal
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import suppress
 from typing import IO, Any
 
 from gauss2svg.bench.rows import Row, one_line
+from gauss2svg.processes import end_of, end_tree, own_group
 
 
 def in_own_process(request: Mapping[str, Any], timeout: float | None) -> Row:
     """The worker's row; one with "error" if it dies or takes more than timeout seconds."""
     # -P: the current folder is not on the module path.
     command = [sys.executable, "-P", "-m", "gauss2svg.bench.worker"]
-    with ExitStack() as stack:
-        stderr = stack.enter_context(tempfile.TemporaryFile())
-        process = stack.enter_context(
-            # In a new session, so that processes that a peer starts are killed with it.
-            subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=stderr,
-                start_new_session=True,
-            )
-        )
+    with (
+        tempfile.TemporaryFile() as stdout,
+        tempfile.TemporaryFile() as stderr,
+        # Processes that a peer starts are killed with it.
+        subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, **own_group()
+        ) as process,
+    ):
+        assert process.stdin is not None
         try:
-            answer, _ = process.communicate(json.dumps(request).encode(), timeout)
+            with suppress(BrokenPipeError):  # it is dead, which its status tells
+                process.stdin.write(json.dumps(request).encode() + b"\n")
+                process.stdin.flush()
+            # Its input stays open: where that ends, its parent is gone.
+            process.wait(timeout)
         except subprocess.TimeoutExpired:
-            _kill(process)
+            end_tree(process.pid)
             return {"error": f"timed out after {timeout:g} s. Try a longer --peer-timeout"}
         except BaseException:
-            _kill(process)
+            end_tree(process.pid)
             raise
         if process.returncode == 0:
-            return json.loads(answer)
+            stdout.seek(0)
+            return json.load(stdout)
         return {"error": one_line(f"{end_of(process.returncode)}: {last_line(stderr)}")}
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
-    try:
-        os.killpg(process.pid, signal.SIGKILL)
-    except (AttributeError, ProcessLookupError):  # Windows; or gone already
-        process.kill()
-
-
-def end_of(status: int) -> str:
-    """How a process with this exit status ended."""
-    if status < 0:
-        return f"killed by {signal.Signals(-status).name}; was there enough memory?"
-    return f"ended with status {status}"
 
 
 def last_line(stream: IO[bytes]) -> str:

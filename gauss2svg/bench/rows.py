@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.errors import OutputError
-from gauss2svg.files import write_atomically
+from gauss2svg.files import as_cell, write_atomically
 
 Row = dict[str, Any]
 TOOL = "gauss2svg"  # the tool of all rows that are not a peer's
@@ -87,7 +87,7 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
     stream = io.StringIO()
     writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
     writer.writeheader()
-    writer.writerows(flattened)
+    writer.writerows({name: as_cell(value) for name, value in row.items()} for row in flattened)
     return stream.getvalue()
 
 

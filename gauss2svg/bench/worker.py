@@ -1,7 +1,8 @@
 """One run in a process of its own: `python -m gauss2svg.bench.worker`.
 
-It reads a request as JSON from standard input and writes the row as JSON to standard output, so
-that CPU time and peak memory are those of this run alone. It imports heavy modules only where
+It reads a request as a line of JSON from standard input and writes the row as JSON to standard
+output, so that CPU time and peak memory are those of this run alone. Where its input ends, its
+parent is gone, and it ends with what a peer has started. It imports heavy modules only where
 needed, or they would count as a peer's memory.
 """
 
@@ -9,18 +10,15 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import sys
 import threading
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from gauss2svg.bench.machine import Stopwatch, peak_bytes
 from gauss2svg.bench.rows import TOOL, finite, one_line
 
-_POLL_S = 1.0
 _WARM_UP_SIDE = 32  # px
 _WARM_UP: dict[str, Any] = {"iterations": 2}
 _FROM_REPORT = (
@@ -94,21 +92,25 @@ def _run_peer(request: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Read the request, run it, write the row."""
-    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
-    request = json.load(sys.stdin)
+    request = json.loads(sys.stdin.buffer.readline())
+    # Of its own, as what a peer starts gets the null device.
+    parent, null = os.dup(0), os.open(os.devnull, os.O_RDWR)
+    os.dup2(null, 0)
+    threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
     answer = os.dup(1)
     os.dup2(2, 1)  # output of a peer goes to standard error
     row = json.dumps(finite(answer_to(request)), allow_nan=False)
-    with os.fdopen(answer, "w") as stream:
+    with os.fdopen(answer, "w", encoding="utf-8") as stream:
         stream.write(row + "\n")
 
 
 def _end_with_parent(parent: int) -> None:
-    """End this process and what a peer has started once its parent process has changed."""
-    while os.getppid() == parent:
-        time.sleep(_POLL_S)
-    with suppress(AttributeError):  # Windows
-        os.killpg(0, signal.SIGKILL)
+    """End this process and what a peer has started once its input has ended."""
+    while os.read(parent, 1):
+        pass
+    from gauss2svg.processes import end_tree  # psutil, which would count as a peer's memory
+
+    end_tree(os.getpid())
     os._exit(1)
 
 

@@ -55,6 +55,7 @@ def bench_command(
     from gauss2svg.bench.peers import check_peers
     from gauss2svg.bench.runner import run_bench
     from gauss2svg.cli.progress_bar import counting_bar
+    from gauss2svg.files import expanded
     from gauss2svg.measure.scores import packages_missing
 
     names = [name.strip() for name in peers.split(",") if name.strip()]
@@ -72,7 +73,7 @@ def bench_command(
             update(at.now, at.done, at.total)
 
         rows = run_bench(
-            images,
+            expanded(images),
             output,
             axes=axes or None,
             peers=names,

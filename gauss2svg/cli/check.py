@@ -82,17 +82,22 @@ def check_command(
     """Measure how closely any SVG matches a photo."""
     from gauss2svg.cli.streams import standard_stream
     from gauss2svg.cli.terminal import print_check
-    from gauss2svg.errors import InputError
+    from gauss2svg.errors import InputError, must_be, shown
     from gauss2svg.files import (
         STANDARD_STREAM,
         as_json,
         as_png,
         check_outputs,
+        expanded,
         refuse_option_like,
         write_all_atomically,
     )
     from gauss2svg.measure.check import check
 
+    names = expanded([photo, svg])
+    if len(names) != 2:
+        raise InputError(must_be("photo and SVG", "one file each", shown(", ".join(names))))
+    photo, svg = names
     refuse_option_like(photo, svg)
     if photo == svg == STANDARD_STREAM:
         raise InputError("photo and SVG must not both be -. Try a file name for one of them")

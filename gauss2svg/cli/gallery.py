@@ -1,7 +1,6 @@
 """The command `gauss2svg gallery`, imported only where it is run."""
 
 import re
-import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -50,18 +49,20 @@ def gallery_command(
 ) -> int:
     """Write web pages that compare the results for photos; they open from the disk."""
     from gauss2svg.cli.progress_bar import counting_bar
+    from gauss2svg.files import expanded
     from gauss2svg.gallery.build import build_gallery
     from gauss2svg.measure.scores import packages_missing
+    from gauss2svg.processes import command_line
 
     with counting_bar(quiet) as update:
         gallery = build_gallery(
-            photos,
+            expanded(photos),
             output,
             variants=None if variants is None else _words(variants),
             counts=None if counts is None else [_whole(word) for word in _words(counts)],
             peers=_words(peers),
             options=options,
-            command=shlex.join(["gauss2svg", *sys.argv[1:]]),
+            command=command_line(["gauss2svg", *sys.argv[1:]]),
             progress=lambda at: update("; ".join(at.now), at.done, at.total),
         )
     for line in packages_missing():

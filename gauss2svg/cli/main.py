@@ -11,7 +11,7 @@ from typing import Any
 
 from cyclopts import App, CoercionError, CycloptsError, Group, Parameter
 
-from gauss2svg.cli.signals import STATUS_OF_SIGNAL, Terminated, raising
+from gauss2svg.cli.signals import SIGNALS, Terminated, raising, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError, on_one_line
@@ -21,8 +21,8 @@ from gauss2svg.pipeline.options import GROUPS
 from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
-STATUS_INTERRUPTED = STATUS_OF_SIGNAL + signal.SIGINT
-STATUS_TERMINATED = STATUS_OF_SIGNAL + signal.SIGTERM
+STATUS_INTERRUPTED = status_of(signal.SIGINT)
+STATUS_TERMINATED = status_of(signal.SIGTERM)
 
 _USAGE = "Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all of them)"
 _HELP_ALL = "--help-all"
@@ -103,7 +103,7 @@ def main(arguments: list[str] | None = None) -> int:
 def run() -> None:
     """The command as a program: once its status is known, signals change nothing any more."""
     status = main()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     sys.exit(status)
 

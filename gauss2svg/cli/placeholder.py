@@ -4,7 +4,7 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 from urllib.parse import quote
 
 from cyclopts import Parameter
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from gauss2svg.gallery.photos import GalleryPhoto
 
 STATUS_SOME_FAILED = 1
+_IMAGE = '<img src="'  # with which a line of HTML begins
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,15 +53,16 @@ def placeholder_command(
     """Write placeholders of about a kilobyte, which a page shows until its photos have come."""
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.errors import Gauss2SvgError
-    from gauss2svg.files import STANDARD_STREAM, refuse_option_like
+    from gauss2svg.files import STANDARD_STREAM, expanded, refuse_option_like
     from gauss2svg.gallery.photos import gallery_photos
     from gauss2svg.pipeline.placeholder import placeholder
 
+    photos = expanded(photos)
     refuse_option_like(*photos, output)
     once = gallery_photos(photos)
     targets = _targets(output, options.format, [photo.slug for photo in once])
     _check({photo.path: "a photo" for photo in once}, targets)
-    made: list[tuple[GalleryPhoto, Placeholder]] = []
+    made: dict[GalleryPhoto, Placeholder] = {}
     failures = []
     with counting_bar(quiet) as update:
         for at, photo in enumerate(once):
@@ -69,22 +71,24 @@ def placeholder_command(
                 if photo.problem is not None:
                     failures.append(f"failed: {photo.problem}")
                     continue
-                made.append((photo, placeholder(photo.path, options.max_bytes)))
+                made[photo] = placeholder(photo.path, options.max_bytes)
             except Gauss2SvgError as error:
                 line = str(error).replace("max_bytes must", "--max-bytes must")
                 failures.append(f"failed: {photo.name}: {line}")
-    _write(made, output, options.format)
+    kept = _write(once, made, output, options.format) if made else 0
     if len(once) < len(photos):
         _print(f"{len(photos) - len(once)} of {len(photos)} photos given more than once")
-    for photo, one in made:
+    for photo, one in made.items():
         if not one.gaussians:
             _print(f"without Gaussians, for which it has no room or no need: {photo.name}")
     for line in failures:
         _print(line)
     if not quiet:
-        where = "standard output" if output == STANDARD_STREAM else output
+        where = f" in {'standard output' if output == STANDARD_STREAM else output}"
         _print(
-            f"{len(made)} placeholder{'s' * (len(made) != 1)} in {where}; {len(failures)} failed"
+            f"{len(made)} placeholder{'s' * (len(made) != 1)}{where if made else ''}; "
+            f"{len(failures)} failed{'' if made else ', and nothing was written'}"
+            + (f"; {kept} of them kept from before" if kept else "")
         )
     return STATUS_SOME_FAILED if failures else 0
 
@@ -119,33 +123,63 @@ def _check(photos: dict[str, str], targets: list[Path]) -> None:
     check_outputs(photos, targets)
 
 
-def _write(made: list[tuple["GalleryPhoto", Placeholder]], output: str, form: str) -> None:
+def _write(
+    photos: list["GalleryPhoto"],
+    made: dict["GalleryPhoto", Placeholder],
+    output: str,
+    form: str,
+) -> int:
+    """Write what was made; what the file has of photos that failed is kept: returns how many."""
     import json
 
     from gauss2svg.cli.streams import standard_stream
     from gauss2svg.files import STANDARD_STREAM, write_all_atomically
 
     if form == "svg" and output != STANDARD_STREAM:
-        write_all_atomically(
-            {Path(output) / f"{photo.slug}.svg": one.svg.encode() for photo, one in made}
-        )
-        return
+        files = {Path(output) / f"{photo.slug}.svg": one.svg for photo, one in made.items()}
+        write_all_atomically({path: svg.encode() for path, svg in files.items()})
+        return 0
+    folder = "." if output == STANDARD_STREAM else os.path.dirname(output) or "."
+    names = {photo: photo.file if form == "json" else _url(photo.path, folder) for photo in photos}
+    before = {} if output == STANDARD_STREAM else _entries(Path(output), form)
+    listed = [photo for photo in photos if photo in made or names[photo] in before]
     if form == "json":
-        records = [one.record(photo.name) for photo, one in made]
+        records = [
+            made[photo].record(names[photo]) if photo in made else before[names[photo]]
+            for photo in listed
+        ]
         text = json.dumps(records, indent=2) + "\n"
     elif form == "html":
-        folder = "." if output == STANDARD_STREAM else os.path.dirname(output) or "."
-        text = "".join(f"{one.snippet(_url(photo.path, folder))}\n" for photo, one in made)
-    elif not made:
-        return
+        text = "".join(
+            f"{made[photo].snippet(names[photo]) if photo in made else before[names[photo]]}\n"
+            for photo in listed
+        )
     else:
-        text = made[0][1].svg
+        (one,) = made.values()
+        text = one.svg
     if output == STANDARD_STREAM:
         stdout = standard_stream(sys.stdout, "output")
         stdout.write(text.encode())
         stdout.flush()
     else:
         write_all_atomically({output: text.encode()})
+    return len(listed) - len(made)
+
+
+def _entries(path: Path, form: str) -> dict[str, Any]:
+    """What an earlier run has written for each photo, by its name or address."""
+    import json
+
+    if not path.is_file():
+        return {}
+    try:
+        text = path.read_text(encoding="utf-8")
+        if form == "html":
+            images = [line for line in text.splitlines() if line.startswith(_IMAGE)]
+            return {line.removeprefix(_IMAGE).partition('"')[0]: line for line in images}
+        return {record["metadata"]["filename"]: record for record in json.loads(text)}
+    except (OSError, ValueError, TypeError, KeyError, RecursionError):
+        return {}  # it is no file of placeholders
 
 
 def _url(path: str, folder: str) -> str:

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: the first ends a fit with the best result so far, the second quits.
+"""Ctrl-C, SIGTERM, Ctrl-Break: the first ends a fit with the best result so far, the second quits.
 
 A signal before the fit quits as well, because there is nothing to write yet, and so does one after
 it: files are whole or untouched.
@@ -13,18 +13,31 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from types import FrameType
+from typing import Any
 
 from gauss2svg.batch import interrupts
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
 _SHOW_CURSOR = b"\x1b[?25h"  # which a progress bar hides
 _ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
 STATUS_OF_SIGNAL = 128  # plus the number of the signal, as in shells
 
 
+def handled_of(module: Any = signal) -> tuple[int, ...]:
+    """The signals that end a command, by Python's module of the system.
+
+    Windows has Ctrl-Break, which closing its console sends as well; no other program sends SIGTERM
+    there.
+    """
+    names = ("SIGINT", "SIGTERM", "SIGBREAK")
+    return tuple(getattr(module, name) for name in names if hasattr(module, name))
+
+
+SIGNALS = handled_of()
+
+
 class Terminated(KeyboardInterrupt):
-    """Raised by SIGTERM, as KeyboardInterrupt is by Ctrl-C."""
+    """Raised by SIGTERM and Ctrl-Break, as KeyboardInterrupt is by Ctrl-C."""
 
 
 class Interruption:
@@ -52,7 +65,7 @@ class Interruption:
     @property
     def status(self) -> int:
         """Exit status: 0, or that of shells for the signal."""
-        return 0 if self.signal is None else STATUS_OF_SIGNAL + self.signal
+        return 0 if self.signal is None else status_of(self.signal)
 
     def _receive(self, number: int, _frame: FrameType | None) -> None:
         first, self.signal = self.signal is None, number
@@ -65,9 +78,14 @@ class Interruption:
             os.write(2, _ENDING)
 
 
+def status_of(number: int) -> int:
+    """Exit status after a signal: that of shells, and for Ctrl-Break that of SIGTERM."""
+    return STATUS_OF_SIGNAL + (signal.SIGINT if number == signal.SIGINT else signal.SIGTERM)
+
+
 def raise_for(number: int, _frame: FrameType | None = None) -> None:
-    """Raise KeyboardInterrupt for SIGINT, Terminated for SIGTERM; a signal handler."""
-    raise Terminated if number == signal.SIGTERM else KeyboardInterrupt
+    """Raise KeyboardInterrupt for SIGINT, Terminated for the others; a signal handler."""
+    raise KeyboardInterrupt if number == signal.SIGINT else Terminated
 
 
 def exit_for(number: int, _frame: FrameType | None = None) -> None:
@@ -78,7 +96,7 @@ def exit_for(number: int, _frame: FrameType | None = None) -> None:
     # Not by print, which the main thread may be executing.
     with suppress(OSError):
         os.write(2, (_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
-    os._exit(STATUS_OF_SIGNAL + number)
+    os._exit(status_of(number))
 
 
 _before_the_fit: Callable[[int], None] = raise_for
@@ -88,7 +106,7 @@ def exit_before_fits() -> None:
     """For the process of a command: signals end it at once until a fit or another command runs."""
     global _before_the_fit
     _before_the_fit = exit_for
-    for number in _SIGNALS:
+    for number in SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, exit_for)
 
@@ -102,7 +120,7 @@ def raising() -> Iterator[None]:
         raise_for(number)
 
     try:
-        with _handled(_SIGNALS, received):
+        with _handled(SIGNALS, received):
             yield
     finally:
         interrupts.pending = None
@@ -112,12 +130,12 @@ def raising() -> Iterator[None]:
 def interruptible() -> Iterator[Interruption]:
     """Inside the Interruption receives signals, if this is the main thread."""
     interruption = Interruption()
-    with _handled(_SIGNALS, interruption._receive):
+    with _handled(SIGNALS, interruption._receive):
         yield interruption
 
 
 @contextmanager
-def _handled(signals: tuple[signal.Signals, ...], handler: object) -> Iterator[None]:
+def _handled(signals: tuple[int, ...], handler: object) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -36,7 +36,7 @@ def studio_command(
 
         raise InputError(
             f"the studio needs packages that are not installed ({error.name}). "
-            "Try pip install 'gauss2svg[studio]'"
+            'Try pip install "gauss2svg[studio]"'
         ) from error
     from gauss2svg.studio.server import serve
 

@@ -76,9 +76,18 @@ def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
         yield update
 
 
+def _compilation(seconds: float) -> str:
+    """What the time of a compilation was for, where there was one."""
+    from gauss2svg.render.cache import are_kept
+
+    if seconds <= COMPILED_S:
+        return ""
+    again = "only once" if are_kept() else "in each run: set NUMBA_CACHE_DIR to a folder to keep it"
+    return f" and {seconds:.0f} s for a compilation, {again}"
+
+
 def print_summary(report: dict[str, Any], output: str | None) -> None:
     """What was written, how large it is, how closely it matches the photo, how long it took."""
-    compiled = report["compile_s"] > COMPILED_S
     rows = {
         "file": f"{output or 'standard output'}, {report['width']}x{report['height']} px",
         "size": f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped; gradients are "
@@ -90,7 +99,7 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         "fit": f"PSNR {decibels(report['psnr_model'])} before writing; the SVG against it: "
         f"{decibels(report['psnr_roundtrip'])}, {report['bias_roundtrip']:+.2f} of 255 on average",
         "time": f"{report['total_s']:.1f} s, of which {report['fit_s']:.1f} s for the fit"
-        + (f" and {report['compile_s']:.0f} s for a compilation, only once" if compiled else ""),
+        + _compilation(report["compile_s"]),
         **_of_page(report),
         "finished": _STOPPED[report["stop_reason"]],
     }

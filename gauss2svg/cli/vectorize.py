@@ -1,7 +1,6 @@
 """The command `gauss2svg PHOTO -o OUT.svg`."""
 
 import os
-import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -94,8 +93,10 @@ def _one_photo(photos: tuple[str, ...]) -> str:
     from difflib import get_close_matches
 
     from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.files import expanded
     from gauss2svg.pipeline.options import option_names
 
+    photos = tuple(expanded(photos))
     for name in photos:
         if name.startswith("--"):  # the name of no option ends up among the photos
             known = [f"--{option.replace('_', '-')}" for option in option_names()]
@@ -212,6 +213,7 @@ def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> 
     """What a person reads at the end, on standard error."""
     from gauss2svg.cli.terminal import print_summary
     from gauss2svg.files import STANDARD_STREAM
+    from gauss2svg.processes import command_line
 
     report, where = result.report, "standard output" if output == STANDARD_STREAM else output
     if files.quiet:
@@ -224,7 +226,8 @@ def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> 
         lines.append(report["checkpoint_trouble"])
         checkpoint = None  # nothing to continue from
     if interruption.signal is not None:
-        again = "" if checkpoint is None else f"; continue with --resume {shlex.quote(checkpoint)}"
+        resume = None if checkpoint is None else command_line(["--resume", checkpoint])
+        again = "" if resume is None else f"; continue with {resume}"
         lines.append(
             f"interrupted after {report['iterations']} iterations; the best so far is in "
             f"{where}{again}"

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gauss2svg.errors import InputError, must_be, on_one_line
+from gauss2svg.files import is_device
 from gauss2svg.gallery.artifacts import RECORD
 
 _LONGEST_SLUG = 48
 _NAMELESS = "photo"
 _ADVICE = "Try the path of a photo"
-# Names of devices on Windows, also with an extension.
-_DEVICES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])$")
 
 
 @dataclass(frozen=True)
@@ -28,6 +27,7 @@ class GalleryPhoto:
 
     path     of the file
     name     the file's name as printable text, with its folder if another photo has the same name
+    file     the same as it is
     slug     name of its folder in the gallery: a-z, 0-9 and -, unique
     digest   SHA-256 of the file's bytes; None where it cannot be read
     problem  why it cannot be read
@@ -35,6 +35,7 @@ class GalleryPhoto:
 
     path: str
     name: str
+    file: str
     slug: str
     digest: str | None
     problem: str | None = None
@@ -59,18 +60,18 @@ def gallery_photos(paths: Sequence[str | os.PathLike[str]]) -> list[GalleryPhoto
         (Path(path).stem, digest) for path, (digest, _) in zip(texts, read, strict=True)
     )
     return [
-        GalleryPhoto(path, name, slug, digest, problem)
-        for path, name, slug, (digest, problem) in zip(
+        GalleryPhoto(path, on_one_line(file), file, slug, digest, problem)
+        for path, file, slug, (digest, problem) in zip(
             texts, _names(texts), slugs, read, strict=True
         )
     ]
 
 
 def _names(paths: Sequence[str]) -> list[str]:
-    """The last part of each path, on one line; with its folder where another has the same."""
+    """The last part of each path; with its folder where another has the same."""
     parts = [Path(path).absolute().parts for path in paths]
     shared = Counter(own[-1] for own in parts)
-    return [on_one_line("/".join(own[-2:] if shared[own[-1]] > 1 else own[-1:])) for own in parts]
+    return ["/".join(own[-2:] if shared[own[-1]] > 1 else own[-1:]) for own in parts]
 
 
 def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:
@@ -129,7 +130,7 @@ def slug_of(name: str) -> str:
     """A folder name that every system accepts: 1 to 48 characters of a-z, 0-9 and -."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_LONGEST_SLUG].rstrip("-") or _NAMELESS
-    return f"{_NAMELESS}-{slug}" if _DEVICES.match(slug) else slug
+    return f"{_NAMELESS}-{slug}" if is_device(slug) else slug
 
 
 def _resolved(path: str) -> str:

@@ -10,12 +10,14 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, RendererError
+from gauss2svg.processes import WINDOWS, crash_of, end_tree, own_group
 from gauss2svg.raster import rasterize, rasterize_rgba
 
 _REFUSED = 2
@@ -36,6 +38,7 @@ def draw(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": import_path()},
+        **own_group(),
     )
     with process:
         try:
@@ -47,10 +50,10 @@ def draw(
             ) from error
         finally:
             _end(process)
-    if process.returncode < 0:
+    if crash := crash_of(process.returncode):
         raise RendererError(
-            f"{renderer} crashed on the SVG ({signal.Signals(-process.returncode).name}). Try "
-            "groups that are nested less deeply, or another --renderer"
+            f"{renderer} crashed on the SVG ({crash}). Try groups that are nested "
+            "less deeply, or another --renderer"
         )
     if process.returncode:
         said = complaint[-4000:].decode(errors="replace").strip().splitlines()
@@ -66,17 +69,19 @@ def import_path() -> str:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the process and, where there are signals, the programs that it has started.
+    """End the process and the programs that it has started.
 
-    The programs are in process groups, which the process ends when it is asked to end itself.
+    The programs are in groups of their own, which the process ends when it is asked to end itself.
+    On Windows, where nobody can be asked, they are found by their parent.
     """
     if process.poll() is not None:
         return
-    process.terminate()
-    try:
-        process.communicate(timeout=_ENDING_S)
-    except subprocess.TimeoutExpired:  # it is inside a library, and has started no program
-        process.kill()
+    if os.name != WINDOWS:
+        process.terminate()
+        with suppress(subprocess.TimeoutExpired):  # it is inside a library
+            process.communicate(timeout=_ENDING_S)
+            return
+    end_tree(process.pid)
 
 
 def _end_on_request(*_: object) -> None:

@@ -25,7 +25,10 @@ def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = _CGROUPS) -> 
 def _cgroup_rooms(process: Path, cgroups: Path) -> list[int]:
     """Bytes that each control group of this process leaves, version 1 and 2; only on Linux."""
     try:
-        rows = [line.split(":", 2) for line in (process / "cgroup").read_text().splitlines()]
+        rows = [
+            line.split(":", 2)
+            for line in (process / "cgroup").read_text(encoding="utf-8").splitlines()
+        ]
     except OSError:
         return []
     rooms = []
@@ -52,13 +55,16 @@ def _cgroup_rooms(process: Path, cgroups: Path) -> list[int]:
 def _room(group: Path, most: str, used: str, cached: str) -> int | None:
     """Bytes that a control group leaves; None if it has no limit or does not exist."""
     try:
-        limit = (group / most).read_text().strip()
+        limit = (group / most).read_text(encoding="utf-8").strip()
         if limit == "max" or int(limit) >= _UNLIMITED:
             return None
-        rows = (line.split() for line in (group / "memory.stat").read_text().splitlines())
+        rows = (
+            line.split()
+            for line in (group / "memory.stat").read_text(encoding="utf-8").splitlines()
+        )
         # Cached files count as used, and are dropped when memory is short.
         idle = int(dict(rows).get(cached, 0))
-        return int(limit) - max(int((group / used).read_text()) - idle, 0)
+        return int(limit) - max(int((group / used).read_text(encoding="utf-8")) - idle, 0)
     except (OSError, ValueError):
         return None
 

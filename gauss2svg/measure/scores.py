@@ -30,7 +30,7 @@ from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 
 LEAST_SIDE_FOR_SSIMULACRA2 = 225  # px: at a thirty-second of the size 8 px must be left
 SSIMULACRA2_BYTES = 560  # a pixel, docs/decisions/metrics.md
-_ADVICE = "Try pip install 'gauss2svg[scores]'"
+_ADVICE = 'Try pip install "gauss2svg[scores]"'
 _COMMAND = (sys.executable, "-P", "-m", "gauss2svg.measure.scores")
 _LEVELS = 255
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, must_be, shown
 from gauss2svg.files import check_writable, reading, write_atomically
-from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
 from gauss2svg.svg.document import Document
 from gauss2svg.version import __version__
 
@@ -30,10 +30,7 @@ _MOST_BYTES = 2_000_000_000  # some four million Gaussians
 _FORMAT = 2
 _ARRAY = "array:"
 # Options that do not change the result, except by arrays whose sizes and hash the identity has.
-_NOT_OF_IDENTITY = {
-    "threads", "max_memory", "max_pixels", "checkpoint", "checkpoint_every", "resume", "segments",
-    "scores",
-}  # fmt: skip
+_NOT_OF_IDENTITY = NOT_OF_PICTURE | {"segments"}
 
 StateDict = dict[str, Any]
 

@@ -164,6 +164,10 @@ GROUPS: dict[str, type[OptionGroup]] = {
     "document": Document,
     "run": RunOptions,
 }
+# Options that change no picture; max_memory only where there is too little of it.
+NOT_OF_PICTURE = frozenset(
+    {"threads", "max_memory", "max_pixels", "scores", "checkpoint", "checkpoint_every", "resume"}
+)
 GROUP_TITLES = {
     "goal": "Goal",
     "fit": "Fit",

@@ -14,10 +14,12 @@ import io
 import os
 import queue
 import re
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -33,7 +35,7 @@ PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 _PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _INSTALL = (
     "renderer chromium needs Playwright and a browser. Try to install them (pip install "
-    "'gauss2svg[browser]', apt-get install chromium), or --renderer resvg"
+    '"gauss2svg[browser]", apt-get install chromium), or --renderer resvg'
 )
 # Without the profile colours depend on the machine's screen. Reduced motion shows animated files
 # in their final state; as an option of the page it would not reach the image in it.
@@ -54,8 +56,23 @@ _LEAST_PLAYWRIGHT = (1, 58)  # earlier versions hang on images of a few pixels
 def version() -> str:
     """Name and version as the program prints them; no browser is started."""
     _playwright()
+    program = _program()
+    if sys.platform == "win32":
+        return f"Chromium {_version_beside(program)}"
     # Google Chrome 140.0.1 / Chromium 156.0.8078.79 built on Debian GNU/Linux
-    return version_line(_program()).split(" built on ")[0]
+    return version_line(program).split(" built on ")[0]
+
+
+def _version_beside(program: str) -> str:
+    """The version of a Chromium on Windows, where --version would open a window.
+
+    Its files are in a folder of that name beside the program.
+    """
+    names = [path.name for path in Path(program).parent.iterdir()]
+    versions = [name for name in names if re.fullmatch(r"\d+(\.\d+){3}", name)]
+    if not versions:
+        raise RendererError(f"{program} has no folder of its version. Try to reinstall it")
+    return max(versions, key=lambda name: [int(part) for part in name.split(".")])
 
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
@@ -80,8 +97,8 @@ def _playwright() -> Any:
     if tuple(int(part) for part in re.findall(r"\d+", have)[:2]) < _LEAST_PLAYWRIGHT:
         raise RendererError(
             f"Playwright must be at least {'.'.join(map(str, _LEAST_PLAYWRIGHT))}, as earlier ones "
-            f"hang on small images; got {have}. Try pip install -U 'gauss2svg[browser]', or "
-            "--renderer resvg"
+            f"hang on small images; got {have}. Try pip install -U "
+            '"gauss2svg[browser]", or --renderer resvg'
         )
     return sync_api
 

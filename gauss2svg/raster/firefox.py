@@ -1,6 +1,7 @@
 """Headless Firefox, by its own screenshot option."""
 
 import json
+import sys
 import tempfile
 from pathlib import Path
 
@@ -71,7 +72,7 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
         page.write_text(html(WHITE) + verdict, encoding="utf-8")
         profile = folder / "profile"
         profile.mkdir()
-        (profile / "user.js").write_text(_user_js())
+        (profile / "user.js").write_text(_user_js(), encoding="utf-8")
         screenshot = folder / "drawn.png"
         command = [
             _program(),
@@ -83,6 +84,8 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
             "--screenshot",
             str(screenshot),
             page.as_uri(),
+            # On Windows the program starts another, and would end before that.
+            *(["--wait-for-browser"] if sys.platform == "win32" else []),
         ]
         run(command, folder=folder, environment={"HOME": name})
         if not screenshot.exists():

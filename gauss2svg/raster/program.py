@@ -1,16 +1,17 @@
-"""Installed renderer programs: found on PATH, run in a process group, with a time limit."""
+"""Installed renderer programs: found where they are, run in a process group, in limited time."""
 
 from __future__ import annotations
 
 import os
 import shutil
-import signal
 import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
 from gauss2svg.errors import RendererError, must_be, shown
+from gauss2svg.processes import end_tree, own_group
 
 # Inkscape takes up to a minute for a large file of blurs; a program that takes longer hangs.
 TIMEOUT_S = 300
@@ -18,14 +19,48 @@ _VERSION_TIMEOUT_S = 30
 _DRAWING = "draw the SVG"
 
 
+# Where installers put programs that are not on PATH, relative to the folders of `places`.
+_MACOS = {
+    "chromium": (
+        "Google Chrome.app/Contents/MacOS/Google Chrome",
+        "Chromium.app/Contents/MacOS/Chromium",
+    ),
+    "firefox": ("Firefox.app/Contents/MacOS/firefox",),
+    "inkscape": ("Inkscape.app/Contents/MacOS/inkscape",),
+}
+_WINDOWS = {
+    "chromium": ("Google/Chrome/Application/chrome.exe", "Chromium/Application/chrome.exe"),
+    "firefox": ("Mozilla Firefox/firefox.exe",),
+    # The .com writes to the terminal, the .exe opens a window.
+    "inkscape": ("Inkscape/bin/inkscape.com", "Inkscape/bin/inkscape.exe"),
+}
+_PROGRAM_FILES = ("ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA")
+
+
+def places(
+    renderer: str, system: str = sys.platform, environment: Mapping[str, str] = os.environ
+) -> list[str]:
+    """Where a renderer's program is by default if it is not on PATH; system as sys.platform."""
+    if system == "darwin":
+        folders = ["/Applications", os.path.join(environment.get("HOME", "/"), "Applications")]
+        names = _MACOS.get(renderer, ())
+    elif system == "win32":
+        folders = [environment[name] for name in _PROGRAM_FILES if environment.get(name)]
+        names = _WINDOWS.get(renderer, ())
+    else:
+        return []
+    return [os.path.join(folder, *name.split("/")) for name in names for folder in folders]
+
+
 def find(renderer: str, names: Sequence[str], install: str) -> str:
-    """Path of the first of the programs on PATH; raises RendererError where there is none."""
-    for name in names:
-        path = shutil.which(name)
-        if path:
-            return path
+    """Path of the first of the programs that is there; raises RendererError where there is none."""
+    elsewhere = places(renderer)
+    found = (path for path in (*map(shutil.which, names), *map(shutil.which, elsewhere)) if path)
+    if path := next(found, None):
+        return path
+    where = "on PATH or where it is usually installed" if elsewhere else "on PATH"
     raise RendererError(
-        f"renderer {renderer} needs the program {names[0]}; got none on PATH. Try to install it "
+        f"renderer {renderer} needs the program {names[0]}; got none {where}. Try to install it "
         f"({install}), or --renderer resvg"
     )
 
@@ -73,7 +108,7 @@ def run(
             stderr=subprocess.PIPE,
             cwd=folder,
             env={**os.environ, **(environment or {})},
-            start_new_session=True,  # a process group, so that its children end with it
+            **own_group(),
         )
     except OSError as error:
         raise RendererError(f"{command[0]} cannot be started: {error.strerror}") from error
@@ -84,17 +119,9 @@ def run(
             advice = ". Try to draw it smaller, or another --renderer" if task == _DRAWING else ""
             raise RendererError(f"{name} cannot {task} in {timeout_s:g} s{advice}") from error
         finally:  # also at an interrupt, which another process group does not receive
-            _end(process)
+            if process.returncode is None:
+                end_tree(process.pid)
     if process.returncode:
         lines = complaint.decode(errors="replace").strip().splitlines() or ["no reason given"]
         raise RendererError(f"{name} cannot {task}: {lines[-1]} (exit status {process.returncode})")
     return written
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    if process.returncode is not None:
-        return
-    if os.name == "posix":
-        os.killpg(process.pid, signal.SIGKILL)
-    else:
-        process.kill()

@@ -2,34 +2,115 @@
 
 from __future__ import annotations
 
+import os
 import secrets
-from collections.abc import Callable
-from contextlib import suppress
+import stat
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import Any
 
 from numba import njit
-from numba.core.caching import IndexDataCacheFile
+from numba.core import config
+from numba.core.caching import CacheImpl, IndexDataCacheFile
+
+_BESIDE = "__pycache__"
+_numba: Any = config  # which creates its attributes dynamically
+_lost = False  # whether code of this process could not be kept
+
+
+def are_kept() -> bool:
+    """Whether all kernels of this process are on the disk, for later ones."""
+    return not _lost
 
 
 def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """Decorate by numba's njit with these options; machine code is kept on disk.
 
-    Where no folder can be written, functions are compiled in every process.
+    It is kept in the first of these folders that can be written: $NUMBA_CACHE_DIR, __pycache__
+    beside the module, the user's cache ($XDG_CACHE_HOME on Linux), one of the user's own in the
+    folder for temporary files. What __pycache__ has is read also where it cannot be written, as in
+    an image of a container. Where no folder can be written, functions are compiled in every
+    process, and are_kept() is False.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
-        try:
-            dispatcher = njit(cache=True, **options)(function)
-        except RuntimeError:  # numba finds no folder that can be written
+        global _lost
+        for folder in (_usual, _temporary, _read_only):
+            with folder(Path(function.__code__.co_filename).parent) as can_be:
+                try:
+                    dispatcher = njit(cache=True, **options)(function) if can_be else None
+                except RuntimeError:  # numba finds no folder that can be written
+                    dispatcher = None
+            if dispatcher is not None:
+                break
+        else:
+            _lost = True
             return njit(**options)(function)
         # None where NUMBA_DISABLE_JIT is set, and where numba keeps its files in another way: then
         # two processes that compile at once may have to compile again.
-        files = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        files: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
         if type(files) is IndexDataCacheFile:
             files.__class__ = KernelFiles
+            beside = os.path.join(os.path.dirname(function.__code__.co_filename), _BESIDE)
+            vars(files)["beside"] = beside
         return dispatcher
 
     return compiled
+
+
+@contextmanager
+def _usual(module: Path) -> Iterator[bool]:
+    """Inside, numba keeps code where it does by itself; False where that is nowhere."""
+    has_home = bool(os.environ.get("XDG_CACHE_HOME")) or os.path.isabs(os.path.expanduser("~"))
+    # Without a home numba would make a folder named ~ in the current one.
+    yield has_home or bool(_numba.CACHE_DIR) or os.access(module, os.W_OK)
+
+
+@contextmanager
+def _temporary(_: Path) -> Iterator[bool]:
+    """Inside, numba keeps code among the temporary files; False where there is no place for it."""
+    folder, before = temporary_folder(), _numba.CACHE_DIR
+    _numba.CACHE_DIR = folder or before
+    try:
+        yield folder is not None
+    finally:
+        _numba.CACHE_DIR = before
+
+
+@contextmanager
+def _read_only(_: Path) -> Iterator[bool]:
+    """Inside, numba reads code beside the modules, and cannot keep any."""
+    before = CacheImpl._locator_classes
+    named = [kind for kind in before if kind.__name__.endswith("InTreeCacheLocator")]
+    CacheImpl._locator_classes = [
+        type("ReadOnly", (kind,), {"ensure_cache_path": lambda _: None}) for kind in named
+    ]
+    try:
+        yield bool(named)
+    finally:
+        CacheImpl._locator_classes = before
+
+
+def temporary_folder() -> str | None:
+    """A folder for code among the temporary files, which nobody else can write; None for none.
+
+    What is in it is executed, and others could have made a folder of its name before.
+    """
+    user = os.getuid() if hasattr(os, "getuid") else None  # on Windows the parent is private
+    try:
+        parent = tempfile.gettempdir()
+        # The current folder, where no other can be written; but that may be /tmp.
+        if os.path.samefile(parent, os.curdir) and not os.stat(parent).st_mode & stat.S_ISVTX:
+            return None
+        folder = os.path.join(parent, f"gauss2svg-kernels-{user or 0}")
+        os.makedirs(folder, mode=0o700, exist_ok=True)
+        found = os.lstat(folder)
+    except OSError:
+        return None
+    is_private = user is None or (found.st_uid == user and not found.st_mode & 0o077)
+    return folder if stat.S_ISDIR(found.st_mode) and is_private else None
 
 
 class KernelFiles(IndexDataCacheFile):
@@ -41,9 +122,23 @@ class KernelFiles(IndexDataCacheFile):
     is lost, and what it listed is compiled once more. No process ever waits for another.
     """
 
+    beside: str | None = None  # another folder, which is read
+
+    def load(self, key: Any) -> Any:
+        """The code for these types; None where there is none."""
+        found = super().load(key)
+        if found is None and self.beside is not None and self.beside != self._cache_path:
+            base = self._index_name.removesuffix(".nbi")
+            with suppress(PermissionError):  # files of another user
+                return IndexDataCacheFile(self.beside, base, self._source_stamp).load(key)
+        return found
+
     def save(self, key: Any, data: Any) -> None:
         """Keep the code for these types; a disk that is full costs the next process the time."""
+        global _lost
         name = self._data_name(secrets.randbits(63))
-        with suppress(OSError):
+        try:
             self._save_data(name, data)
             self._save_index({**self._load_index(), key: name})
+        except OSError:
+            _lost = True

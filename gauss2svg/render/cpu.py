@@ -10,10 +10,12 @@ half of whole tiles: docs/decisions/kernels.md.
 The number of threads changes no bit of any result: see gauss2svg.render.walk.
 """
 
+import os
 import threading
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+from numba.core.compiler_lock import global_compiler_lock
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, shown
@@ -33,9 +35,44 @@ from gauss2svg.render.walk import (
 from gauss2svg.scene import ADD, Scene, whitening_of
 from gauss2svg.scene.falloff import cut_radius
 
+
+class _KernelLock:
+    """A re-entrant lock, which a forked process finds held by nobody but the thread that forked."""
+
+    def __init__(self) -> None:
+        self._lock = threading.RLock()
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def is_open(self) -> bool:
+        """Whether this thread can take it at once; it is not kept."""
+        free = self._lock.acquire(blocking=False)
+        if free:
+            self._lock.release()
+        return free
+
+    def forget_others(self) -> None:
+        """Free it from threads that do not exist in this process."""
+        if not self.is_open():
+            self._lock = threading.RLock()
+
+
 # A whole fit holds this lock. Fits that run at the same time would share the threads of one
 # machine, and none would be the faster for it.
-kernel_lock = threading.RLock()
+kernel_lock = _KernelLock()
+if hasattr(os, "register_at_fork"):
+    # Threads do not survive a fork, but what they hold stays held. A fit may take minutes, so its
+    # lock is freed in the child; a compilation takes seconds and is awaited, as LLVM has state.
+    os.register_at_fork(
+        before=global_compiler_lock.acquire,
+        after_in_parent=global_compiler_lock.release,
+        after_in_child=global_compiler_lock.release,
+    )
+    os.register_at_fork(after_in_child=kernel_lock.forget_others)
 
 # Pair rows that take about as long as waking up a thread, of all kernels and of add_pairs.
 _LEAST_SHARE, _LEAST_ADDED = 4096, 65536

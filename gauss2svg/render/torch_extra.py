@@ -7,4 +7,4 @@ class TorchMissingError(InputError, ImportError):
     """PyTorch is needed and not installed."""
 
     def __init__(self, what: str) -> None:
-        super().__init__(f"{what} needs PyTorch. Try pip install 'gauss2svg[torch]'")
+        super().__init__(f'{what} needs PyTorch. Try pip install "gauss2svg[torch]"')

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import PurePath
 from typing import Any
 
 from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
+from gauss2svg.processes import command_line
 from gauss2svg.studio.form import flag_of
 
 
@@ -37,7 +37,7 @@ def lines_of(name: str, options: Options) -> dict[str, str]:
     call = ", ".join([repr(name), *goal, *groups])
     imports = ", ".join(sorted([*classes, "vectorize"]))
     python = f"from gauss2svg import {imports}\n\nvectorize({call}).save({output!r})"
-    return {"command": shlex.join(words), "python": python}
+    return {"command": command_line(words), "python": python}
 
 
 def _changed(options: Options) -> dict[str, dict[str, Any]]:

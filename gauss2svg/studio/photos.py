@@ -13,17 +13,17 @@ from typing import Any, NamedTuple
 
 from PIL import ExifTags, Image
 
+from gauss2svg.batch.inputs import is_picture
 from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.files import reading
+from gauss2svg.files import is_device, reading
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, UnreadTiffError, opened
 from gauss2svg.photo.tags import SWAPPED
 
-_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".gif", ".bmp", ".avif")
+_SURROGATE = re.compile("[\ud800-\udfff]")  # what of a file's name is no Unicode
 _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 _MOST_SAMPLES = 100
 _LONGEST_NAME = 100
 _LONGEST_STEM = 200  # bytes
-_RESERVED = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)  # by Windows
 _CHUNK = 1 << 20
 
 
@@ -47,7 +47,7 @@ def display_name(given: str | None) -> str:
 def stem_of(name: str) -> str:
     """What a display name begins with, as any system takes it for the name of a file."""
     stem = PurePath(name).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
-    return f"_{stem}" if _RESERVED.match(stem) else stem
+    return f"_{stem}" if is_device(stem) else stem
 
 
 def size_of(path: Path, name: str) -> tuple[int | None, int | None]:
@@ -83,7 +83,7 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
         paths = [place / name for name in _OF_SKIMAGE if (place / name).is_file()]
     else:
         try:
-            paths = [p for p in sorted(folder.iterdir()) if p.suffix.lower() in _SUFFIXES]
+            paths = [p for p in sorted(folder.iterdir()) if is_picture(p.name)]
         except OSError as error:
             raise _no_folder(folder, error.strerror or str(error)) from error
     found = []
@@ -93,10 +93,15 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
         except InputError:  # it says so when it is picked nowhere: it is no photo to pick
             continue
         if width is not None and height is not None:
-            found.append(Sample(path.name, path, width, height))
+            found.append(Sample(_unicode(path.name), path, width, height))
     if folder is not None and not found:
         raise _no_folder(folder, "no photo is in it")
     return found
+
+
+def _unicode(name: str) -> str:
+    """A file's name for a page: bytes that are no UTF-8 are escaped as in an address."""
+    return _SURROGATE.sub(lambda found: f"%{ord(found[0]) & 0xFF:02X}", name)
 
 
 def _no_folder(folder: Path, why: str) -> InputError:

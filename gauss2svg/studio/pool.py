@@ -6,14 +6,13 @@ import asyncio
 import contextlib
 import json
 import os
-import signal
 import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.bench.process import end_of
 from gauss2svg.measure.drawing import import_path
+from gauss2svg.processes import end_of, end_tree, own_group
 
 _LONGEST_LINE = 1 << 20
 
@@ -37,10 +36,13 @@ class Worker:
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 limit=_LONGEST_LINE,
-                # A Ctrl-C at the terminal is the server's; what a worker starts is killed with it.
-                start_new_session=True,
                 env={**os.environ, "PYTHONPATH": import_path()},
+                # A Ctrl-C at the terminal is the server's; what a worker starts is killed with it.
+                **own_group(),
             )  # fmt: skip
+        except NotImplementedError as error:  # a selector's loop on Windows, where it is mounted
+            line = "this asyncio loop starts no processes; on Windows its ProactorEventLoop does"
+            raise WorkerDiedError(f"could not begin ({line})") from error
         except OSError as error:
             raise WorkerDiedError(f"could not begin ({error.strerror or error})") from error
         worker = cls(process)
@@ -95,11 +97,7 @@ class Worker:
         """End the process, and what it has started, at once."""
         if not self.is_alive:
             return
-        try:
-            os.killpg(self._process.pid, signal.SIGKILL)
-        except (AttributeError, ProcessLookupError):  # Windows; or gone already
-            with contextlib.suppress(ProcessLookupError):
-                self._process.kill()
+        end_tree(self._process.pid)
 
     async def end(self) -> None:
         """Kill it and wait for its end."""

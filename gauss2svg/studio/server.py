@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import ipaddress
+import os
 import secrets
 import socket
 import webbrowser
@@ -18,22 +19,31 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.processes import WINDOWS
 from gauss2svg.studio.guard import Guard
 from gauss2svg.studio.service import create_app
 
 _HEAD_S = 10.0  # in which the head of a request must be there
 _MOST_CONNECTIONS = 512
+_MOST_WAITING = 256  # beyond which the one that has waited longest for a head goes
 _LOCAL_NAMES = {"127.0.0.1", "localhost", "::1"}
 
 
 class _Protocol(H11Protocol):
-    """HTTP that does not wait for ever for the head of a request."""
+    """HTTP that waits neither for ever nor on too many connections for the head of a request."""
 
     _patience: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
         self._watch()
+        waiting = [
+            (one._patience.when(), one)
+            for one in self.connections
+            if isinstance(one, _Protocol) and one._patience is not None
+        ]
+        if len(waiting) > _MOST_WAITING:  # else those that send nothing would shut out all others
+            min(waiting, key=lambda pair: pair[0])[1]._give_up()
 
     def data_received(self, data: bytes) -> None:
         super().data_received(data)
@@ -53,7 +63,9 @@ class _Protocol(H11Protocol):
             self._patience = self.loop.call_later(_HEAD_S, self._give_up)
 
     def _give_up(self) -> None:
-        self._patience = None
+        if self._patience is not None:
+            self._patience.cancel()
+            self._patience = None
         if self.cycle is None or self.cycle.response_complete:
             self.transport.close()
 
@@ -119,19 +131,22 @@ def serve(
                 opened = f"{address}{guard.ticket()}"
                 Thread(target=webbrowser.open, args=(opened,), daemon=True).start()
 
-        config = uvicorn.Config(
-            guard,
-            http=_Protocol,
-            loop="asyncio",
-            ws="none",
-            log_level="critical",
-            access_log=False,
-            server_header=False,
-            limit_concurrency=_MOST_CONNECTIONS,
-            timeout_keep_alive=10,
-            timeout_graceful_shutdown=2,
-        )
-        _Server(config, app.jobs.close, ready).run(sockets=[listening])
+        _Server(_config(guard), app.jobs.close, ready).run(sockets=[listening])
+
+
+def _config(app: Any) -> uvicorn.Config:
+    return uvicorn.Config(
+        app,
+        http=_Protocol,
+        loop="asyncio",
+        ws="none",
+        log_level="critical",
+        access_log=False,
+        server_header=False,
+        limit_concurrency=_MOST_CONNECTIONS,
+        timeout_keep_alive=10,
+        timeout_graceful_shutdown=2,
+    )
 
 
 def _socket(host: str, port: int) -> socket.socket:
@@ -140,13 +155,23 @@ def _socket(host: str, port: int) -> socket.socket:
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
         listening = socket.socket(family, kind, protocol)
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.setsockopt(socket.SOL_SOCKET, _claim(), 1)
         listening.bind(address)
     except OSError as error:
         got = shown(f"{host}:{port} ({error.strerror or error})")
         advice = "another --port, or --port 0"
         raise InputError(must_be("host and port", "free to listen on", got, advice)) from error
     return listening
+
+
+def _claim(system: str = os.name) -> int:
+    """The option of a socket whose port is free again at once, and is nobody else's until then.
+
+    On Windows SO_REUSEADDR would let others listen on the same port, and take its requests.
+    """
+    if system == WINDOWS:
+        return ~socket.SO_REUSEADDR  # SO_EXCLUSIVEADDRUSE, which Python has on Windows alone
+    return socket.SO_REUSEADDR
 
 
 def _is_loopback(host: str) -> bool:

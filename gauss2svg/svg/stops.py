@@ -85,7 +85,7 @@ def _best(count: int, beta: float) -> tuple[Stops, float]:
 @lru_cache(maxsize=1)
 def known_stops() -> dict[tuple[int, float], Stops]:
     """The stops of stops.json, whose rows are a count, an exponent, offsets and opacities."""
-    rows = json.loads(files("gauss2svg.svg").joinpath("stops.json").read_text())
+    rows = json.loads(files("gauss2svg.svg").joinpath("stops.json").read_text(encoding="utf-8"))
     return {(count, beta): (tuple(at), tuple(values)) for count, beta, at, values in rows}
 
 

@@ -1,0 +1,99 @@
+"""What the studio serves of a folder, and to whom while others hold connections; all in process."""
+
+import asyncio
+import io
+import os
+import socket
+
+import httpx
+import pytest
+from PIL import Image
+
+from gauss2svg.batch.inputs import SUFFIXES, photos_of
+from gauss2svg.studio import photos, pool, server
+from gauss2svg.studio.service import create_app
+
+HOME = "http://127.0.0.1:8137"
+
+
+def test_connections_that_send_nothing_shut_nobody_out(monkeypatch):
+    monkeypatch.setattr(server, "_MOST_CONNECTIONS", 10)
+    monkeypatch.setattr(server, "_MOST_WAITING", 5)
+
+    async def application(_scope, _receive, send):
+        await send({"type": "http.response.start", "status": 204, "headers": []})
+        await send({"type": "http.response.body", "body": b""})
+
+    async def visited():
+        config = server._config(application)
+        config.lifespan = "off"
+        one = server._Server(config, lambda: asyncio.sleep(0), lambda: None)
+        listening = server._socket("127.0.0.1", 0)
+        listens = asyncio.Event()
+        one._ready = listens.set
+        serving = asyncio.create_task(one.serve([listening]))
+        await listens.wait()
+        port = listening.getsockname()[1]
+        idle = [await asyncio.open_connection("127.0.0.1", port) for _ in range(30)]
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(b"GET / HTTP/1.1\r\nHost: here\r\n\r\n")
+        answer = await reader.readline()
+        # Those that came first have gone; the last ones may still send their request.
+        assert await idle[0][0].read() == b""
+        idle[-1][1].write(b"GET / HTTP/1.1\r\nHost: here\r\n\r\n")
+        late = await idle[-1][0].readline()
+        one.should_exit = True
+        await serving
+        for _, opened in [*idle, (reader, writer)]:
+            opened.close()
+        return answer, late
+
+    assert asyncio.run(visited()) == (b"HTTP/1.1 204 No Content\r\n",) * 2
+
+
+def test_a_sample_whose_name_is_no_utf_8_is_listed_and_served(tmp_path):
+    picture = io.BytesIO()
+    Image.new("RGB", (3, 2)).save(picture, "PNG")
+    names = [b"caf\xe9.png", b"plain.png", "größe.JFIF".encode(), b".hidden.png", b"note.md"]
+    for name in names:
+        (tmp_path / os.fsdecode(name)).write_bytes(picture.getvalue())
+    studio = create_app(folder=tmp_path)
+
+    async def listed():
+        transport = httpx.ASGITransport(studio)
+        async with httpx.AsyncClient(transport=transport, base_url=HOME) as client:
+            samples = (await client.get("/api/samples")).json()
+            files = [await client.get(f"/{sample['url']}") for sample in samples]
+        await studio.jobs.close()
+        return samples, files
+
+    samples, files = asyncio.run(listed())
+    assert {sample["name"] for sample in samples} == {"caf%E9.png", "plain.png", "größe.JFIF"}
+    assert {file.content for file in files} == {picture.getvalue()}
+
+
+def test_the_studio_and_batches_take_the_same_files_of_a_folder_for_photos(tmp_path):
+    picture = io.BytesIO()
+    Image.new("RGB", (3, 2)).save(picture, "PNG")
+    for suffix in (*SUFFIXES, ".svg", ".txt", ""):
+        (tmp_path / f"a{suffix}").write_bytes(picture.getvalue())
+        (tmp_path / f".a{suffix}").write_bytes(picture.getvalue())
+    found = {source.path for source in photos_of([str(tmp_path)])}
+    assert found == {str(sample.path) for sample in photos.samples_in(tmp_path)}
+    assert len(found) == len(SUFFIXES)
+
+
+def test_a_port_is_claimed_for_the_studio_alone_on_every_system(monkeypatch):
+    assert server._claim("posix") == socket.SO_REUSEADDR
+    # winsock.h: #define SO_EXCLUSIVEADDRUSE ((int)(~SO_REUSEADDR)), of its SO_REUSEADDR, 4.
+    monkeypatch.setattr(socket, "SO_REUSEADDR", 4)
+    assert server._claim("nt") == -5
+
+
+def test_a_loop_that_starts_no_processes_is_told_with_one_that_does(monkeypatch, tmp_path):
+    async def refuse(*_, **__):
+        raise NotImplementedError  # as of a selector's loop on Windows
+
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", refuse)
+    with pytest.raises(pool.WorkerDiedError, match="ProactorEventLoop"):
+        asyncio.run(pool.Worker.started(tmp_path))
