@@ -17,7 +17,7 @@ from gauss2svg.photo.formats import UnreadTiffError, broken, loaded, opened
 from gauss2svg.photo.photo import Photo
 from gauss2svg.photo.samples import unit
 from gauss2svg.photo.tags import frames_note, orientation_left, tags_of, upright
-from gauss2svg.photo.tiff import first_page
+from gauss2svg.photo.tiff import first_page, in_planes
 
 # Pillow's raw modes of 16-bit samples, of which it keeps the upper bytes.
 _SIXTEEN_BITS = re.compile(r"(RGB|RGBA|RGBX);16([BLN])")
@@ -27,9 +27,11 @@ _OTHER_BYTE = {"B": "L", "L": "B", "N": "B" if sys.byteorder == "little" else "L
 _GREY_ALPHA_16 = "LA;16B"  # of a PNG; its four bytes per pixel are unpacked as if RGBA
 # Greys of a PNG that Pillow scales to 8 bits, but not their transparent level.
 _LEVEL_STEP = {"L;2": 85, "L;4": 17}
+_INKS = 4  # channels of a TIFF's CMYK
 _MOST_8, _MOST_12, _MOST_16 = 255, 4095, 65535  # levels of so many bits
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
-_DNG_VERSION = 50706  # tag
+_DNG_VERSION, _SAMPLE_FORMAT = 50706, 339  # tags
+_SIGNED = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +51,11 @@ def decode_file(file: BinaryIO, name: str, max_pixels: int) -> Photo:
     try:
         with opened(file, name, max_pixels) as image:
             _refuse_preview(image, name)
-            return _decoded(image, name, file, max_pixels)
+            if not in_planes(getattr(image, "tag_v2", {})):
+                return _decoded(image, name, file, max_pixels)
     except UnreadTiffError:
-        return _decoded_tiff(file, name, max_pixels)
+        pass
+    return _decoded_tiff(file, name, max_pixels)
 
 
 def decode_image(image: Image.Image, name: str) -> Photo:
@@ -86,7 +90,13 @@ def _decoded(image: Image.Image, name: str, file: BinaryIO | None, max_pixels: i
 
 def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int) -> Photo:
     page = first_page(file, name, max_pixels)
-    color, _, notes = _by_profile(page.color, page.profile)
+    color: NDArray[Any] | Image.Image = page.color
+    if page.color.shape[2] == _INKS:
+        inks = np.round(unit(page.color, name) * _MOST_8).astype(np.uint8)
+        color = Image.frombytes("CMYK", (inks.shape[1], inks.shape[0]), inks.tobytes())
+    color, _, notes = _by_profile(color, page.profile)
+    if page.color.shape[2] == _INKS and page.color.dtype != np.uint8:
+        notes.append(f"{8 * page.color.itemsize} bits per channel reduced to 8")
     if page.pages > 1:
         notes.append(f"first of {page.pages} pages")
     turn = page.tags.orientation
@@ -151,6 +161,9 @@ def _wide_grey(image: Image.Image, name: str) -> _Samples:
     if image.mode == "F":
         top = 1
     else:
+        signed = _tiff_number(image, _SAMPLE_FORMAT, 1) == _SIGNED
+        if array.dtype == np.int32 and image.format == "TIFF" and not signed:
+            array = array.view(np.uint32)  # Pillow has no mode of them
         if array.min() < 0 or array.max() > _MOST_16:
             got = shown(f"{array.min()}..{array.max()}")
             advice = "rescaling them"

@@ -1,7 +1,7 @@
-"""TIFFs that Pillow does not decode: colours in floating point, 16 bits with alpha.
+"""TIFFs that Pillow does not decode: floating point, 16 bits with alpha, samples plane by plane.
 
-Read by tifffile, in the compressions that it decodes without further packages: none, deflate and
-PackBits.
+Of samples in planes Pillow mistakes 16 bits for 8, and grey with alpha for noise. Tags are read by
+tifffile, and samples by `strips`.
 """
 
 from __future__ import annotations
@@ -16,19 +16,25 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.photo.complete import lack_of_parts
 from gauss2svg.photo.formats import broken, check_size
+from gauss2svg.photo.strips import NOT_COMPRESSED, UNPACKED, bands
 from gauss2svg.photo.tags import Tags, dpi_in, tags_from
 
-_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = 0, 1, 2  # PhotometricInterpretation
-_CHANNELS = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _RGB: 3}
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _INKS = 0, 1, 2, 5  # PhotometricInterpretation
+_CHANNELS = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _RGB: 3, _INKS: 4}
 _MOST_EXTRA = 4  # samples besides colours: memory for all is allocated before decoding
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples
 _TYPES = (np.uint8, np.uint16, np.float16, np.float32, np.float64)
 _ICC_PROFILE, _ORIENTATION, _UNIT, _DENSITIES = 34675, 274, 296, (282, 283)  # tags
+_COMPRESSION, _PHOTOMETRIC, _SAMPLES, _PLANES = 259, 262, 277, 284
+_SEPARATE = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """The first page of a TIFF as stored: color (h, w, 1 or 3), alpha (h, w); number of pages."""
+    """The first page of a TIFF as stored: color (h, w, 1, 3 or 4), alpha (h, w); its pages.
+
+    Four colours are inks.
+    """
 
     color: NDArray[Any]
     alpha: NDArray[Any] | None
@@ -37,16 +43,27 @@ class Page:
     pages: int
 
 
+def in_planes(tags: Any) -> bool:
+    """Whether a TIFF of these tags has each of several samples in a plane of its own.
+
+    Not where they are luma and chroma, or JPEGs, which libtiff decodes.
+    """
+    several = tags.get(_PLANES) == _SEPARATE and tags.get(_SAMPLES, 1) > 1
+    readable = tags.get(_COMPRESSION, NOT_COMPRESSED) in UNPACKED
+    return several and readable and tags.get(_PHOTOMETRIC) in _CHANNELS
+
+
 def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
     """The first page of a TIFF; raises InputError for a broken, unsupported or too large one."""
     import tifffile  # 0.1 s, for few files
 
     file.seek(0)
+    page: Any = None
     try:
         with tifffile.TiffFile(file, name=name) as tiff:  # the name of the file may be a number
             if not len(tiff.pages):
                 raise broken(name, ValueError("it has no page"))
-            page: Any = tiff.pages[0]
+            page = tiff.pages[0]
             check_size((page.imagewidth, page.imagelength), name, max_pixels)
             channels = _CHANNELS.get(int(page.photometric))
             extra = page.samplesperpixel - (channels or 0)
@@ -55,25 +72,30 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
                 or not 0 <= extra <= _MOST_EXTRA
                 or page.imagedepth != 1
                 or page.dtype not in map(np.dtype, _TYPES)
+                or page.compression not in UNPACKED
             ):
                 got = shown(
                     f"{page.dtype} samples, {page.samplesperpixel} per pixel, photometric "
-                    f"{int(page.photometric)}"
+                    f"{int(page.photometric)}, compression {int(page.compression)}"
                 )
-                needed = "a TIFF of grey or RGB, 8 or 16 bits or floating point, alpha or not"
+                needed = "a TIFF of grey, RGB or CMYK, up to 16 bits or floating point"
                 raise InputError(must_be(name, needed, got, "saving it as such, or as PNG"))
             if missing := lack_of_parts(
                 page.dataoffsets, page.databytecounts, math.prod(page.chunked)
             ):
                 raise broken(name, OSError(missing))
-            samples = _samples_last(page.asarray().reshape(page.shaped))
+            samples: NDArray[Any] = np.concatenate(list(bands(file, page)))
+            top = (1 << page.bitspersample) - 1
+            if samples.dtype.kind == "u" and top < 256**samples.itemsize - 1:
+                samples = samples / np.float32(top)
             kinds = [int(kind) for kind in page.extrasamples]
             profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
             pages = len(tiff.pages)
     except (InputError, MemoryError):
         raise
     except Exception as error:  # hostile bytes make decoders raise anything
-        advice = "saving it without compression, or as PNG"
+        packed = page is not None and page.compression != NOT_COMPRESSED
+        advice = "saving it without compression, or as PNG" if packed else "saving it as PNG"
         got = shown(f"one that is not: {error}")
         raise InputError(must_be(name, "readable", got, advice)) from error
     color, alpha = samples[:, :, :channels], None
@@ -95,11 +117,6 @@ def _tags(page: Any) -> Tags:
     density = (pairs[0][0] / pairs[0][1], pairs[1][0] / pairs[1][1]) if valid else None
     dpi = dpi_in(density, page.tags.valueof(_UNIT, default=2))
     return tags_from(page.tags.valueof(_ORIENTATION), dpi, density)
-
-
-def _samples_last(planes: NDArray[Any]) -> NDArray[Any]:
-    """(h, w, samples) of tifffile's (planes, depth 1, h, w, samples)."""
-    return planes[0, 0] if planes.shape[0] == 1 else np.moveaxis(planes[:, 0, :, :, 0], 0, -1)
 
 
 def _straight(color: NDArray[Any], alpha: NDArray[Any]) -> NDArray[Any]:
