@@ -65,12 +65,12 @@ def decode_image(image: Image.Image, name: str) -> Photo:
 
 def _decoded(image: Image.Image, name: str, file: BinaryIO | None, max_pixels: int) -> Photo:
     before = tags_of(image) if image.format == "TIFF" else None  # loading rotates it
-    rawmode = _rawmode(image)
+    rawmode, helped = _rawmode(image), []
     if file is not None and rawmode == _GREY_ALPHA_16:
         samples = _sixteen_bit_grey_alpha(image, name)
     elif file is not None and (match := _SIXTEEN_BITS.fullmatch(rawmode)):
         samples = _sixteen_bit_color(image, name, file, max_pixels, match)
-    elif loaded(image, name).mode.startswith("I") or image.mode == "F":
+    elif loaded(image, name, helped).mode.startswith("I") or image.mode == "F":
         samples = _wide_grey(image, name)
     else:
         try:
@@ -83,7 +83,7 @@ def _decoded(image: Image.Image, name: str, file: BinaryIO | None, max_pixels: i
     return Photo.from_samples(
         upright(color, turn),
         None if samples.alpha is None else upright(_alpha(samples.alpha, name), turn),
-        notes=(*tags.notes, *samples.notes, *notes, *frames_note(image)),
+        notes=(*tags.notes, *helped, *samples.notes, *notes, *frames_note(image)),
         dpi=tags.dpi,
     )
 

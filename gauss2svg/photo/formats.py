@@ -12,7 +12,8 @@ from typing import Any, BinaryIO
 from PIL import Image, ImageFile, features
 
 from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.photo.complete import lack_of
+from gauss2svg.photo.complete import help_of_jpeg, lack_of
+from gauss2svg.photo.jpeg import with_height
 from gauss2svg.photo.stderr import stderr_silenced
 
 # Formats that are read, and Pillow's plugin of each; anything else is refused undecoded.
@@ -97,7 +98,7 @@ def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFi
         raise InputError(must_be(name, needed, got, "converting it"))
     file.seek(0)
     try:
-        image = Image.OPEN[kind][0](file, "")
+        image = Image.OPEN[kind][0](with_height(file) if kind == "JPEG" else file, "")
         if kind == "TIFF":
             image.tile = [_in_native_order(tile) for tile in image.tile]
         return image
@@ -154,10 +155,15 @@ def _too_large(sides: str, name: str, max_pixels: int, count: int) -> InputError
     return InputError(must_be(name, needed, shown(f"{sides}{count} px"), advice))
 
 
-def loaded(image: Image.Image, name: str) -> Image.Image:
-    """The image with its pixels decoded; raises InputError if they are broken or truncated."""
+def loaded(image: Image.Image, name: str, notes: list[str] | None = None) -> Image.Image:
+    """The image with its pixels decoded; raises InputError if they are broken or truncated.
+
+    notes  is given what its decoder had to be helped with
+    """
     try:
-        lack = lack_of(image)
+        lack, help_given = lack_of(image), help_of_jpeg(image)
+        if notes is not None:
+            notes += help_given
         # libtiff writes to standard error by itself.
         with stderr_silenced() if image.format == "TIFF" else nullcontext():
             image.load()
