@@ -14,10 +14,10 @@ from PIL import ExifTags, Image
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.photo import gamma, icc
 from gauss2svg.photo.formats import UnreadTiffError, broken, loaded, opened
-from gauss2svg.photo.photo import Photo
+from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.samples import unit
 from gauss2svg.photo.tags import frames_note, orientation_left, tags_of, upright
-from gauss2svg.photo.tiff import first_page, in_planes
+from gauss2svg.photo.tiff import first_page, in_planes, tiff_header
 
 # Pillow's raw modes of 16-bit samples, of which it keeps the upper bytes.
 _SIXTEEN_BITS = re.compile(r"(RGB|RGBA|RGBX);16([BLN])")
@@ -56,6 +56,20 @@ def decode_file(file: BinaryIO, name: str, max_pixels: int) -> Photo:
     except UnreadTiffError:
         pass
     return _decoded_tiff(file, name, max_pixels)
+
+
+def header_of_file(file: BinaryIO, name: str, max_pixels: int) -> Header:
+    """What the header of a seekable image file says; raises InputError as `decode_file` does."""
+    try:
+        with opened(file, name, max_pixels) as image:
+            return header_of_image(image)
+    except UnreadTiffError:
+        return tiff_header(file, name, max_pixels)
+
+
+def header_of_image(image: Image.Image) -> Header:
+    """What is known of a Pillow image that may not be loaded yet."""
+    return Header(*image.size, "A" in image.getbands() or image.has_transparency_data)
 
 
 def decode_image(image: Image.Image, name: str) -> Photo:

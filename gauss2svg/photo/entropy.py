@@ -71,7 +71,7 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 @_compiled
-def _lack(data, ends, interval, units, tables, kinds, band, refines, nonzero):  # noqa: ANN001, ANN202, PLR0912
+def _lack(data, ends, interval, units, tables, kinds, band, refines, nonzero):
     first, last = band
     one = np.uint64(1)
     lacking, missing = units, 0
@@ -133,7 +133,7 @@ def _lack(data, ends, interval, units, tables, kinds, band, refines, nonzero):  
 
 
 @njit(inline="always")
-def _next_16(data, position):  # noqa: ANN001, ANN202
+def _next_16(data, position):
     k = position >> 3
     three = (int(data[k]) << 16) | (int(data[k + 1]) << 8) | int(data[k + 2])
     return (three >> (8 - (position & 7))) & 0xFFFF

@@ -6,7 +6,8 @@ import dataclasses
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -17,9 +18,9 @@ from gauss2svg.errors import InputError, must_be, shown, whole_number
 from gauss2svg.files import reading
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import over, pixels_of
-from gauss2svg.photo.decode import decode_file, decode_image
+from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS, check_size
-from gauss2svg.photo.photo import Photo
+from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.samples import plain_array, unit
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
@@ -47,6 +48,24 @@ def load_image(
     return _composited(_load(source, max_pixels), matte)
 
 
+def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Header | None:
+    """Size of a source of `load_image` by its header alone; None for one that is in memory.
+
+    Raises InputError as `load_image` does. A file that cannot be read twice must be `rereadable`.
+    """
+    whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
+    if isinstance(source, Image.Image):
+        check_size(source.size, "image", max_pixels)
+        return header_of_image(source)
+    with _file(source) as (file, name):
+        return None if file is None else header_of_file(file, name, max_pixels)
+
+
+def rereadable(source: ImageSource) -> ImageSource:
+    """The source, or all of its bytes in memory where it is a file that cannot be read twice."""
+    return _seekable(source) if hasattr(source, "read") else source
+
+
 def _load(source: ImageSource, max_pixels: int) -> Photo:
     torch = sys.modules.get("torch")  # a tensor can only exist once torch is loaded
     if torch is not None and isinstance(source, torch.Tensor):
@@ -58,14 +77,9 @@ def _load(source: ImageSource, max_pixels: int) -> Photo:
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
         return decode_image(source, "image")
-    if isinstance(source, (bytes, bytearray, memoryview)):
-        return decode_file(io.BytesIO(source), f"photo of {len(source)} bytes", max_pixels)
-    if isinstance(source, (str, os.PathLike)):
-        name = file_name("photo", source)
-        with reading(name, "the path of a photo, or - for standard input") as file:
+    with _file(source) as (file, name):
+        if file is not None:
             return decode_file(file, name, max_pixels)
-    if hasattr(source, "read"):
-        return decode_file(_seekable(source), "file object", max_pixels)
     raise InputError(
         must_be(
             "photo",
@@ -73,6 +87,21 @@ def _load(source: ImageSource, max_pixels: int) -> Photo:
             shown(type(source).__name__),
         )
     )
+
+
+@contextmanager
+def _file(source: ImageSource) -> Iterator[tuple[BinaryIO | None, str]]:
+    """A source that is a file, open for reading, and its name; None for any other."""
+    if isinstance(source, (bytes, bytearray, memoryview)):
+        yield io.BytesIO(source), f"photo of {len(source)} bytes"
+    elif isinstance(source, (str, os.PathLike)):
+        name = file_name("photo", source)
+        with reading(name, "the path of a photo, or - for standard input") as file:
+            yield file, name
+    elif hasattr(source, "read"):
+        yield _seekable(source), "file object"
+    else:
+        yield None, ""
 
 
 def _seekable(file: Any) -> BinaryIO:

@@ -9,6 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+@dataclass(frozen=True)
+class Header:
+    """What the header of a photo says: its size in px, as stored, and whether it may have alpha."""
+
+    width: int
+    height: int
+    has_alpha: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Photo:
     """A decoded photo.

@@ -7,6 +7,8 @@ tifffile, and samples by `strips`.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
@@ -16,6 +18,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.photo.complete import lack_of_parts
 from gauss2svg.photo.formats import broken, check_size
+from gauss2svg.photo.photo import Header
 from gauss2svg.photo.strips import NOT_COMPRESSED, UNPACKED, bands
 from gauss2svg.photo.tags import Tags, dpi_in, tags_from
 
@@ -53,8 +56,47 @@ def in_planes(tags: Any) -> bool:
     return several and readable and tags.get(_PHOTOMETRIC) in _CHANNELS
 
 
+def tiff_header(file: BinaryIO, name: str, max_pixels: int) -> Header:
+    """What the header of a TIFF says that Pillow does not open; raises InputError as `first_page`.
+
+    Any sample besides colours counts as alpha.
+    """
+    with _opened(file, name, max_pixels) as (page, _):
+        extra = page.samplesperpixel > _CHANNELS[int(page.photometric)]
+        return Header(page.imagewidth, page.imagelength, extra)
+
+
 def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
     """The first page of a TIFF; raises InputError for a broken, unsupported or too large one."""
+    with _opened(file, name, max_pixels) as (page, pages):
+        if missing := lack_of_parts(page.dataoffsets, page.databytecounts, math.prod(page.chunked)):
+            raise broken(name, OSError(missing))
+        samples: NDArray[Any] = np.concatenate(list(bands(file, page)))
+        top = (1 << page.bitspersample) - 1
+        if samples.dtype.kind == "u" and top < 256**samples.itemsize - 1:
+            samples = samples / np.float32(top)
+        kinds = [int(kind) for kind in page.extrasamples]
+        profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
+        photometric = int(page.photometric)
+    channels = _CHANNELS[photometric]
+    color, alpha = samples[:, :, :channels], None
+    if photometric == _WHITE_IS_ZERO:
+        color = (1 if color.dtype.kind == "f" else np.iinfo(color.dtype).max) - color
+    for k, kind in enumerate(kinds[: samples.shape[2] - channels]):
+        if kind in (_PREMULTIPLIED, _STRAIGHT):
+            alpha = samples[:, :, channels + k]
+            if kind == _PREMULTIPLIED:
+                color = _straight(color, alpha)
+            break
+    return Page(color, alpha, profile if isinstance(profile, bytes) else None, tags, pages)
+
+
+@contextmanager
+def _opened(file: BinaryIO, name: str, max_pixels: int) -> Iterator[tuple[Any, int]]:
+    """The first page of a TIFF by tifffile, of a kind that is read here, and how many there are.
+
+    Raises InputError for any other, and for what is raised inside.
+    """
     import tifffile  # 0.1 s, for few files
 
     file.seek(0)
@@ -80,17 +122,7 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
                 )
                 needed = "a TIFF of grey, RGB or CMYK, up to 16 bits or floating point"
                 raise InputError(must_be(name, needed, got, "saving it as such, or as PNG"))
-            if missing := lack_of_parts(
-                page.dataoffsets, page.databytecounts, math.prod(page.chunked)
-            ):
-                raise broken(name, OSError(missing))
-            samples: NDArray[Any] = np.concatenate(list(bands(file, page)))
-            top = (1 << page.bitspersample) - 1
-            if samples.dtype.kind == "u" and top < 256**samples.itemsize - 1:
-                samples = samples / np.float32(top)
-            kinds = [int(kind) for kind in page.extrasamples]
-            profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
-            pages = len(tiff.pages)
+            yield page, len(tiff.pages)
     except (InputError, MemoryError):
         raise
     except Exception as error:  # hostile bytes make decoders raise anything
@@ -98,16 +130,6 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
         advice = "saving it without compression, or as PNG" if packed else "saving it as PNG"
         got = shown(f"one that is not: {error}")
         raise InputError(must_be(name, "readable", got, advice)) from error
-    color, alpha = samples[:, :, :channels], None
-    if int(page.photometric) == _WHITE_IS_ZERO:
-        color = (1 if color.dtype.kind == "f" else np.iinfo(color.dtype).max) - color
-    for k, kind in enumerate(kinds[:extra]):
-        if kind in (_PREMULTIPLIED, _STRAIGHT):
-            alpha = samples[:, :, channels + k]
-            if kind == _PREMULTIPLIED:
-                color = _straight(color, alpha)
-            break
-    return Page(color, alpha, profile if isinstance(profile, bytes) else None, tags, pages)
 
 
 def _tags(page: Any) -> Tags:
