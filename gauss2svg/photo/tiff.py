@@ -19,6 +19,8 @@ from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.photo.complete import lack_of_parts
 from gauss2svg.photo.formats import broken, check_size
 from gauss2svg.photo.photo import Header
+from gauss2svg.photo.reduce import Reduced, Size, SizeNeeded, reduced_size
+from gauss2svg.photo.samples import unit
 from gauss2svg.photo.strips import NOT_COMPRESSED, UNPACKED, bands
 from gauss2svg.photo.tags import Tags, dpi_in, tags_from
 
@@ -34,15 +36,20 @@ _SEPARATE = 2
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """The first page of a TIFF as stored: color (h, w, 1, 3 or 4), alpha (h, w); its pages.
+    """The first page of a TIFF: color (h, w, 1, 3 or 4), of which four are inks; alpha (h, w).
 
-    Four colours are inks.
+    As stored, or reduced to float32 in 0..1.
+    stored  its width and height in px
+    bits    of each sample
+    pages   how many there are
     """
 
     color: NDArray[Any]
     alpha: NDArray[Any] | None
     profile: bytes | None
     tags: Tags
+    stored: Size
+    bits: int
     pages: int
 
 
@@ -66,29 +73,49 @@ def tiff_header(file: BinaryIO, name: str, max_pixels: int) -> Header:
         return Header(page.imagewidth, page.imagelength, extra)
 
 
-def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
-    """The first page of a TIFF; raises InputError for a broken, unsupported or too large one."""
+def first_page(
+    file: BinaryIO, name: str, max_pixels: int, needed: SizeNeeded | None = None
+) -> Page:
+    """The first page of a TIFF, reduced to the size needed while it is read.
+
+    Raises InputError for a broken, unsupported or too large one.
+    """
     with _opened(file, name, max_pixels) as (page, pages):
         if missing := lack_of_parts(page.dataoffsets, page.databytecounts, math.prod(page.chunked)):
             raise broken(name, OSError(missing))
-        samples: NDArray[Any] = np.concatenate(list(bands(file, page)))
-        top = (1 << page.bitspersample) - 1
-        if samples.dtype.kind == "u" and top < 256**samples.itemsize - 1:
-            samples = samples / np.float32(top)
-        kinds = [int(kind) for kind in page.extrasamples]
+        stored = page.imagewidth, page.imagelength
+        parts = (_color_and_alpha(band, page) for band in bands(file, page))
+        if (size := reduced_size(needed, *stored)) is not None:
+            reduced = Reduced(stored, size)
+            for part, shows in parts:
+                alpha = None if shows is None else unit(shows[:, :, None], name)[:, :, 0]
+                reduced.add(unit(part, name), alpha)
+            color, alpha = reduced.result()
+        else:
+            colors, alphas = zip(*parts, strict=True)
+            color = np.concatenate(colors)
+            alpha = None if alphas[0] is None else np.concatenate(alphas)
         profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
-        photometric = int(page.photometric)
-    channels = _CHANNELS[photometric]
+        profile = profile if isinstance(profile, bytes) else None
+        return Page(color, alpha, profile, tags, stored, page.bitspersample, pages)
+
+
+def _color_and_alpha(samples: NDArray[Any], page: Any) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    """Straight color and alpha of rows (rows, w, samples), of which few bits become float32."""
+    top = (1 << page.bitspersample) - 1
+    if samples.dtype.kind == "u" and top < 256**samples.itemsize - 1:
+        samples = samples / np.float32(top)
+    channels = _CHANNELS[int(page.photometric)]
     color, alpha = samples[:, :, :channels], None
-    if photometric == _WHITE_IS_ZERO:
+    if int(page.photometric) == _WHITE_IS_ZERO:
         color = (1 if color.dtype.kind == "f" else np.iinfo(color.dtype).max) - color
-    for k, kind in enumerate(kinds[: samples.shape[2] - channels]):
-        if kind in (_PREMULTIPLIED, _STRAIGHT):
+    for k, kind in enumerate(page.extrasamples[: samples.shape[2] - channels]):
+        if int(kind) in (_PREMULTIPLIED, _STRAIGHT):
             alpha = samples[:, :, channels + k]
-            if kind == _PREMULTIPLIED:
+            if int(kind) == _PREMULTIPLIED:
                 color = _straight(color, alpha)
             break
-    return Page(color, alpha, profile if isinstance(profile, bytes) else None, tags, pages)
+    return color, alpha
 
 
 @contextmanager
