@@ -122,7 +122,7 @@ def _reduced(samples: _Samples, name: str, reduced: Reduced, image: Image.Image)
     """Samples of the size needed, in 0..1; of 8 bits again where a profile is yet to be applied."""
     for rows, color in pieces(samples.color):
         alpha = None if samples.alpha is None else _alpha(samples.alpha[rows], name)
-        reduced.add(unit(color, name), alpha)
+        reduced.add(color if color.dtype == np.uint8 else unit(color, name), alpha)
     color, alpha = reduced.result()
     mode = samples.color.mode if isinstance(samples.color, Image.Image) else ""
     if mode in ("CMYK", "LAB") or (mode and image.info.get("icc_profile")):

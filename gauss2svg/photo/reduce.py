@@ -5,6 +5,7 @@ Rows come from the top, some at a time, and only what a row of the result needs 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -51,31 +52,39 @@ class Reduced:
     """
 
     def __init__(self, stored: Size, size: Size, scale: int = 1) -> None:
-        across, self._down = (_ranges(*pair) / scale for pair in zip(stored, size, strict=True))
-        self._across = across
-        # Sums of the rows above the first and above the last of each row of the result.
-        self._sums: list[list[NDArray[np.float64]]] = [[], []]
-        self._sum: Any = 0.0
+        self._across, self._down = (
+            _ranges(*pair) / scale for pair in zip(stored, size, strict=True)
+        )
+        self._rows: list[NDArray[np.float64]] = []  # of the result
+        self._sum: Any = 0  # of what there is of the next one
         self._top = 0
         self._has_alpha = False
 
-    def add(self, color: NDArray[np.float32], alpha: NDArray[np.float32] | None) -> None:
-        """Add rows (rows, width, 1 or 3) in 0..1 and their alpha (rows, width), if they have it."""
+    def add(self, color: NDArray[Any], alpha: NDArray[np.float32] | None) -> None:
+        """Add rows (rows, width, 1 or 3), float32 in 0..1 or uint8.
+
+        alpha  (rows, width) float32 in 0..1, if they have it
+        """
+        top = np.iinfo(np.uint8).max if color.dtype == np.uint8 else 1
         if alpha is not None:
             self._has_alpha = True
-            color = np.dstack([color * alpha[:, :, None], alpha])
-        columns = np.swapaxes(color, 0, 1)
-        narrow = np.swapaxes(_means(_sums_at(columns, self._across), self._across), 0, 1)
-        for sums, places in zip(self._sums, self._down, strict=True):
-            inside = places[len(sums) :] - self._top
-            sums += list(self._sum + _sums_at(narrow, inside[inside <= len(color)]))
-        self._sum = self._sum + narrow.sum(axis=0, dtype=float)
-        self._top += len(color)
+            color = np.dstack([color * alpha[:, :, None], alpha * np.float32(top)])
+        bottom = self._top + len(color)
+        for begin, end in self._down.T[len(self._rows) :]:
+            if begin >= bottom:
+                break
+            self._sum += _sum(color, max(begin - self._top, 0), min(end, bottom) - self._top)
+            if end > bottom:
+                break
+            sums = _sums_at(self._sum, self._across)
+            lengths = (self._across[1] - self._across[0]) * ((end - begin) * top)
+            self._rows.append((sums[1] - sums[0]) / lengths[:, None])
+            self._sum = 0
+        self._top = bottom
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Color (h, w, 1 or 3) and alpha (h, w), None if no row had it."""
-        rows = _means(np.array(self._sums), self._down)
-        pixels = np.clip(rows, 0, 1).astype(np.float32)
+        pixels = np.clip(np.stack(self._rows), 0, 1).astype(np.float32)
         if not self._has_alpha:
             return pixels, None
         whole = straight(pixels[:, :, :-1], pixels[:, :, -1])
@@ -116,18 +125,24 @@ def _ranges(length: int, count: int) -> NDArray[np.float64]:
     return np.stack([begins, np.minimum(ends, length)])
 
 
+def _sum(rows: NDArray[Any], begin: float, end: float) -> NDArray[np.floating]:
+    """Sum of rows between two places, which may lie within one."""
+    first, last = math.ceil(begin), math.floor(end)
+    if first > last:
+        return (end - begin) * rows[last]
+    total = rows[first:last].sum(axis=0, dtype=np.float32)
+    if first > begin:
+        total += np.float32(first - begin) * rows[first - 1]
+    if end > last:
+        total += np.float32(end - last) * rows[last]
+    return total
+
+
 def _sums_at(values: NDArray[np.floating], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Sums of values along the first axis up to places, which may lie within one."""
-    sums = np.concatenate([np.zeros((1, *values.shape[1:])), values.cumsum(axis=0, dtype=float)])
+    """Sums of values (n, channels) up to places, which may lie within one."""
+    sums = np.concatenate([np.zeros((1, values.shape[1])), values.cumsum(axis=0, dtype=float)])
     before = np.minimum(np.floor(places), len(values) - 1).astype(np.intp)
-    part = (places - before).reshape(*places.shape, *[1] * (values.ndim - 1))
-    return sums[before] + part * (sums[before + 1] - sums[before])
-
-
-def _means(sums: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Means between the two places (2, count) of each pixel, of sums (2, count, ..) up to them."""
-    lengths = (places[1] - places[0]).reshape(-1, *[1] * (sums.ndim - 2))
-    return (sums[1] - sums[0]) / lengths
+    return sums[before] + (places - before)[..., None] * (sums[before + 1] - sums[before])
 
 
 def draft(image: Any, size: Size) -> int:

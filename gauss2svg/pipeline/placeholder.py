@@ -22,7 +22,7 @@ from gauss2svg.svg.encode import hex_color
 
 DEFAULT_BYTES = 1000
 # Of the photo in px, from which the working picture of at most 384 px is made.
-_LONGEST_SIDE = 1024
+_LONGEST_SIDE = 640
 # What browsers take as it is in a data URI; % and # have a meaning of their own, and " would end
 # the attribute or the url("") that holds it (docs/decisions/small.md).
 _UNESCAPED = " !$&'()*+,/:;<=>?@[]^`{|}"
