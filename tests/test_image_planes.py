@@ -1,6 +1,7 @@
 """A TIFF whose samples are stored plane by plane is the picture that is stored pixel by pixel."""
 
 import io
+import logging
 
 import numpy as np
 import pytest
@@ -131,7 +132,7 @@ def test_orientation_turns_planes_as_well():
 
 
 @pytest.mark.parametrize("separate", [False, True])
-@pytest.mark.parametrize("bits", [2, 4, 12])
+@pytest.mark.parametrize("bits", [1, 2, 4, 12])
 def test_few_bits_of_a_tiff_spread_over_the_range(bits, separate):
     samples = RNG.integers(0, 1 << bits, (6, 9, 3), dtype=np.uint16)
     rows = np.moveaxis(samples, -1, 0).reshape(18, 9) if separate else samples.reshape(6, 27)
@@ -162,3 +163,10 @@ def test_only_a_compressed_tiff_is_advised_to_be_saved_without_compression():
         with pytest.raises(InputError, match=advice) as caught:
             load_image(file)
         assert ("without" in str(caught.value)) == (scheme == 8)
+
+
+def test_what_is_said_of_a_broken_tiff_is_not_printed_by_its_reader():
+    with pytest.raises(InputError):
+        load_image(tiff_file(b"", t256=4, t257=4, t258=[8] * 5, t262=2, t277=5))
+    handlers = logging.getLogger("tifffile").handlers
+    assert any(isinstance(handler, logging.NullHandler) for handler in handlers)

@@ -6,6 +6,7 @@ tifffile, and samples by `strips`.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,10 +29,11 @@ _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _INKS = 0, 1, 2, 5  # PhotometricInterpret
 _CHANNELS = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _RGB: 3, _INKS: 4}
 _MOST_EXTRA = 4  # samples besides colours: memory for all is allocated before decoding
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples
-_TYPES = (np.uint8, np.uint16, np.float16, np.float32, np.float64)
+_TYPES = (np.bool_, np.uint8, np.uint16, np.float16, np.float32, np.float64)
 _ICC_PROFILE, _ORIENTATION, _UNIT, _DENSITIES = 34675, 274, 296, (282, 283)  # tags
 _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _PLANES = 259, 262, 277, 284
 _SEPARATE = 2
+_silent = logging.NullHandler()
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +128,8 @@ def _opened(file: BinaryIO, name: str, max_pixels: int) -> Iterator[tuple[Any, i
     """
     import tifffile  # 0.1 s, for few files
 
+    # What it has to say of a broken file is not printed where the program has no log.
+    logging.getLogger(tifffile.__name__).addHandler(_silent)
     file.seek(0)
     page: Any = None
     try:
