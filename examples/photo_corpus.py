@@ -9,7 +9,6 @@ refused, and none may differ by more than its format loses. Exit status 1 if one
 
 from __future__ import annotations
 
-import argparse
 import importlib.util
 import io
 import itertools
@@ -107,11 +106,11 @@ def by_tifffile() -> Iterator[Made]:
              ("minisblack", 1, None), ("minisblack", 2, "unassalpha"), ("miniswhite", 1, None),
              ("separated", 4, None))  # fmt: skip
     layouts: tuple[dict[str, Any], ...] = ({}, {"rowsperstrip": 5}, {"tile": (16, 32)})
+    types: tuple[Any, ...] = (np.uint8, np.uint16, np.float16, np.float32, np.float64)
     packings = (None, "zlib", *(("lzw", "packbits", "zstd") if codecs else ()))
     for (photometric, count, extra), dtype, planar, order, layout, packing in itertools.product(
-        kinds, (np.uint8, np.uint16, np.float16, np.float32, np.float64), ("contig", "separate"),
-        "<>", layouts, packings,
-    ):  # fmt: skip
+        kinds, types, ("contig", "separate"), "<>", layouts, packings
+    ):
         if count == 1 and planar == "separate":
             continue
         values = np.asarray(picture((45, 37), "RGBA"), np.float64)[:, :, [0, 1, 2, 3]] / 255
@@ -160,11 +159,13 @@ def encoded(image: Image.Image, name: str, **options: Any) -> bytes:
 def by_programs(folder: Path) -> Iterator[Made]:
     """What the installed programs make of PNGs, PPMs, JPEGs and TIFFs by their options."""
     jobs: list[tuple[str, bytes, str, str, tuple[str, ...], float]] = []
+    wanted = {}  # of copies by tiffcp: ImageMagick misreads grey with alpha in planes
     for size in SIZES[:3]:
         for mode in ("L", "RGB", "RGBA", "1"):
             png = encoded(picture(size, mode), "PNG")
             for depth, packing, layer in itertools.product(
-                ("1", "2", "4", "8", "16"), ("none", "lzw", "zip", "rle"),
+                # Grey of one bit with alpha ImageMagick reads as black itself.
+                ("2" if mode == "RGBA" else "1", "4", "8", "16"), ("none", "lzw", "zip", "rle"),
                 ((), ("-interlace", "plane"), ("-define", "tiff:tile-geometry=32x16"),
                  ("-endian", "msb"), ("-define", "tiff:alpha=associated")),
             ):  # fmt: skip
@@ -206,12 +207,13 @@ def by_programs(folder: Path) -> Iterator[Made]:
             ("-B", "-L"),
         ):  # fmt: skip
             tiff = encoded(picture(size, mode), "TIFF")
+            wanted[tiff] = shown(picture(size, mode))
             what = ("-c", packing, "-p", planar, *layout, order, "IN", "OUT")
             jobs.append(("tiffcp", tiff, "tif", "tif", what, LOSSLESS))
     for program, given, suffix, output, command, levels in jobs:
         path = PROGRAMS[program]
         if path and (made := run(folder, given, suffix, output, path, *command)):
-            yield f"{program} {' '.join(command)}", made, None, levels
+            yield f"{program} {' '.join(command)}", made, wanted.get(given), levels
 
 
 def second(file: bytes, folder: Path) -> NDArray[np.float64] | None:
@@ -233,8 +235,7 @@ def second(file: bytes, folder: Path) -> NDArray[np.float64] | None:
 
 
 def main() -> int:
-    """Make, read and compare; print what is refused or wrong, and the counts."""
-    argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0]).parse_args()
+    """Print which files are refused or wrong, and how many there are."""
     warnings.simplefilter("ignore")
     missing = [name for name, path in PROGRAMS.items() if path is None]
     if importlib.util.find_spec("imagecodecs") is None:

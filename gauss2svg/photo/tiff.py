@@ -103,7 +103,10 @@ def first_page(
 
 
 def _color_and_alpha(samples: NDArray[Any], page: Any) -> tuple[NDArray[Any], NDArray[Any] | None]:
-    """Straight color and alpha of rows (rows, w, samples), of which few bits become float32."""
+    """Straight color and alpha of rows (rows, w, samples); few bits and many become float32."""
+    if samples.dtype.itemsize > 4:
+        with np.errstate(over="ignore"):  # to infinity, which is refused
+            samples = samples.astype(np.float32)
     top = (1 << page.bitspersample) - 1
     if samples.dtype.kind == "u" and top < 256**samples.itemsize - 1:
         samples = samples / np.float32(top)
