@@ -2,6 +2,7 @@
 
 import io
 import logging
+import zlib
 
 import numpy as np
 import pytest
@@ -147,7 +148,7 @@ def test_few_bits_of_a_tiff_spread_over_the_range(bits, separate):
 
 
 def test_only_a_compressed_tiff_is_advised_to_be_saved_without_compression():
-    for scheme, advice in ((1, "Try saving it as PNG"), (8, "Try saving it without compression")):
+    for scheme, advice in ((1, "Try re-saving it"), (8, "Try saving it without compression")):
         stream = io.BytesIO()
         tifffile.imwrite(
             stream, np.zeros((4, 4, 3), np.float32), photometric="rgb",
@@ -170,3 +171,15 @@ def test_what_is_said_of_a_broken_tiff_is_not_printed_by_its_reader():
         load_image(tiff_file(b"", t256=4, t257=4, t258=[8] * 5, t262=2, t277=5))
     handlers = logging.getLogger("tifffile").handlers
     assert any(isinstance(handler, logging.NullHandler) for handler in handlers)
+
+
+@pytest.mark.parametrize("compression", [1, 5, 8])
+def test_a_strip_that_ends_early_is_named(compression):
+    samples = (VALUES[:, :, :2] * 65535).astype(np.uint16)
+    data = {1: samples.tobytes(), 5: packed(samples, 1), 8: zlib.compress(samples.tobytes())}
+    tags = {"t256": 45, "t257": 37, "t258": [16, 16], "t262": 1, "t277": 2, "t278": 37}
+    whole = data[compression]
+    load_image(tiff_file(whole, t259=compression, **tags))
+    short = tiff_file(whole[: len(whole) // 2], t259=compression, **tags)
+    with pytest.raises(InputError, match=r"broken or truncated one: .* Try re-saving it"):
+        load_image(short)

@@ -121,7 +121,7 @@ def survey(file: bytes) -> Survey:
             after = _MARKER.search(file, place)
             data = file[place : len(file) if after is None else after.start()]
             place += len(data)
-            if frame is None or scans > _MOST_SCANS or len(head) < 4 + 2 * head[0]:
+            if frame is None or scans > _MOST_SCANS or len(head) < 4 + 2 * sum(head[:1]):
                 return Survey()
             first, most, precision = head[1 + 2 * head[0] :][:3]
             parts = head[1 : 1 + 2 * head[0] : 2]

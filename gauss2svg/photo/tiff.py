@@ -159,6 +159,8 @@ def _opened(file: BinaryIO, name: str, max_pixels: int) -> Iterator[tuple[Any, i
             yield page, len(tiff.pages)
     except (InputError, MemoryError):
         raise
+    except OSError as error:  # of data that end early
+        raise broken(name, error) from error
     except Exception as error:  # hostile bytes make decoders raise anything
         packed = page is not None and page.compression != NOT_COMPRESSED
         advice = "saving it without compression, or as PNG" if packed else "saving it as PNG"
