@@ -77,3 +77,25 @@ def _packed(row: NDArray, bits: int) -> bytes:
 def srgb_curve(light: NDArray) -> NDArray:
     """Values of linear light by IEC 61966-2-1, written once more for the tests."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+
+
+def tiff_file(*strips: bytes, order: str = "<", **tags: int | list[int]) -> bytes:
+    """A TIFF of small strips, with tags by number such as t256=width; lists are short numbers."""
+    offsets = [8 + len(b"".join(strips[:k])) for k in range(len(strips))]
+    entries = {int(name[1:]): value for name, value in tags.items()}
+    entries |= {273: offsets, 279: [len(strip) for strip in strips]}
+    data = b"".join(strips)
+    place = 8 + len(data) + len(data) % 2
+    after, rest = place + 6 + 12 * len(entries), b""
+    directory = struct.pack(f"{order}H", len(entries))
+    for tag, value in sorted(entries.items()):
+        if isinstance(value, int):
+            directory += struct.pack(f"{order}HHII", tag, 4, 1, value)
+            continue
+        packed = struct.pack(f"{order}{len(value)}H", *value)
+        short = len(packed) <= 4
+        field = packed.ljust(4, b"\0") if short else struct.pack(f"{order}I", after + len(rest))
+        directory += struct.pack(f"{order}HHI", tag, 3, len(value)) + field
+        rest += b"" if short else packed
+    head = (b"II" if order == "<" else b"MM") + struct.pack(f"{order}HI", 42, place)
+    return head + data.ljust(place - 8, b"\0") + directory + bytes(4) + rest

@@ -63,8 +63,12 @@ def test_jpeg_whose_scans_end_early_is_refused(name):
         for left in (0, 0.1, 0.5, 0.9):
             data = whole[begin : begin + int(left * (end - begin))].rstrip(b"\xff")
             shorter = whole[:begin] + data + whole[end:]
-            # One that says nothing changes nothing.
-            assert refuses(shorter) or (load_image(shorter).pixels == expected).all(), (begin, left)
+            # One that says nothing changes nothing, and one that says little is noted.
+            if not refuses(shorter):
+                photo = load_image(shorter)
+                changed = (photo.pixels != expected).any(axis=2).mean()
+                assert changed == 0 or any("the rest is guessed" in note for note in photo.notes)
+                assert changed < 0.1, (begin, left)
             assert refuses(whole[:begin] + data + b"\xff\xd9"), (begin, left)
 
 

@@ -163,6 +163,12 @@ def test_chunk_that_unpacks_to_too_much_is_one_line(kind):
         (b"\x1f\x8b\x08" + bytes(20), "got a gzipped file"),
         (b"P6 2 2 255\n" + bytes(12), "got a Netpbm file"),
         (b"\0\0\1\0\1\0" + bytes(20), "got an icon"),
+        (b"\0\0\2\0\1\0\x10\x10" + bytes(20), "got an icon"),
+        *(
+            (encoded(Image.new(mode, (4, 4)), "TGA", **packed), "got a TGA file")
+            for mode in ("L", "P", "RGB", "RGBA")
+            for packed in ({}, {"compression": "tga_rle"}, {"id_section": b"abc"})
+        ),
         (b"\x89PNG\r\n\x1a\n", "must be a complete image; got a broken"),
         (b"\xff\xd8\xff\xe0", "must be a complete image; got a broken"),
         (b"RIFF\0\0\0\0WEBPVP8 ", "must be a complete image; got a broken"),
@@ -174,6 +180,7 @@ def test_chunk_that_unpacks_to_too_much_is_one_line(kind):
         (float_tiff(np.float32([[0, 1.5]])), "must be finite and in 0..1; got 1.5 at row 0"),
         (float_tiff(np.full((2, 3, 3), np.nan, np.float32)), "got nan at row 0, column 0"),
         (float_tiff(np.int32([[-5, 7]])), "must be in 0..65535; got -5..7"),
+        (float_tiff(np.uint32([[70000, 2**32 - 1]])), "must be in 0..65535; got 70000..4294967295"),
         (float_tiff(np.zeros((4, 4), np.complex64)), "got complex64 samples, 1 per pixel"),
     ],
 )  # fmt: skip

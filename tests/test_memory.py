@@ -1,5 +1,6 @@
 """Laws of memory: what a run takes is known before the fit, and kept under a limit."""
 
+import io
 import resource
 import subprocess
 import sys
@@ -8,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import psutil
 import pytest
+import tifffile
 from flat import vectorize
 from hypothesis import given
 from hypothesis import strategies as st
@@ -167,3 +169,35 @@ def test_limits_of_the_process_bound_what_is_free(monkeypatch):
         bounds = {kind: (limit, resource.RLIM_INFINITY)}
         monkeypatch.setattr(resource, "getrlimit", lambda k, b=bounds: b.get(k, none))
         assert 0 < free_bytes() <= 50_000_000
+
+
+@pytest.mark.parametrize("kind", ["PNG", "JPEG", "float TIFF", "RGBA PNG", "image"])
+def test_what_cannot_fit_is_refused_by_its_header(kind, tmp_path, monkeypatch):
+    monkeypatch.setattr("gauss2svg.pipeline.vectorize.load_image", None)
+    size = (3000, 2000)
+    picture = Image.new("RGBA" if "RGBA" in kind else "L", size)
+    path = tmp_path / "photo"
+    if kind == "image":
+        path = picture
+    elif kind == "float TIFF":
+        with path.open("wb") as file:
+            tifffile.imwrite(file, np.zeros(size[::-1], np.float16), photometric="minisblack")
+    else:
+        picture.save(path, kind.split()[-1])
+    with pytest.raises(InputError, match=r"memory must be .* for a photo of 3000x2000 px.*300 MB"):
+        vectorize(path, max_memory="300M", **QUICK)
+
+
+def test_a_stream_that_is_read_once_is_still_read(photo):
+    class Pipe(io.RawIOBase):
+        """What cannot go back."""
+
+        def __init__(self, data):
+            self.stream = io.BytesIO(data)
+
+        def read(self, size=-1):
+            return self.stream.read(size)
+
+    file = io.BytesIO()
+    Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(file, "PNG")
+    assert vectorize(Pipe(file.getvalue()), **QUICK).report["width"] == 128

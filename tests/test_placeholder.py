@@ -10,13 +10,14 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageColor
 
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.pipeline.placeholder import Placeholder
+from gauss2svg.raster import rasterize
 
 # A picture that has come and hides nothing.
 CLEAR = "data:image/gif;base64,R0lGODlhAQABAIAAAAAAAP///yH5BAEAAAAALAAAAAABAAEAAAIBRAA7"
@@ -244,3 +245,22 @@ def test_files_inline_in_one_page_keep_their_own_shapes(photos, browser):
                 taken.append(np.asarray(picture.convert("RGB"), np.float64))
         program.close()
     assert np.abs(taken[0] - taken[1]).max() <= 1
+
+
+def test_a_large_photo_has_the_placeholder_of_its_reduction_at_its_own_size():
+    y, x = np.mgrid[:900, :1350] / 900
+    large = np.uint8(np.stack([x / 1.5, y, np.sin(5 * x) / 2 + 0.5], axis=-1) * 255)
+    file = io.BytesIO()
+    Image.fromarray(large).save(file, "JPEG", quality=95)
+    found = gauss2svg.placeholder(file.getvalue(), 500)
+    small = gauss2svg.placeholder(
+        np.asarray(Image.fromarray(large).resize((640, 427), Image.Resampling.BOX)), 500
+    )
+    assert (found.width, found.height) == (1350, 900)
+    assert (small.width, small.height) == (640, 427)
+    one, other = (np.array(ImageColor.getrgb(p.color)) for p in (found, small))
+    assert np.abs(one - other).max() <= 1
+    assert len(found.svg) <= 500
+    photo = np.asarray(Image.fromarray(large).resize((90, 60), Image.Resampling.BOX)) / 255
+    one, other = (np.mean((rasterize(p.svg, 90, 60) - photo) ** 2) for p in (found, small))
+    assert one < 1.2 * other < photo.var()

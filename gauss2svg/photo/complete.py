@@ -1,14 +1,13 @@
 """Whether the data of an image file reach its last pixel, where the decoder does not ask.
 
 Pillow refuses what ends early in a GIF, WebP, BMP or AVIF. The pixels that it does not find it
-leaves black in a PNG and in a TIFF, and libjpeg makes them grey.
+leaves black in a PNG and in a TIFF, and libjpeg makes them grey: `jpeg` says where.
 """
 
 from __future__ import annotations
 
 import io
 import math
-import re
 import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -18,22 +17,14 @@ from PIL import Image
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
-# The next marker of a JPEG that is not within the data of a scan, as stuffing and restarts are.
-_MARKER = re.compile(rb"\xff([\x01-\xcf\xd8-\xfe])")
-_END_OF_IMAGE, _START_OF_SCAN = 0xD9, 0xDA
-# Frames of a coder whose data may leave out trailing zeros.
-_ARITHMETIC = (0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF)
-_COEFFICIENTS = {0xC0: 1, 0xC1: 1, 0xC2: 64}  # that may have scans of their own, by the frame
-_WITHOUT_LENGTH = (0x01, 0xD8)
-_RESTARTS = range(0xD0, 0xD8)
+from gauss2svg.photo.jpeg import END_OF_JPEG, survey
+
 # Data of any kind without markers. The bits of one are the other's inverted: some code of a block
 # without content may begin with either.
 _PADDING = bytes(1 + 89 * n * n % 251 for n in range(500))
 _PADDINGS = (_PADDING, bytes(255 - byte for byte in _PADDING))
 _PIECE = 1 << 18  # bytes
-_MOST_PADDED = 12_000  # parts of a padded JPEG, 12 to a scan; a hostile one has more scans
 _MOST_PART_PIXELS = 1 << 26  # of a strip or tile that is decoded once more
-_BAND = 256  # rows that are compared at once
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by colour type
 # First column, first row, step across and step down of each pass (PNG, third edition, 8.1).
 _ADAM7 = (
@@ -55,15 +46,39 @@ def lack_of(image: Image.Image) -> Callable[[Image.Image], str]:
 
     A file that cannot be understood lacks nothing here: that is for its decoder to say.
     """
-    file, check = getattr(image, "fp", None), _CHECKS.get(image.format or "")
-    if file is None or check is None or not getattr(image, "tile", None):
+    check, data = _CHECKS.get(image.format or ""), _file_of(image)
+    if check is None or not data:
         return lambda _: ""
+    tags = dict(getattr(image, "tag_v2", {}))  # loading turns the image, and they go
+    return lambda loaded: check(data, loaded, tags)
+
+
+def help_of_jpeg(image: Any) -> list[str]:
+    """Notes of what a JPEG that is not loaded yet lacks; of an end marker it is given one.
+
+    Raises OSError where it lacks more than the last bytes of its picture.
+    """
+    data = _file_of(image) if image.format in ("JPEG", "MPO") else b""
+    if not data:
+        return []
+    found = survey(data)
+    if found.missing and not found.is_few:
+        raise OSError(found.missing)
+    if not found.ends:
+        image.fp = io.BytesIO(data + END_OF_JPEG)
+    return found.notes
+
+
+def _file_of(image: Any) -> bytes:
+    """All of the file of an image that is not loaded yet, or nothing."""
+    file = getattr(image, "fp", None)
+    if file is None or not getattr(image, "tile", None):
+        return b""
     place = file.tell()
     file.seek(0)
     data = file.read()
     file.seek(place)
-    tags = dict(getattr(image, "tag_v2", {}))  # loading turns the image, and they go
-    return lambda loaded: check(data, loaded, tags)
+    return data
 
 
 def lack_of_parts(offsets: Sequence[int], counts: Sequence[int], number: int) -> str:
@@ -105,8 +120,7 @@ def _jpeg_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
     with JpegImageFile(io.BytesIO(stream), "") as image:
         if image.width > width or image.height > height:  # of which libtiff reads a part
             return False
-        image.load()
-        return bool(_lack_of_jpeg(stream, image, tags))
+        return bool(survey(stream).missing)
 
 
 def _fax_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
@@ -176,74 +190,6 @@ def _packed_rows(file: bytes) -> Iterator[bytes]:
         place = end + 4
 
 
-def _lack_of_jpeg(file: bytes, image: Image.Image, _: _Tags) -> str:
-    """By whether what follows the data of a scan changes the picture."""
-    for padding in _PADDINGS:
-        padded = _padded(file, padding)
-        if padded is None:
-            return ""
-        if not padded:
-            return "some of its scans are missing"
-        with JpegImageFile(io.BytesIO(padded), "") as other:
-            other.load()
-            if (other.size, other.mode) != (image.size, image.mode):  # its owner asked for a draft
-                return ""
-            row = _first_difference(image, other)
-        if row is not None:
-            return f"its data end at row {row} of {image.height}"
-    return ""
-
-
-def _first_difference(one: Image.Image, other: Image.Image) -> int | None:
-    """The first row in which images of one size and mode differ; None where they are equal."""
-    width, height = one.size
-    top, rows = 0, _BAND
-    while top < height:
-        band = (0, top, width, min(top + rows, height))
-        if one.crop(band).tobytes() == other.crop(band).tobytes():
-            top += rows
-        elif rows == 1:
-            return top
-        else:
-            rows = 1
-    return None
-
-
-def _padded(file: bytes, padding: bytes) -> bytes | None:
-    """The first JPEG of a file with more data in every scan, which those that are whole skip.
-
-    None where that cannot be told, b"" where whole scans are missing.
-    """
-    parts, done, place = [], 0, 0
-    lacking: set[tuple[int, int]] = set()  # components and their coefficients
-    while found := _MARKER.search(file, place):
-        kind = found[1][0]
-        place = found.end()
-        if kind == _END_OF_IMAGE:
-            return b"" if lacking else b"".join((*parts, file[done:place]))
-        if kind in _ARITHMETIC:
-            return None
-        if kind in _WITHOUT_LENGTH:
-            continue
-        head = file[place + 2 : (place := place + int.from_bytes(file[place : place + 2], "big"))]
-        if kind in _COEFFICIENTS:
-            lacking |= {(part, k) for part in head[6::3] for k in range(_COEFFICIENTS[kind])}
-        if kind == _START_OF_SCAN:
-            if (end := _MARKER.search(file, place)) is None or len(head) < 4:
-                return None
-            if len(parts) > _MOST_PADDED:
-                return None
-            first, most, precision = head[-3:]
-            if not precision & 15:  # all of their bits
-                lacking -= {(part, k) for part in head[1:-3:2] for k in range(first, most + 1)}
-            scan = file[place : end.start()].rstrip(b"\xff")  # bytes that fill up to the marker
-            parts += [file[done:place], scan, padding]
-            last = max(_RESTARTS, key=lambda kind: scan.rfind(bytes((0xFF, kind))))
-            parts += [bytes((0xFF, 0xD0 | (last + n) & 7)) + padding for n in range(9)]
-            done = place = end.start()
-    return None
-
-
-_CHECKS = {"PNG": _lack_of_png, "JPEG": _lack_of_jpeg, "MPO": _lack_of_jpeg, "TIFF": _lack_of_tiff}
+_CHECKS = {"PNG": _lack_of_png, "TIFF": _lack_of_tiff}
 # By the compression of a TIFF: whether a part ends early, where libtiff only warns.
 _ENDS = {2: _fax_ends, 3: _fax_ends, 4: _fax_ends, 32771: _fax_ends, 7: _jpeg_ends}

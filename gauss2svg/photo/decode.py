@@ -14,10 +14,11 @@ from PIL import ExifTags, Image
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.photo import gamma, icc
 from gauss2svg.photo.formats import UnreadTiffError, broken, loaded, opened
-from gauss2svg.photo.photo import Photo
+from gauss2svg.photo.photo import Header, Photo
+from gauss2svg.photo.reduce import Reduced, SizeNeeded, draft, pieces, reduced_size
 from gauss2svg.photo.samples import unit
-from gauss2svg.photo.tags import frames_note, orientation_left, tags_of, upright
-from gauss2svg.photo.tiff import first_page
+from gauss2svg.photo.tags import frames_note, orientation_left, tags_of, turned, upright
+from gauss2svg.photo.tiff import first_page, in_planes, tiff_header
 
 # Pillow's raw modes of 16-bit samples, of which it keeps the upper bytes.
 _SIXTEEN_BITS = re.compile(r"(RGB|RGBA|RGBX);16([BLN])")
@@ -27,9 +28,11 @@ _OTHER_BYTE = {"B": "L", "L": "B", "N": "B" if sys.byteorder == "little" else "L
 _GREY_ALPHA_16 = "LA;16B"  # of a PNG; its four bytes per pixel are unpacked as if RGBA
 # Greys of a PNG that Pillow scales to 8 bits, but not their transparent level.
 _LEVEL_STEP = {"L;2": 85, "L;4": 17}
+_INKS = 4  # channels of a TIFF's CMYK
 _MOST_8, _MOST_12, _MOST_16 = 255, 4095, 65535  # levels of so many bits
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
-_DNG_VERSION = 50706  # tag
+_DNG_VERSION, _SAMPLE_FORMAT = 50706, 339  # tags
+_SIGNED = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,17 +44,35 @@ class _Samples:
     notes: tuple[str, ...] = ()
 
 
-def decode_file(file: BinaryIO, name: str, max_pixels: int) -> Photo:
-    """The first frame of a seekable image file.
+def decode_file(
+    file: BinaryIO, name: str, max_pixels: int, needed: SizeNeeded | None = None
+) -> Photo:
+    """The first frame of a seekable image file, reduced to the size needed.
 
     Raises InputError for an unsupported or broken file, and for one of more than max_pixels.
     """
     try:
         with opened(file, name, max_pixels) as image:
             _refuse_preview(image, name)
-            return _decoded(image, name, file, max_pixels)
+            if not in_planes(getattr(image, "tag_v2", {})):
+                return _decoded(image, name, file, max_pixels, needed)
     except UnreadTiffError:
-        return _decoded_tiff(file, name, max_pixels)
+        pass
+    return _decoded_tiff(file, name, max_pixels, needed)
+
+
+def header_of_file(file: BinaryIO, name: str, max_pixels: int) -> Header:
+    """What the header of a seekable image file says; raises InputError as `decode_file` does."""
+    try:
+        with opened(file, name, max_pixels) as image:
+            return header_of_image(image)
+    except UnreadTiffError:
+        return tiff_header(file, name, max_pixels)
+
+
+def header_of_image(image: Image.Image) -> Header:
+    """What is known of a Pillow image that may not be loaded yet."""
+    return Header(*image.size, "A" in image.getbands() or image.has_transparency_data)
 
 
 def decode_image(image: Image.Image, name: str) -> Photo:
@@ -59,14 +80,24 @@ def decode_image(image: Image.Image, name: str) -> Photo:
     return _decoded(image, name, None, 0)
 
 
-def _decoded(image: Image.Image, name: str, file: BinaryIO | None, max_pixels: int) -> Photo:
+def _decoded(
+    image: Image.Image,
+    name: str,
+    file: BinaryIO | None,
+    max_pixels: int,
+    needed: SizeNeeded | None = None,
+) -> Photo:
+    stored = image.size
+    size, scale = reduced_size(needed, *stored), 1
+    if size is not None and file is not None and image.format in ("JPEG", "MPO"):
+        scale = draft(image, size)
     before = tags_of(image) if image.format == "TIFF" else None  # loading rotates it
-    rawmode = _rawmode(image)
+    rawmode, helped = _rawmode(image), []
     if file is not None and rawmode == _GREY_ALPHA_16:
         samples = _sixteen_bit_grey_alpha(image, name)
     elif file is not None and (match := _SIXTEEN_BITS.fullmatch(rawmode)):
         samples = _sixteen_bit_color(image, name, file, max_pixels, match)
-    elif loaded(image, name).mode.startswith("I") or image.mode == "F":
+    elif loaded(image, name, helped).mode.startswith("I") or image.mode == "F":
         samples = _wide_grey(image, name)
     else:
         try:
@@ -74,19 +105,45 @@ def _decoded(image: Image.Image, name: str, file: BinaryIO | None, max_pixels: i
         except (ValueError, OSError) as error:  # such as an index beyond its palette
             raise broken(name, error) from error
     tags = before or tags_of(image)
+    if size is not None:
+        samples = _reduced(samples, name, Reduced(stored, size, scale), image)
     color, notes = _in_srgb(samples, image, name, file)
     turn = orientation_left(image)
     return Photo.from_samples(
         upright(color, turn),
         None if samples.alpha is None else upright(_alpha(samples.alpha, name), turn),
-        notes=(*tags.notes, *samples.notes, *notes, *frames_note(image)),
+        full=turned(stored, turn),  # Pillow turns that of a TIFF when it opens it
+        notes=(*tags.notes, *helped, *samples.notes, *notes, *frames_note(image)),
         dpi=tags.dpi,
     )
 
 
-def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int) -> Photo:
-    page = first_page(file, name, max_pixels)
-    color, _, notes = _by_profile(page.color, page.profile)
+def _reduced(samples: _Samples, name: str, reduced: Reduced, image: Image.Image) -> _Samples:
+    """Samples of the size needed, in 0..1; of 8 bits again where a profile is yet to be applied."""
+    for rows, color in pieces(samples.color):
+        alpha = None if samples.alpha is None else _alpha(samples.alpha[rows], name)
+        reduced.add(color if color.dtype == np.uint8 else unit(color, name), alpha)
+    color, alpha = reduced.result()
+    mode = samples.color.mode if isinstance(samples.color, Image.Image) else ""
+    if mode in ("CMYK", "LAB") or (mode and image.info.get("icc_profile")):
+        return _Samples(_image_of(color, mode), alpha, samples.notes)
+    return _Samples(color, alpha, samples.notes)
+
+
+def _image_of(color: NDArray[Any], mode: str) -> Image.Image:
+    """An image of 8 bits of color (h, w, channels) in 0..1."""
+    levels = np.round(color * _MOST_8).astype(np.uint8)
+    return Image.frombytes(mode, (color.shape[1], color.shape[0]), levels.tobytes())
+
+
+def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int, needed: SizeNeeded | None) -> Photo:
+    page = first_page(file, name, max_pixels, needed)
+    color: NDArray[Any] | Image.Image = page.color
+    if page.color.shape[2] == _INKS:
+        color = _image_of(unit(page.color, name), "CMYK")
+    color, _, notes = _by_profile(color, page.profile)
+    if page.color.shape[2] == _INKS and page.bits > 8:
+        notes.append(f"{page.bits} bits per channel reduced to 8")
     if page.pages > 1:
         notes.append(f"first of {page.pages} pages")
     turn = page.tags.orientation
@@ -96,6 +153,7 @@ def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int) -> Photo:
         alpha,
         notes=(*page.tags.notes, *notes),
         dpi=page.tags.dpi,
+        full=turned(page.stored, turn),
     )
 
 
@@ -151,6 +209,9 @@ def _wide_grey(image: Image.Image, name: str) -> _Samples:
     if image.mode == "F":
         top = 1
     else:
+        signed = _tiff_number(image, _SAMPLE_FORMAT, 1) == _SIGNED
+        if array.dtype == np.int32 and image.format == "TIFF" and not signed:
+            array = array.view(np.uint32)  # Pillow has no mode of them
         if array.min() < 0 or array.max() > _MOST_16:
             got = shown(f"{array.min()}..{array.max()}")
             advice = "rescaling them"
@@ -179,7 +240,7 @@ def _eight_bits(image: Image.Image, rawmode: str) -> _Samples:
     if image.mode == "1":
         color = image.convert("L")
     else:
-        color = image if image.mode in ("L", "CMYK", "LAB") else image.convert("RGB")
+        color = image if image.mode in ("L", "RGB", "CMYK", "LAB") else image.convert("RGB")
     if image.mode not in ("1", "L", "RGB"):
         return _Samples(color, None, notes)
     alpha = _keyed(np.atleast_3d(np.asarray(color)), image, _LEVEL_STEP.get(rawmode, 1))

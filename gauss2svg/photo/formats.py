@@ -7,12 +7,13 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from functools import cache
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from PIL import Image, ImageFile, features
 
 from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.photo.complete import lack_of
+from gauss2svg.photo.complete import help_of_jpeg, lack_of
+from gauss2svg.photo.jpeg import with_height
 from gauss2svg.photo.stderr import stderr_silenced
 
 # Formats that are read, and Pillow's plugin of each; anything else is refused undecoded.
@@ -30,6 +31,7 @@ _OPTIONAL = {"WEBP": "webp", "AVIF": "avif"}  # features that a build of Pillow 
 DEFAULT_MAX_PIXELS = 89_478_485
 # Above twice that Pillow's decoders refuse any file; larger images are not rasterised either.
 MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
+_ORDERED = re.compile(r"(F;32|I;32|I;16)B?([FS])")  # raw modes of numbers with a sign
 _PREFIX_BYTES = 16  # by which Pillow's plugins identify their files
 _RAW = "a camera's raw file"  # a TIFF, of which only a small preview would be read
 # Other files that are given in place of a photo, by their first bytes.
@@ -48,6 +50,8 @@ _OTHERS = (
     (rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", "a JPEG 2000 file"),
     (rb"\0\0\0\x0cJXL |\xff\x0a", "a JPEG XL file"),
     (rb"P[1-7Ff]\s", "a Netpbm file"),
+    # Its image type and depth; an icon would have none in it.
+    (rb".\0[\2\3\x0a\x0b]\0{5}.{8}[\x08\x10\x18\x20]|.\x01[\1\x09].{13}[\x08\x10]", "a TGA file"),
     (rb"\0\0[\1\2]\0", "an icon"),
     (rb"v/1\x01", "an OpenEXR file"),
 )
@@ -94,7 +98,10 @@ def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFi
         raise InputError(must_be(name, needed, got, "converting it"))
     file.seek(0)
     try:
-        return Image.OPEN[kind][0](file, "")
+        image = Image.OPEN[kind][0](with_height(file) if kind == "JPEG" else file, "")
+        if kind == "TIFF":
+            image.tile = [_in_native_order(tile) for tile in image.tile]
+        return image
     except MemoryError:
         raise
     except Image.DecompressionBombError as error:  # of a plugin that looks before it opens
@@ -107,6 +114,13 @@ def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFi
             got = shown(f"one that is not: {error}")
             raise UnreadTiffError(must_be(name, "readable", got, "saving it as PNG")) from error
         raise broken(name, error) from error
+
+
+def _in_native_order(tile: Any) -> Any:
+    """What Pillow will unpack of a TIFF: libtiff gives samples in the order of this machine."""
+    if tile.codec_name != "libtiff" or not (match := _ORDERED.fullmatch(tile.args[0])):
+        return tile
+    return tile._replace(args=(f"{match[1]}N{match[2]}", *tile.args[1:]))
 
 
 def _format_of(start: bytes) -> str | None:
@@ -141,10 +155,15 @@ def _too_large(sides: str, name: str, max_pixels: int, count: int) -> InputError
     return InputError(must_be(name, needed, shown(f"{sides}{count} px"), advice))
 
 
-def loaded(image: Image.Image, name: str) -> Image.Image:
-    """The image with its pixels decoded; raises InputError if they are broken or truncated."""
+def loaded(image: Image.Image, name: str, notes: list[str] | None = None) -> Image.Image:
+    """The image with its pixels decoded; raises InputError if they are broken or truncated.
+
+    notes  is given what its decoder had to be helped with
+    """
     try:
-        lack = lack_of(image)
+        lack, help_given = lack_of(image), help_of_jpeg(image)
+        if notes is not None:
+            notes += help_given
         # libtiff writes to standard error by itself.
         with stderr_silenced() if image.format == "TIFF" else nullcontext():
             image.load()

@@ -6,7 +6,8 @@ import dataclasses
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -16,10 +17,11 @@ from PIL import Image
 from gauss2svg.errors import InputError, must_be, shown, whole_number
 from gauss2svg.files import reading
 from gauss2svg.options import file_name
-from gauss2svg.photo.alpha import over, pixels_of
-from gauss2svg.photo.decode import decode_file, decode_image
+from gauss2svg.photo.alpha import has_alpha, over, pixels_of, shrunk
+from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS, check_size
-from gauss2svg.photo.photo import Photo
+from gauss2svg.photo.photo import Header, Photo
+from gauss2svg.photo.reduce import SizeNeeded, reduced_size
 from gauss2svg.photo.samples import plain_array, unit
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
@@ -31,11 +33,15 @@ def load_image(
     *,
     max_pixels: int = DEFAULT_MAX_PIXELS,
     matte: Sequence[float] | None = None,
+    needed: SizeNeeded | None = None,
 ) -> Photo:
     """Decode a path, bytes, binary file, PIL image, numpy array or torch tensor.
 
     max_pixels  largest number of pixels, 1..MOST_PIXELS, checked before decoding
     matte       sRGB colour in 0..1 that transparency is composited over; None: alpha is kept
+    needed      the longest side in px that is needed, or a function of the width and height as
+                stored that returns those needed: a larger photo is reduced to them by area average
+                while it is decoded, before its profile and orientation are applied; None: all
 
     Files are JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF, of which the first frame is read. Arrays
     are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or (h, w): uint8,
@@ -44,28 +50,41 @@ def load_image(
     Raises InputError for anything else.
     """
     whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
-    return _composited(_load(source, max_pixels), matte)
+    return _composited(_load(source, max_pixels, needed), matte)
 
 
-def _load(source: ImageSource, max_pixels: int) -> Photo:
+def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> Header | None:
+    """Size of a source of `load_image` by its header alone; None for one that is in memory.
+
+    Raises InputError as `load_image` does. A file that cannot be read twice must be `rereadable`.
+    """
+    whole_number("max_pixels", max_pixels, 1, MOST_PIXELS)
+    if isinstance(source, Image.Image):
+        check_size(source.size, "image", max_pixels)
+        return header_of_image(source)
+    with _file(source) as (file, name):
+        return None if file is None else header_of_file(file, name, max_pixels)
+
+
+def rereadable(source: ImageSource) -> ImageSource:
+    """The source, or all of its bytes in memory where it is a file that cannot be read twice."""
+    return _seekable(source) if hasattr(source, "read") else source
+
+
+def _load(source: ImageSource, max_pixels: int, needed: SizeNeeded | None) -> Photo:
     torch = sys.modules.get("torch")  # a tensor can only exist once torch is loaded
     if torch is not None and isinstance(source, torch.Tensor):
         array = _tensor_samples(source, torch.bfloat16)
         last = np.moveaxis(array, 0, -1) if array.ndim == 3 else array
-        return _from_array(last, "tensor", max_pixels)
+        return _reduced(_from_array(last, "tensor", max_pixels), needed)
     if isinstance(source, np.ndarray):
-        return _from_array(plain_array(source, "array"), "array", max_pixels)
+        return _reduced(_from_array(plain_array(source, "array"), "array", max_pixels), needed)
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
-        return decode_image(source, "image")
-    if isinstance(source, (bytes, bytearray, memoryview)):
-        return decode_file(io.BytesIO(source), f"photo of {len(source)} bytes", max_pixels)
-    if isinstance(source, (str, os.PathLike)):
-        name = file_name("photo", source)
-        with reading(name, "the path of a photo, or - for standard input") as file:
-            return decode_file(file, name, max_pixels)
-    if hasattr(source, "read"):
-        return decode_file(_seekable(source), "file object", max_pixels)
+        return _reduced(decode_image(source, "image"), needed)
+    with _file(source) as (file, name):
+        if file is not None:
+            return decode_file(file, name, max_pixels, needed)
     raise InputError(
         must_be(
             "photo",
@@ -73,6 +92,21 @@ def _load(source: ImageSource, max_pixels: int) -> Photo:
             shown(type(source).__name__),
         )
     )
+
+
+@contextmanager
+def _file(source: ImageSource) -> Iterator[tuple[BinaryIO | None, str]]:
+    """A source that is a file, open for reading, and its name; None for any other."""
+    if isinstance(source, (bytes, bytearray, memoryview)):
+        yield io.BytesIO(source), f"photo of {len(source)} bytes"
+    elif isinstance(source, (str, os.PathLike)):
+        name = file_name("photo", source)
+        with reading(name, "the path of a photo, or - for standard input") as file:
+            yield file, name
+    elif hasattr(source, "read"):
+        yield _seekable(source), "file object"
+    else:
+        yield None, ""
 
 
 def _seekable(file: Any) -> BinaryIO:
@@ -114,6 +148,17 @@ def _from_array(array: NDArray[Any], name: str, max_pixels: int) -> Photo:
     values = unit(array, name)
     alpha = values[:, :, 3] if array.shape[2] == 4 else None
     return Photo.from_samples(values[:, :, :3], alpha)
+
+
+def _reduced(photo: Photo, needed: SizeNeeded | None) -> Photo:
+    """A photo that was in memory, of the size needed."""
+    size = reduced_size(needed, photo.width, photo.height)
+    if size is None:
+        return photo
+    pixels = shrunk(pixels_of(photo), size[1], size[0])
+    alpha = np.ascontiguousarray(pixels[:, :, 3]) if has_alpha(pixels) else None
+    color = np.ascontiguousarray(pixels[:, :, :3])
+    return dataclasses.replace(photo, pixels=color, alpha=alpha)
 
 
 def _composited(photo: Photo, matte: Sequence[float] | None) -> Photo:

@@ -9,6 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 
+@dataclass(frozen=True)
+class Header:
+    """What the header of a photo says: its size in px, as stored, and whether it may have alpha."""
+
+    width: int
+    height: int
+    has_alpha: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Photo:
     """A decoded photo.
@@ -17,12 +26,18 @@ class Photo:
     notes   conversions made while loading, for the report
     dpi     px per inch across and down, by the resolution tag; None where the file has none
     alpha   (height, width) float32 in 0..1; None where every pixel is opaque
+    full    width and height in px of the upright photo, of which pixels may be a reduction
     """
 
     pixels: NDArray[np.float32]
     notes: tuple[str, ...] = ()
     dpi: tuple[float, float] | None = None
     alpha: NDArray[np.float32] | None = None
+    full: tuple[int, int] = (0, 0)
+
+    def __post_init__(self) -> None:
+        if self.full == (0, 0):
+            object.__setattr__(self, "full", (self.width, self.height))
 
     @classmethod
     def from_samples(

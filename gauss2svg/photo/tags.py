@@ -85,6 +85,11 @@ def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
     return np.ascontiguousarray(array)
 
 
+def turned(size: tuple[int, int], orientation: int) -> tuple[int, int]:
+    """Width and height of an upright image that is stored with that size."""
+    return (size[1], size[0]) if orientation in SWAPPED else size
+
+
 def frames_note(image: Image.Image) -> list[str]:
     """A note if there is more than one frame or page; reads through the file."""
     what = "pages" if image.format == "TIFF" else "frames"

@@ -1,12 +1,15 @@
-"""TIFFs that Pillow does not decode: colours in floating point, 16 bits with alpha.
+"""TIFFs that Pillow does not decode: floating point, 16 bits with alpha, samples plane by plane.
 
-Read by tifffile, in the compressions that it decodes without further packages: none, deflate and
-PackBits.
+Of samples in planes Pillow mistakes 16 bits for 8, and grey with alpha for noise. Tags are read by
+tifffile, and samples by `strips`.
 """
 
 from __future__ import annotations
 
+import logging
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
@@ -16,37 +19,127 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.photo.complete import lack_of_parts
 from gauss2svg.photo.formats import broken, check_size
+from gauss2svg.photo.photo import Header
+from gauss2svg.photo.reduce import Reduced, Size, SizeNeeded, reduced_size
+from gauss2svg.photo.samples import unit
+from gauss2svg.photo.strips import NOT_COMPRESSED, UNPACKED, bands
 from gauss2svg.photo.tags import Tags, dpi_in, tags_from
 
-_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB = 0, 1, 2  # PhotometricInterpretation
-_CHANNELS = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _RGB: 3}
+_WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _INKS = 0, 1, 2, 5  # PhotometricInterpretation
+_CHANNELS = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _RGB: 3, _INKS: 4}
 _MOST_EXTRA = 4  # samples besides colours: memory for all is allocated before decoding
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples
-_TYPES = (np.uint8, np.uint16, np.float16, np.float32, np.float64)
+_TYPES = (np.bool_, np.uint8, np.uint16, np.float16, np.float32, np.float64)
 _ICC_PROFILE, _ORIENTATION, _UNIT, _DENSITIES = 34675, 274, 296, (282, 283)  # tags
+_COMPRESSION, _PHOTOMETRIC, _SAMPLES, _PLANES = 259, 262, 277, 284
+_SEPARATE = 2
+_silent = logging.NullHandler()
 
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """The first page of a TIFF as stored: color (h, w, 1 or 3), alpha (h, w); number of pages."""
+    """The first page of a TIFF: color (h, w, 1, 3 or 4), of which four are inks; alpha (h, w).
+
+    As stored, or reduced to float32 in 0..1.
+    stored  its width and height in px
+    bits    of each sample
+    pages   how many there are
+    """
 
     color: NDArray[Any]
     alpha: NDArray[Any] | None
     profile: bytes | None
     tags: Tags
+    stored: Size
+    bits: int
     pages: int
 
 
-def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
-    """The first page of a TIFF; raises InputError for a broken, unsupported or too large one."""
+def in_planes(tags: Any) -> bool:
+    """Whether a TIFF of these tags has each of several samples in a plane of its own.
+
+    Not where they are luma and chroma, or JPEGs, which libtiff decodes.
+    """
+    several = tags.get(_PLANES) == _SEPARATE and tags.get(_SAMPLES, 1) > 1
+    readable = tags.get(_COMPRESSION, NOT_COMPRESSED) in UNPACKED
+    return several and readable and tags.get(_PHOTOMETRIC) in _CHANNELS
+
+
+def tiff_header(file: BinaryIO, name: str, max_pixels: int) -> Header:
+    """What the header of a TIFF says that Pillow does not open; raises InputError as `first_page`.
+
+    Any sample besides colours counts as alpha.
+    """
+    with _opened(file, name, max_pixels) as (page, _):
+        extra = page.samplesperpixel > _CHANNELS[int(page.photometric)]
+        return Header(page.imagewidth, page.imagelength, extra)
+
+
+def first_page(
+    file: BinaryIO, name: str, max_pixels: int, needed: SizeNeeded | None = None
+) -> Page:
+    """The first page of a TIFF, reduced to the size needed while it is read.
+
+    Raises InputError for a broken, unsupported or too large one.
+    """
+    with _opened(file, name, max_pixels) as (page, pages):
+        if missing := lack_of_parts(page.dataoffsets, page.databytecounts, math.prod(page.chunked)):
+            raise broken(name, OSError(missing))
+        stored = page.imagewidth, page.imagelength
+        parts = (_color_and_alpha(band, page) for band in bands(file, page))
+        if (size := reduced_size(needed, *stored)) is not None:
+            reduced = Reduced(stored, size)
+            for part, shows in parts:
+                alpha = None if shows is None else unit(shows[:, :, None], name)[:, :, 0]
+                reduced.add(unit(part, name), alpha)
+            color, alpha = reduced.result()
+        else:
+            colors, alphas = zip(*parts, strict=True)
+            color = np.concatenate(colors)
+            alpha = None if alphas[0] is None else np.concatenate(alphas)
+        profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
+        profile = profile if isinstance(profile, bytes) else None
+        return Page(color, alpha, profile, tags, stored, page.bitspersample, pages)
+
+
+def _color_and_alpha(samples: NDArray[Any], page: Any) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    """Straight color and alpha of rows (rows, w, samples); few bits and many become float32."""
+    if samples.dtype.itemsize > 4:
+        with np.errstate(over="ignore"):  # to infinity, which is refused
+            samples = samples.astype(np.float32)
+    top = (1 << page.bitspersample) - 1
+    if samples.dtype.kind == "u" and top < 256**samples.itemsize - 1:
+        samples = samples / np.float32(top)
+    channels = _CHANNELS[int(page.photometric)]
+    color, alpha = samples[:, :, :channels], None
+    if int(page.photometric) == _WHITE_IS_ZERO:
+        color = (1 if color.dtype.kind == "f" else np.iinfo(color.dtype).max) - color
+    for k, kind in enumerate(page.extrasamples[: samples.shape[2] - channels]):
+        if int(kind) in (_PREMULTIPLIED, _STRAIGHT):
+            alpha = samples[:, :, channels + k]
+            if int(kind) == _PREMULTIPLIED:
+                color = _straight(color, alpha)
+            break
+    return color, alpha
+
+
+@contextmanager
+def _opened(file: BinaryIO, name: str, max_pixels: int) -> Iterator[tuple[Any, int]]:
+    """The first page of a TIFF by tifffile, of a kind that is read here, and how many there are.
+
+    Raises InputError for any other, and for what is raised inside.
+    """
     import tifffile  # 0.1 s, for few files
 
+    # What it has to say of a broken file is not printed where the program has no log.
+    logging.getLogger(tifffile.__name__).addHandler(_silent)
     file.seek(0)
+    page: Any = None
     try:
         with tifffile.TiffFile(file, name=name) as tiff:  # the name of the file may be a number
             if not len(tiff.pages):
                 raise broken(name, ValueError("it has no page"))
-            page: Any = tiff.pages[0]
+            page = tiff.pages[0]
             check_size((page.imagewidth, page.imagelength), name, max_pixels)
             channels = _CHANNELS.get(int(page.photometric))
             extra = page.samplesperpixel - (channels or 0)
@@ -55,37 +148,24 @@ def first_page(file: BinaryIO, name: str, max_pixels: int) -> Page:
                 or not 0 <= extra <= _MOST_EXTRA
                 or page.imagedepth != 1
                 or page.dtype not in map(np.dtype, _TYPES)
+                or page.compression not in UNPACKED
             ):
                 got = shown(
                     f"{page.dtype} samples, {page.samplesperpixel} per pixel, photometric "
-                    f"{int(page.photometric)}"
+                    f"{int(page.photometric)}, compression {int(page.compression)}"
                 )
-                needed = "a TIFF of grey or RGB, 8 or 16 bits or floating point, alpha or not"
+                needed = "a TIFF of grey, RGB or CMYK, up to 16 bits or floating point"
                 raise InputError(must_be(name, needed, got, "saving it as such, or as PNG"))
-            if missing := lack_of_parts(
-                page.dataoffsets, page.databytecounts, math.prod(page.chunked)
-            ):
-                raise broken(name, OSError(missing))
-            samples = _samples_last(page.asarray().reshape(page.shaped))
-            kinds = [int(kind) for kind in page.extrasamples]
-            profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
-            pages = len(tiff.pages)
+            yield page, len(tiff.pages)
     except (InputError, MemoryError):
         raise
+    except OSError as error:  # of data that end early
+        raise broken(name, error) from error
     except Exception as error:  # hostile bytes make decoders raise anything
-        advice = "saving it without compression, or as PNG"
+        packed = page is not None and page.compression != NOT_COMPRESSED
+        advice = "saving it without compression, or as PNG" if packed else "saving it as PNG"
         got = shown(f"one that is not: {error}")
         raise InputError(must_be(name, "readable", got, advice)) from error
-    color, alpha = samples[:, :, :channels], None
-    if int(page.photometric) == _WHITE_IS_ZERO:
-        color = (1 if color.dtype.kind == "f" else np.iinfo(color.dtype).max) - color
-    for k, kind in enumerate(kinds[:extra]):
-        if kind in (_PREMULTIPLIED, _STRAIGHT):
-            alpha = samples[:, :, channels + k]
-            if kind == _PREMULTIPLIED:
-                color = _straight(color, alpha)
-            break
-    return Page(color, alpha, profile if isinstance(profile, bytes) else None, tags, pages)
 
 
 def _tags(page: Any) -> Tags:
@@ -95,11 +175,6 @@ def _tags(page: Any) -> Tags:
     density = (pairs[0][0] / pairs[0][1], pairs[1][0] / pairs[1][1]) if valid else None
     dpi = dpi_in(density, page.tags.valueof(_UNIT, default=2))
     return tags_from(page.tags.valueof(_ORIENTATION), dpi, density)
-
-
-def _samples_last(planes: NDArray[Any]) -> NDArray[Any]:
-    """(h, w, samples) of tifffile's (planes, depth 1, h, w, samples)."""
-    return planes[0, 0] if planes.shape[0] == 1 else np.moveaxis(planes[:, 0, :, :, 0], 0, -1)
 
 
 def _straight(color: NDArray[Any], alpha: NDArray[Any]) -> NDArray[Any]:

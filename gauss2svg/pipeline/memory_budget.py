@@ -78,6 +78,14 @@ def allowed(max_memory: int | str | None) -> int:
     return int(SHARE * (free_bytes() + held_bytes()))
 
 
+def check_decoding(width: int, height: int, has_alpha: bool, limit: int) -> None:
+    """Raise InputError for a photo of that size in px whose pixels alone take more than a limit."""
+    decoded = (_ALPHA if has_alpha else _OPAQUE)[1]
+    needed = math.ceil(_MARGIN * (_BASE + decoded * width * height))
+    if needed > limit:
+        raise _too_little(needed, limit, f"a photo of {width}x{height} px", "a smaller photo")
+
+
 def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[int, int, str | None]:
     """Width and height in px of the fit under a limit of bytes, and a note if it is reduced.
 

@@ -21,6 +21,8 @@ from gauss2svg.pipeline.small import SmallSearch
 from gauss2svg.svg.encode import hex_color
 
 DEFAULT_BYTES = 1000
+# Of the photo in px, from which the working picture of at most 384 px is made.
+_LONGEST_SIDE = 640
 # What browsers take as it is in a data URI; % and # have a meaning of their own, and " would end
 # the attribute or the url("") that holds it (docs/decisions/small.md).
 _UNESCAPED = " !$&'()*+,/:;<=>?@[]^`{|}"
@@ -114,16 +116,16 @@ def placeholder(image: ImageSource, max_bytes: int | str = DEFAULT_BYTES) -> Pla
     without Gaussians takes.
     """
     limit = check_bytes("max_bytes", max_bytes)
-    photo = load_image(image)
+    photo = load_image(image, needed=_LONGEST_SIDE)
     pixels = pixels_of(photo)
     compile_kernels()
-    found = SmallSearch(pixels, limit).run()
+    found = SmallSearch(pixels, limit, canvas=photo.full).run()
     transparent = has_alpha(pixels)
     weight = alpha_of(pixels) if transparent else np.ones((*pixels.shape[:2], 1), np.float32)
     total = max(float(weight.sum(dtype=np.float64)), 1e-9)
     mean = (pixels[:, :, :3] * weight).sum(axis=(0, 1), dtype=np.float64) / total
     color = hex_color(np.round(255 * mean).astype(np.intp))
-    return Placeholder(found.svg, photo.width, photo.height, color, len(found.scene), transparent)
+    return Placeholder(found.svg, *photo.full, color, len(found.scene), transparent)
 
 
 def check_bytes(name: str, value: Any) -> int:

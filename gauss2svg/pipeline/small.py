@@ -114,6 +114,7 @@ class SmallSearch:
     """The search for the best file of at most `limit` bytes.
 
     photo     (h, w, 3) or (h, w, 4) float32 in 0..1
+    canvas    width and height in px of the photo, where it is reduced
     most      largest number of Gaussians
     options   of the fits; tune is not read: they are fitted for PSNR
     max_size  longest side in px of the working picture
@@ -126,6 +127,7 @@ class SmallSearch:
         photo: NDArray[np.float32],
         limit: int,
         *,
+        canvas: tuple[int, int] | None = None,
         document: Document | None = None,
         gzipped: bool = False,
         most: int | None = None,
@@ -143,7 +145,7 @@ class SmallSearch:
         self._each = _EACH_GZIPPED if gzipped else _EACH
         self.is_drawing = _is_drawing(photo) and self._options.learned_falloff
         self._most = math.inf if most is None else most
-        height, width = photo.shape[:2]
+        self._canvas = width, height = canvas or photo.shape[1::-1]
         self._flat = self._flat_files()
         self.flat = min(self._flat, key=lambda file: file.size)
         if self.flat.size > limit:
@@ -152,7 +154,7 @@ class SmallSearch:
         count = max((limit - self.flat.size) / self._each[0], 1)
         low, high = (_DRAWING_SIDE,) * 2 if self.is_drawing else _SIDE
         side = min(max(_SIDE_PER_ROOT * math.sqrt(count), low), high, max_size or high)
-        side = min(side, max(width, height))
+        side = min(side, max(photo.shape[:2]))
         scale = side / max(width, height)
         self.working = shrunk(photo, *(max(1, round(length * scale)) for length in (height, width)))
         self.fits: list[FitResult] = []
@@ -267,7 +269,7 @@ class SmallSearch:
         plain = np.ones(len(scene), bool)  # exponents are stepped as logarithms
         for beta in attempt.exponents:
             plain &= ~np.isclose(scene.betas, beta)
-        height, width = self._photo.shape[:2]
+        width, height = self._canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
         scene = with_exponents(scene, np.where(plain, MOST_BETA, scene.betas))
         return scene.replace(width=width, height=height)
@@ -319,7 +321,7 @@ class SmallSearch:
 
     def _flat_files(self) -> list[SmallFile]:
         """Files without Gaussians, their colour in three digits and in six; not yet measured."""
-        height, width = self._photo.shape[:2]
+        width, height = self._canvas
         transparent = has_alpha(self._photo)
         background = np.ones(3) if transparent else self._photo.mean(axis=(0, 1), dtype=np.float64)
         scene = Scene(width, height, background=background, transparent=transparent)

@@ -27,13 +27,12 @@ from gauss2svg.measure.scores import (
 )
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
-from gauss2svg.photo.load import ImageSource, load_image
-from gauss2svg.photo.photo import Photo
+from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.pipeline.candidate import Exporter, Outcome
 from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
 from gauss2svg.pipeline.document import document_for
 from gauss2svg.pipeline.kernels import COMPILED_S, compile_kernels
-from gauss2svg.pipeline.memory_budget import Load, allowed, size_that_fits
+from gauss2svg.pipeline.memory_budget import Load, allowed, check_decoding, size_that_fits
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
@@ -133,13 +132,21 @@ def vectorize_by(
     notify = (lambda _: None) if progress is None else progress
 
     notify(Progress("read"))
+    image = rereadable(image)
+    header = header_of(image, max_pixels=run.max_pixels)
+    if header is not None:  # what cannot fit is refused before its pixels take memory
+        _working_size(header.width, header.height, False, plan, most_bytes, may_reduce)
+        check_decoding(header.width, header.height, header.has_alpha, most_bytes)
     matte = options.svg.matte
     photo = load_image(
         image, max_pixels=run.max_pixels, matte=None if matte is None else matte_color(matte)
     )
     plan.check_alpha(photo)
     _check_precision(max(photo.width, photo.height), plan)
-    width, height, note = _working_size(photo, plan, most_bytes, may_reduce)
+    transparent = photo.alpha is not None
+    width, height, note = _working_size(
+        photo.width, photo.height, transparent, plan, most_bytes, may_reduce
+    )
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
     _check_side(min(width, height), options.goal)
@@ -294,13 +301,13 @@ def load_of(plan: Plan, width: int, height: int, has_alpha: bool) -> Load:
 
 
 def _working_size(
-    photo: Photo, plan: Plan, most_bytes: int, may_reduce: bool
+    width: int, height: int, has_alpha: bool, plan: Plan, most_bytes: int, may_reduce: bool
 ) -> tuple[int, int, str | None]:
     """Width and height in px of the fit: the preset's, smaller for lack of time or memory.
 
     And a note if memory is the reason. Raises InputError for too little memory.
     """
-    load = load_of(plan, photo.width, photo.height, photo.alpha is not None)
+    load = load_of(plan, width, height, has_alpha)
     asked = plan.options.run.max_size is not None or not may_reduce
     return size_that_fits(load, most_bytes, asked=asked)
 

@@ -1,0 +1,228 @@
+"""What the file of a JPEG has of its picture, by its markers and by the codes of its scans.
+
+libjpeg draws what it finds: what the data of a scan lack becomes grey, or keeps coarser values.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import TYPE_CHECKING, BinaryIO
+
+from PIL import Image
+
+if TYPE_CHECKING:
+    from gauss2svg.photo.entropy import Bits
+
+# The next marker that is not within the data of a scan, as stuffing and restarts are.
+_MARKER = re.compile(rb"\xff([\x01-\xcf\xd8-\xfe])")
+_RESTART = re.compile(rb"\xff+[\xd0-\xd7]")
+_END_OF_IMAGE, _START_OF_SCAN, _TABLES, _INTERVAL, _LINES = 0xD9, 0xDA, 0xC4, 0xDD, 0xDC
+_FRAMES = {0xC0: False, 0xC1: False, 0xC2: True}  # by their marker: whether they are progressive
+# Frames of other coders. Data of the arithmetic one may leave out trailing zeros.
+_OTHER_FRAMES = (0xC3, 0xC5, 0xC6, 0xC7, 0xC9, 0xCA, 0xCB, 0xCD, 0xCE, 0xCF)
+_WITHOUT_LENGTH = (0x01, 0xD8)
+END_OF_JPEG = bytes((0xFF, _END_OF_IMAGE))
+_COEFFICIENTS = 64
+_MOST_SCANS = 1000  # a hostile file has more
+# Data that end so near the end of the picture lack their last bytes, and not a part of it.
+_FEW_SHARE, _FEW_PIXELS, _LARGE_SHARE = 1 / 200, 256, 1 / 20
+
+_Codes = tuple[bytes, bytes]  # number by length, and symbols
+_DHT = Mapping[int, _Codes]  # by class and destination
+
+
+@dataclass
+class Survey:
+    """What a JPEG lacks.
+
+    missing  of its picture, "" for nothing
+    is_few   whether that is so little that the picture is used
+    ends     whether it has an end marker
+    notes    what its decoder is helped with
+    """
+
+    missing: str = ""
+    is_few: bool = True
+    ends: bool = True
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass
+class _Frame:
+    """Size in px, sampling factors of each component, and coefficients known not to be 0."""
+
+    width: int
+    height: int
+    progressive: bool
+    components: dict[int, tuple[int, int]]
+    nonzero: dict[int, Bits] = field(default_factory=dict)
+
+    def blocks(self, sampling: tuple[int, int]) -> tuple[int, int]:
+        """Across and down, of 8x8 samples of which the largest sampling has one for each px."""
+        most = (max(factors) for factors in zip(*self.components.values(), strict=True))
+        sizes = zip((self.width, self.height), sampling, most, strict=True)
+        across, down = (-(-side * factor // (8 * largest)) for side, factor, largest in sizes)
+        return across, down
+
+
+def with_height(file: BinaryIO) -> BinaryIO:
+    """The file, or its bytes with the height that only follows its first scan (T.81, B.2.5)."""
+    file.seek(2)
+    while len(head := file.read(4)) == 4 and head[0] == 0xFF and head[1] != _START_OF_SCAN:
+        if head[1] in _FRAMES:
+            place = file.tell() + 1
+            if file.read(3)[1:] != b"\0\0":
+                break
+            file.seek(0)
+            data = file.read()
+            lines = data.find(bytes((0xFF, _LINES, 0, 4)), place) + 4
+            if lines < 4 or lines + 2 > len(data):
+                break
+            return io.BytesIO(data[:place] + data[lines : lines + 2] + data[place + 2 :])
+        file.seek(int.from_bytes(head[2:], "big") - 2, io.SEEK_CUR)
+    file.seek(0)
+    return file
+
+
+def survey(file: bytes) -> Survey:
+    """What the first JPEG of a file lacks. One of another coder, or hostile, lacks nothing."""
+    found, frame = Survey(), None
+    lacking: set[tuple[int, int]] = set()  # components and their coefficients
+    interval = place = scans = 0
+    worst = 0.0
+    tables: dict[int, _Codes] = {}
+    while marker := _MARKER.search(file, place):
+        kind, place = marker[1][0], marker.end()
+        if kind == _END_OF_IMAGE:
+            break
+        if kind in _WITHOUT_LENGTH:
+            continue
+        head = file[place + 2 : (place := place + int.from_bytes(file[place : place + 2], "big"))]
+        if kind == _INTERVAL:
+            interval = int.from_bytes(head[:2], "big")
+        elif kind == _TABLES:
+            tables |= _tables_of(head)
+        elif kind == _LINES and scans == 1:
+            found.notes.append("height read from the end of the JPEG's first scan")
+        elif kind in _FRAMES and frame is None:
+            frame = _frame_of(head, _FRAMES[kind])
+            if frame is None:
+                return Survey()
+            several = _COEFFICIENTS if frame.progressive else 1
+            lacking = {(part, k) for part in frame.components for k in range(several)}
+        elif kind in _OTHER_FRAMES:
+            return Survey()
+        elif kind == _START_OF_SCAN:
+            scans += 1
+            after = _MARKER.search(file, place)
+            data = file[place : len(file) if after is None else after.start()]
+            place += len(data)
+            if frame is None or scans > _MOST_SCANS or len(head) < 4 + 2 * sum(head[:1]):
+                return Survey()
+            first, most, precision = head[1 + 2 * head[0] :][:3]
+            parts = head[1 : 1 + 2 * head[0] : 2]
+            if not precision & 15:  # all of their bits
+                lacking -= {(part, k) for part in parts for k in range(first, most + 1)}
+            row, share = _lack_of_scan(frame, head, data, interval, tables)
+            if share > worst:
+                worst = share
+                found.missing = f"its data end at row {row} of {frame.height}"
+    else:
+        found.ends = False
+    if frame is None or not scans:
+        return Survey()
+    area = frame.width * frame.height
+    found.is_few = worst * area <= max(_FEW_SHARE * area, min(_FEW_PIXELS, _LARGE_SHARE * area))
+    if lacking:
+        found.missing, found.is_few = "some of its scans are missing", False
+    if not found.ends:
+        found.notes.append("end marker of the JPEG missing")
+    if found.missing and found.is_few:
+        found.notes.append(f"of the JPEG {found.missing.removeprefix('its ')}; the rest is guessed")
+    return found
+
+
+def _frame_of(head: bytes, progressive: bool) -> _Frame | None:
+    """None for one that libjpeg refuses."""
+    number = head[5] if len(head) > 5 else 0
+    sampling = {head[k]: (head[k + 1] >> 4, head[k + 1] & 15) for k in range(6, 6 + 3 * number, 3)
+                if k + 2 < len(head)}  # fmt: skip
+    height, width = (int.from_bytes(head[k : k + 2], "big") for k in (1, 3))
+    if not width or not height or len(sampling) != number or not sampling:
+        return None
+    if any(not 1 <= factor <= 4 for pair in sampling.values() for factor in pair):
+        return None
+    return _Frame(width, height, progressive, sampling)
+
+
+def _tables_of(head: bytes) -> dict[int, _Codes]:
+    tables = {}
+    while len(head) > 16:
+        end = 17 + sum(head[1:17])
+        tables[head[0]] = head[1:17], head[17:end]
+        head = head[end:]
+    return tables
+
+
+@cache
+def _standard_tables() -> _DHT:
+    """Those of T.81, annex K, which libjpeg uses where a file has none, as of many a webcam."""
+    stream = io.BytesIO()
+    Image.new("RGB", (8, 8)).save(stream, "JPEG")
+    file, tables, place = stream.getvalue(), {}, 0
+    while (marker := _MARKER.search(file, place)) and marker[1][0] != _START_OF_SCAN:
+        place = marker.end()
+        if marker[1][0] in _WITHOUT_LENGTH:
+            continue
+        size = int.from_bytes(file[place : place + 2], "big")
+        if marker[1][0] == _TABLES:
+            tables |= _tables_of(file[place + 2 : place + size])
+        place += size
+    return tables
+
+
+def _lack_of_scan(
+    frame: _Frame, head: bytes, data: bytes, interval: int, tables: _DHT
+) -> tuple[int, float]:
+    """First row that the data of a scan lack, and the share of all of its blocks; 0 for none."""
+    import numpy as np
+
+    from gauss2svg.photo.entropy import lack, table_of  # numba, which no other format needs
+
+    number = head[0]
+    parts, selectors = head[1 : 1 + 2 * number : 2], head[2 : 2 + 2 * number : 2]
+    first, most, precision = head[1 + 2 * number :][:3]
+    refines = frame.progressive and precision > 15
+    if not frame.progressive:
+        first, most = 0, _COEFFICIENTS - 1
+    if most >= _COEFFICIENTS or first > most or not number or set(parts) - set(frame.components):
+        return 0, 0.0  # libjpeg refuses them
+    if number == 1:
+        across, down = frame.blocks(frame.components[parts[0]])
+        repeats = [1]
+    else:
+        across, down = frame.blocks((1, 1))
+        repeats = [a * b for a, b in (frame.components[part] for part in parts)]
+    known = {**_standard_tables(), **tables}
+    empty = b"", b""
+    of_blocks = [
+        (
+            table_of(*known.get(selector >> 4, empty)),
+            table_of(*known.get(16 | selector & 15, empty)),
+        )
+        for selector, count in zip(selectors, repeats, strict=True)
+        for _ in range(count)
+    ]
+    units = across * down
+    nonzero = np.zeros(1, np.uint64)
+    if first > 0:
+        nonzero = frame.nonzero.setdefault(parts[0], np.zeros(units, np.uint64))
+    pieces = _RESTART.split(data.rstrip(b"\xff"))
+    unit, missing = lack(
+        pieces, interval or units, units, of_blocks, (first, most), refines, nonzero
+    )
+    return min(unit // across * -(-frame.height // down), frame.height), missing / units

@@ -1,0 +1,162 @@
+"""A photo that is reduced while it is decoded is the whole one, reduced after it."""
+
+import io
+import tracemalloc
+
+import numpy as np
+import pytest
+import tifffile
+from pictures import chunk, encoded, png
+from PIL import Image, ImageCms
+
+from gauss2svg.errors import InputError
+from gauss2svg.photo.alpha import pixels_of, shrunk
+from gauss2svg.photo.load import header_of, load_image
+
+RNG = np.random.default_rng(0)
+HEIGHT, WIDTH = 301, 431
+SMOOTH = np.stack(
+    [np.sin(np.mgrid[:HEIGHT, :WIDTH].sum(0) / k) * 90 + 120 for k in (31, 47, 19)], axis=2
+)
+NOISY = (SMOOTH + RNG.integers(-15, 16, SMOOTH.shape)).round().astype(np.uint8)
+RGB = Image.fromarray(NOISY)
+ALPHA = RNG.integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8)
+ALPHA[:80, :90] = 0
+RGBA = Image.fromarray(np.dstack([NOISY, ALPHA]))
+WIDE = np.dstack([NOISY, ALPHA]).astype(np.uint16) * 257
+P3 = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+
+def tiff(array, **options) -> bytes:
+    stream = io.BytesIO()
+    tifffile.imwrite(stream, array, photometric="rgb", **options)
+    return stream.getvalue()
+
+
+LOSSLESS = {
+    "PNG": encoded(RGB, "PNG"),
+    "grey PNG": encoded(RGB.convert("L"), "PNG"),
+    "RGBA PNG": encoded(RGBA, "PNG"),
+    "grey and alpha PNG": encoded(RGBA.convert("LA"), "PNG"),
+    "16-bit PNG": png(WIDE[:, :, :3], bits=16),
+    "16-bit RGBA PNG": png(WIDE, bits=16),
+    "palette PNG": encoded(RGB.quantize(64), "PNG"),
+    "clear colour PNG": png(NOISY // 64, chunk(b"tRNS", b"\0\2\0\2\0\2"), bits=8),
+    "two levels": encoded(RGB.convert("1"), "PNG"),
+    "WEBP": encoded(RGBA, "WEBP", lossless=True, exact=True),
+    "GIF": encoded(RGB.quantize(64), "GIF"),
+    "BMP": encoded(RGB, "BMP"),
+    "TIFF": encoded(RGB, "TIFF", compression="tiff_lzw"),
+    "16-bit TIFF": tiff(WIDE[:, :, :3].copy(), rowsperstrip=16),
+    "float TIFF in tiles": tiff(np.float32(WIDE / 65535), tile=(64, 48), extrasamples=[2]),
+    "TIFF in planes": tiff(
+        np.moveaxis(WIDE[:, :, :3], -1, 0).copy(), planarconfig="separate", rowsperstrip=7
+    ),
+    "premultiplied": tiff(WIDE, extrasamples=[1], planarconfig="contig"),
+}
+SIZES = [(431 - 1, 301 - 1), (200, 140), (97, 61), (3, 2), (1, 1)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("kind", LOSSLESS)
+def test_reducing_while_decoding_is_reducing_afterwards(kind, size):
+    whole = load_image(LOSSLESS[kind])
+    photo = load_image(LOSSLESS[kind], needed=lambda width, height: size)
+    expected = shrunk(pixels_of(whole), size[1], size[0])
+    np.testing.assert_allclose(pixels_of(photo), expected, atol=1e-5)
+    assert (photo.width, photo.height) == size
+    assert photo.full == whole.full == (WIDTH, HEIGHT)
+    assert photo.notes == whole.notes
+
+
+@pytest.mark.parametrize("kind", [*LOSSLESS, "JPEG"])
+def test_a_photo_no_larger_than_needed_is_the_same_to_the_byte(kind):
+    file = LOSSLESS.get(kind) or encoded(RGB, "JPEG")
+    whole = pixels_of(load_image(file))
+    for needed in (WIDTH, 10_000, lambda width, height: (width, height), lambda w, h: (w, 9 * h)):
+        assert pixels_of(load_image(file, needed=needed)).tobytes() == whole.tobytes()
+
+
+JPEGS = {
+    "plain": {},
+    "progressive": {"progressive": True},
+    "all colours": {"subsampling": 0, "quality": 95},
+    "grey": {"mode": "L"},
+    "inks": {"mode": "CMYK"},
+    "profile": {"icc_profile": P3},
+}
+
+
+@pytest.mark.parametrize("times", [3, 4.1, 6, 8, 13, 26, 40])
+@pytest.mark.parametrize("kind", JPEGS)
+def test_colours_of_a_jpeg_are_within_a_level(kind, times):
+    options = dict(JPEGS[kind])
+    large = RGB.resize((4 * WIDTH, 4 * HEIGHT), Image.Resampling.BICUBIC)
+    file = encoded(large.convert(options.pop("mode", "RGB")), "JPEG", **options)
+    side = int(4 * WIDTH / times)
+    photo, whole = load_image(file, needed=side), load_image(file)
+    assert max(photo.width, photo.height) == side
+    assert photo.full == (4 * WIDTH, 4 * HEIGHT)
+    assert photo.notes == whole.notes
+    off = 255 * (photo.pixels - shrunk(whole.pixels, photo.height, photo.width))
+    assert np.abs(off).mean() < 1
+    assert np.quantile(np.abs(off), 0.98) < 2
+    assert np.abs(off.mean(axis=(0, 1))).max() < 0.5
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("name", ["JPEG", "PNG", "TIFF", "planes"])
+def test_orientation_is_applied_after_reducing(name, orientation):
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    if name == "planes":
+        stack = np.moveaxis(WIDE[:, :, :3], -1, 0).copy()
+        extra = [(274, "H", 1, orientation, True)]
+        file = tiff(stack, planarconfig="separate", extratags=extra)
+    else:
+        file = encoded(Image.fromarray(SMOOTH.astype(np.uint8)), name, exif=exif)
+    whole, photo = load_image(file), load_image(file, needed=60)
+    assert photo.full == whole.full == (whole.width, whole.height)
+    assert max(photo.width, photo.height) == 60
+    off = photo.pixels - shrunk(whole.pixels, photo.height, photo.width)
+    assert np.abs(off).mean() < 1 / 255  # that of pixels cut otherwise on the other side
+
+
+@pytest.mark.parametrize("source", [RGBA, np.asarray(RGBA), RGB])
+def test_what_is_in_memory_is_reduced_too(source):
+    photo = load_image(source, needed=50)
+    whole = pixels_of(load_image(source))
+    np.testing.assert_allclose(pixels_of(photo), shrunk(whole, photo.height, 50), atol=1e-6)
+    assert photo.full == (WIDTH, HEIGHT)
+
+
+def test_matte_is_the_same_before_and_after():
+    file = LOSSLESS["RGBA PNG"]
+    whole = load_image(file, matte=(1, 0.5, 0)).pixels
+    photo = load_image(file, matte=(1, 0.5, 0), needed=60)
+    np.testing.assert_allclose(photo.pixels, shrunk(whole, photo.height, 60), atol=1e-5)
+
+
+def test_a_tiff_is_never_whole_in_memory():
+    file = tiff(np.zeros((3000, 1000, 3), np.float32), rowsperstrip=30, compression="zlib")
+    load_image(file, needed=50)  # what is loaded on first use
+    tracemalloc.start()
+    load_image(file, needed=50)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 3000 * 1000 * 12 / 3
+
+
+def test_a_jpeg_is_refused_however_small_it_is_needed():
+    file = encoded(RGB, "JPEG")
+    with pytest.raises(InputError, match="its data end at row"):
+        load_image(file[: len(file) // 2], needed=20)
+    with pytest.raises(InputError, match="at least 1x1 px"):
+        load_image(file, needed=lambda width, height: (0, 1))
+
+
+@pytest.mark.parametrize("kind", LOSSLESS)
+def test_header_says_the_size_and_whether_there_may_be_alpha(kind):
+    header = header_of(LOSSLESS[kind])
+    assert (header.width, header.height) == (WIDTH, HEIGHT)
+    assert header.has_alpha or load_image(LOSSLESS[kind]).alpha is None
