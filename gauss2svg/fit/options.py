@@ -33,9 +33,10 @@ class FitOptions(OptionGroup):
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
     """Loss; l1 and ssim are the paper's, ssim takes some ten times as long."""
 
-    tune: Tune = PERCEPTUAL
+    tune: Tune | None = None
     """What the fit is best at: what people see (perceptual), where errors count less in texture and
-    more on smooth areas, or PSNR (psnr)."""
+    more on smooth areas, or PSNR (psnr); the default is perceptual, or psnr in minimal files of up
+    to 20 kB."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
     """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""
@@ -54,6 +55,11 @@ class FitOptions(OptionGroup):
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
     """Random seed; the same seed gives the same file. Another often does too: by default little is
     drawn at random."""
+
+    @property
+    def tuned(self) -> Tune:
+        """tune, or its default."""
+        return self.tune or PERCEPTUAL
 
     @property
     def learned_falloff(self) -> bool:

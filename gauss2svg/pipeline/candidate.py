@@ -116,7 +116,7 @@ class Exporter:
     @cached_property
     def _weight(self) -> NDArray[np.floating] | None:
         """That of a fit for perception, by which colours are quantised as well."""
-        tune = self._plan.options.fit.tune
+        tune = self._plan.options.fit.tuned
         return target_of(self.working, np.float32, tune).weight if tune == PERCEPTUAL else None
 
     @cached_property

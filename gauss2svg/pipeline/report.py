@@ -63,7 +63,7 @@ def run_report(
         "markup": plan.markup,
         "stops": plan.svg_format.stops,
         "precision": None if plan.is_small else plan.svg_format.precision,
-        "tune": PSNR if plan.is_small else options.fit.tune,
+        "tune": options.fit.tune or (PSNR if plan.is_small else options.fit.tuned),
         "palette": outcome.quantization.palette if plan.palette_is_counted else None,
         "size": document.size,
         "segments": None if document.labels is None else len(np.unique(document.labels)),
