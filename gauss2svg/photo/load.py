@@ -65,6 +65,9 @@ def _load(source: ImageSource, max_pixels: int) -> Photo:
         with reading(name, "the path of a photo, or - for standard input") as file:
             return decode_file(file, name, max_pixels)
     if hasattr(source, "read"):
+        if getattr(source, "closed", False):
+            got, advice = shown("a closed one"), "the path of the photo, or a file that is open"
+            raise InputError(must_be("file object", "open", got, advice))
         return decode_file(_seekable(source), "file object", max_pixels)
     raise InputError(
         must_be(

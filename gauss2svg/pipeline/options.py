@@ -160,7 +160,7 @@ GROUP_TITLES = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Options:
     """All options of a run."""
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, shown, whole_number
-from gauss2svg.options import Number, OptionGroup, file_name
+from gauss2svg.options import Number, OptionGroup, fields_of, file_name
 from gauss2svg.photo.samples import plain_array
 
 DEFAULT_TITLE = "Vectorised photo"
@@ -114,6 +114,23 @@ class Document(OptionGroup):
 
     fragments: bool = False
     """Opened as out.svg#round-3 the file shows the picture up to that round."""
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Document) and self._values == other._values
+
+    def __hash__(self) -> int:
+        return hash(self._values)
+
+    @property
+    def _values(self) -> tuple[Any, ...]:
+        """The fields as values that compare: labels as their shape and bytes."""
+        values = (getattr(self, field.name) for field in fields_of(Document))
+        return tuple(
+            (value.shape, value.astype(np.int64).tobytes())
+            if isinstance(value, np.ndarray)
+            else value
+            for value in values
+        )
 
     @property
     def labels(self) -> NDArray[np.integer] | None:
