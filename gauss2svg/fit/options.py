@@ -5,15 +5,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, must_be, whole_number
-from gauss2svg.fit.losses import has_ssim
+from gauss2svg.fit.choices import PERCEPTUAL, Tune, has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, steps_of, totals
-from gauss2svg.fit.weight import PERCEPTUAL, Tune
 from gauss2svg.options import Number, OptionGroup, Whole
-from gauss2svg.scene import ADD, OVER, Scene
-from gauss2svg.scene.falloff import ADAPTIVE, GAUSSIAN
+from gauss2svg.scene.names import ADAPTIVE, ADD, GAUSSIAN, OVER
+
+if TYPE_CHECKING:
+    from gauss2svg.scene import Scene
 
 # 228 bytes of optimiser state each make over 2 GB.
 MOST_GAUSSIANS = 10_000_000

@@ -13,6 +13,7 @@ from PIL import Image, ImageFile, features
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.photo.complete import lack_of
+from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.stderr import stderr_silenced
 
 # Formats that are read, and Pillow's plugin of each; anything else is refused undecoded.
@@ -26,10 +27,6 @@ FORMATS = {
     "AVIF": "AvifImagePlugin",
 }
 _OPTIONAL = {"WEBP": "webp", "AVIF": "avif"}  # features that a build of Pillow may lack
-# A quarter of a GiB at three bytes per pixel: Pillow's own limit (Image.MAX_IMAGE_PIXELS).
-DEFAULT_MAX_PIXELS = 89_478_485
-# Above twice that Pillow's decoders refuse any file; larger images are not rasterised either.
-MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
 _PREFIX_BYTES = 16  # by which Pillow's plugins identify their files
 _RAW = "a camera's raw file"  # a TIFF, of which only a small preview would be read
 # Other files that are given in place of a photo, by their first bytes.

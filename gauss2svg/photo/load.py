@@ -18,7 +18,8 @@ from gauss2svg.files import reading
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import over, pixels_of
 from gauss2svg.photo.decode import decode_file, decode_image
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS, check_size
+from gauss2svg.photo.formats import check_size
+from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.photo import Photo
 from gauss2svg.photo.samples import plain_array, unit
 

@@ -11,9 +11,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.fit.choices import PERCEPTUAL
 from gauss2svg.fit.options import FitResult
 from gauss2svg.fit.target import target_of
-from gauss2svg.fit.weight import PERCEPTUAL
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.pipeline.plan import Plan, Quantization
 from gauss2svg.pipeline.quantize import quantize

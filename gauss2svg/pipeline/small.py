@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.fit.choices import PSNR, Tune
 from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import target_of
-from gauss2svg.fit.weight import PSNR, Tune
 from gauss2svg.measure.metrics import mean_squared_error
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk, stacked

@@ -16,9 +16,8 @@ from gauss2svg.errors import Gauss2SvgError, InputError, SceneError, must_be, re
 from gauss2svg.files import write_atomically
 from gauss2svg.options import file_name
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
+from gauss2svg.scene.names import ADD, BLENDS, OVER
 
-OVER, ADD = "over", "add"
-BLENDS = (OVER, ADD)
 # Of a signed colour, in absolute value: larger ones would drown in the rounding of renderers.
 MOST_SIGNED = 100.0
 # The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.

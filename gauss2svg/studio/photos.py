@@ -15,7 +15,8 @@ from PIL import ExifTags, Image
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.files import reading
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, UnreadTiffError, opened
+from gauss2svg.photo.formats import UnreadTiffError, opened
+from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.tags import SWAPPED
 
 _SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".gif", ".bmp", ".avif")

@@ -18,9 +18,9 @@ from gauss2svg.errors import InputError, instance
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import DEFAULT_TITLE, Document
 from gauss2svg.svg.encode import number
+from gauss2svg.svg.format import STOP_COUNTS
 from gauss2svg.svg.minimal_shapes import OPACITY_DECIMALS, color_levels, rounded_scene, shapes_of
 from gauss2svg.svg.minimal_text import MOST_MASKED, drawing, fill_of
-from gauss2svg.svg.stops import STOP_COUNTS
 
 # Largest error of a side of the view box, in user units and in px, where the file has a size.
 _VIEW_ERROR, _VIEW_ERROR_PX = 0.02, 0.25
