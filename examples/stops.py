@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.stops import FEWEST_STOPS, STOP_COUNTS, optimised_stops
+from gauss2svg.svg.format import STOP_COUNTS
+from gauss2svg.svg.stops import FEWEST_STOPS, optimised_stops
 
 
 def main(path: str) -> None:

@@ -81,8 +81,11 @@ def shown(text: Any) -> str:
 
 def instance(value: _Kind | None, name: str, kind: type[_Kind]) -> _Kind:
     """Value if it is of the kind, the kind's default if it is None; raises InputError else."""
-    if value is None:
-        return kind()
+    return kind() if value is None else required(value, name, kind)
+
+
+def required(value: Any, name: str, kind: type[_Kind]) -> _Kind:
+    """Value if it is of the kind; raises InputError that names it else."""
     if not isinstance(value, kind):
         raise InputError(must_be(name, f"a {kind.__name__}", shown(type(value).__name__)))
     return value

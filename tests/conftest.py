@@ -31,7 +31,11 @@ from gauss2svg.raster import RENDERERS, chromium, rasterize
 from gauss2svg.scene import Scene
 
 _KERNELS = ("additive", "cpu", "kernels", "powers", "simd", "tiles", "walk")
-_WITH_KERNELS = [f"render/{name}.py" for name in _KERNELS] + ["scene/falloff.py", "svg/room.py"]
+_WITH_KERNELS = [f"render/{name}.py" for name in _KERNELS] + [
+    "scene/falloff.py",
+    "svg/room.py",
+    "fit/components.py",
+]
 
 
 def _drop_stale_kernels() -> None:

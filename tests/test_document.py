@@ -289,6 +289,10 @@ def test_result_is_saved_by_its_extension_or_as_given(photo, tmp_path):
         result.save(tmp_path / name, gzip=given)
         assert (tmp_path / name).read_bytes() == expected
     assert len(packed) == result.report["svgz_bytes"]
+    for name in ("a.png", "a.tar.gz", "folder/"):
+        with pytest.raises(InputError, match="path must be "):
+            result.save(f"{tmp_path}/{name}")
+    assert len(list(tmp_path.iterdir())) == 4
 
 
 @pytest.mark.sweep

@@ -93,3 +93,18 @@ def test_flat_error_takes_slopes_for_flat_and_a_checkerboard_not():
 def test_pictures_of_different_shape_are_refused(name):
     with pytest.raises(InputError, match="of one shape"):
         getattr(metrics, name)(A, B[:-1])
+
+
+@pytest.mark.parametrize(
+    "shape", [(1, 1, 3), (3, 700, 3), (300, 1000, 3), (1000, 30, 1), (40, 50, 4)]
+)
+def test_errors_summed_in_bands_are_those_row_by_row(shape):
+    rng = np.random.default_rng(0)
+    one, two = rng.random((2, *shape)).astype(np.float32)
+    rows = list(zip(one.astype(np.float64), two, strict=True))
+    squared = math.fsum(float(np.square(a - b).sum()) for a, b in rows) / one.size
+    assert metrics.mean_squared_error(one, two) == pytest.approx(squared, rel=1e-14)
+    mean = math.fsum(float((a - b).sum()) for a, b in rows) / one.size
+    assert metrics.bias(one, two) == pytest.approx(255 * mean, abs=1e-6)
+    largest = max(float(np.abs(a - b).max()) for a, b in rows)
+    assert metrics.largest_error(one, two) == pytest.approx(255 * largest, rel=1e-6)

@@ -1,14 +1,17 @@
 """Laws of minimal markup: short, well-formed, and drawn as the scene that it is said to draw."""
 
+import io
 import math
 import re
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import resvg_py
 from flat import vectorize
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.metrics import psnr
@@ -22,7 +25,7 @@ from gauss2svg.svg import minimal
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import number
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
 from gauss2svg.svg.packing import bytes_by_part
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
@@ -97,9 +100,9 @@ def test_a_rounded_scene_is_written_as_the_same_file_and_is_its_own_rounding(uni
 
 
 def test_an_empty_file_takes_under_120_bytes():
-    svg = minimal_svg(Scene(768, 512, background=np.array([0.2, 0.53, 0.67])), 12)
-    assert len(svg) < 120
-    assert svg.endswith('viewBox="0 0 64 42.67"><path fill="#38a" d="M0 0h64v43H0"/></svg>')
+    svg = minimal_svg(Scene(768, 512, background=np.array([0.2, 0.53, 0.67])), 256)
+    assert len(svg) < 110
+    assert svg.endswith(' viewBox="0 0 3 2"><path fill="#38a" d="M0 0h3v2H0"/></svg>')
 
 
 def test_a_gaussian_takes_about_60_bytes_at_a_64th_of_the_side():
@@ -197,6 +200,33 @@ def test_extreme_canvases_keep_their_proportions(size):
     width, height = map(float, re.findall(r'viewBox="0 0 (\S+) (\S+)"', svg)[0])
     assert width / height == pytest.approx(size[0] / size[1], rel=0.03)
     assert (rasterize(svg, 3, 3) == 1).all()
+
+
+SIZES = [(768, 512), (333, 97), (767, 511), (97, 333), (1200, 801), (5000, 1), (1, 1), (3024, 4032)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("about", [0, 3, 64, 500])
+@pytest.mark.parametrize("find", [whole_unit, lambda w, h, about: max(w, h) / max(about, 1)])
+def test_a_file_drawn_by_one_side_of_its_photo_has_the_other_to_the_pixel(size, about, find):
+    width, height = size
+    svg = minimal_svg(Scene(width, height), find(width, height, about))
+    for side in ({}, {"width": width}, {"height": height}):
+        png = resvg_py.svg_to_bytes(svg_string=svg, **side)
+        across, down = Image.open(io.BytesIO(bytes(png))).size
+        scale = 1 if side else width / across
+        assert (across * scale, down * scale) == pytest.approx(size)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_units_that_are_whole_on_both_sides_need_no_size(size):
+    for about in (0, min(3, max(size)), max(size) / 4):
+        unit = whole_unit(*size, about)
+        svg = minimal_svg(Scene(*size), unit)
+        assert " width=" not in svg
+        width, height = map(int, re.findall(r'viewBox="0 0 (\d+) (\d+)"', svg)[0])
+        assert width * size[1] == height * size[0]
+        assert max(width, height) * unit == pytest.approx(max(size))
 
 
 @settings(max_examples=60, deadline=None)

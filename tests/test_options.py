@@ -17,6 +17,7 @@ from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.options import Number, OneOf, Whole, byte_size, fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
 
 FIELDS = [field for group in GROUPS.values() for field in fields_of(group)]
@@ -58,6 +59,17 @@ def test_an_option_stores_plain_values_and_refuses_others_by_its_name(field):
         assert text.startswith(f"{field.name} must be ")
         assert "; got " in text
         assert "\n" not in text
+
+
+def test_options_of_the_same_values_are_equal_whichever_they_are():
+    labels = np.arange(12).reshape(3, 4)
+    assert Options() == Options()
+    assert hash(Options()) == hash(Options())
+    assert Options() != Options.from_flat({"seed": 1})
+    given = [Document(segments=s) for s in (labels, labels.astype(np.uint8), labels.T, 4, None)]
+    assert given[0] == given[1]
+    assert hash(given[0]) == hash(given[1])
+    assert len(set(given)) == 4
 
 
 def test_names_of_options_are_unique():

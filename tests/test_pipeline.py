@@ -15,7 +15,9 @@ from gauss2svg import quantize
 from gauss2svg.errors import InputError, OutputError, RendererError
 from gauss2svg.measure import metrics
 from gauss2svg.raster import rasterize
-from gauss2svg.svg.write import write_svg
+from gauss2svg.render import render, render_rgba
+from gauss2svg.scene import Scene
+from gauss2svg.svg.write import outline_svg, write_svg
 
 PROMISED_KEYS = {
     "width", "height", "gaussians", "iterations", "rounds", "fit_s", "total_s", "stop_reason",
@@ -189,6 +191,25 @@ def test_no_gaussians_give_the_mean_colour(photo):
 def test_bad_argument_is_refused_before_the_fit(photo, change, message):
     with pytest.raises(InputError, match=message):
         vectorize(photo, progress=lambda p: p.phase == "fit" and pytest.fail("fitted"), **change)
+
+
+@pytest.mark.parametrize(
+    "call", [quantize, write_svg, outline_svg, render, render_rgba, Scene(8, 6).concatenate]
+)
+def test_what_takes_a_scene_refuses_anything_else(call):
+    for other in (None, "scene", np.zeros(3)):
+        with pytest.raises(InputError, match="scene must be a Scene; got"):
+            call(other)
+
+
+def test_closed_file_is_refused(tmp_path):
+    path = tmp_path / "photo.png"
+    path.write_bytes(b"not read")
+    with path.open("rb") as file, io.BytesIO() as stream:
+        pass
+    for closed in (file, stream):
+        with pytest.raises(InputError, match="file object must be open; got a closed one"):
+            vectorize(closed, **QUICK)
 
 
 def test_file_object_is_read(photo):

@@ -18,12 +18,12 @@ from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.blur import BLURS, FORMS, GRADIENT, drawn_blurs
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.format import STOP_COUNTS, SvgFormat
 from gauss2svg.svg.reader.affine import compose, parse_transform
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.solid import is_solid
-from gauss2svg.svg.stops import STOP_COUNTS, gradient_stops
+from gauss2svg.svg.stops import gradient_stops
 from gauss2svg.svg.write import write_svg
 
 

@@ -315,9 +315,18 @@ def test_reference_renders_in_float32_too():
 
 
 @pytest.mark.parametrize("draw", [render, render_reference])
-def test_size_under_one_pixel_is_refused(draw):
-    with pytest.raises(InputError, match="0x4"):
-        draw(Scene(4, 4), 0, 4)
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        ((0, 4), "width must be a whole number.*; got 0"),
+        ((10.5, 4), "width must be a whole number.*; got 10.5"),
+        ((4, "4"), "height must be a whole number.*; got '4'"),
+        ((10**6, 10**6), "size must be at most .* px; got 1000000x1000000"),
+    ],
+)
+def test_size_that_no_image_has_is_refused(draw, size, message):
+    with pytest.raises(InputError, match=message):
+        draw(Scene(4, 4), *size)
 
 
 @pytest.mark.parametrize("dtype", [np.float16, np.int64, np.complex128])

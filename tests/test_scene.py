@@ -1,4 +1,7 @@
+import copy
+import dataclasses
 import io
+import pickle
 
 import numpy as np
 import pytest
@@ -16,6 +19,19 @@ def test_arrays_cannot_be_written():
     for name in ARRAYS:
         with pytest.raises(ValueError, match="read-only"):
             getattr(scene, name)[...] = 0
+
+
+@pytest.mark.parametrize(
+    "again", [copy.copy, copy.deepcopy, lambda scene: pickle.loads(pickle.dumps(scene))]
+)
+def test_a_copied_or_pickled_scene_is_the_same_and_cannot_be_written(again):
+    scene = random_scene(5)
+    other = again(scene)
+    for field in dataclasses.fields(scene):
+        assert np.array_equal(getattr(other, field.name), getattr(scene, field.name))
+    for name in ARRAYS:
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(other, name)[...] = 0
 
 
 def test_scene_does_not_share_the_arrays_it_was_given():
@@ -164,6 +180,27 @@ def test_halves_put_together_are_the_whole():
     for name in ("mean", "sigma", "rho", "color", "opacity"):
         assert (getattr(joined, name) == getattr(scene, name)).all()
     assert (np.diff(joined.rounds) >= 0).all()
+
+
+@pytest.mark.parametrize(
+    "index",
+    [
+        np.array([5]), np.array([-6]), np.array([True]), np.array([1.0]), np.array([[1]]), 1, "a",
+        None, slice("a"), (slice(None), 0), [[1], [1, 2]],
+    ],
+    ids=str,
+)  # fmt: skip
+def test_gaussians_that_are_not_there_cannot_be_selected(index):
+    with pytest.raises(InputError, match=r"^index must be a slice, a mask of 5 or indices in -5"):
+        random_scene(5).select(index)
+
+
+def test_slices_masks_and_indices_select_the_same():
+    scene = random_scene(5)
+    mask = np.array([False, True, True, False, False])
+    for index in (slice(1, 3), mask, [1, 2], np.array([-4, -3])):
+        assert np.array_equal(scene.select(index).mean, scene.mean[1:3])
+    assert len(scene.select(slice(9, 12))) == len(scene.select([])) == 0
 
 
 def test_scene_has_no_resolution():

@@ -32,6 +32,14 @@ def hills(width=72, height=48):
     return picture.astype(np.float32)
 
 
+def textured(side=64):
+    """Smooth on the left, noise on the right."""
+    picture = hills(side, side).copy()
+    noise = np.random.default_rng(0).normal(0, 0.2, (side, side // 2, 3))
+    picture[:, side // 2 :] += noise.astype(np.float32)
+    return np.clip(picture, 0, 1)
+
+
 def shapes(width=64, height=64):
     """A drawing of flat regions with crisp rims."""
     y, x = np.mgrid[:height, :width] + 0.5
@@ -186,6 +194,29 @@ def test_thin_and_tiny_pictures_have_files():
     for side in ((1, 1), (1, 60), (90, 2)):
         picture = np.linspace(0, 1, side[0] * side[1] * 3, dtype=np.float32).reshape(*side, 3)
         matched(picture, 400)
+
+
+def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels():
+    ramp = np.linspace(0.1, 0.9, 5000, dtype=np.float32)
+    for picture in (np.dstack([ramp[None]] * 3), np.dstack([ramp[:, None]] * 3)):
+        search = SmallSearch(picture, 2000, options=FitOptions(iterations=STEPS))
+        found = search.run()
+        assert psnr(rasterize_like(found.svg, picture), picture) > 35
+        assert max(len(fit.scene) for fit in search.fits) <= search.working[..., 0].size
+
+
+def test_shapes_that_are_written_as_nothing_make_no_room_for_thousands_more():
+    search = SmallSearch(hills(), 2000, options=FitOptions(iterations=4))
+    nothing = next(a for a in search._attempts() if a.exponents)
+    assert search._count(nothing, (20, search.flat.size)) < 200
+    assert search._count(nothing, (20, search.flat.size + 20)) < 200
+
+
+def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr():
+    given = {"max_bytes": 1500, "iterations": 120}
+    found = {t: vectorize(textured(), tune=t, **given) for t in (None, "psnr", "perceptual")}
+    assert found[None].svg == found["psnr"].svg != found["perceptual"].svg
+    assert [found[t].report["tune"] for t in found] == ["psnr", "psnr", "perceptual"]
 
 
 def a_scene(count, rng, alpha=False):

@@ -7,10 +7,10 @@ import pytest
 
 from gauss2svg.errors import InputError
 from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, cut_radius, profile
+from gauss2svg.svg.format import STOP_COUNTS
 from gauss2svg.svg.stops import (
     FEWEST_STOPS,
     STATED_ERRORS,
-    STOP_COUNTS,
     gradient_stops,
     known_stops,
     optimised_stops,

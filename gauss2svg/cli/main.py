@@ -28,8 +28,15 @@ _USAGE = "Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all 
 _HELP_ALL = "--help-all"
 
 
-def build_app(everything: bool = False) -> App:
-    """The command line; its help lists what most people use, or everything."""
+# Of which the options that the short help leaves out need not be read.
+_SHORT = ([], ["--help"], ["-h"], ["--version"])
+
+
+def build_app(everything: bool = False, short: bool = False) -> App:
+    """The command line; its help lists what most people use, or everything.
+
+    short  whether it is only asked for its short help or its version
+    """
     app = App(
         name="gauss2svg",
         version=__version__,
@@ -37,6 +44,7 @@ def build_app(everything: bool = False) -> App:
         help_flags=[_HELP_ALL] if everything else ["--help", "-h"],
         help=HELP,
         help_format="markdown",
+        version_format="plaintext",
         usage=_USAGE,
         default_parameter=Parameter(negative=()),
         group_commands=Group("Commands, each with its own --help", sort_key=9),
@@ -44,7 +52,7 @@ def build_app(everything: bool = False) -> App:
         result_action="return_value",
         config=_config,
     )
-    app.default(vectorize_command(everything))
+    app.default(vectorize_command(everything, short))
     # By name, so that it is loaded only where it is asked for.
     for name, help_line in {
         "check": "Measure how closely any SVG matches a photo.",
@@ -77,7 +85,7 @@ def main(arguments: list[str] | None = None) -> int:
         logging.getLogger(library).addHandler(logging.NullHandler())
     given = sys.argv[1:] if arguments is None else arguments
     try:
-        app = build_app(everything=_HELP_ALL in given)
+        app = build_app(everything=_HELP_ALL in given, short=list(given) in _SHORT)
         with raising(), own_standard_error():
             status = app(given or ["--help"], exit_on_error=False, print_error=False)
     except CycloptsError as error:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.files import STANDARD_STREAM
+from gauss2svg.svg.packing import check_svg_name, check_type
 
-_SVG_TYPES = ("image/svg+xml", "text/xml", "application/xml")
 _OURS = b"written by gauss2svg"  # of the description of every file
 _HEAD = 65536  # bytes within which it stands
 
@@ -45,18 +45,8 @@ def _is_ours(path: Path) -> bool:
         return False
 
 
-def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
-    """Raise InputError for a file name that an SVG cannot have: empty, or of another format."""
-    text = os.fspath(path)
-    if not text:
-        raise InputError(must_be(name, "the name of a file", text))
-    if text.endswith(("/", os.sep)):
-        raise InputError(must_be(name, "the name of a file, not of a folder", text))
-    _check_type(name, text, _SVG_TYPES, ".svg or .svgz")
-
-
 def check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]) -> None:
-    """The same of further files: option, path or None, and the suffix of what is written there."""
+    """check_svg_name of further files: option, path or None, and the suffix of what is written."""
     for name, path, suffix in files:
         if path is None:
             continue
@@ -65,10 +55,4 @@ def check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]])
         else:
             known = mimetypes.guess_type(f"x{suffix}")[0]
             allowed = (known,) if known else ()
-            _check_type(name, os.fspath(path), (*allowed, "text/plain"), suffix)
-
-
-def _check_type(name: str, path: str, allowed: tuple[str, ...], suffixes: str) -> None:
-    kind = mimetypes.guess_type(os.path.basename(path), strict=False)[0]
-    if kind is not None and kind not in allowed:
-        raise InputError(must_be(name, f"a name that ends in {suffixes}", path))
+            check_type(name, os.fspath(path), (*allowed, "text/plain"), suffix)

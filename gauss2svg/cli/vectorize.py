@@ -5,6 +5,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,8 +56,11 @@ class OutputFiles:
     """Show neither progress nor summary."""
 
 
-def vectorize_command(everything: bool) -> Callable[..., int]:
-    """The command as a function of options whose groups are shown in its help, or most of them."""
+def vectorize_command(everything: bool, short: bool = False) -> Callable[..., int]:
+    """The command as a function of options whose groups are shown in its help, or most of them.
+
+    short  whether it has no others, which the short help need not read
+    """
     from gauss2svg.fit.options import DensifyOptions, FitOptions
     from gauss2svg.pipeline.options import GROUP_TITLES, Goal, Options, RunOptions, SvgOptions
     from gauss2svg.svg.document import Document
@@ -86,6 +90,10 @@ def vectorize_command(everything: bool) -> Callable[..., int]:
         return _run(_one_photo(photo), output, options, files)
 
     command.__doc__ = HELP + _PARAMETERS
+    if short:
+        whole = signature(command)
+        shown = [whole.parameters[name] for name in ("photo", "output", "goal", "files")]
+        command.__signature__ = whole.replace(parameters=shown)
     return command
 
 

@@ -6,20 +6,14 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
-DEFAULT_LOSS = "mse"
+from gauss2svg.fit.choices import has_ssim
 
 # Weight of 1 - SSIM against the pixel term, as in "3D Gaussian Splatting for
 # Real-Time Radiance Field Rendering" (Kerbl et al., 2023).
 SSIM_WEIGHT = 0.2
 _RADIUS, _SIGMA = 5, 1.5
 _C1, _C2 = 0.01**2, 0.03**2
-
-
-def has_ssim(loss: str) -> bool:
-    """Whether a loss has an SSIM term."""
-    return loss.endswith("+ssim")
 
 
 def image_gradient(
@@ -68,6 +62,8 @@ def structural_similarity(
     height, width = image.shape
     radius = min(_RADIUS, (height - 1) // 2, (width - 1) // 2)
     windows = slice(radius, height - radius), slice(radius, width - radius)
+
+    from scipy.ndimage import gaussian_filter  # a third of a second, and seldom needed
 
     def blurred(plane: NDArray[np.floating]) -> NDArray[np.floating]:
         return gaussian_filter(plane, _SIGMA, radius=radius, mode="constant")

@@ -5,15 +5,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, must_be, whole_number
-from gauss2svg.fit.losses import has_ssim
+from gauss2svg.fit.choices import PERCEPTUAL, Tune, has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, steps_of, totals
-from gauss2svg.fit.weight import PERCEPTUAL, Tune
 from gauss2svg.options import Number, OptionGroup, Whole
-from gauss2svg.scene import ADD, OVER, Scene
-from gauss2svg.scene.falloff import ADAPTIVE, GAUSSIAN
+from gauss2svg.scene.names import ADAPTIVE, ADD, GAUSSIAN, OVER
+
+if TYPE_CHECKING:
+    from gauss2svg.scene import Scene
 
 # 228 bytes of optimiser state each make over 2 GB.
 MOST_GAUSSIANS = 10_000_000
@@ -33,9 +34,10 @@ class FitOptions(OptionGroup):
     loss: Literal["mse", "l1", "mse+ssim", "l1+ssim"] = "mse"
     """Loss; l1 and ssim are the paper's, ssim takes some ten times as long."""
 
-    tune: Tune = PERCEPTUAL
+    tune: Tune | None = None
     """What the fit is best at: what people see (perceptual), where errors count less in texture and
-    more on smooth areas, or PSNR (psnr)."""
+    more on smooth areas, or PSNR (psnr); the default is perceptual, or psnr in minimal files of up
+    to 20 kB."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
     """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""
@@ -54,6 +56,11 @@ class FitOptions(OptionGroup):
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
     """Random seed; the same seed gives the same file. Another often does too: by default little is
     drawn at random."""
+
+    @property
+    def tuned(self) -> Tune:
+        """tune, or its default."""
+        return self.tune or PERCEPTUAL
 
     @property
     def learned_falloff(self) -> bool:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
 from gauss2svg.fit.blending import Blending
+from gauss2svg.fit.choices import PERCEPTUAL
+from gauss2svg.fit.components import components_of
 from gauss2svg.fit.target import Target
-from gauss2svg.fit.weight import PERCEPTUAL
+from gauss2svg.photo.smooth import smoothed
 
 FIRST_RAW_BETA = 0.1  # ln beta; the start hardly matters
 _LEAST_SIGMA = 0.8  # px
@@ -109,7 +110,7 @@ class _Placer:
     def by_error(self, count: int) -> NewGaussians:
         """In proportion to the square of the residual as weighted, by stratified sampling."""
         error = np.square(self._residual).sum(axis=0)
-        smooth = gaussian_filter(error, min(max(0.5 * self._spacing, 0.5), 4.0))
+        smooth = smoothed(error, min(max(0.5 * self._spacing, 0.5), 4.0))
         if self._target.visible is not None:
             smooth *= self._target.visible
         total = np.cumsum(smooth.ravel(), dtype=np.float64)
@@ -187,15 +188,13 @@ class _Placer:
         The absolute residual is summed over channels; small values are rejected, the others
         quantised into bins of equal width between 0 and the largest.
         """
-        from skimage.measure import label
-
         difference = np.abs(self._residual).sum(axis=0)
         largest = float(difference.max())
         if largest <= 0:
             return None
         bins = np.ceil(difference / largest * _BINS).astype(np.int32)
         bins[difference < _REJECTED_SHARE * largest] = 0
-        components = np.asarray(label(bins, background=0, connectivity=2)).ravel()
+        components = components_of(bins).ravel()
         area = np.bincount(components)
         area[0] = 0  # the rejected pixels
         order = np.argsort(-area, kind="stable")[: min(count, len(area) - 1)]

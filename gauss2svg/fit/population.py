@@ -46,7 +46,7 @@ class Population:
         if has_alpha(pixels):
             self.background = np.ones(3)  # not written
         self.rng = np.random.default_rng(config.fit.seed)
-        self._pyramid = TargetPyramid(pixels, config.dtype, config.fit.tune)
+        self._pyramid = TargetPyramid(pixels, config.dtype, config.fit.tuned)
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
         self._order = None if segment_at is None else SegmentOrder(segment_at)

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, number_within
 from gauss2svg.fit import adam, schedule
+from gauss2svg.fit.choices import DEFAULT_LOSS
 from gauss2svg.fit.clock import Clock, Stopwatch
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
-from gauss2svg.fit.losses import DEFAULT_LOSS, psnr_of
+from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from gauss2svg.errors import InputError, must_be, shown, whole_number
 from gauss2svg.fit.adam import FIRST_DECAY, SECOND_DECAY
@@ -19,6 +18,7 @@ from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats
+from gauss2svg.scene.nearest import nearest_entry
 
 # Adam's learning rate; fits from 0.002 to 0.015 end within 0.01 dB.
 _RATE = 0.006
@@ -129,9 +129,9 @@ class SharedColors:
         """
         divisor = np.maximum(mass, _LEAST_MASS)[:, None]
         best = np.where(mass[:, None] > _LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
-        entries = KDTree(np.column_stack([self._color, _APART * self._raw_beta]))
+        entries = np.column_stack([self._color, _APART * self._raw_beta])
         targets = np.column_stack([state.color - best, _APART * state.raw_beta])
-        distance, entry = entries.query(targets)
+        distance, entry = nearest_entry(entries, targets)
         return np.where(distance < _APART * 0.1, entry, self.entry)
 
 

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, gaussian_filter
-from scipy.special import expit, logit
 
-from gauss2svg.fit.losses import DEFAULT_LOSS, image_gradient
+from gauss2svg.fit.choices import DEFAULT_LOSS
+from gauss2svg.fit.losses import image_gradient
 from gauss2svg.fit.weight import pixel_weight, slopes
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, shrunk
+from gauss2svg.photo.smooth import smoothed
 from gauss2svg.render.cpu import (
     Splats,
     moments_of_gradient,
@@ -115,9 +115,7 @@ class Target:
         """
         by_view = [slopes(view.planar.mean(axis=0)) for view in self._views]
         products = [(gx * gx, gy * gy, gx * gy) for gx, gy in by_view]
-        jxx, jyy, jxy = (
-            gaussian_filter(reduce(add, parts), 2.0) for parts in zip(*products, strict=True)
-        )
+        jxx, jyy, jxy = (smoothed(reduce(add, parts), 2.0) for parts in zip(*products, strict=True))
         along = 0.5 * np.arctan2(2 * jxy, jxx - jyy) + np.pi / 2
         coherence = np.hypot(jxx - jyy, 2 * jxy) / (jxx + jyy + 1e-6)
         return along.astype(np.float32), coherence.astype(np.float32)
@@ -134,6 +132,8 @@ class Target:
         """
         if self._alpha is None:
             return np.full(len(mean), usual)
+        from scipy.special import expit, logit  # a third of a second, and seldom needed
+
         x, y = np.clip(mean.astype(np.intp), 0, [self.width - 1, self.height - 1]).T
         opacity = np.clip(expit(usual) * self._alpha[y, x], _LEAST_OPACITY, _MOST_OPACITY)
         return logit(opacity.astype(np.float64))
@@ -213,6 +213,8 @@ def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[
     """Colours (3, h, w), on invisible pixels those of the nearest visible one."""
     if visible.all() or not visible.any():
         return color
+    from scipy.ndimage import distance_transform_edt  # a third of a second, and seldom needed
+
     nearest = distance_transform_edt(~visible, return_distances=False, return_indices=True)
     y, x = np.asarray(nearest)
     return np.ascontiguousarray(color[:, y, x])

@@ -12,14 +12,12 @@ from __future__ import annotations
 
 from functools import reduce
 from operator import add
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter
 
-Tune = Literal["perceptual", "psnr"]
-PERCEPTUAL, PSNR = "perceptual", "psnr"
+from gauss2svg.fit.choices import PSNR
+from gauss2svg.photo.smooth import smoothed
 
 # Standard deviation of luma in 0..1 from which an error is masked, and how fast it fades.
 _CONTRAST, _EXPONENT = 0.03, 0.5
@@ -37,7 +35,7 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
         energy = reduce(add, map(_gradient_energy, lumas)) / len(lumas)
-        weight = 1 + FLAT * np.exp(-gaussian_filter(energy, _FLAT_REACH) / _FLAT_ENERGY)
+        weight = 1 + FLAT * np.exp(-smoothed(energy, _FLAT_REACH) / _FLAT_ENERGY)
     else:
         variance = reduce(add, map(_local_variance, lumas)) / len(lumas)
         most = np.clip(_TIMES_MEDIAN * np.median(variance), *_MOST_VARIANCE)
@@ -48,7 +46,7 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
 
 def slopes(luma: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Derivatives (h, w) of the smoothed luma (h, w) along x and y."""
-    luma = gaussian_filter(luma, 1.0)
+    luma = smoothed(luma, 1.0)
     height, width = len(luma), len(luma[0])
     gy = np.gradient(luma, axis=0) if height > 1 else np.zeros_like(luma)
     gx = np.gradient(luma, axis=1) if width > 1 else np.zeros_like(luma)
@@ -61,5 +59,5 @@ def _gradient_energy(luma: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
-    mean = gaussian_filter(luma, _WINDOW)
-    return np.maximum(gaussian_filter(luma * luma, _WINDOW) - mean * mean, 0)
+    mean = smoothed(luma, _WINDOW)
+    return np.maximum(smoothed(luma * luma, _WINDOW) - mean * mean, 0)

@@ -22,7 +22,7 @@ from gauss2svg.measure.source import SvgSource, svg_source
 from gauss2svg.measure.survey import Survey, survey
 from gauss2svg.options import Number, OneOf, byte_size
 from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, RENDERERS, renderer_version
 from gauss2svg.raster.root import stretched

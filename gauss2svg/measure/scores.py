@@ -26,7 +26,7 @@ from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.measure.drawing import import_path
 from gauss2svg.measure.memory import SHARE, free_bytes
 from gauss2svg.photo.alpha import views
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
 
 LEAST_SIDE_FOR_SSIMULACRA2 = 225  # px: at a thirty-second of the size 8 px must be left
 SSIMULACRA2_BYTES = 560  # a pixel, docs/decisions/metrics.md

@@ -14,6 +14,7 @@ from PIL import Image, ImageFile, features
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.photo.complete import help_of_jpeg, lack_of
 from gauss2svg.photo.jpeg import with_height
+from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.stderr import stderr_silenced
 
 # Formats that are read, and Pillow's plugin of each; anything else is refused undecoded.
@@ -27,10 +28,6 @@ FORMATS = {
     "AVIF": "AvifImagePlugin",
 }
 _OPTIONAL = {"WEBP": "webp", "AVIF": "avif"}  # features that a build of Pillow may lack
-# A quarter of a GiB at three bytes per pixel: Pillow's own limit (Image.MAX_IMAGE_PIXELS).
-DEFAULT_MAX_PIXELS = 89_478_485
-# Above twice that Pillow's decoders refuse any file; larger images are not rasterised either.
-MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
 _ORDERED = re.compile(r"(F;32|I;32|I;16)B?([FS])")  # raw modes of numbers with a sign
 _PREFIX_BYTES = 16  # by which Pillow's plugins identify their files
 _RAW = "a camera's raw file"  # a TIFF, of which only a small preview would be read

@@ -19,7 +19,8 @@ from gauss2svg.files import reading
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import has_alpha, over, pixels_of, shrunk
 from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS, check_size
+from gauss2svg.photo.formats import check_size
+from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.reduce import SizeNeeded, reduced_size
 from gauss2svg.photo.samples import plain_array, unit
@@ -111,6 +112,9 @@ def _file(source: ImageSource) -> Iterator[tuple[BinaryIO | None, str]]:
 
 def _seekable(file: Any) -> BinaryIO:
     """The file itself, or all of its bytes in memory where it cannot be read twice."""
+    if getattr(file, "closed", False):
+        got, advice = shown("a closed one"), "the path of the photo, or a file that is open"
+        raise InputError(must_be("file object", "open", got, advice))
     try:
         file.seek(0)
         data = file.read(0)

@@ -11,9 +11,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.fit.choices import PERCEPTUAL
 from gauss2svg.fit.options import FitResult
 from gauss2svg.fit.target import target_of
-from gauss2svg.fit.weight import PERCEPTUAL
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.pipeline.plan import Plan, Quantization
 from gauss2svg.pipeline.quantize import quantize
@@ -152,7 +152,7 @@ class Exporter:
     @cached_property
     def _weight(self) -> NDArray[np.floating] | None:
         """That of a fit for perception, by which colours are quantised as well."""
-        tune = self._plan.options.fit.tune
+        tune = self._plan.options.fit.tuned
         return target_of(self.working, np.float32, tune).weight if tune == PERCEPTUAL else None
 
     @cached_property

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
 from gauss2svg.photo.photo import Photo
-from gauss2svg.photo.segments import labels_of
 from gauss2svg.svg.document import PHOTO_SIZE, Document
 
 _MM_PER_INCH = 25.4
@@ -27,6 +26,8 @@ def document_for(photo: Photo, working: NDArray[np.float32], document: Document)
     document.sides(photo.width, photo.height)
     if document.segments is None:
         return document
+    from gauss2svg.photo.segments import labels_of  # with scikit-image, and seldom needed
+
     labels = labels_of(document.segments, (photo.width, photo.height), working)
     return dataclasses.replace(document, segments=labels)
 

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 
+from gauss2svg.fit.components import components_of
 from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.scene import ADD, OVER, Scene
@@ -34,6 +35,7 @@ def compile_kernels(dtype: str = DEFAULT_DTYPE, blend: str = OVER) -> float:
         blend=blend,
     )  # fmt: skip
     squared_error(splats_of(scene), np.zeros((3, 4, 4), dtype))
+    components_of(np.zeros((4, 4), np.int32))
     if blend == ADD:  # writing an additive scene has kernels of its own
         write_svg(scene)
     _done.add((dtype, blend))

@@ -18,7 +18,7 @@ import math
 from dataclasses import dataclass, replace
 
 from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.fit.losses import DEFAULT_LOSS, has_ssim
+from gauss2svg.fit.choices import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.measure.scores import SSIMULACRA2_BYTES
 from gauss2svg.options import byte_size

@@ -21,11 +21,9 @@ from gauss2svg.options import (
     fields_of,
     file_name,
 )
-from gauss2svg.photo.alpha import matte_color
-from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION
-from gauss2svg.svg.stops import STOP_COUNTS
+from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS
 
 AUTO = "auto"
 _MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels
@@ -35,6 +33,8 @@ LONGEST_S = 86400.0
 
 def color_name(name: str, value: Any) -> str:
     """A valid colour for `matte_color`; raises InputError that names it."""
+    from gauss2svg.photo.alpha import matte_color  # with NumPy, which the help does not need
+
     matte_color(value, name)
     return value
 
@@ -178,7 +178,7 @@ GROUP_TITLES = {
 }
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
 class Options:
     """All options of a run."""
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
+from gauss2svg.scene.nearest import nearest_entry
 
 _ITERATIONS = 6  # of Lloyd; twice as many gain under 2 % (docs/decisions/palette.md)
 # Clusters are split until so many times the allowed error is left, because Lloyd's iterations
@@ -130,7 +130,7 @@ def _lloyd(
     written: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> _Entries:
     for _ in range(_ITERATIONS):
-        entry = KDTree(entries).query(features)[1]
+        entry = nearest_entry(entries, features)[1]
         mass = np.bincount(entry, weight, len(entries))
         used = mass > 0
         sums = np.stack(
@@ -138,7 +138,7 @@ def _lloyd(
         )
         entries = sums[used] / mass[used, None]
     entries = written(entries)
-    return entries, np.asarray(KDTree(entries).query(features)[1], np.intp)
+    return entries, nearest_entry(entries, features)[1]
 
 
 def _rounded(features: NDArray[np.float64]) -> Palette:

@@ -9,7 +9,7 @@ from functools import cached_property
 from typing import Literal
 
 from gauss2svg.errors import InputError, RendererError, must_be
-from gauss2svg.fit.losses import DEFAULT_LOSS
+from gauss2svg.fit.choices import DEFAULT_LOSS
 from gauss2svg.fit.options import DensifyOptions, FitConfig
 from gauss2svg.measure.scores import require_packages
 from gauss2svg.photo.photo import Photo

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, must_be, required
 from gauss2svg.pipeline.palette import best_palette, quantize_signed
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, Scene
@@ -38,7 +38,7 @@ def quantize(
     an additive scene only colours are quantised, and not rounded. Raises InputError for an additive
     scene in another form than gradients.
     """
-    if scene.blend == ADD:
+    if required(scene, "scene", Scene).blend == ADD:
         return _quantize_additive(scene, form, palette, color_error, weight)
     exact, scene = scene, snapped(scene, form)
     blurred = (drawn_blurs(scene) >= 0) & (form != GRADIENT)

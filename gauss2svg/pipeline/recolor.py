@@ -8,9 +8,10 @@ rounding the geometry costs (docs/decisions/small.md).
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
 
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
 from gauss2svg.pipeline.palette import best_palette
@@ -18,6 +19,9 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.snap import with_exponents
 from gauss2svg.svg.solid import drawn_beta
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _BOUNDED_SWEEPS, _ROUNDED_SWEEPS = 20, 3
 _LEAST_WEIGHT = 1e-9
@@ -74,6 +78,8 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
     The products (n + 1, n + 1) are sums over all pixels. The weights are sparse: few shapes show in
     a pixel.
     """
+    from scipy.sparse import csr_array  # a third of a second, for small files alone
+
     scene = _antialiased(scene)
     reach = scene.sigma * cut_radius(scene.betas)[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)

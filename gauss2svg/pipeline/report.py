@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss2svg.fit.weight import PSNR
+from gauss2svg.fit.choices import PSNR
 from gauss2svg.measure.paint import paint_ms
 from gauss2svg.measure.scores import Scores
 from gauss2svg.photo.photo import Photo
@@ -20,7 +20,7 @@ from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.outlines import outline_bytes
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.targets import unreached
-from gauss2svg.scene.falloff import ADAPTIVE, GAUSSIAN
+from gauss2svg.scene.names import ADAPTIVE, GAUSSIAN
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import MINIMAL
 from gauss2svg.svg.packing import bytes_by_part
@@ -66,7 +66,7 @@ def run_report(
         "markup": chosen.markup,
         "stops": outcome.format.stops,
         "precision": None if chosen.is_small else outcome.format.precision,
-        "tune": PSNR if chosen.is_small else options.fit.tune,
+        "tune": options.fit.tune or (PSNR if chosen.is_small else options.fit.tuned),
         "palette": outcome.quantization.palette if plan.palette_is_counted else None,
         "size": document.size,
         "segments": None if document.labels is None else len(np.unique(document.labels)),

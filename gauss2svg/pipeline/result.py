@@ -18,7 +18,7 @@ from gauss2svg.options import Flag, file_name
 from gauss2svg.pipeline.report import decibels
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.packing import file_bytes, is_svgz
+from gauss2svg.svg.packing import check_svg_name, file_bytes, is_svgz
 from gauss2svg.svg.write import outline_svg
 
 ProgressCallback = Callable[["Progress"], None]
@@ -61,9 +61,11 @@ class Result:
         """Write the SVG, whole or not at all.
 
         gzip  None: if the path ends in .svgz, or the run had gzip=True
-        Raises InputError for something else than a path, OutputError if it cannot be written.
+        Raises InputError for something else than a path and for the name of another format,
+        OutputError if it cannot be written.
         """
         path = file_name("path", path)
+        check_svg_name("path", path)
         if gzip is None:
             gzip = is_svgz(path) or bool(self.report["gzip"])
         write_atomically(path, file_bytes(self.svg, Flag()("gzip", gzip)))

@@ -279,7 +279,7 @@ class TargetSearch:
         self._correct()
         best = self._candidates.best()
         if self._max_bytes is not None:
-            exporter, tune = self._exporter, self._plan.options.fit.tune
+            exporter, tune = self._exporter, self._plan.options.fit.tuned
             best = pruned_to_size(
                 best, self._max_bytes, exporter.empty_bytes, exporter.working, tune
             )

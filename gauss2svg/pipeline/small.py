@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.fit.choices import PSNR, Tune
 from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import target_of
-from gauss2svg.fit.weight import PSNR
 from gauss2svg.measure.metrics import mean_squared_error
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
@@ -35,7 +35,7 @@ from gauss2svg.render.cpu import kernel_lock, splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.packing import file_bytes
 from gauss2svg.svg.snap import with_exponents
@@ -45,9 +45,13 @@ from gauss2svg.svg.solid import drawn_beta
 _SIDE, _SIDE_PER_ROOT = (96, 256), 12.0
 # Units along the longest side of the file, per square root of the count.
 _UNITS_PER_ROOT, _GRIDS = 32.0, (0.8, 1.2)
-_FLAT_UNITS = (1, 2, 3, 4, 6, 8, 9)  # without shapes, of which the shortest file is taken
+_ACROSS = 8  # units along the shortest side at least: shapes under half a unit are not drawn
+# Times as many units as are wanted, up to which they are taken for sides of whole numbers of them.
+_FINER = 10
 # Bytes of a soft shape, a plain ellipse, and one of a drawing, until they are measured.
 _EACH, _EACH_GZIPPED = (62, 44, 36), (22, 20, 18)
+# Times shorter that shapes may turn out; where they seem shorter most were written as nothing.
+_SHORTER = 3.0
 # Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
 _EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
     (6000, BETA_CLASSES),
@@ -116,7 +120,7 @@ class SmallSearch:
     photo     (h, w, 3) or (h, w, 4) float32 in 0..1
     canvas    width and height in px of the photo, where it is reduced
     most      largest number of Gaussians
-    options   of the fits; tune is not read: they are fitted for PSNR
+    options   of the fits, which are tuned for PSNR unless they say otherwise
     max_size  longest side in px of the working picture
     progress  called after every step; stop is polled before: True ends with the best so far
     Raises InputError where a file without Gaussians has more bytes.
@@ -140,6 +144,7 @@ class SmallSearch:
         self._photo, self._limit, self._gzipped = photo, limit, gzipped
         self._document = document or Document()
         self._options = options or FitOptions()
+        self._tune: Tune = self._options.tune or PSNR
         self._renderer = renderer
         self._progress, self._stop = progress, stop or (lambda: False)
         self._each = _EACH_GZIPPED if gzipped else _EACH
@@ -218,10 +223,10 @@ class SmallSearch:
 
     def _count(self, attempt: _Attempt, earlier: tuple[int, int] | None) -> int:
         """Gaussians that the bytes allow; earlier is (count, bytes) of a file of its exponents."""
-        if earlier is not None:
-            count, size = earlier
-            each = min((size - self.flat.size) / max(count, 1), attempt.each) or attempt.each
-            by_bytes = count + (self._limit - size) / each
+        count, size = earlier or (0, 0)
+        each = (size - self.flat.size) / max(count, 1)
+        if each >= attempt.each / _SHORTER:
+            by_bytes = count + (self._limit - size) / min(each, attempt.each)
         else:
             one = np.ones(len(attempt.exponents))
             probe = Scene(
@@ -230,7 +235,8 @@ class SmallSearch:
             )  # fmt: skip
             size = len(file_bytes(minimal_svg(probe, 1, 3, self._document), self._gzipped))
             by_bytes = len(one) + (self._limit - size) / attempt.each
-        return int(min(max(by_bytes, 1), self._most))  # whether one fits is seen when it is written
+        # Whether one fits is seen when it is written.
+        return int(min(max(by_bytes, 1), self._most, self.working[..., 0].size))
 
     def _fit(self, count: int, attempt: _Attempt, start: int, starts: int) -> Scene:
         """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA."""
@@ -240,7 +246,7 @@ class SmallSearch:
             iterations=options.iterations or attempt.iterations,
             fit=dataclasses.replace(
                 options,
-                tune=PSNR,
+                tune=self._tune,
                 seed=options.seed + attempt.seed,
                 learning_rate=options.learning_rate * attempt.rate,
             ),
@@ -283,14 +289,14 @@ class SmallSearch:
         """
         height, width = self.working.shape[:2]
         splats = splats_of(fitted, (width / fitted.width, height / fitted.height))
-        cost = target_of(self.working, np.float32, PSNR).removal_cost(splats)[1][:, 0]
+        cost = target_of(self.working, np.float32, self._tune).removal_cost(splats)[1][:, 0]
         order = np.argsort(-cost, kind="stable")
         best, whole = None, (len(fitted), self.flat.size)
         for grid in attempt.grids:
             if best is not None and self._stop():
                 break
             units = math.ceil(grid * _UNITS_PER_ROOT * math.sqrt(max(len(fitted), 1)))
-            unit = max(fitted.width, fitted.height) / units
+            unit = self._unit(units)
             for digits in attempt.digits:
                 file, size = self._pruned(fitted, order, unit, digits, attempt)
                 if best is None or (file is not None and file.error < best.error):
@@ -326,15 +332,25 @@ class SmallSearch:
         background = np.ones(3) if transparent else self._photo.mean(axis=(0, 1), dtype=np.float64)
         scene = Scene(width, height, background=background, transparent=transparent)
 
-        def file(units: int, digits: int) -> SmallFile:
-            unit = max(width, height) / units
+        unit = whole_unit(width, height)
+
+        def file(digits: int) -> SmallFile:
             svg = minimal_svg(scene, unit, digits, self._document)
             return SmallFile(svg, minimal_rounded(scene, unit, digits), math.nan, self._gzipped)
 
-        return [
-            min((file(units, digits) for units in _FLAT_UNITS), key=lambda file: file.size)
-            for digits in HEX_DIGITS
-        ]
+        return [file(digits) for digits in HEX_DIGITS]
+
+    def _unit(self, units: int) -> float:
+        """A unit in px of which about so many are along the longest side.
+
+        Both sides are whole numbers of it, so that the file needs no size, unless that takes many
+        more of them.
+        """
+        height, width = self._photo.shape[:2]
+        longest = max(width, height)
+        units = max(units, math.ceil(_ACROSS * longest / min(width, height)))
+        unit = whole_unit(width, height, units)
+        return unit if longest / unit <= _FINER * units else longest / units
 
     def _error(self, svg: str) -> float:
         """Mean squared error of the drawn file at the working size."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, RendererError, must_be, shown
 from gauss2svg.photo.alpha import has_alpha, over
-from gauss2svg.photo.formats import MOST_PIXELS
+from gauss2svg.photo.limits import MOST_PIXELS
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
 from gauss2svg.raster.program import wrong_size
 from gauss2svg.raster.root import stretched

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import required
 from gauss2svg.photo.alpha import straight
 from gauss2svg.render.cpu import Real, render_planar, splats_of
+from gauss2svg.render.size import output_size
 from gauss2svg.scene import ADD, Scene
 
 
@@ -24,12 +25,10 @@ def render(
     in float64, of very thin shapes. A transparent scene is rendered over its background, white by
     default. A scene has no resolution: it is scaled to the output and sampled at pixel centres.
     This is the fast CPU renderer; gauss2svg.render.reference.render_reference is its slow twin.
-    Raises InputError for a size under one pixel or another dtype.
+    Raises InputError for something else than a scene, another dtype, and a size that is under one
+    pixel, not whole, or larger than any photo's.
     """
-    width = round(scene.width) if width is None else width
-    height = round(scene.height) if height is None else height
-    if width < 1 or height < 1:
-        raise InputError(must_be("output size", "at least 1x1 px", shown(f"{width}x{height}")))
+    width, height = output_size(scene, width, height)
     splats = splats_of(scene, (width / scene.width, height / scene.height))
     planar = render_planar(splats, height, width, dtype)
     if scene.blend == ADD:
@@ -48,7 +47,7 @@ def render_rgba(
     With w_k as in gauss2svg.render.reference alpha is A = sum w_k, the colour sum w_k c_k / A,
     black where A is 0; an opaque scene has A = 1. Arguments and errors are those of render.
     """
-    if not scene.transparent:
+    if not required(scene, "scene", Scene).transparent:
         color = np.clip(render(scene, width, height, dtype), 0, 1)
         return np.dstack([color, np.ones(color.shape[:2])]).astype(np.float32)
     on_black = scene.replace(background=np.zeros(3))

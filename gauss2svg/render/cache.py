@@ -13,7 +13,8 @@ from typing import Any
 
 from numba import njit
 from numba.core import config
-from numba.core.caching import CacheImpl, IndexDataCacheFile
+from numba.core.caching import CacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.runtime.nrt import rtsys
 
 _BESIDE = "__pycache__"
 _numba: Any = config  # which creates its attributes dynamically
@@ -50,7 +51,10 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             return njit(**options)(function)
         # None where NUMBA_DISABLE_JIT is set, and where numba keeps its files in another way: then
         # two processes that compile at once may have to compile again.
-        files: Any = getattr(getattr(dispatcher, "_cache", None), "_cache_file", None)
+        cache = getattr(dispatcher, "_cache", None)
+        if type(cache) is FunctionCache:
+            cache.__class__ = KernelCache
+        files = getattr(cache, "_cache_file", None)
         if type(files) is IndexDataCacheFile:
             files.__class__ = KernelFiles
             beside = os.path.join(os.path.dirname(function.__code__.co_filename), _BESIDE)
@@ -111,6 +115,19 @@ def temporary_folder() -> str | None:
         return None
     is_private = user is None or (found.st_uid == user and not found.st_mode & 0o077)
     return folder if stat.S_ISDIR(found.st_mode) and is_private else None
+class KernelCache(FunctionCache):
+    """The kept code of one function, loaded without what only a compilation needs.
+
+    numba itself first imports and registers all that compiled code may call, SciPy's linear algebra
+    among it, which takes a fifth of a run on a small picture (docs/decisions/start.md). A
+    compilation does so by itself.
+    """
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The code for these types, None where it is not kept."""
+        rtsys.initialize(target_context)  # the memory of arrays, which kept code links to
+        with self._guard_against_spurious_io_errors():
+            return self._load_overload(sig, target_context)
 
 
 class KernelFiles(IndexDataCacheFile):

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.render.domain import below_one, check_domain
+from gauss2svg.render.size import output_size
 from gauss2svg.render.torch_extra import TorchMissingError
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.falloff import CUT, RIM
@@ -149,12 +149,9 @@ def render_reference(
     """Image (height, width, 3) of a scene at any output size, by default that of its canvas.
 
     Values lie in 0..1. Parameters are rounded to the dtype first, rho to within 1.
-    Raises InputError for a size under one pixel.
+    Raises InputError where gauss2svg.render.render does.
     """
-    width = round(scene.width) if width is None else width
-    height = round(scene.height) if height is None else height
-    if width < 1 or height < 1:
-        raise InputError(must_be("output size", "at least 1x1 px", shown(f"{width}x{height}")))
+    width, height = output_size(scene, width, height)
     # Not Scene.scaled: shapes scaled to some sizes leave the domain of scenes.
     scale = np.array([width / scene.width, height / scene.height])
     arrays = (

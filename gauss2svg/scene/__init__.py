@@ -1,21 +1,25 @@
 """The model: a canvas, a background and an ordered list of Gaussians with their falloff."""
 
-from gauss2svg.scene.scene import (
-    ADD,
-    BLENDS,
-    LEAST_CANVAS,
-    LEAST_SIGMA,
-    MOST_CANVAS,
-    MOST_MEAN,
-    MOST_SIGMA,
-    MOST_SIGNED,
-    OVER,
-    RHO_LIMIT,
-    Scene,
-    narrowing_of,
-    peaks_of,
-    whitening_of,
-)
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from gauss2svg.scene.names import ADD, BLENDS, OVER
+
+if TYPE_CHECKING:
+    from gauss2svg.scene.scene import (
+        LEAST_CANVAS,
+        LEAST_SIGMA,
+        MOST_CANVAS,
+        MOST_MEAN,
+        MOST_SIGMA,
+        MOST_SIGNED,
+        RHO_LIMIT,
+        Scene,
+        narrowing_of,
+        peaks_of,
+        whitening_of,
+    )
 
 __all__ = [
     "ADD",
@@ -33,3 +37,12 @@ __all__ = [
     "peaks_of",
     "whitening_of",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # Scenes load on first use, with NumPy: options need the names alone.
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from gauss2svg.scene import scene
+
+    return getattr(scene, name)

@@ -28,8 +28,6 @@ LEAST_BETA, MOST_BETA = 0.5, 256.0
 # The width in px over which a large beta's rim falls from 0.9 to 0.1, times beta, at sigma 1 px.
 RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
 
-# Falloffs of a fit: beta = 1 everywhere, as in the paper, or a learned beta for each shape.
-GAUSSIAN, ADAPTIVE = "gaussian", "adaptive"
 # The exponents of a file: gradients are shared by colour and exponent, and more exponents gain
 # nothing (docs/decisions/falloff.md).
 BETA_CLASSES = (1.0, 1.7, 3.0, 6.0, 16.0, 64.0)

@@ -12,13 +12,12 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import Gauss2SvgError, InputError, SceneError, must_be, shown
+from gauss2svg.errors import Gauss2SvgError, InputError, SceneError, must_be, required, shown
 from gauss2svg.files import write_atomically
 from gauss2svg.options import file_name
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
+from gauss2svg.scene.names import ADD, BLENDS, OVER
 
-OVER, ADD = "over", "add"
-BLENDS = (OVER, ADD)
 # Of a signed colour, in absolute value: larger ones would drown in the rounding of renderers.
 MOST_SIGNED = 100.0
 # The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
@@ -180,6 +179,10 @@ class Scene:
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Arrays that are unpickled or copied by themselves could be written to.
+        return type(self), tuple(getattr(self, f.name) for f in dataclasses.fields(self))
+
     def __len__(self) -> int:
         """Number of Gaussians."""
         return len(self.mean)
@@ -264,8 +267,19 @@ class Scene:
         return dataclasses.replace(self, **changes)
 
     def select(self, index: NDArray[Any] | slice) -> Self:
-        """The Gaussians that a mask, slice or index array picks; rounds must not decrease."""
-        return self.replace(**{name: getattr(self, name)[index] for name in _PER_GAUSSIAN})
+        """The Gaussians that a mask, slice or index array picks; rounds must not decrease.
+
+        Raises InputError for an index that is none of these, or out of range.
+        """
+        try:
+            picked = np.arange(len(self))[index]
+        except (IndexError, TypeError, ValueError):  # of NumPy, each for another kind of index
+            picked = None
+        if picked is None or picked.ndim != 1:
+            count = len(self)
+            needed = f"a slice, a mask of {count} or indices in {-count}..{count - 1}"
+            raise InputError(must_be("index", needed, index))
+        return self.replace(**{name: getattr(self, name)[picked] for name in _PER_GAUSSIAN})
 
     def concatenate(self, top: Scene) -> Self:
         """The scene with the Gaussians of another composited over it, as later rounds.
@@ -273,7 +287,7 @@ class Scene:
         Canvas, background and transparency are those of this scene. Raises SceneError if the blends
         differ.
         """
-        if self.blend != top.blend:
+        if self.blend != required(top, "upper scene", Scene).blend:
             raise SceneError(must_be("blend of the upper scene", f"{self.blend!r}", top.blend))
         later = 0
         if len(self) and len(top):

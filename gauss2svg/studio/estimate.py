@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gauss2svg.errors import whole_number
-from gauss2svg.photo.formats import MOST_PIXELS
+from gauss2svg.photo.limits import MOST_PIXELS
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS

@@ -18,7 +18,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ive
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.scene import Scene
@@ -107,6 +106,8 @@ def blur_of(ratio: float) -> Blur:
 
 def blurred_disc(r: NDArray[np.float64], ratio: float) -> NDArray[np.float64]:
     """(n,) opacity at radii r (n,) of a disc of radius 1, blurred by 1 / ratio."""
+    from scipy.special import ive  # a third of a second, and seldom needed
+
     t = (np.arange(300) + 0.5) / 300
     exponent = -0.5 * (ratio * (r[:, None] - t)) ** 2
     return (t * ratio**2 * np.exp(exponent) * ive(0, r[:, None] * t * ratio**2)).mean(axis=1)

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from gauss2svg.errors import InputError, must_be, shown, whole_number
-from gauss2svg.options import Number, OptionGroup, file_name
-from gauss2svg.photo.samples import plain_array
+from gauss2svg.options import Number, OptionGroup, fields_of, file_name
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE = "photo"
@@ -60,6 +60,11 @@ def check_aspect(name: str, aspect: Any) -> str:
 
 def check_segments(name: str, segments: Any) -> Any:
     """A number, also as text, a path, or an array of labels, whose values are checked."""
+    # Here alone, for the help does not need them.
+    import numpy as np
+
+    from gauss2svg.photo.samples import plain_array
+
     if isinstance(segments, str) and _COUNT.fullmatch(segments):  # as on the command line
         segments = int(segments)
     if isinstance(segments, (str, os.PathLike)):
@@ -115,6 +120,23 @@ class Document(OptionGroup):
     fragments: bool = False
     """Opened as out.svg#round-3 the file shows the picture up to that round."""
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Document) and self._values == other._values
+
+    def __hash__(self) -> int:
+        return hash(self._values)
+
+    @property
+    def _values(self) -> tuple[Any, ...]:
+        """The fields as values that compare: labels as their shape and bytes."""
+        values = (getattr(self, field.name) for field in fields_of(Document))
+        return tuple(
+            value
+            if value is None or isinstance(value, (int, float, str))
+            else (value.shape, value.astype("int64").tobytes())
+            for value in values
+        )
+
     @property
     def labels(self) -> NDArray[np.integer] | None:
         """(rows, columns) whole numbers >= 0, spread over the canvas, or None.
@@ -122,9 +144,9 @@ class Document(OptionGroup):
         In each round shapes whose centre lies on the same number are a layer of their own. Raises
         InputError where segments are a number or a path: `vectorize` finds labels in a photo.
         """
-        if self.segments is None or isinstance(self.segments, np.ndarray):
-            return self.segments
-        raise InputError(must_be("segments", "an array (h, w) of labels here", self.segments))
+        if isinstance(self.segments, (int, str, os.PathLike)):
+            raise InputError(must_be("segments", "an array (h, w) of labels here", self.segments))
+        return self.segments
 
     @property
     def layered(self) -> list[str]:

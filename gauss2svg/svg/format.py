@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from gauss2svg.options import Number, OneOf, OptionGroup, Whole
-from gauss2svg.svg.stops import STOP_COUNTS
 
 EDITABLE, MINIMAL = "editable", "minimal"
 # Over 1 px thin shapes would be rounded to nothing.
 LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
+STOP_COUNTS = (5, 6, 8, 10, 12)  # of a gradient
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,7 +37,7 @@ def whole_stops(
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Offsets (n, count) and colours (n, count, 3) in levels of 255 for peaks levels (n, 3) >= 0.
 
-    The last stop is black. Raises InputError for a count not in gauss2svg.svg.stops.STOP_COUNTS.
+    The last stop is black. Raises InputError for a count not in gauss2svg.svg.format.STOP_COUNTS.
     """
     return _moved(levels, gradient_stops(count), 1.0, _WHITE, 1)
 

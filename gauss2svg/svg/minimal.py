@@ -18,11 +18,13 @@ from gauss2svg.errors import InputError, instance
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import DEFAULT_TITLE, Document
 from gauss2svg.svg.encode import number
+from gauss2svg.svg.format import STOP_COUNTS
 from gauss2svg.svg.minimal_shapes import OPACITY_DECIMALS, color_levels, rounded_scene, shapes_of
 from gauss2svg.svg.minimal_text import MOST_MASKED, drawing, fill_of
-from gauss2svg.svg.stops import STOP_COUNTS
 
-_VIEW_ERROR = 0.02  # of a user unit
+# Largest error of a side of the view box, in user units and in px, where the file has a size.
+_VIEW_ERROR, _VIEW_ERROR_PX = 0.02, 0.25
+_WHOLE = 1e-9  # relative error of a side that is a whole number of units
 
 
 def minimal_svg(
@@ -43,13 +45,15 @@ def minimal_svg(
     masked  whether soft shapes are drawn under masks, not by gradients; None: up to MOST_MASKED
     What it draws is minimal_rounded(scene, unit, digits): shapes whose extent or opacity is written
     as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
-    otherwise the file has no names, and a size only where a unit is less than a pixel. Raises
-    InputError for an additive scene, and for layers (segments, animation, fragments).
+    otherwise the file has no names, and a size only where a unit is less than a pixel or a side is
+    no whole number of units: resvg rounds the sides of a view box for its size, and with them the
+    proportions. Raises InputError for an additive scene, and for layers (segments, animation,
+    fragments).
     """
     document = instance(document, "document", Document)
     refuse_layers(document)
     shapes = shapes_of(scene, unit, digits, opacity_decimals)
-    width, height = (_view(side / unit) for side in (scene.width, scene.height))
+    width, height = (_view(side, unit) for side in (scene.width, scene.height))
     cover = ""
     if not scene.transparent:
         across, down = (number(math.ceil(float(side)), 0) for side in (width, height))
@@ -84,18 +88,36 @@ def refuse_layers(document: Document) -> None:
         )
 
 
-def _view(side: float) -> str:
+def whole_unit(width: int, height: int, about: float = 0) -> float:
+    """The unit in px of which both sides are whole numbers, about so many along the longer one.
+
+    As few as there are for 0. The larger their common divisor, the nearer it gets.
+    """
+    longer = max(width, height)
+    fewest = longer // math.gcd(width, height)
+    return longer / (fewest * max(1, round(about / fewest)))
+
+
+def _view(side: float, unit: float) -> str:
     """A side of the view box with the fewest decimals."""
+    units = side / unit
+    error = min(_VIEW_ERROR * min(1.0, units), _VIEW_ERROR_PX / unit)
     return next(
         text
-        for text in (number(side, decimals) for decimals in range(7))
-        if abs(float(text) - side) <= _VIEW_ERROR * min(1.0, side)
+        for text in (number(units, decimals) for decimals in range(11))
+        if abs(float(text) - units) <= error
     )
+
+
+def _is_whole(units: float) -> bool:
+    return units >= 0.5 and abs(units - round(units)) <= _WHOLE * units
 
 
 def _presented(document: Document, scene: Scene, unit: float) -> str:
     sides = document.sides(scene.width, scene.height)
-    if sides is None and unit < 1:  # without them the file's size would be that of its numbers
+    canvas = scene.width / unit, scene.height / unit
+    # Without them the file's size would be that of its numbers, and these rounded.
+    if sides is None and (unit < 1 or not all(map(_is_whole, canvas))):
         sides = number(scene.width, 3), number(scene.height, 3)
     text = "" if sides is None else f' width="{sides[0]}" height="{sides[1]}"'
     if document.aspect:

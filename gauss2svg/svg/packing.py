@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import gzip
+import mimetypes
 import os
 import re
 
+from gauss2svg.errors import InputError, must_be
+
+_SVG_TYPES = ("image/svg+xml", "text/xml", "application/xml")
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
 _SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
 
@@ -13,6 +17,23 @@ _SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
 def is_svgz(path: str | os.PathLike[str]) -> bool:
     """Whether a file of that name is a gzipped SVG: its extension is .svgz, in any case."""
     return os.fsdecode(path).lower().endswith(".svgz")
+
+
+def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
+    """Raise InputError for a file name that an SVG cannot have: empty, or of another format."""
+    text = os.fspath(path)
+    if not text:
+        raise InputError(must_be(name, "the name of a file", text))
+    if text.endswith(("/", os.sep)):
+        raise InputError(must_be(name, "the name of a file, not of a folder", text))
+    check_type(name, text, _SVG_TYPES, ".svg or .svgz")
+
+
+def check_type(name: str, path: str, allowed: tuple[str, ...], suffixes: str) -> None:
+    """Raise InputError for a name whose suffix is known as another type than the allowed ones."""
+    kind = mimetypes.guess_type(os.path.basename(path), strict=False)[0]
+    if kind is not None and kind not in allowed:
+        raise InputError(must_be(name, f"a name that ends in {suffixes}", path))
 
 
 def file_bytes(svg: str, gzipped: bool) -> bytes:

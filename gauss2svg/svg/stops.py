@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.scene.falloff import cut_radius, profile
+from gauss2svg.svg.format import STOP_COUNTS
 
-STOP_COUNTS = (5, 6, 8, 10, 12)
 # Root mean square error over the disc and largest error, by number of stops, at beta = 1.
 STATED_ERRORS = {
     5: (0.0045, 0.012), 6: (0.0028, 0.012), 8: (0.0017, 0.007), 10: (0.0011, 0.007),

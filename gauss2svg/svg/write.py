@@ -27,7 +27,7 @@ from typing import Any
 import svgwrite
 from svgwrite.extensions import Inkscape
 
-from gauss2svg.errors import InputError, instance, must_be, number_within
+from gauss2svg.errors import InputError, instance, must_be, number_within, required
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive import Ramp, encode_additive
 from gauss2svg.svg.blur import GRADIENT
@@ -63,6 +63,7 @@ def write_svg(
     Raises InputError for an additive scene with segments, animation or fragments, for these, such a
     scene and blurs in minimal markup, and for a document whose segments or size depend on a photo.
     """
+    scene = required(scene, "scene", Scene)
     svg_format = instance(svg_format, "svg_format", SvgFormat)
     document = instance(document, "document", Document)
     if svg_format.markup == MINIMAL:
@@ -103,6 +104,7 @@ def outline_svg(
     stroke_width  px, above 0
     Raises InputError for a width out of range, and for an additive scene.
     """
+    scene = required(scene, "scene", Scene)
     document = instance(document, "document", Document)
     if scene.blend == ADD:
         raise _not_for_additive(

@@ -1,0 +1,7 @@
+"""Names of blends and falloffs; without NumPy, for the help of the command line."""
+
+OVER, ADD = "over", "add"
+BLENDS = (OVER, ADD)
+
+# Falloffs of a fit: beta = 1 everywhere, as in the paper, or a learned beta for each shape.
+GAUSSIAN, ADAPTIVE = "gaussian", "adaptive"

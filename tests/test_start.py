@@ -1,0 +1,120 @@
+"""Laws of what a run imports: nothing slow that it does not use; twins give the same bits."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
+from skimage.measure import label
+from skimage.metrics import structural_similarity
+
+from gauss2svg.cli.main import build_app
+from gauss2svg.files import as_png
+from gauss2svg.fit.components import components_of
+from gauss2svg.measure import metrics
+from gauss2svg.photo.smooth import smoothed
+from gauss2svg.scene import nearest
+from gauss2svg.scene.nearest import by_tree, nearest_entry
+
+
+def loaded_by(arguments, names):
+    """Which of these packages a command in a process of its own has loaded at its end."""
+    code = (
+        "import sys; from gauss2svg.cli.main import main; main(sys.argv[2:]); "
+        "print(*sorted(set(sys.argv[1].split()) & set(sys.modules)), file=sys.stderr)"
+    )
+    command = [sys.executable, "-c", code, " ".join(names), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stderr.split()
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"], []])
+def test_help_and_version_load_neither_numpy_nor_numba(arguments):
+    assert loaded_by(arguments, ["numpy", "numba", "scipy", "PIL"]) == []
+
+
+def test_the_short_help_is_the_same_without_the_options_that_it_leaves_out(capsys):
+    shown = []
+    for short in (False, True):
+        build_app(short=short)(["--help"], exit_on_error=False)
+        shown.append(capsys.readouterr().out)
+    assert shown[0] == shown[1]
+    assert "--max-bytes" in shown[0]
+
+
+@pytest.mark.process
+def test_a_default_run_on_a_small_photo_loads_neither_scikit_image_nor_scipys_packages(tmp_path):
+    photo = tmp_path / "photo.png"
+    photo.write_bytes(as_png(np.random.default_rng(0).random((40, 60, 3)).astype(np.float32)))
+    command = [str(photo), "-o", str(tmp_path / "photo.svg"), "--quality", "draft", "--quiet"]
+    slow = ["skimage", "scipy.linalg", "scipy.ndimage", "scipy.spatial", "scipy.special"]
+    loaded_by(command, slow)  # compiles the kernels where none are kept, for which numba loads some
+    assert loaded_by(command, slow) == []
+
+
+SIDES = st.integers(1, 60)
+
+
+@given(SIDES, SIDES, st.sampled_from([0.05, 0.5, 1.0, 1.5, 2.0, 4.0]), st.booleans(), st.integers())
+def test_smoothing_is_scipys_to_the_last_bit(height, width, sigma, single, seed):
+    plane = np.random.default_rng(abs(seed)).standard_normal((height, width))
+    plane = plane.astype(np.float32) if single else plane
+    for truncate in (3.5, 4.0):
+        expected = gaussian_filter(plane, sigma, truncate=truncate)
+        found = smoothed(plane, sigma, truncate)
+        assert found.dtype == expected.dtype
+        assert np.array_equal(found, expected)
+
+
+def test_smoothing_in_bands_is_that_of_the_whole():
+    plane = np.random.default_rng(0).random((700, 333)).astype(np.float32)
+    assert np.array_equal(smoothed(plane, 2.0), gaussian_filter(plane, 2.0))
+    assert np.array_equal(smoothed(plane[::2, ::-1], 2.0), gaussian_filter(plane[::2, ::-1], 2.0))
+
+
+@pytest.mark.parametrize("shape", [(11, 11), (40, 33), (300, 70)])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_ssim_of_a_plane_is_scikit_images_to_the_last_bit(shape, dtype):
+    rng = np.random.default_rng(1)
+    one = rng.random(shape).astype(dtype)
+    two = np.clip(one + rng.normal(0, 0.1, shape), 0, 1).astype(dtype)
+    for constants in ({}, {"k1": 1e6}):
+        expected = structural_similarity(
+            one, two, data_range=1.0, use_sample_covariance=False, gaussian_weights=True, sigma=1.5,
+            **{name.upper(): value for name, value in constants.items()},
+        )  # fmt: skip
+        assert metrics._in_windows(one, two, **constants) == expected
+
+
+@given(SIDES, SIDES, st.integers(1, 9), st.integers(), st.booleans())
+def test_components_are_scikit_images_with_their_numbers(height, width, levels, seed, coarse):
+    plane = np.random.default_rng(abs(seed)).integers(0, levels, (height, width)).astype(np.int32)
+    if coarse:
+        plane = np.repeat(np.repeat(plane, 3, axis=0), 2, axis=1)
+    expected = label(plane, background=0, connectivity=2)
+    assert np.array_equal(components_of(plane), expected)
+
+
+@given(st.integers(1, 40), st.integers(0, 300), st.integers(1, 9), st.integers(), st.booleans())
+def test_the_nearest_entry_is_that_of_a_tree_also_where_several_are(few, many, axes, seed, tied):
+    rng = np.random.default_rng(abs(seed))
+    entries, points = rng.random((few, axes)), rng.random((many, axes))
+    if tied:
+        entries, points = np.round(entries * 3), np.round(points * 3)
+    for found, expected in zip(
+        nearest_entry(entries, points), by_tree(entries, points), strict=True
+    ):
+        assert np.array_equal(found, expected)
+
+
+def test_many_pairs_are_left_to_a_tree(monkeypatch):
+    called = []
+    monkeypatch.setattr(nearest, "by_tree", lambda *given: called.append(given) or by_tree(*given))
+    monkeypatch.setattr(nearest, "_FEW", 50)
+    rng = np.random.default_rng(0)
+    nearest_entry(rng.random((5, 3)), rng.random((10, 3)))
+    assert not called
+    nearest_entry(rng.random((5, 3)), rng.random((11, 3)))
+    assert called
