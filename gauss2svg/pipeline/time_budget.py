@@ -14,9 +14,9 @@ from gauss2svg.raster import DEFAULT_RENDERER
 
 # Of a step of the fit: at least, for a pixel in growth and after it, and for a Gaussian. And once,
 # afterwards, for writing, rasterising and measuring.
-_STEP, _STEP_PIXEL, _STEP_GAUSSIAN = 3e-4, (1.1e-8, 2.9e-8), 8e-7
-_EXPORT, _EXPORT_PIXEL, _EXPORT_GAUSSIAN = 0.08, 1.2e-6, 1.2e-4
-_SECOND_THREAD = 0.8  # what each further thread adds to the speed of the first, in a fit
+_STEP, _STEP_PIXEL, _STEP_GAUSSIAN = 3e-4, (1.4e-8, 3.3e-8), 7.5e-7
+_EXPORT, _EXPORT_PIXEL, _EXPORT_GAUSSIAN = 0.05, 1.8e-6, 1.3e-4
+_SECOND_THREAD = 0.8  # what each further thread adds to the speed of the first, pixels alone
 # Steps that a fit should have: with fewer it gains more from time than from Gaussians. And of them
 # those of growth, at the cost of the last round.
 _STEPS, _GROWING = 90, 0.2
@@ -26,8 +26,9 @@ _PRIOR_S = 0.03  # predicted seconds of steps that count as taken before any is
 _TOO_LATE, _TOO_EARLY = 0.5, 1.5
 _AT_ONCE = 0.7  # share of the Gaussians that is kept
 _ESTIMATE_AT = 0.4  # share of the fit done when the export is predicted for its count
+_LEAST_FIT_S = 0.15  # else what a limit too short has is hardly a picture
 _MOST_RESERVED = 0.6  # of the time left; if the export needs more, Gaussians are removed
-_FEWEST = 50  # Gaussians, however short the time is: fewer steps then do
+_FEWEST = 150  # Gaussians, however short the time is: fewer steps then do
 
 
 class TimeBudget:
@@ -97,7 +98,7 @@ class TimeBudget:
             return None
         left = self._left_s()
         reserved = min(self._slowness * self._export_s(count), _MOST_RESERVED * left)
-        return time.perf_counter() + share * (left - reserved)
+        return time.perf_counter() + max(share * (left - reserved), _LEAST_FIT_S)
 
     def reserve(
         self, done: float, count: int, estimate_s: Callable[[], float]
@@ -116,8 +117,8 @@ class TimeBudget:
         if self._renderer != DEFAULT_RENDERER:
             reserve = estimate_s()
             self._last = None  # the sample was no step
-        share = min(_MOST_RESERVED * self._left_s() / reserve, 1.0)
-        most = max(1, int(count * share)) if share < 1 else None
+        share = min(_MOST_RESERVED * max(self._left_s(), _LEAST_FIT_S) / reserve, 1.0)
+        most = max(_FEWEST, int(count * share)) if share < 1 else None
         return self.deadline - share * reserve, most
 
     @property
@@ -142,8 +143,8 @@ class TimeBudget:
         return self._steps * steps + self._export_s(count)
 
     def _step(self, pixels: float, count: int, growing: bool) -> float:
-        work = _STEP_PIXEL[not growing] * pixels + _STEP_GAUSSIAN * count
-        return _STEP + work / self._threaded
+        by_pixels = _STEP_PIXEL[not growing] * pixels / self._threaded
+        return _STEP + by_pixels + _STEP_GAUSSIAN * count
 
     def _export_s(self, count: int) -> float:
         return _EXPORT + _EXPORT_PIXEL * self._measured + _EXPORT_GAUSSIAN * count
