@@ -14,8 +14,9 @@ from gauss2svg.raster import DEFAULT_RENDERER
 
 # Of a step of the fit: at least, for a pixel in growth and after it, and for a Gaussian. And once,
 # afterwards, for writing, rasterising and measuring.
-_STEP, _STEP_PIXEL, _STEP_GAUSSIAN = 3e-4, (1.4e-8, 3.3e-8), 7.5e-7
+_STEP, _STEP_PIXEL, _STEP_GAUSSIAN = 5e-4, (1.6e-8, 3.3e-8), 8e-7
 _EXPORT, _EXPORT_PIXEL, _EXPORT_GAUSSIAN = 0.05, 1.8e-6, 1.3e-4
+_SLOW_PICTURE = 1.4  # times the predicted seconds that steps of some pictures take
 _SECOND_THREAD = 0.8  # what each further thread adds to the speed of the first, pixels alone
 # Steps that a fit should have: with fewer it gains more from time than from Gaussians. And of them
 # those of growth, at the cost of the last round.
@@ -78,7 +79,7 @@ class TimeBudget:
         In refinement the present count, unless it is far off.
         """
         self._last = None
-        left, least = self._left_s() / self._slowness, 1
+        left, least = self._left_s(), 1
         if done > GROWTH_SHARE:
             needed = self._needed_s(count, done)
             if done >= QUANTIZED_FROM or _TOO_LATE * needed <= left <= _TOO_EARLY * needed:
@@ -97,7 +98,7 @@ class TimeBudget:
         if self.deadline is None:
             return None
         left = self._left_s()
-        reserved = min(self._slowness * self._export_s(count), _MOST_RESERVED * left)
+        reserved = min(self._export_s(count), _MOST_RESERVED * left)
         return time.perf_counter() + max(share * (left - reserved), _LEAST_FIT_S)
 
     def reserve(
@@ -113,7 +114,7 @@ class TimeBudget:
         if self.deadline is None or self._estimated or done <= _ESTIMATE_AT:
             return None
         self._estimated = True
-        reserve = self._slowness * self._export_s(count)
+        reserve = self._export_s(count)
         if self._renderer != DEFAULT_RENDERER:
             reserve = estimate_s()
             self._last = None  # the sample was no step
@@ -140,11 +141,13 @@ class TimeBudget:
         refined = (1 - reduced + reduced / factor**2) * pixels
         steps = growing * self._step(pixels, count, True)
         steps += refining * self._step(refined, count, False)
-        return self._steps * steps + self._export_s(count)
+        return self._slowness * self._steps * steps + self._export_s(count)
 
     def _step(self, pixels: float, count: int, growing: bool) -> float:
         by_pixels = _STEP_PIXEL[not growing] * pixels / self._threaded
         return _STEP + by_pixels + _STEP_GAUSSIAN * count
 
     def _export_s(self, count: int) -> float:
-        return _EXPORT + _EXPORT_PIXEL * self._measured + _EXPORT_GAUSSIAN * count
+        """Of a machine that is slower, not of a picture whose steps are."""
+        machine = max(self._slowness / _SLOW_PICTURE, 1.0)
+        return machine * (_EXPORT + _EXPORT_PIXEL * self._measured + _EXPORT_GAUSSIAN * count)

@@ -45,8 +45,8 @@ from gauss2svg.svg.encode import LARGEST_NUMBER
 
 # Largest size of the fit per second of a time limit, and seconds of it that the start takes
 # (docs/decisions/time.md).
-_PIXELS_PER_SECOND, _START_S = 300_000, 0.5
-_SHORT_S = 2.0  # of a limit
+_PIXELS_PER_SECOND, _START_S = 150_000, 0.5
+_SHORT_S = 3.0  # of a limit
 _EXPORT_OF_SMALL_S = 0.3  # for which a small file's fits end before a time limit
 _MOST_REACH = 5  # canvas sides that a shape may extend to: sigma is at most 1, the cut-off is at 3
 

@@ -115,6 +115,8 @@ def temporary_folder() -> str | None:
         return None
     is_private = user is None or (found.st_uid == user and not found.st_mode & 0o077)
     return folder if stat.S_ISDIR(found.st_mode) and is_private else None
+
+
 class KernelCache(FunctionCache):
     """The kept code of one function, loaded without what only a compilation needs.
 
