@@ -103,7 +103,7 @@ def run(tree: Path, threads: int, folder: Path, name: str, family: str, given: l
     found = json.loads(report.read_text())
     score = found["ssimulacra2"] if family == "ssimulacra2" else found["psnr_svg"]
     if any("measured at" in note for note in found["notes"]):
-        score = check(folder / f"{name}.png", Path(f"{stem}.svg")).psnr_svg
+        score = check(folder / f"{name}.png", Path(f"{stem}.svg")).psnr
     limit = found["max_bytes"]
     return Run(
         name, family, setting, np.inf if score is None else score,

@@ -47,7 +47,7 @@ WITHOUT_VALUES = {"time_limit", "matte"}
 WITH = {
     "ssim_weight": {"loss": ("mse+ssim",)}, "portable": {"blend": ("add",)},
     "per_round": {"gaussians": (200,)}, "round_iterations": {"gaussians": (200,)},
-    "schedule": {"gaussians": (200,)},
+    "schedule": {"gaussians": (200,)}, "count_gzipped": {"max_bytes": (50_000,)},
 }  # fmt: skip
 
 

@@ -11,8 +11,8 @@ from numba.core.caching import CacheImpl
 
 import gauss2svg
 from gauss2svg.cli import terminal
+from gauss2svg.kernel_cache import KernelFiles, cached, temporary_folder
 from gauss2svg.render import cache
-from gauss2svg.render.cache import KernelFiles, cached, temporary_folder
 
 _STEPS = ("_load_index", "_save_index", "_save_data")
 
@@ -213,5 +213,5 @@ def _twice(number):
 def test_every_kernel_on_disk_is_kept_that_way():
     package = Path(gauss2svg.__file__).parent
     found = [path.name for path in package.rglob("*.py") if "cache=True" in path.read_text()]
-    assert found == ["cache.py"]
+    assert found == ["kernel_cache.py"]
     assert isinstance(cached()(_twice)._cache._cache_file, KernelFiles)

@@ -33,7 +33,8 @@ CHANGED = {
     "ssim_weight": 0.3, "learning_rate": 0.5, "blend": "add", "falloff": "gaussian", "seed": 5,
     "init": "random", "schedule": "linear", "per_round": 50, "round_iterations": 9,
     "relocate": False, "form": "blur", "markup": "minimal", "palette": 12, "stops": 8,
-    "precision": 0.1, "matte": "#fa0", "portable": True, "gzip": True, "title": "A 'quoted' title",
+    "precision": 0.1, "matte": "#fa0", "portable": True, "gzip": True, "count_gzipped": True,
+    "title": "A 'quoted' title",
     "alt": "-starts like an option", "size": "120mm", "aspect": "xMidYMid slice", "segments": 8,
     "animate": 2.5, "fragments": True, "renderer": "cairo", "scores": True, "max_size": 200,
 }  # fmt: skip
@@ -41,7 +42,7 @@ CHANGED = {
 WITH = {
     "ssim_weight": {"loss": "l1+ssim"}, "portable": {"blend": "add"},
     "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
-    "schedule": {"gaussians": 100},
+    "schedule": {"gaussians": 100}, "count_gzipped": {"max_bytes": 40_000},
 }  # fmt: skip
 
 
@@ -114,7 +115,7 @@ def test_the_lines_are_read_back_as_the_same_options(name, monkeypatch):
 
 def test_lines_say_only_what_is_not_the_default():
     assert lines_of("a.png", Options())["command"] == "gauss2svg a.png -o a.svg"
-    assert lines_of("a.png", options_of({"quality": "balanced", "seed": 0})) == lines_of(
+    assert lines_of("a.png", options_of({"relocate": True, "seed": 0})) == lines_of(
         "a.png", Options()
     )
 

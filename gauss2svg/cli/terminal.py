@@ -78,7 +78,7 @@ def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
 
 def _compilation(seconds: float) -> str:
     """What the time of a compilation was for, where there was one."""
-    from gauss2svg.render.cache import are_kept
+    from gauss2svg.kernel_cache import are_kept
 
     if seconds <= COMPILED_S:
         return ""

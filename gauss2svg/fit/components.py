@@ -5,7 +5,7 @@ A kernel of our own: scikit-image takes a third of a second to import (docs/deci
 
 import numpy as np
 
-from gauss2svg.render.cache import cached
+from gauss2svg.kernel_cache import cached
 
 
 @cached(nogil=True)

@@ -5,13 +5,14 @@ Codes are only counted (ITU-T T.81, F.2.2 and G.2), which takes a fraction of de
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from gauss2svg.kernel_cache import cached
 
 _LENGTHS = 16
 _NO_CODE = (_LENGTHS + 1) << 8  # libjpeg takes the bits of a code that is none for a zero
@@ -63,14 +64,7 @@ def lack(
     return _lack(data, ends, interval, units, np.stack(several), kinds, band, refines, nonzero)
 
 
-def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    try:
-        return njit(cache=True, nogil=True)(function)
-    except RuntimeError:  # numba finds no folder that can be written
-        return njit(nogil=True)(function)
-
-
-@_compiled
+@cached(nogil=True)
 def _lack(data, ends, interval, units, tables, kinds, band, refines, nonzero):
     first, last = band
     one = np.uint64(1)

@@ -25,10 +25,7 @@ from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitProg
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure.metrics import mean_squared_error
-from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
-from gauss2svg.pipeline.candidate import Outcome
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.recolor import recolored
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like
 from gauss2svg.render.cpu import kernel_lock, splats_of
@@ -148,7 +145,7 @@ class SmallSearch:
         self._renderer = renderer
         self._progress, self._stop = progress, stop or (lambda: False)
         self._each = _EACH_GZIPPED if gzipped else _EACH
-        self.is_drawing = _is_drawing(photo) and self._options.learned_falloff
+        self.is_drawing = is_drawing(photo) and self._options.learned_falloff
         self._most = math.inf if most is None else most
         self._canvas = width, height = canvas or photo.shape[1::-1]
         self._flat = self._flat_files()
@@ -358,7 +355,7 @@ class SmallSearch:
         return mean_squared_error(stacked(raster), stacked(self.working))
 
 
-def _is_drawing(photo: NDArray[np.float32]) -> bool:
+def is_drawing(photo: NDArray[np.float32]) -> bool:
     """Whether a few colours make up much of a picture, as the flat ones of a drawing do."""
     weights = 256 ** np.arange(photo.shape[2])
     colors = (np.round(photo * 255).astype(np.int64) * weights).sum(axis=2)
@@ -375,53 +372,3 @@ def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
     beta = classes[nearest]
     beta[plain] = drawn_beta(scene, plain)
     return with_exponents(scene, beta)
-
-
-def small_outcome(
-    plan: Plan,
-    photo: NDArray[np.float32],
-    document: Document,
-    report: Callable[[str, FitProgress | None], None],
-    stop: Callable[[], bool] | None = None,
-) -> tuple[Outcome, NDArray[np.float32]]:
-    """The outcome of a run with a plan that is_small, and the working picture; see SmallSearch.
-
-    report  called with "fit" or "measure", and the progress of the fit
-    """
-    options, stopped = plan.options, False
-    limit = options.goal.max_bytes
-    assert isinstance(limit, int)  # the plan is small
-
-    def is_stopped() -> bool:
-        nonlocal stopped
-        stopped = stopped or (stop is not None and stop())
-        return stopped
-
-    search = SmallSearch(
-        photo, limit, document=document, gzipped=plan.counts_gzipped, most=plan.count,
-        options=options.fit, renderer=options.run.renderer, max_size=options.run.max_size,
-        progress=lambda now: report("fit", now), stop=is_stopped,
-    )  # fmt: skip
-    found = search.run()
-    report("measure", None)
-    reason = "max_bytes"
-    if stopped:
-        reason = "interrupted"
-    elif found.error < EXACT:
-        reason = "enough"
-    elif len(found.scene) == plan.count:
-        reason = "gaussians"
-    costs = FitResult(found.scene, 0, 0, 0.0, 0.0, 0, reason)
-    for fitted in search.fits:
-        costs = dataclasses.replace(fitted.after(costs, reason), rounds=fitted.rounds)
-    outcome = Outcome(
-        scene=found.scene,
-        svg=found.svg,
-        format=plan.svg_format,
-        quantization=plan.quantization(len(found.scene), None),
-        reached=None,
-        fitted=costs,
-        measured=round_trip(found.svg, found.scene, photo, options.run.renderer),
-        corrections=max(len(search.fits) - 1, 0),
-    )
-    return outcome, search.working

@@ -9,7 +9,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, REDUCED_STEPS, refinement_reduction
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.small import is_drawing
 from gauss2svg.raster import DEFAULT_RENDERER
 
 # Of a step of the fit: at least, for a pixel in growth and after it, and for a Gaussian. And once,
@@ -18,9 +23,9 @@ _STEP, _STEP_PIXEL, _STEP_GAUSSIAN = 5e-4, (1.6e-8, 3.3e-8), 8e-7
 _EXPORT, _EXPORT_PIXEL, _EXPORT_GAUSSIAN = 0.05, 1.8e-6, 1.3e-4
 _SLOW_PICTURE = 1.4  # times the predicted seconds that steps of some pictures take
 _SECOND_THREAD = 0.8  # what each further thread adds to the speed of the first, pixels alone
-# Steps that a fit should have: with fewer it gains more from time than from Gaussians. And of them
-# those of growth, at the cost of the last round.
-_STEPS, _GROWING = 90, 0.2
+# Steps that a fit should have, to a photo and to a drawing: with fewer it gains more from time than
+# from Gaussians. And of them those of growth, at the cost of the last round.
+STEPS, STEPS_OF_DRAWING, _GROWING = 100, 180, 0.2
 _PRIOR_S = 0.03  # predicted seconds of steps that count as taken before any is
 # Times the predicted seconds that are left in refinement, under which Gaussians are removed and
 # over which some are added; in between it has fewer or more steps.
@@ -32,6 +37,14 @@ _MOST_RESERVED = 0.6  # of the time left; if the export needs more, Gaussians ar
 _FEWEST = 150  # Gaussians, however short the time is: fewer steps then do
 
 
+def steps_for(plan: Plan, image: NDArray[np.float32]) -> int:
+    """Steps that a fit to an image should have where time is limited, those given first."""
+    given = plan.options.fit.iterations
+    if given is not None or plan.options.goal.time_limit is None:
+        return given or STEPS
+    return STEPS_OF_DRAWING if is_drawing(image) else STEPS
+
+
 class TimeBudget:
     """The time left, and how much of it the fit may use.
 
@@ -39,7 +52,7 @@ class TimeBudget:
     size      width and height in px of the image that the fit runs on
     measured  pixels of the image at whose size the file is measured
     threads   of the fit
-    steps     of the fit, None for as many as pay
+    steps     that the fit should have
     renderer  that rasterises the file
     """
 
@@ -49,13 +62,13 @@ class TimeBudget:
         size: tuple[int, int],
         measured: int,
         threads: int = 1,
-        steps: int | None = None,
+        steps: int = STEPS,
         renderer: str = DEFAULT_RENDERER,
     ) -> None:
         self.deadline = deadline
         self._size, self._measured = size, measured
         self._threaded = 1 + _SECOND_THREAD * (threads - 1)
-        self._steps = steps or _STEPS
+        self._steps = steps
         self._predicted = self._taken = 0.0
         self._last: float | None = None  # end of the last step, None if something else came after
         self._estimated = deadline is None

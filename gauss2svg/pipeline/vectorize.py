@@ -7,7 +7,7 @@ import inspect
 import math
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -38,8 +38,8 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.result import Progress, ProgressCallback, Result
 from gauss2svg.pipeline.search import CAP_FOR_TARGET, TargetSearch
-from gauss2svg.pipeline.small import small_outcome
-from gauss2svg.pipeline.time_budget import TimeBudget
+from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
+from gauss2svg.pipeline.ways import closest, small_outcome
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import LARGEST_NUMBER
 
@@ -177,10 +177,13 @@ def vectorize_by(
             if plan.is_small:
                 return small_outcome(plan, pixels, document, report_phase, late)
             exporter = Exporter(pixels, working, plan, document)
-            steps, measured = options.fit.iterations, pixels.shape[0] * pixels.shape[1]
+            # Where time is short the file is measured at the size of the fit.
+            short = limit is not None and limit < _SHORT_S
+            measured = (working if short else pixels)[:, :, 0].size
             budget = TimeBudget(
-                deadline, (width, height), measured, thread_count, steps, run.renderer
-            )
+                deadline, (width, height), measured, thread_count, steps_for(plan, working),
+                run.renderer,
+            )  # fmt: skip
             search = TargetSearch(plan, exporter, budget, report_phase, stop, checkpoint, saved)
             return search.run(), working
 
@@ -203,28 +206,6 @@ def vectorize_by(
     )  # fmt: skip
     report["checkpoint_trouble"] = None if checkpoint is None else checkpoint.trouble
     return Result(outcome.svg, outcome.scene, report, raster, reference, document)
-
-
-def closest(
-    ways: Sequence[Plan], found: Callable[[Plan], tuple[Outcome, NDArray[np.float32]]]
-) -> tuple[Plan, Outcome, NDArray[np.float32]]:
-    """The plan whose file is closest to the photo, its outcome with the costs of all, its image.
-
-    found  carries out a plan; no further one is begun once it has been interrupted
-    """
-    tried: list[tuple[Plan, Outcome, NDArray[np.float32]]] = []
-    for plan in ways:
-        tried.append((plan, *found(plan)))
-        if tried[-1][1].fitted.stop_reason == "interrupted":
-            break
-    plan, outcome, image = max(tried, key=lambda one: one[1].measured.psnr_lowest)
-    fitted = outcome.fitted
-    reason = tried[-1][1].fitted.stop_reason
-    for _, other, _ in tried:
-        if other is not outcome:
-            ended = "interrupted" if reason == "interrupted" else fitted.stop_reason
-            fitted = fitted.after(other.fitted, ended)
-    return plan, dataclasses.replace(outcome, fitted=fitted), image
 
 
 def _check_callable(name: str, function: object, *arguments: str) -> None:

@@ -16,7 +16,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from numba import get_num_threads, njit
 
-from gauss2svg.render.cache import cached
+from gauss2svg.kernel_cache import cached
 
 # A kernel that Python calls. No kernel divides by zero, so Python's check for it is left out.
 kernel = cached(nogil=True, error_model="numpy")

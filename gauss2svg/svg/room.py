@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.render.cache import cached
+from gauss2svg.kernel_cache import cached
 from gauss2svg.scene import Scene, narrowing_of, whitening_of
 from gauss2svg.scene.falloff import cut_radius, profile
 
