@@ -237,5 +237,5 @@ def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
 
 def test_late_run_says_so():
     lines = unreached(Goal(time_limit=2.0), 30.0, 1, 3.5, "time_limit", 9)
-    assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a lower --quality"]
+    assert lines == ["time limit of 2 s exceeded: 3.5 s. Try a smaller --max-size"]
     assert unreached(Goal(time_limit=2.0), 30.0, 1, 2.2, "time_limit", 9) == []

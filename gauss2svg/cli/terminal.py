@@ -31,7 +31,7 @@ _STOPPED = {
     "iterations": "all iterations done",
     "gaussians": "requested number of Gaussians reached",
     "gain": "more Gaussians would improve it too little for their size",
-    "enough": "quality target reached",
+    "enough": "the preset's PSNR reached",
     "cap": "the preset's maximum number of Gaussians reached",
     "target_psnr": "target PSNR reached",
     "target_ssimulacra2": "target SSIMULACRA2 reached",
@@ -39,6 +39,13 @@ _STOPPED = {
     "time_limit": "time limit reached",
     "interrupted": "interrupted",
 }
+# The same where a limit alone was given, which no preset caps.
+_NOTHING_TO_GAIN = {
+    "enough": "nothing to gain: more Gaussians would not show",
+    "cap": "nothing to gain: as many Gaussians as the picture has room for",
+}
+_WELL_USED = 0.985  # share of a limit of bytes
+_FEW = 60  # Gaussians, of which each is a large part of a file
 _MOST_TAGS = 6  # of a checked SVG, the most frequent
 
 
@@ -101,7 +108,8 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         "time": f"{report['total_s']:.1f} s, of which {report['fit_s']:.1f} s for the fit"
         + _compilation(report["compile_s"]),
         **_of_page(report),
-        "finished": _STOPPED[report["stop_reason"]],
+        **_of_limit(report),
+        "finished": _finished(report),
     }
     missed = [("not reached", line) for line in report["unreached"]]
     _print_table([*rows.items(), *missed, *_notes(report)])
@@ -149,6 +157,30 @@ def _scores(report: dict[str, Any]) -> dict[str, str]:
 
 def _notes(report: dict[str, Any]) -> list[tuple[str, str]]:
     return [("note", note) for note in report["notes"]]
+
+
+def _finished(report: dict[str, Any]) -> str:
+    reason = report["stop_reason"]
+    alone = _NOTHING_TO_GAIN if report["quality"] is None else {}
+    return alone.get(reason, _STOPPED[reason])
+
+
+def _of_limit(report: dict[str, Any]) -> dict[str, str]:
+    """A row for how much of a limit of bytes is used, and why no more."""
+    limit, reason = report["max_bytes"], report["stop_reason"]
+    if limit is None or not report["gaussians"]:
+        return {}
+    counted = report["gzip"] or report["count_gzipped"]
+    size = report["svgz_bytes" if counted else "svg_bytes"]
+    text = f"{size:,} of {limit:,} {'gzipped ' * counted}bytes, {size / limit:.1%}"
+    if size >= _WELL_USED * limit:
+        return {"limit": text}
+    why = _finished(report)
+    if reason == "max_bytes":
+        why = "no larger file is closer"
+        if report["gaussians"] < _FEW:
+            why = "one Gaussian more would not fit"
+    return {"limit": f"{text}: {why}"}
 
 
 def _of_page(report: dict[str, Any]) -> dict[str, str]:

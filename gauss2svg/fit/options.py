@@ -100,6 +100,7 @@ class FitConfig:
     reduce      whether few Gaussians are fitted on reduced targets first, which is faster
     extend      whether a fit takes twice the iterations where most are on reduced targets
     opaque      whether all opacities stay 1, which is shorter to write
+    sparse      whether a long fit relocates no more often than a short one, which many steps need
     """
 
     gaussians: int = 5000
@@ -110,6 +111,7 @@ class FitConfig:
     reduce: bool = True
     extend: bool = False
     opaque: bool = False
+    sparse: bool = False
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)

@@ -28,8 +28,9 @@ _SMALLEST_REFINED_SIDE = 128  # on smaller pictures a step costs little anyway
 # and how many times a preset's steps a fit takes where they are reduced.
 REDUCED_STEPS, REDUCED_TIME = 0.72, 0.4
 _EXTENDED = 2
-# Relocation, docs/decisions/fit.md: progress between which it happens, iterations between two.
-_RELOCATION, _RELOCATION_EVERY = (0.2, 0.75), 10
+# Relocation, docs/decisions/fit.md: progress between which it happens, iterations between two; and
+# where a long fit relocates no more often than a short one, the share of its iterations between.
+_RELOCATION, _RELOCATION_EVERY, _RELOCATION_SHARE = (0.2, 0.75), 10, 0.05
 _SMALLEST_SIDE = 32
 
 
@@ -100,10 +101,16 @@ def steps_of(iterations: int, gaussians: int, width: int, height: int) -> int:
     return iterations * _EXTENDED if reduced and gaussians else iterations
 
 
-def relocates(done: float, iteration: int) -> bool:
-    """Whether Gaussians are relocated before this step, at progress `done` in 0..1."""
+def relocates(done: float, iteration: int, sparsely: bool = False) -> bool:
+    """Whether Gaussians are relocated before this step, at progress `done` in 0..1.
+
+    sparsely  no more often in a long fit than in a short one
+    """
     first, last = _RELOCATION
-    return first < done < last and iteration % _RELOCATION_EVERY == 0
+    every = _RELOCATION_EVERY
+    if sparsely and done > first:
+        every = max(every, int(_RELOCATION_SHARE * iteration / done))
+    return first < done < last and iteration % every == 0
 
 
 def rate(done: float) -> float:

@@ -331,7 +331,7 @@ class FitSession:
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one optimiser step, or a rollback."""
-        due = schedule.relocates(done, self.clock.iteration)
+        due = schedule.relocates(done, self.clock.iteration, self.config.sparse)
         due = due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
         if due and self.config.densify.relocate and self.population.relocate():
             self.guard.relocated()

@@ -39,6 +39,9 @@ _SMALL_UP_TO, _USUAL_FROM, _EDITABLE_FROM = 30_000, 8_000, 5_000
 # Bytes of the largest minimal file that is written unasked, and times as many from which an
 # editable file is closer than that (docs/decisions/markup.md).
 _MINIMAL_IS_PLAUSIBLE_UP_TO, _EDITABLE_IS_CLOSER = 200_000, 1.5
+# Palette entries within a budget: they cost less than 8 bits do, and more would take long to find
+# (docs/decisions/palette.md).
+_MOST_COLORS = 4096
 # Steps of a fit that ends by the clock alone, beyond which there is nothing to be gained
 # (docs/decisions/time.md).
 _MOST_STEPS = 1000
@@ -258,6 +261,7 @@ class Plan:
             fit=fit,
             densify=densify,
             extend=options.fit.iterations is None and not self.count_adapts,
+            sparse=self.is_budget or self.only_time_limits,
         )
 
     @cached_property
@@ -348,6 +352,7 @@ class Plan:
         palette, loss = self.options.svg.palette, 0.0
         if palette is None:
             palette = 0 if self.count_adapts else preset.palette_for(gaussians)
+            palette = _MOST_COLORS if self.is_budget else palette
             loss = preset.color_loss if self.count_adapts else _UNSEEN_COLOR_LOSS
         color_error = 0.0
         if error is not None and self.options.svg.palette is None:

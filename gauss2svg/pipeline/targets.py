@@ -35,6 +35,6 @@ def unreached(
     limit = goal.time_limit
     if limit is not None and seconds > (1 + _LATE_SHARE) * limit + _LATE_S:
         lines.append(
-            f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a lower --quality"
+            f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a smaller --max-size"
         )
     return lines

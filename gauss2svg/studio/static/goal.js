@@ -42,7 +42,7 @@ export class Goal {
     const quality = options.quality;
     this.presets = quality.choices;
     this.preset.append(...this.presets.map((name) => make("option", { value: name }, name)));
-    this.preset.value = quality.default;
+    this.preset.value = quality.default ?? "balanced";
     for (const radio of all("[name=kind]", this.form)) radio.addEventListener("input", () => {
       this.showKind();
       changed();
