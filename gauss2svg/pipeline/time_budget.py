@@ -20,7 +20,7 @@ from gauss2svg.raster import DEFAULT_RENDERER
 # Of a step of the fit: at least, for a pixel in growth and after it, and for a Gaussian. And once,
 # afterwards, for writing, rasterising and measuring.
 _STEP, _STEP_PIXEL, _STEP_GAUSSIAN = 5e-4, (1.6e-8, 3.3e-8), 8e-7
-_EXPORT, _EXPORT_PIXEL, _EXPORT_GAUSSIAN = 0.05, 1.8e-6, 1.5e-4
+_EXPORT, _EXPORT_PIXEL, _EXPORT_GAUSSIAN = 0.05, 1.8e-6, 1.8e-4
 _SLOW_PICTURE = 1.4  # times the predicted seconds that steps of some pictures take
 _SECOND_THREAD = 0.8  # what each further thread adds to the speed of the first, pixels alone
 # Steps that a fit should have, to a photo and to a drawing: with fewer it gains more from time than
