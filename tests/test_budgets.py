@@ -158,6 +158,37 @@ def test_the_count_follows_from_the_seconds_that_are_left_and_the_speed(monkeypa
     assert 150 < slow.most_gaussians(1000, 0.1) < 0.7 * left.most_gaussians(1000, 0.1)
 
 
+def test_more_seconds_never_allow_fewer_gaussians_however_large_the_photo(monkeypatch):
+    monkeypatch.setattr(time, "perf_counter", lambda: 0.0)
+    for size in ((768, 512), (1920, 1280), (4000, 3000), (8000, 6000)):
+        counts = []
+        for limit in (1, 2, 3, 4, 6, 10, 20, 30, 60):
+            shrunk = min(1.0, (150_000 * max(limit - 0.5, 0.25) / (size[0] * size[1])) ** 0.5)
+            fit = (round(size[0] * shrunk), round(size[1] * shrunk))
+            budget = TimeBudget(limit, fit, size[0] * size[1])
+            counts.append(budget.most_gaussians(0, 0.0))
+        assert counts == sorted(counts), size
+        assert counts[4] > 2000
+
+
+def test_a_given_count_is_the_largest_beside_a_limit_of_seconds(photo, work_clock):
+    assert vectorize(photo, gaussians=50, time_limit=0.05).report["gaussians"] <= 50
+
+
+def test_a_small_file_within_seconds_has_shapes_and_is_not_interrupted(photo):
+    report = vectorize(np.tile(photo, (8, 8, 1)), max_bytes=5000, time_limit=0.3).report
+    assert report["stop_reason"] == "time_limit"
+    assert report["gaussians"] > 0
+    assert report["svg_bytes"] <= 5000
+
+
+def test_memory_of_a_budget_is_that_of_as_many_shapes_as_the_fit_can_have():
+    from gauss2svg.pipeline.vectorize import load_of
+
+    for given in ({"time_limit": 60}, {"max_bytes": "10M"}):
+        assert load_of(Plan(Options.from_flat(given)), 3000, 2000, False).bytes < 3e9
+
+
 def test_a_pause_takes_no_share_of_the_fit(monkeypatch):
     now = [0.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])

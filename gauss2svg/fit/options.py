@@ -36,8 +36,8 @@ class FitOptions(OptionGroup):
 
     tune: Tune | None = None
     """What the fit is best at: what people see (perceptual), where errors count less in texture and
-    more on smooth areas, or PSNR (psnr); the default is perceptual, or psnr in minimal files of up
-    to 20 kB."""
+    more on smooth areas, or PSNR (psnr); the default is perceptual, or psnr in the smallest
+    files."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
     """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +14,7 @@ from gauss2svg.fit.choices import PERCEPTUAL
 from gauss2svg.fit.options import FitResult
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
+from gauss2svg.photo.alpha import has_alpha
 from gauss2svg.pipeline.plan import Plan, Quantization
 from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.raster import rasterize_like
@@ -98,7 +98,7 @@ class Exporter:
         self.document = document
         self._plan = plan
         self._gzipped = plan.counts_gzipped
-        self._format, self._seen = plan.svg_format, -math.inf
+        self.seen = -math.inf  # highest PSNR in dB so far, by which the format is chosen
 
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
         """The scene on the photo's canvas, with the colours and exponents of its file."""
@@ -116,7 +116,7 @@ class Exporter:
     def as_written(self, scene: Scene, psnr: float) -> Scene:
         """The same on the working canvas, for the last steps of a fit."""
         photo = self.quantized(scene, psnr)
-        self._format = self._format_at(psnr)
+        self.seen = max(self.seen, psnr)
         return photo.scaled(scene.width / photo.width, scene.height / photo.height)
 
     def write(self, scene: Scene, psnr: float) -> str:
@@ -139,7 +139,8 @@ class Exporter:
                     quantized, written.precision, HEX_DIGITS[-1], self.document,
                     opacity_decimals=written.opacity_decimals, stops=written.stops, masked=masked,
                 )  # fmt: skip
-            return (len(file_bytes(svg, self._gzipped)) - self.empty_bytes) / max(len(scene), 1)
+            more = len(file_bytes(svg, self._gzipped)) - self.empty_bytes
+            return max(more, 1) / max(len(scene), 1)
 
         if written.markup != MINIMAL:
             return each()
@@ -160,7 +161,10 @@ class Exporter:
         """Bytes of a file without Gaussians."""
         height, width = self.photo.shape[:2]
         none, pair = np.zeros(0), np.zeros((0, 2))
-        scene = Scene(width, height, pair, pair, none, np.zeros((0, 3)), none)
+        transparent = has_alpha(self.photo)
+        scene = Scene(
+            width, height, pair, pair, none, np.zeros((0, 3)), none, transparent=transparent
+        )
         svg = write_svg(scene, self._plan.svg_format, self.document)
         return len(file_bytes(svg, self._gzipped))
 
@@ -169,33 +173,26 @@ class Exporter:
         model = model_psnr(scene, self.working)
         # Colours are in the palette already, except those of ellipses that are no longer solid.
         exact = grouped_by_segment(self.quantized(scene, None), self.document.labels)
-        svg = write_svg(exact, self._format, self.document)
+        written = self._format_at(self.seen)
+        svg = write_svg(exact, written, self.document)
         aim, score = self._plan.aim, math.nan
         if aim is not None:
             raster = rasterize_like(svg, self.working, self._plan.options.run.renderer)
             score = aim.score(raster, self.working)
-        return Candidate(exact, svg, self._format, self.document, self._gzipped, model, score)
+        return Candidate(exact, svg, written, self.document, self._gzipped, model, score)
 
-    def measured(self, best: Candidate, deadline: float | None) -> RoundTrip:
-        """The round trip at the photo's size; where time is short, at the size of the fit.
-
-        deadline  by time.perf_counter() in s, or None
-        """
-        photo, working, renderer = self.photo, self.working, self._plan.options.run.renderer
-        if photo.shape != working.shape and deadline is not None:
-            begun = time.perf_counter()
-            height, width = working.shape[:2]
-            scene = best.scene.scaled(width / best.scene.width, height / best.scene.height)
-            smaller = round_trip(best.svg, scene, working, renderer)
-            now = time.perf_counter()
-            if (now - begun) * photo.size / working.size > deadline - now:
-                return smaller
-        return round_trip(best.svg, best.scene, photo, renderer)
+    def measured(self, best: Candidate, small: bool = False) -> RoundTrip:
+        """The round trip at the photo's size, or at the size of the fit."""
+        scene, image = best.scene, self.working if small else self.photo
+        if small:
+            height, width = image.shape[:2]
+            scene = scene.scaled(width / scene.width, height / scene.height)
+        return round_trip(best.svg, scene, image, self._plan.options.run.renderer)
 
     def _format_at(self, psnr: float) -> SvgFormat:
         """The format at this PSNR in dB; what it once was worth it stays worth, or bytes jump."""
-        self._seen = max(self._seen, psnr)
-        return self._plan.format_at(self._seen)
+        self.seen = max(self.seen, psnr)
+        return self._plan.format_at(self.seen)
 
     def _on_photo(self, scene: Scene) -> Scene:
         height, width = self.photo.shape[:2]

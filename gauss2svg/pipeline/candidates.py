@@ -16,9 +16,11 @@ from gauss2svg.pipeline.plan import Plan
 
 # PSNR (dB) from which more Gaussians do not show: an error of half a level of 255 has 54.1.
 INDISTINGUISHABLE = 54.0
-FULL = 0.97  # share of the allowed bytes from which a file counts as full
+# Share of the allowed bytes from which a file counts as full, and from which one correction does.
+FULL, _NEARLY_FULL = 0.985, 0.96
 # Times the allowed bytes from which a fit is corrected; fewer are lost by pruning.
 _TOO_LARGE = 1.02
+_PRUNED = 8.0  # dB for each halving of a file by pruning alone
 # dB under and over the preset's PSNR up to which there is no correction. Together less than the
 # presets lie apart, so that none ends under a cheaper one (docs/decisions/monotone.md).
 _LESS_THAN_ENOUGH, _FAR_MORE = 0.8, 3.0
@@ -36,6 +38,11 @@ class Limit(NamedTuple):
 
     gaussians: int
     name: str
+
+
+def fewest(first: Limit, *others: Limit) -> Limit:
+    """The smallest of these limits, the first of equal ones."""
+    return min((first, *others), key=lambda limit: limit.gaussians)
 
 
 class Correction(NamedTuple):
@@ -102,7 +109,8 @@ class Candidates:
         last, limit = self.made[-1], self._max_bytes
         if limit is not None:
             enough = max(self._plan.preset.enough, INDISTINGUISHABLE)
-            full = last.size > FULL * limit or last.model >= enough
+            share = FULL if len(self.made) < 2 else _NEARLY_FULL
+            full = last.size > share * limit or last.model >= enough
             wanted = count if full else min(4 * count, most.gaussians)
             return Correction(wanted, most.name if wanted > count else stop_reason)
         missing = self._plan.preset.enough - last.model
@@ -139,6 +147,11 @@ class Candidates:
             slope = usual
         return min(max(slope, least), most)
 
+    def _pruning(self, candidate: Candidate) -> float:
+        """About what pruning a candidate to its bytes costs, in dB."""
+        over = candidate.size / self._max_bytes if self._max_bytes else 0.0
+        return _PRUNED * math.log2(over) if over > 1 else 0.0
+
     def best(self) -> Candidate:
         """The smallest file that meets every target, else the nearest one."""
         limit = self._max_bytes or math.inf
@@ -149,7 +162,7 @@ class Candidates:
         aim = self._aim
         if aim is None:
             if self._plan.count is not None or limit < math.inf or self._plan.is_budget:
-                return max(small, key=lambda c: c.model)
+                return max(small, key=lambda c: c.model - self._pruning(c))
             enough = self._plan.preset.enough
             return _nearest(small, lambda c: c.model - enough, _LESS_THAN_ENOUGH, _FAR_MORE)
         return _nearest(small, lambda c: self.score(c) - aim.value, aim.tolerance, aim.too_good)

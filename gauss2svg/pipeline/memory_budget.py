@@ -42,6 +42,7 @@ class Load:
     width, height          of the photo in px
     fit_width, fit_height  of the image that the fit runs on, in px
     gaussians              largest number
+    adapts                 whether there are at most as many as half the px of the fit
     scored                 whether SSIMULACRA2 of the file is the target
     """
 
@@ -50,6 +51,7 @@ class Load:
     fit_width: int
     fit_height: int
     gaussians: int
+    adapts: bool = False
     loss: str = DEFAULT_LOSS
     blend: str = OVER
     has_alpha: bool = False
@@ -65,7 +67,8 @@ class Load:
         measured = max(measured, held + SSIMULACRA2_BYTES) if self.scored else measured
         measuring = measured * photo + _HELD * fit + _ADDITIVE * (self.blend == ADD)
         most = max(decoded * photo, fitting, measuring)
-        return math.ceil(_MARGIN * (_BASE + most + _SHAPE * self.gaussians))
+        shapes = min(self.gaussians, fit // 2) if self.adapts else self.gaussians
+        return math.ceil(_MARGIN * (_BASE + most + _SHAPE * shapes))
 
 
 def allowed(max_memory: int | str | None) -> int:

@@ -42,6 +42,7 @@ _MINIMAL_IS_PLAUSIBLE_UP_TO, _EDITABLE_IS_CLOSER = 200_000, 1.5
 # Palette entries within a budget: they cost less than 8 bits do, and more would take long to find
 # (docs/decisions/palette.md).
 _MOST_COLORS = 4096
+_GZIP = 6  # times as many bytes as gzipped ones: docs/decisions/minimal.md
 # Steps of a fit that ends by the clock alone, beyond which there is nothing to be gained
 # (docs/decisions/time.md).
 _MOST_STEPS = 1000
@@ -160,12 +161,15 @@ class Plan:
         """The preset, or the numbers of a budget of bytes or seconds."""
         goal = self.options.goal
         if self.is_budget:
-            return budget_preset(self.byte_limit, goal.time_limit)
+            return budget_preset(self.plain_limit, goal.time_limit)
         return PRESETS[goal.quality or DEFAULT_PRESET]
 
     @property
     def is_budget(self) -> bool:
-        """Whether the best picture within a limit of bytes or seconds is wanted."""
+        """Whether the best picture within a limit of bytes or seconds is wanted.
+
+        Not of a portable file, whose additive fit decides the count before.
+        """
         return self.options.goal.is_budget and not self.options.svg.portable
 
     @property
@@ -178,6 +182,12 @@ class Plan:
         """Largest number of bytes, gzipped ones if these are counted; None without a limit."""
         limit = self.options.goal.max_bytes
         return limit if isinstance(limit, int) else None
+
+    @property
+    def plain_limit(self) -> int | None:
+        """About the bytes of the file before gzip that a limit stands for."""
+        limit = self.byte_limit
+        return limit if limit is None or not self.counts_gzipped else _GZIP * limit
 
     @property
     def counts_gzipped(self) -> bool:
@@ -242,16 +252,15 @@ class Plan:
     def only_time_limits(self) -> bool:
         """Whether the steps of the fit follow from the seconds that are left."""
         goal = self.options.goal
-        if goal.time_limit is None or goal.quality is not None or self.aim is not None:
-            return False
-        return self.options.fit.iterations is None
+        return goal.time_limit is not None and goal.quality is None and self.aim is None
 
     def _config(self, blend: str) -> FitConfig:
         options, iterations = self.options, self.options.fit.iterations
         if iterations is None:
             iterations = _MOST_STEPS if self.only_time_limits else self.iterations
         densify = options.densify
-        if self.only_time_limits and densify.round_iterations is None:
+        given = options.fit.iterations or densify.round_iterations
+        if self.only_time_limits and given is None:
             densify = dataclasses.replace(densify, round_iterations=_STEPS_A_ROUND)
         falloff = options.fit.falloff if blend == self.written_blend else None
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
@@ -294,7 +303,7 @@ class Plan:
         With a limit of bytes they differ in markup and fit. Targets, checkpoints and a limit of
         seconds leave time for one.
         """
-        limit, asked, goal = self.byte_limit, self.options.svg.markup, self.options.goal
+        limit, asked, goal = self.plain_limit, self.options.svg.markup, self.options.goal
         run = self.options.run
         if limit is None or self.aim is not None or run.checkpoint or run.resume:
             return [self]
@@ -309,16 +318,17 @@ class Plan:
         ways = [self._way(MINIMAL, is_small=True)] if small else []
         ways += [self._way(MINIMAL)] if usual else []
         ways += [self._way(EDITABLE)] if editable else []
-        if goal.time_limit is not None:  # for the one that is the closest most often
-            under = limit < _USUAL_FROM
-            return ways[:1] if under or not small else ways[1:2]
-        return ways
+        if goal.time_limit is None:
+            return ways
+        # The one that is the closest most often.
+        return ways[-1:] if limit > _MINIMAL_IS_PLAUSIBLE_UP_TO else ways[-2:-1] or ways
 
     def _way(self, markup: Literal["editable", "minimal"], is_small: bool = False) -> Plan:
         svg = dataclasses.replace(self.options.svg, markup=markup)
         goal, limit = self.options.goal, self.byte_limit
         if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
-            goal = dataclasses.replace(goal, max_bytes=min(limit, _MINIMAL_IS_PLAUSIBLE_UP_TO))
+            most = _MINIMAL_IS_PLAUSIBLE_UP_TO // (_GZIP if self.counts_gzipped else 1)
+            goal = dataclasses.replace(goal, max_bytes=min(limit, most))
         options = dataclasses.replace(self.options, svg=svg, goal=goal)
         return dataclasses.replace(self, options=options, is_small=is_small)
 

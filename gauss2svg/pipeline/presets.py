@@ -6,6 +6,8 @@ import dataclasses
 import math
 from dataclasses import dataclass
 
+from gauss2svg.fit.options import MOST_GAUSSIANS
+
 # Fewer cost PSNR visibly even with a thousand Gaussians (docs/decisions/palette.md).
 _FEWEST_COLORS = 192
 
@@ -54,25 +56,25 @@ DEFAULT_PRESET = "balanced"
 
 # PSNR (dB) of the model from which the 8 bits of a raster decide, and more Gaussians gain nothing.
 NOTHING_TO_GAIN = 58.0
-# Bytes of the shortest shapes and Gaussians that a second fits, from above; px of the fit for each
-# of the shapes that a limit allows (docs/decisions/time.md, also for the next two).
-_FEWEST_BYTES, _MOST_A_SECOND = 12, 20_000
-_PIXELS_EACH = 30
+# Bytes of a shape at least and usually, Gaussians that a second fits at most, and px of the fit for
+# each usual shape that a limit allows (docs/decisions/time.md, also for the next two).
+_LEAST_BYTES, _USUAL_BYTES, _MOST_A_SECOND, _PIXELS_EACH = 60, 100, 5000, 30
+_LEAST_CAP = 150  # of Gaussians, however small the limit is
 # PSNR (dB) from which the numbers of a dearer preset are worth their time, or their bytes.
 FINE_FROM = ("max", 46.0), ("high", 40.0)
 FINE_BYTES_FROM = (("high", 44.0),)
 
 
 def budget_preset(max_bytes: int | None, time_limit: float | None) -> Preset:
-    """The numbers of a run that is limited by bytes or seconds alone."""
+    """The numbers of a run that is limited by bytes before gzip, or by seconds, alone."""
     usual, finest = PRESETS[DEFAULT_PRESET], PRESETS["max"]
-    side, cap = finest.max_size, math.inf
+    side, caps = finest.max_size, [MOST_GAUSSIANS]
     if time_limit is not None:
-        cap = _MOST_A_SECOND * time_limit
+        caps.append(int(_MOST_A_SECOND * time_limit))
     if max_bytes is not None:
-        cap = min(cap, max_bytes / _FEWEST_BYTES)
-        square = math.sqrt(_PIXELS_EACH * max_bytes / 100)
+        caps.append(max_bytes // _LEAST_BYTES)
+        square = math.sqrt(_PIXELS_EACH * max_bytes / _USUAL_BYTES)
         side = round(min(max(square, usual.max_size), finest.max_size))
     return dataclasses.replace(
-        usual, gain=0.0, enough=NOTHING_TO_GAIN, cap=max(1, int(min(cap, 10**7))), max_size=side
+        usual, gain=0.0, enough=NOTHING_TO_GAIN, cap=max(_LEAST_CAP, min(caps)), max_size=side
     )

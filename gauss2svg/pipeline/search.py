@@ -23,13 +23,14 @@ from gauss2svg.fit.densification import (
     as_given,
 )
 from gauss2svg.fit.fit import fixed_count
+from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import FitProgress, FitResult
 from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, ROUNDS
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.alpha import over
 from gauss2svg.pipeline.candidate import Candidate, Exporter, Outcome, pruned_to_size
-from gauss2svg.pipeline.candidates import FULL, INDISTINGUISHABLE, Candidates, Limit
+from gauss2svg.pipeline.candidates import FULL, INDISTINGUISHABLE, Candidates, Limit, fewest
 from gauss2svg.pipeline.checkpoint import ADDITIVE, FIT, Checkpoint, damaged
 from gauss2svg.pipeline.export_time import estimate_export_seconds
 from gauss2svg.pipeline.plan import Plan
@@ -154,7 +155,7 @@ class TargetSearch:
         """Fit additively, and continue with the same Gaussians alpha-composited."""
         session = FitSession(
             over(self._exporter.working), self._plan.additive_config, self._policy,
-            self._budget.fit_deadline(self._limit.gaussians, _ADDITIVE_SHARE),
+            self._budget.fit_deadline(self._expected or self._limit.gaussians, _ADDITIVE_SHARE),
             lambda progress: self._after_step(ADDITIVE, session, progress),
             stop=self._is_ended,
         )  # fmt: skip
@@ -210,23 +211,29 @@ class TargetSearch:
         most = self._limit
         if self._max_bytes is not None:
             by_bytes = self._most_by_bytes(now)
-            most = min(most, Limit(by_bytes, "max_bytes"))
+            most = fewest(most, Limit(by_bytes, "max_bytes"))
         if self._budget.deadline is not None:
-            most = min(most, Limit(self._most_by_time(now, most.gaussians), "time_limit"))
+            most = fewest(most, Limit(self._most_by_time(now, most.gaussians), "time_limit"))
         return dataclasses.replace(limits, cap=most.gaussians, cap_named=most.name)
 
     def _most_by_bytes(self, now: Snapshot) -> int:
         """The count that fills the limit; before the last steps a few more, of which some go."""
         assert self._max_bytes is not None
-        exporter, last = self._exporter, now.done >= QUANTIZED_FROM
-        refining = now.done > GROWTH_SHARE
-        share = 1 + _SPARE / math.sqrt(max(now.count, 1)) if last else _OVERFILL[refining]
+        exporter, refining = self._exporter, now.done > GROWTH_SHARE
+        share = _OVERFILL[refining]
+        if now.done >= QUANTIZED_FROM:
+            share = 1 + _SPARE / math.sqrt(max(now.count, 1))
+        if now.done >= 1 or self._aim is not None:  # what is over is not pruned
+            share = 1.0
         room = max(self._max_bytes * share - exporter.empty_bytes, 0)
         known = self._bytes_known and not refining
         if now.count >= (1 if refining else _LEAST_MEASURED) and not known:
             self._bytes_known = True
             to_come = _BYTES_TO_COME * max(QUANTIZED_FROM - now.done, 0) if refining else 0.0
-            self._bytes_each = (1 + to_come) * exporter.bytes_each(now.scene(), now.psnr, room)
+            psnr = now.psnr
+            if self._session.population.reduction > 1:
+                psnr = psnr_of(self._session.population.error())
+            self._bytes_each = (1 + to_come) * exporter.bytes_each(now.scene(), psnr, room)
         return int(room / self._bytes_each)
 
     def _most_by_time(self, now: Snapshot, most: int) -> int:
@@ -246,7 +253,7 @@ class TargetSearch:
         if reserved is not None:
             self._session.clock.deadline, most = reserved
             if most is not None:
-                self._limit = Limit(most, "time_limit")
+                self._limit = fewest(self._limit, Limit(most, "time_limit"))
 
     def _after_step(self, stage: str, session: FitSession, progress: FitProgress) -> None:
         self._report(stage if stage == ADDITIVE else self._phase, progress)
@@ -284,7 +291,7 @@ class TargetSearch:
                 best, self._max_bytes, exporter.empty_bytes, exporter.working, tune
             )
         self._report("measure", None)
-        found = self._exporter.measured(best, self._budget.deadline)
+        found = self._exporter.measured(best, self._budget.measures_small)
         return best, found, self._reached(best, found)
 
     def _correct(self) -> None:
@@ -312,7 +319,7 @@ class TargetSearch:
             return self._limit
         scene, model = self._session.scene(), self._candidates.made[-1].model
         now = Snapshot(len(scene), 1.0, lambda: model, lambda: scene)
-        return min(self._limit, Limit(self._most_by_bytes(now), "max_bytes"))
+        return fewest(self._limit, Limit(self._most_by_bytes(now), "max_bytes"))
 
     def _calibrate(self, best: Candidate, measured: RoundTrip, reached: float | None) -> bool:
         """Correct the scores by that at the photo's size; False if there is no need."""
@@ -372,6 +379,7 @@ class TargetSearch:
             "bytes_each": self._bytes_each,
             "bytes_known": self._bytes_known,
             "limit": list(self._limit),
+            "seen": self._exporter.seen,
         }
 
     def _restore(self, stage: str, session: FitSession) -> None:
@@ -385,6 +393,7 @@ class TargetSearch:
             self._bytes_known = bool(saved["bytes_known"])
             most, named = saved["limit"]
             self._limit = Limit(whole_number("limit", most, 0, 2**62), str(named))
+            self._exporter.seen = number_within("seen", saved["seen"], -math.inf, math.inf)
             if saved["additive"] is not None:  # only its costs are used
                 self._additive = FitResult(scene=session.scene(), **saved["additive"])
         except (MemoryError, AssertionError):

@@ -32,6 +32,7 @@ _PRIOR_S = 0.03  # predicted seconds of steps that count as taken before any is
 _TOO_LATE, _TOO_EARLY = 0.5, 1.5
 _AT_ONCE = 0.7  # share of the Gaussians that is kept
 _ESTIMATE_AT = 0.4  # share of the fit done when the export is predicted for its count
+_MOST_MEASURING = 0.2  # of the time left, for measuring at the photo's size
 _LEAST_FIT_S = 0.15  # else what a limit too short has is hardly a picture
 _MOST_RESERVED = 0.6  # of the time left; if the export needs more, Gaussians are removed
 _FEWEST = 150  # Gaussians, however short the time is: fewer steps then do
@@ -45,12 +46,18 @@ def steps_for(plan: Plan, image: NDArray[np.float32]) -> int:
     return STEPS_OF_DRAWING if is_drawing(image) else STEPS
 
 
+def gaussians_within(limit_s: float, size: tuple[int, int], measured: int, threads: int = 1) -> int:
+    """The count that so many seconds allow, before any step shows how fast they are."""
+    budget = TimeBudget(time.perf_counter() + limit_s, size, measured, threads)
+    return budget.most_gaussians(0, 0.0)
+
+
 class TimeBudget:
     """The time left, and how much of it the fit may use.
 
     deadline  by time.perf_counter() in s, or None without a limit
     size      width and height in px of the image that the fit runs on
-    measured  pixels of the image at whose size the file is measured
+    measured  pixels of the photo, at whose size the file is measured if there is time
     threads   of the fit
     steps     that the fit should have
     renderer  that rasterises the file
@@ -66,7 +73,13 @@ class TimeBudget:
         renderer: str = DEFAULT_RENDERER,
     ) -> None:
         self.deadline = deadline
-        self._size, self._measured = size, measured
+        # Where time is short the file is measured at the size of the fit.
+        self.measures_small = (
+            deadline is not None
+            and _EXPORT_PIXEL * measured > _MOST_MEASURING * (deadline - time.perf_counter())
+        )
+        self._size = size
+        self._measured = size[0] * size[1] if self.measures_small else measured
         self._threaded = 1 + _SECOND_THREAD * (threads - 1)
         self._steps = steps
         self._predicted = self._taken = 0.0
@@ -106,6 +119,11 @@ class TimeBudget:
             low, high = (middle, high) if self._needed_s(middle, done) <= left else (low, middle)
         return max(low, least)
 
+    @property
+    def is_over(self) -> bool:
+        """Whether what is left is needed to write and measure a small file."""
+        return self.deadline is not None and self._left_s() < self._export_s(_FEWEST)
+
     def fit_deadline(self, count: int, share: float = 1.0) -> float | None:
         """End of a fit of so many Gaussians, or of this share of it; None without a limit."""
         if self.deadline is None:
@@ -132,7 +150,7 @@ class TimeBudget:
             reserve = estimate_s()
             self._last = None  # the sample was no step
         share = min(_MOST_RESERVED * max(self._left_s(), _LEAST_FIT_S) / reserve, 1.0)
-        most = max(_FEWEST, int(count * share)) if share < 1 else None
+        most = min(count, max(_FEWEST, int(count * share))) if share < 1 else None
         return self.deadline - share * reserve, most
 
     @property

@@ -43,11 +43,9 @@ from gauss2svg.pipeline.ways import closest, small_outcome
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import LARGEST_NUMBER
 
-# Largest size of the fit per second of a time limit, and seconds of it that the start takes
-# (docs/decisions/time.md).
-_PIXELS_PER_SECOND, _START_S = 150_000, 0.5
-_SHORT_S = 3.0  # of a limit
-_EXPORT_OF_SMALL_S = 0.3  # for which a small file's fits end before a time limit
+# Largest size of the fit per second of a time limit, seconds of it that the start takes, and that
+# are left at least (docs/decisions/time.md).
+_PIXELS_PER_SECOND, _START_S, _LEAST_S = 150_000, 0.5, 0.25
 _MOST_REACH = 5  # canvas sides that a shape may extend to: sigma is at most 1, the cut-off is at 3
 
 
@@ -170,28 +168,25 @@ def vectorize_by(
             # The first compilation on a machine does not count.
             deadline = begun + limit + (compile_s if compile_s > COMPILED_S else 0.0)
 
-        def report_phase(phase: str, fitting: FitProgress | None) -> None:
-            notify(Progress(phase, fitting))
+        ways = plan.ways
 
-        def found(plan: Plan) -> tuple[Outcome, NDArray[np.float32]]:
-            if plan.is_small:
-                return small_outcome(plan, pixels, document, report_phase, late)
-            exporter = Exporter(pixels, working, plan, document)
-            # Where time is short the file is measured at the size of the fit.
-            short = limit is not None and limit < _SHORT_S
-            measured = (working if short else pixels)[:, :, 0].size
+        def found(way: Plan) -> tuple[Outcome, NDArray[np.float32]]:
+            def report_phase(phase: str, fitting: FitProgress | None) -> None:
+                # A signal between two ways must not lose the file that is found already.
+                if fitting is not None or way is ways[-1]:
+                    notify(Progress(phase, fitting))
+
             budget = TimeBudget(
-                deadline, (width, height), measured, thread_count, steps_for(plan, working),
-                run.renderer,
+                deadline, (width, height), pixels[:, :, 0].size, thread_count,
+                steps_for(plan, working), run.renderer,
             )  # fmt: skip
-            search = TargetSearch(plan, exporter, budget, report_phase, stop, checkpoint, saved)
+            if way.is_small:
+                return small_outcome(way, pixels, document, budget, report_phase, stop)
+            exporter = Exporter(pixels, working, way, document)
+            search = TargetSearch(way, exporter, budget, report_phase, stop, checkpoint, saved)
             return search.run(), working
 
-        def late() -> bool:
-            too_late = deadline is not None and time.perf_counter() > deadline - _EXPORT_OF_SMALL_S
-            return too_late or (stop is not None and stop())
-
-        chosen, outcome, fitted_on = closest(plan.ways, found)
+        chosen, outcome, fitted_on = closest(ways, found)
     working = fitted_on
     height, width = working.shape[:2]
     raster = outcome.measured.raster
@@ -265,7 +260,7 @@ def load_of(plan: Plan, width: int, height: int, has_alpha: bool) -> Load:
     goal, asked = plan.options.goal, plan.options.run.max_size is not None
     shrunk = min(1.0, plan.side / max(width, height))
     if goal.time_limit is not None and not asked:
-        pixels = _PIXELS_PER_SECOND * max(goal.time_limit - _START_S, _START_S / 2)
+        pixels = _PIXELS_PER_SECOND * max(goal.time_limit - _START_S, _LEAST_S)
         shrunk = min(shrunk, math.sqrt(pixels / (width * height)))
     fit_width, fit_height = (max(1, round(side * shrunk)) for side in (width, height))
     most = plan.preset.cap if plan.aim is None else CAP_FOR_TARGET
@@ -274,7 +269,8 @@ def load_of(plan: Plan, width: int, height: int, has_alpha: bool) -> Load:
         height,
         fit_width,
         fit_height,
-        gaussians=min(most, fit_width * fit_height) if plan.count is None else plan.count,
+        gaussians=most if plan.count is None else plan.count,
+        adapts=plan.count is None,
         loss=plan.options.fit.loss,
         blend=plan.options.fit.blend,
         has_alpha=has_alpha,

@@ -13,6 +13,7 @@ from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.pipeline.candidate import Outcome
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.small import EXACT, SmallSearch
+from gauss2svg.pipeline.time_budget import TimeBudget
 from gauss2svg.svg.document import Document
 
 
@@ -42,39 +43,50 @@ def small_outcome(
     plan: Plan,
     photo: NDArray[np.float32],
     document: Document,
+    budget: TimeBudget,
     report: Callable[[str, FitProgress | None], None],
     stop: Callable[[], bool] | None = None,
 ) -> tuple[Outcome, NDArray[np.float32]]:
     """The outcome of a run with a plan that is_small, and the working picture; see SmallSearch.
 
+    budget  of time
     report  called with "fit" or "measure", and the progress of the fit
+    stop    polled at every step; True ends with the best so far
     """
-    options, stopped = plan.options, False
-    limit = options.goal.max_bytes
+    options, ended = plan.options, ""
+    limit, quality = options.goal.max_bytes, options.goal.quality
     assert isinstance(limit, int)  # the plan is small
+    caps = [plan.count] if plan.count is not None else []
+    caps += [plan.preset.cap] if quality is not None else []
 
-    def is_stopped() -> bool:
-        nonlocal stopped
-        stopped = stopped or (stop is not None and stop())
-        return stopped
+    def is_ended() -> bool:
+        nonlocal ended
+        if not ended and stop is not None and stop():
+            ended = "interrupted"
+        if not ended and search.fits and budget.is_over:  # the first fit makes a file
+            ended = "time_limit"
+        return bool(ended)
 
     search = SmallSearch(
-        photo, limit, document=document, gzipped=plan.counts_gzipped, most=plan.count,
-        options=options.fit, renderer=options.run.renderer, max_size=options.run.max_size,
-        progress=lambda now: report("fit", now), stop=is_stopped,
+        photo, limit, document=document, gzipped=plan.counts_gzipped,
+        most=min(caps, default=None), options=options.fit, renderer=options.run.renderer,
+        max_size=options.run.max_size, progress=lambda now: report("fit", now), stop=is_ended,
     )  # fmt: skip
     found = search.run()
     report("measure", None)
-    reason = "max_bytes"
-    if stopped:
-        reason = "interrupted"
-    elif found.error < EXACT:
+    reason = ended or "max_bytes"
+    if not ended and found.error < EXACT:
         reason = "enough"
-    elif len(found.scene) == plan.count:
+    elif not ended and len(found.scene) == plan.count:
         reason = "gaussians"
     costs = FitResult(found.scene, 0, 0, 0.0, 0.0, 0, reason)
     for fitted in search.fits:
         costs = dataclasses.replace(fitted.after(costs, reason), rounds=fitted.rounds)
+    scene, image = found.scene, photo
+    if budget.measures_small:
+        image = search.working
+        height, width = image.shape[:2]
+        scene = scene.scaled(width / scene.width, height / scene.height)
     outcome = Outcome(
         scene=found.scene,
         svg=found.svg,
@@ -82,7 +94,7 @@ def small_outcome(
         quantization=plan.quantization(len(found.scene), None),
         reached=None,
         fitted=costs,
-        measured=round_trip(found.svg, found.scene, photo, options.run.renderer),
+        measured=round_trip(found.svg, scene, image, options.run.renderer),
         corrections=max(len(search.fits) - 1, 0),
     )
     return outcome, search.working

@@ -16,6 +16,7 @@ from gauss2svg.photo.limits import MOST_PIXELS
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
+from gauss2svg.pipeline.time_budget import gaussians_within
 from gauss2svg.pipeline.vectorize import load_of
 from gauss2svg.studio.answers import Estimate
 from gauss2svg.studio.form import options_of
@@ -74,7 +75,7 @@ class Estimator:
             found[key] *= _middle([run[1][of_report] / rule[key] for run, rule in ratios])
         limit = options.goal.max_bytes
         if isinstance(limit, int):
-            key = "gzip_bytes" if options.svg.gzip else "bytes"
+            key = "gzip_bytes" if Plan(options).counts_gzipped else "bytes"
             found[key] = min(found[key], limit)
         if options.goal.time_limit is not None:
             found["seconds"] = min(found["seconds"], options.goal.time_limit)
@@ -88,7 +89,7 @@ class Estimator:
         }
 
     def _count_of(self, report: dict[str, Any]) -> float:
-        options = options_of({"quality": report["quality"]})
+        options = options_of({"quality": report["quality"] or DEFAULT_PRESET})
         return max(1.0, self._count(report["width"], report["height"], options, 0.0))
 
     def _count(self, width: int, height: int, options: Options, shift: float) -> float:
@@ -101,7 +102,10 @@ class Estimator:
             curve = np.interp(goal.target_psnr - shift, _PSNR, np.log2(_GAUSSIANS))
             count = 2.0 ** float(curve) * grown
         elif isinstance(goal.max_bytes, int):
-            count = (goal.max_bytes - _EMPTY / 2) / _each(plan)[1 if options.svg.gzip else 0]
+            count = (goal.max_bytes - _EMPTY / 2) / _each(plan)[plan.counts_gzipped]
+        elif plan.only_time_limits and goal.time_limit is not None:
+            size, threads = (load.fit_width, load.fit_height), self._queue.threads
+            count = gaussians_within(goal.time_limit, size, width * height, threads)
         else:
             count = _GAUSSIANS[list(PRESETS).index(plan.quality or DEFAULT_PRESET)] * grown
         if isinstance(goal.gaussians, int):
@@ -130,6 +134,7 @@ def _adapts(options: Options) -> bool:
     """Whether the preset alone decides the number of Gaussians."""
     goal = options.goal
     given = (goal.gaussians, goal.max_bytes, goal.target_psnr, goal.target_ssimulacra2)
+    given += (goal.time_limit,)
     return all(one is None for one in given)
 
 
