@@ -10,9 +10,9 @@ import pytest
 from numba.core.caching import CacheImpl
 
 import gauss2svg
+from gauss2svg import kernel_cache
 from gauss2svg.cli import terminal
 from gauss2svg.kernel_cache import KernelFiles, cached, temporary_folder
-from gauss2svg.render import cache
 
 _STEPS = ("_load_index", "_save_index", "_save_data")
 
@@ -105,7 +105,7 @@ def no_home(monkeypatch, tmp_path):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    monkeypatch.setattr(cache, "_lost", False)
+    monkeypatch.setattr(kernel_cache, "_lost", False)
     monkeypatch.chdir(tmp_path)
     makedirs(tmp_path / "temporary")
     found["twice"].__module__ = "kernel"
@@ -122,7 +122,7 @@ def test_without_a_home_kernels_are_kept_among_the_temporary_files(no_home, tmp_
     again = cached()(no_home)
     assert again(2) == 4
     assert sum(again.stats.cache_hits.values()) == 1
-    assert cache.are_kept()
+    assert kernel_cache.are_kept()
     assert not (tmp_path / "~").exists()
 
 
@@ -145,22 +145,22 @@ def test_kernels_beside_a_module_are_read_where_they_cannot_be_written(
         assert cached()(no_home)(2) == 4
     assert len(machine_code(tmp_path / "read only")) == 1
     if place is None:
-        monkeypatch.setattr(cache, "temporary_folder", lambda: None)
+        monkeypatch.setattr(kernel_cache, "temporary_folder", lambda: None)
     again = cached()(no_home)
     assert again(2) == 4
     assert sum(again.stats.cache_hits.values()) == 1
     assert len(machine_code(tmp_path)) == 1
-    assert cache.are_kept()
+    assert kernel_cache.are_kept()
 
 
 def test_where_no_folder_can_be_written_kernels_are_compiled_and_said_to_be_lost(
     no_home, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(cache, "temporary_folder", lambda: None)
+    monkeypatch.setattr(kernel_cache, "temporary_folder", lambda: None)
     monkeypatch.setattr(KernelFiles, "_open_for_write", _refused)
     assert cached()(no_home)(2) == 4
     assert not machine_code(tmp_path)
-    assert not cache.are_kept()
+    assert not kernel_cache.are_kept()
     assert "NUMBA_CACHE_DIR" in terminal._compilation(5.0)
     assert terminal._compilation(0.0) == ""
 
@@ -171,9 +171,9 @@ def _refused(*_):
 
 def test_kernels_are_compiled_also_where_numba_knows_no_folder(monkeypatch):
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
-    monkeypatch.setattr(cache, "_lost", False)
+    monkeypatch.setattr(kernel_cache, "_lost", False)
     assert cached()(_twice)(2) == 4
-    assert not cache.are_kept()
+    assert not kernel_cache.are_kept()
 
 
 def test_the_current_folder_is_no_folder_for_temporary_files(tmp_path, monkeypatch):
