@@ -3,6 +3,7 @@
 import os
 import tempfile
 import threading
+import time
 from itertools import permutations
 from pathlib import Path
 
@@ -82,6 +83,42 @@ def test_a_disk_that_cannot_be_written_stops_no_run(tmp_path):
     assert files.load("types") is None
 
 
+def test_a_list_that_another_process_reads_is_written_a_moment_later_on_windows(
+    tmp_path, monkeypatch
+):
+    real, tries, pauses = os.replace, [], []
+
+    def replace(made, target):
+        if str(target).endswith(".nbi") and tries and tries.pop():
+            raise PermissionError(target)
+        real(made, target)
+
+    def sleep(pause):  # meanwhile the other one lists its own
+        pauses.append(pause)
+        held, tries[:] = list(tries), []
+        KernelFiles(str(tmp_path), "kernel", "stamp").save("others", "other code")
+        tries[:] = held
+
+    monkeypatch.setattr(os, "replace", replace)
+    monkeypatch.setattr(time, "sleep", sleep)
+    monkeypatch.setattr(kernel_cache, "_lost", False)
+    files = KernelFiles(str(tmp_path), "kernel", "stamp")
+    for count in (0, 1, 4):
+        tries[:] = [True] * count
+        files.save(count, "code", "nt")
+        assert files.load(count) == "code"
+        assert len(pauses) == count
+        assert (files.load("others") == "other code") == (count > 0)
+        pauses.clear()
+    assert kernel_cache.are_kept()
+    for system, count in (("posix", 0), ("nt", 4)):  # elsewhere at once: it does not pass
+        monkeypatch.setattr(kernel_cache, "_lost", False)
+        tries[:] = [True] * 99
+        files.save("types", "code", system)
+        assert len(pauses) == count
+        assert not kernel_cache.are_kept()
+
+
 @pytest.fixture
 def no_home(monkeypatch, tmp_path):
     """A module in a folder that cannot be written, and a user whose home is not known."""
@@ -107,7 +144,7 @@ def no_home(monkeypatch, tmp_path):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     monkeypatch.setattr(kernel_cache, "_lost", False)
     monkeypatch.chdir(tmp_path)
-    makedirs(tmp_path / "temporary")
+    makedirs(tmp_path / "temporary", mode=0o700)
     found["twice"].__module__ = "kernel"
     return found["twice"]
 
@@ -204,6 +241,44 @@ def test_no_kernel_is_read_from_a_folder_that_another_user_may_write(tmp_path, m
     (tmp_path / "elsewhere").mkdir(mode=0o700)
     folder.symlink_to("elsewhere")
     assert temporary_folder() is None
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="permissions are others there")
+def test_no_kernel_is_read_where_another_user_may_exchange_its_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for mode in (0o770, 0o707, 0o777, 0o722):
+        tmp_path.chmod(mode)
+        assert temporary_folder() is None
+    assert not list(tmp_path.iterdir())
+    for mode in (0o700, 0o755, 0o1777):
+        tmp_path.chmod(mode)
+        assert temporary_folder() is not None
+    # Of another user, who may rename all that is in it; only the system's is trusted.
+    real, user = os.stat, os.getuid()
+    for owner in (user + 1, user, 0):
+        found = os.stat_result([*real(tmp_path)[:4], owner, *real(tmp_path)[5:10]])
+        monkeypatch.setattr(
+            os, "stat", lambda path, *, found=found, **named: (
+                found if path == str(tmp_path) else real(path, **named)
+            )
+        )  # fmt: skip
+        assert (temporary_folder() is not None) == (owner in (user, 0))
+
+
+def test_on_windows_kernels_are_kept_only_inside_of_the_users_own_folders(tmp_path, monkeypatch):
+    # Windows has no users of such numbers; each home is closed to the others.
+    monkeypatch.delattr(os, "getuid", raising=False)
+    for name in ("home", "home of another"):
+        (tmp_path / name / "Temp").mkdir(parents=True)
+    for variable in ("LOCALAPPDATA", "USERPROFILE"):
+        monkeypatch.delenv("LOCALAPPDATA", raising=False)
+        monkeypatch.delenv("USERPROFILE", raising=False)
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "home" / "Temp"))
+        assert temporary_folder() is None  # no home is known
+        monkeypatch.setenv(variable, str(tmp_path / "home"))
+        assert temporary_folder() is not None
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "home of another" / "Temp"))
+        assert temporary_folder() is None
 
 
 def _twice(number):
