@@ -93,7 +93,7 @@ def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
     """Write each as write_atomically does, renaming none before all are on the disk.
 
     A full disk, an interruption, or a file that another program holds open on Windows thus leaves
-    every old file unchanged. Pipes and devices, which cannot be renamed, are written just before.
+    every old file as it was. Pipes and devices, which cannot be renamed, are written just before.
     Raises OutputError for the first that cannot be written.
     """
     for path in files:
@@ -127,10 +127,11 @@ def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
 def _rename(made: Sequence[tuple[Path, Path]], system: str = os.name) -> None:
     """Rename each file to its target; where one cannot be, all targets are as they were.
 
-    On Windows, where a program that holds a target open may refuse it: elsewhere none can.
+    A program that holds a target open may refuse it on Windows, and an interruption or the disk
+    may end it anywhere.
     """
-    may_fail = system == WINDOWS and len(made) > 1
-    targets = [target for _, target in made if may_fail and target.exists()]
+    several = len(made) > 1  # else nothing was renamed where the only one cannot be
+    targets = [target for _, target in made if several and target.exists()]
     old = {target: target.with_name(f".{secrets.token_hex(8)}") for target in targets}
     try:
         for target, kept in old.items():
@@ -141,7 +142,7 @@ def _rename(made: Sequence[tuple[Path, Path]], system: str = os.name) -> None:
         for one, target in made:
             replace(one, target, system)
     except BaseException:
-        for one, target in made if may_fail else ():
+        for one, target in made if several else ():
             if not one.exists():  # it was renamed
                 with suppress(OSError):  # the first error says why
                     replace(old[target], target, system) if target in old else target.unlink()

@@ -6,6 +6,7 @@ import os
 import secrets
 import stat
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -17,6 +18,8 @@ from numba.core.caching import CacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
 
 _BESIDE = "__pycache__"
+# s between tries to list code on Windows, which replaces no list while another process reads it.
+_PAUSES_S = (0.01, 0.03, 0.1, 0.3)
 _numba: Any = config  # which creates its attributes dynamically
 _lost = False  # whether code of this process could not be kept
 
@@ -102,9 +105,11 @@ def temporary_folder() -> str | None:
 
     What is in it is executed, and others could have made a folder of its name before.
     """
-    user = os.getuid() if hasattr(os, "getuid") else None  # on Windows the parent is private
+    user = os.getuid() if hasattr(os, "getuid") else None  # Windows has no such numbers
     try:
-        parent = tempfile.gettempdir()
+        parent = os.path.realpath(tempfile.gettempdir())
+        if not _keeps_others_out(parent, user):
+            return None
         # The current folder, where no other can be written; but that may be /tmp.
         if os.path.samefile(parent, os.curdir) and not os.stat(parent).st_mode & stat.S_ISVTX:
             return None
@@ -115,6 +120,20 @@ def temporary_folder() -> str | None:
         return None
     is_private = user is None or (found.st_uid == user and not found.st_mode & 0o077)
     return folder if stat.S_ISDIR(found.st_mode) and is_private else None
+
+
+def _keeps_others_out(folder: str, user: int | None) -> bool:
+    """Whether others than this user and the system's can neither rename nor replace what is in it.
+
+    user  its number; None on Windows, where the folders of a user are private
+    """
+    if user is None:
+        homes = [os.environ.get(name) for name in ("LOCALAPPDATA", "USERPROFILE")]
+        return any(Path(folder).is_relative_to(os.path.realpath(home)) for home in homes if home)
+    found = os.stat(folder)
+    # In a sticky folder, as /tmp is, each user may rename what is theirs alone.
+    is_shared = found.st_mode & 0o022 and not found.st_mode & stat.S_ISVTX
+    return found.st_uid in (0, user) and not is_shared
 
 
 class KernelCache(FunctionCache):
@@ -152,12 +171,21 @@ class KernelFiles(IndexDataCacheFile):
                 return IndexDataCacheFile(self.beside, base, self._source_stamp).load(key)
         return found
 
-    def save(self, key: Any, data: Any) -> None:
+    def save(self, key: Any, data: Any, system: str = os.name) -> None:
         """Keep the code for these types; a disk that is full costs the next process the time."""
         global _lost
         name = self._data_name(secrets.randbits(63))
         try:
             self._save_data(name, data)
-            self._save_index({**self._load_index(), key: name})
+            self._list(key, name, system)
         except OSError:
             _lost = True
+
+    def _list(self, key: Any, name: str, system: str) -> None:
+        """Add the file of these types to the list as it is then, on Windows with patience."""
+        for pause in _PAUSES_S if system == "nt" else ():
+            try:
+                return self._save_index({**self._load_index(), key: name})
+            except PermissionError:
+                time.sleep(pause)
+        return self._save_index({**self._load_index(), key: name})

@@ -1,6 +1,5 @@
 """What a batch reads and how outputs are named; what it refuses, in one line, before it runs."""
 
-import gc
 import io
 import os
 import sys
@@ -242,17 +241,22 @@ def test_every_kind_of_address_of_dask_is_one(address):
 
 
 def test_a_client_that_cannot_connect_is_not_heard_of_again(monkeypatch):
-    from distributed import Client
+    from gauss2svg.batch import cluster
 
-    from gauss2svg.batch.cluster import remote_client
+    made = []
 
-    closed = []
-    monkeypatch.setattr(Client, "close", lambda client, *_: closed.append(client.status))
+    class Kept(cluster._Connecting):
+        def start(self, **options):
+            made.append(self)
+            super().start(**options)
+
+    monkeypatch.setattr(cluster, "_Connecting", Kept)
     # Dask refuses TLS without certificates after its client has begun.
-    with pytest.raises(ClusterError, match="ssl_context"), remote_client("tls://127.0.0.1:1"):
+    address = "tls://127.0.0.1:1"
+    with pytest.raises(ClusterError, match="ssl_context"), cluster.remote_client(address):
         pass
-    gc.collect()
-    assert closed == ["closed"]  # its finaliser would wait for 20 s for any other
+    # Its finaliser would wait for 20 s for any other.
+    assert [client.status for client in made] == ["closed"]
 
 
 def test_scheduler_that_does_not_answer_is_reported(tmp_path, monkeypatch, capsys):

@@ -3,6 +3,7 @@
 import os
 import tempfile
 import threading
+import time
 from itertools import permutations
 from pathlib import Path
 
@@ -10,9 +11,9 @@ import pytest
 from numba.core.caching import CacheImpl
 
 import gauss2svg
+from gauss2svg import kernel_cache
 from gauss2svg.cli import terminal
 from gauss2svg.kernel_cache import KernelFiles, cached, temporary_folder
-from gauss2svg.render import cache
 
 _STEPS = ("_load_index", "_save_index", "_save_data")
 
@@ -82,6 +83,42 @@ def test_a_disk_that_cannot_be_written_stops_no_run(tmp_path):
     assert files.load("types") is None
 
 
+def test_a_list_that_another_process_reads_is_written_a_moment_later_on_windows(
+    tmp_path, monkeypatch
+):
+    real, tries, pauses = os.replace, [], []
+
+    def replace(made, target):
+        if str(target).endswith(".nbi") and tries and tries.pop():
+            raise PermissionError(target)
+        real(made, target)
+
+    def sleep(pause):  # meanwhile the other one lists its own
+        pauses.append(pause)
+        held, tries[:] = list(tries), []
+        KernelFiles(str(tmp_path), "kernel", "stamp").save("others", "other code")
+        tries[:] = held
+
+    monkeypatch.setattr(os, "replace", replace)
+    monkeypatch.setattr(time, "sleep", sleep)
+    monkeypatch.setattr(kernel_cache, "_lost", False)
+    files = KernelFiles(str(tmp_path), "kernel", "stamp")
+    for count in (0, 1, 4):
+        tries[:] = [True] * count
+        files.save(count, "code", "nt")
+        assert files.load(count) == "code"
+        assert len(pauses) == count
+        assert (files.load("others") == "other code") == (count > 0)
+        pauses.clear()
+    assert kernel_cache.are_kept()
+    for system, count in (("posix", 0), ("nt", 4)):  # elsewhere at once: it does not pass
+        monkeypatch.setattr(kernel_cache, "_lost", False)
+        tries[:] = [True] * 99
+        files.save("types", "code", system)
+        assert len(pauses) == count
+        assert not kernel_cache.are_kept()
+
+
 @pytest.fixture
 def no_home(monkeypatch, tmp_path):
     """A module in a folder that cannot be written, and a user whose home is not known."""
@@ -105,9 +142,9 @@ def no_home(monkeypatch, tmp_path):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    monkeypatch.setattr(cache, "_lost", False)
+    monkeypatch.setattr(kernel_cache, "_lost", False)
     monkeypatch.chdir(tmp_path)
-    makedirs(tmp_path / "temporary")
+    makedirs(tmp_path / "temporary", mode=0o700)
     found["twice"].__module__ = "kernel"
     return found["twice"]
 
@@ -122,7 +159,7 @@ def test_without_a_home_kernels_are_kept_among_the_temporary_files(no_home, tmp_
     again = cached()(no_home)
     assert again(2) == 4
     assert sum(again.stats.cache_hits.values()) == 1
-    assert cache.are_kept()
+    assert kernel_cache.are_kept()
     assert not (tmp_path / "~").exists()
 
 
@@ -145,22 +182,22 @@ def test_kernels_beside_a_module_are_read_where_they_cannot_be_written(
         assert cached()(no_home)(2) == 4
     assert len(machine_code(tmp_path / "read only")) == 1
     if place is None:
-        monkeypatch.setattr(cache, "temporary_folder", lambda: None)
+        monkeypatch.setattr(kernel_cache, "temporary_folder", lambda: None)
     again = cached()(no_home)
     assert again(2) == 4
     assert sum(again.stats.cache_hits.values()) == 1
     assert len(machine_code(tmp_path)) == 1
-    assert cache.are_kept()
+    assert kernel_cache.are_kept()
 
 
 def test_where_no_folder_can_be_written_kernels_are_compiled_and_said_to_be_lost(
     no_home, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(cache, "temporary_folder", lambda: None)
+    monkeypatch.setattr(kernel_cache, "temporary_folder", lambda: None)
     monkeypatch.setattr(KernelFiles, "_open_for_write", _refused)
     assert cached()(no_home)(2) == 4
     assert not machine_code(tmp_path)
-    assert not cache.are_kept()
+    assert not kernel_cache.are_kept()
     assert "NUMBA_CACHE_DIR" in terminal._compilation(5.0)
     assert terminal._compilation(0.0) == ""
 
@@ -171,9 +208,9 @@ def _refused(*_):
 
 def test_kernels_are_compiled_also_where_numba_knows_no_folder(monkeypatch):
     monkeypatch.setattr(CacheImpl, "_locator_classes", [])
-    monkeypatch.setattr(cache, "_lost", False)
+    monkeypatch.setattr(kernel_cache, "_lost", False)
     assert cached()(_twice)(2) == 4
-    assert not cache.are_kept()
+    assert not kernel_cache.are_kept()
 
 
 def test_the_current_folder_is_no_folder_for_temporary_files(tmp_path, monkeypatch):
@@ -204,6 +241,44 @@ def test_no_kernel_is_read_from_a_folder_that_another_user_may_write(tmp_path, m
     (tmp_path / "elsewhere").mkdir(mode=0o700)
     folder.symlink_to("elsewhere")
     assert temporary_folder() is None
+
+
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="permissions are others there")
+def test_no_kernel_is_read_where_another_user_may_exchange_its_folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    for mode in (0o770, 0o707, 0o777, 0o722):
+        tmp_path.chmod(mode)
+        assert temporary_folder() is None
+    assert not list(tmp_path.iterdir())
+    for mode in (0o700, 0o755, 0o1777):
+        tmp_path.chmod(mode)
+        assert temporary_folder() is not None
+    # Of another user, who may rename all that is in it; only the system's is trusted.
+    real, user = os.stat, os.getuid()
+    for owner in (user + 1, user, 0):
+        found = os.stat_result([*real(tmp_path)[:4], owner, *real(tmp_path)[5:10]])
+        monkeypatch.setattr(
+            os, "stat", lambda path, *, found=found, **named: (
+                found if path == str(tmp_path) else real(path, **named)
+            )
+        )  # fmt: skip
+        assert (temporary_folder() is not None) == (owner in (user, 0))
+
+
+def test_on_windows_kernels_are_kept_only_inside_of_the_users_own_folders(tmp_path, monkeypatch):
+    # Windows has no users of such numbers; each home is closed to the others.
+    monkeypatch.delattr(os, "getuid", raising=False)
+    for name in ("home", "home of another"):
+        (tmp_path / name / "Temp").mkdir(parents=True)
+    for variable in ("LOCALAPPDATA", "USERPROFILE"):
+        monkeypatch.delenv("LOCALAPPDATA", raising=False)
+        monkeypatch.delenv("USERPROFILE", raising=False)
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "home" / "Temp"))
+        assert temporary_folder() is None  # no home is known
+        monkeypatch.setenv(variable, str(tmp_path / "home"))
+        assert temporary_folder() is not None
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "home of another" / "Temp"))
+        assert temporary_folder() is None
 
 
 def _twice(number):

@@ -1,6 +1,7 @@
 """Laws of placeholders: keys, data URIs, and what one bad photo of many costs."""
 
 import base64
+import errno
 import html
 import io
 import json
@@ -112,10 +113,11 @@ def test_where_every_photo_fails_nothing_is_written(form, photos, tmp_path, capf
     file = output / "bad.svg" if form == "svg" else output
     if form == "svg":
         output.mkdir()
-    file.write_text("of an earlier run")
+    earlier = {"json": "[]", "html": '<img src="a.png">', "svg": "of an earlier run"}[form]
+    file.write_text(earlier)
     command = ["placeholder", photos[-1], "--format", form]
     assert main([*command, "-o", str(output)]) == 1
-    assert file.read_text() == "of an earlier run"
+    assert file.read_text() == earlier
     assert main([*command[:1], photos[0], *command[2:], "--max-bytes", "20"]) == 1
     out, err = capfdbinary.readouterr()
     assert out == b""
@@ -133,13 +135,50 @@ def test_a_photo_that_fails_keeps_the_entry_that_it_had(form, photos, tmp_path, 
     assert main(command) == 1
     assert output.read_text() == before
     assert "2 failed; 1 of them kept from before" in capsys.readouterr().err
-    # What is not asked for any more is not kept, and what is no such file is not read.
+    # What is not asked for any more is not kept.
     assert main([*command[:1], *command[2:]]) == 1
     assert len(output.read_text()) < len(before)
-    for other in ("no JSON", "[1]", "{}", '[{"metadata": 1}]', "[" * 100_000):
-        output.write_text(other)
-        assert main([*command[:1], *command[2:]]) == 1
-        assert output.read_text().count("two words" if form == "json" else "two%20words") == 1
+
+
+FOREIGN = {
+    "json": [b"no JSON", b"", b"[1]", b"{}", b"{", b'{"a": 1}', b'[{"metadata": 1}]',
+             b"[" * 100_000, b'["\xff"]'],
+    "html": [b"", b"<p>mine</p>", b'<img src="a.png">\n<p>mine</p>', b'<img src="\xff">'],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("form", FOREIGN)
+def test_a_file_that_is_no_list_of_placeholders_is_kept_and_said_before_any_work(
+    form, photos, tmp_path, capsys, monkeypatch
+):
+    output = tmp_path / "placeholders"
+    command = ["placeholder", photos[0], "--max-bytes", "300", "--format", form, "-o", str(output)]
+
+    def refuses(reason):
+        assert main(command) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert reason in line
+        assert "Try another name" in line
+
+    with monkeypatch.context() as patch:
+        # None of the photos is looked at.
+        patch.setattr("gauss2svg.pipeline.placeholder.placeholder", pytest.fail)
+        for data in FOREIGN[form]:
+            output.write_bytes(data)
+            refuses(f"--output must be a file of placeholders in {form}, or none yet")
+            assert output.read_bytes() == data
+        opened = os.open
+
+        def denied(path, flags, *given, **named):
+            if path == str(output) and not flags & (os.O_WRONLY | os.O_RDWR):
+                raise PermissionError(errno.EACCES, "Permission denied")
+            return opened(path, flags, *given, **named)
+
+        patch.setattr(os, "open", denied)
+        refuses("Permission denied")
+    output.unlink()
+    assert main(command) == 0
+    assert main(command) == 0  # its own file is one
 
 
 ODD_NAMES = [

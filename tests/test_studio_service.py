@@ -16,7 +16,11 @@ from gauss2svg.studio.service import create_app
 HOME = "http://127.0.0.1:8137"
 
 
-def test_connections_that_send_nothing_shut_nobody_out(monkeypatch):
+ASK = b"GET / HTTP/1.1\r\nHost: here\r\n\r\n"
+
+
+@pytest.mark.parametrize("asked", [False, True])
+def test_connections_that_send_nothing_more_shut_nobody_out(monkeypatch, asked):
     monkeypatch.setattr(server, "_MOST_CONNECTIONS", 10)
     monkeypatch.setattr(server, "_MOST_WAITING", 5)
 
@@ -34,13 +38,18 @@ def test_connections_that_send_nothing_shut_nobody_out(monkeypatch):
         serving = asyncio.create_task(one.serve([listening]))
         await listens.wait()
         port = listening.getsockname()[1]
-        idle = [await asyncio.open_connection("127.0.0.1", port) for _ in range(30)]
+        idle = []
+        for _ in range(30):
+            idle.append(await asyncio.open_connection("127.0.0.1", port))
+            if asked:  # and is kept alive
+                idle[-1][1].write(ASK)
+                await idle[-1][0].readuntil(b"\r\n\r\n")
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(b"GET / HTTP/1.1\r\nHost: here\r\n\r\n")
+        writer.write(ASK)
         answer = await reader.readline()
         # Those that came first have gone; the last ones may still send their request.
         assert await idle[0][0].read() == b""
-        idle[-1][1].write(b"GET / HTTP/1.1\r\nHost: here\r\n\r\n")
+        idle[-1][1].write(ASK)
         late = await idle[-1][0].readline()
         one.should_exit = True
         await serving

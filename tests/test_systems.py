@@ -194,13 +194,16 @@ def test_a_program_off_path_is_found_and_one_on_path_comes_first(tmp_path, monke
     assert program.find("inkscape", ["inkscape"], "it") == str(tmp_path / "bin" / "inkscape")
 
 
-def test_the_version_of_a_chromium_on_windows_is_that_of_its_folder(tmp_path):
+def test_the_version_of_a_chromium_on_windows_is_that_of_its_folder(tmp_path, monkeypatch):
     for name in ("99.0.1.2", "140.0.7.10", "140.0.7.9", "Dictionaries", "1.2.3"):
         (tmp_path / name).mkdir()
     assert chromium._version_beside(str(tmp_path / "chrome.exe")) == "140.0.7.10"
+    monkeypatch.setattr(sys, "platform", "win32")
+    monkeypatch.setattr(chromium, "_playwright", lambda: None)
     (tmp_path / "none").mkdir()
-    with pytest.raises(RendererError, match="no folder of its version"):
-        chromium._version_beside(str(tmp_path / "none" / "chrome.exe"))
+    for folder in ("none", "that cannot be listed"):
+        monkeypatch.setattr(chromium, "_program", lambda at=folder: str(tmp_path / at / "c.exe"))
+        assert chromium.version() == "Chromium of unknown version"
 
 
 @pytest.fixture
@@ -242,10 +245,11 @@ def test_a_file_that_is_held_open_for_moments_is_replaced_on_windows(tmp_path, h
     assert len(pauses) == 5
 
 
+@pytest.mark.parametrize("system", ["nt", "posix"])
 @pytest.mark.parametrize("has_links", [True, False])
 @pytest.mark.parametrize("failing", ["a", "b", "c"])
-def test_where_one_file_is_held_open_none_is_replaced(
-    failing, has_links, tmp_path, held_open, monkeypatch
+def test_where_one_file_cannot_be_renamed_none_is_replaced(
+    failing, has_links, system, tmp_path, held_open, monkeypatch
 ):
     def refuse(*_):
         raise OSError(errno.ENOTSUP, "no links")
@@ -260,14 +264,14 @@ def test_where_one_file_is_held_open_none_is_replaced(
     held_open[0][str(tmp_path / failing)] = 99
     pairs = [(tmp_path / f".{name}", tmp_path / name) for name in "abc"]
     with pytest.raises(PermissionError):
-        files._rename(pairs, "nt")
+        files._rename(pairs, system)
     for made, _ in pairs:  # which `write_all_atomically` removes
         made.unlink(missing_ok=True)
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == before
     held_open[0].clear()
     for name in "abc":
         (tmp_path / f".{name}").write_text("new")
-    files._rename(pairs, "nt")
+    files._rename(pairs, system)
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == dict.fromkeys("abc", "new")
 
 

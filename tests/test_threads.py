@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+from contextlib import contextmanager
 
 import numba
 import numpy as np
@@ -139,15 +140,30 @@ def test_a_process_that_is_forked_inside_of_a_fit_keeps_its_lock_and_can_give_it
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork here")
 @pytest.mark.filterwarnings("default::DeprecationWarning")
-def test_a_fork_awaits_the_compilation_of_another_thread():
-    with HeldElsewhere(global_compiler_lock) as other:
-        results = []
-        forking = threading.Thread(
-            target=lambda: results.append(forked(lambda: global_compiler_lock.acquire() is None))
-        )
-        forking.start()
-        forking.join(timeout=0.2)
-        assert forking.is_alive()
-        other.let.set()
-        forking.join()
-    assert results == [True]
+def test_a_fork_awaits_the_compilation_of_another_thread(monkeypatch):
+    order, lock, parent = [], global_compiler_lock._lock, os.getpid()
+
+    @contextmanager
+    def compiling():
+        with lock:
+            yield
+            order.append("compiled")
+
+    class Recorded:
+        """The lock, which lets the compilation end only once it has been asked for."""
+
+        def acquire(self):
+            order.append("asked for")
+            other.let.set()
+            lock.acquire()
+            order.append("taken")
+
+        def release(self):
+            lock.release()
+            order.append("released" if os.getpid() == parent else "released in the fork")
+
+    monkeypatch.setattr(global_compiler_lock, "_lock", Recorded())
+    before = ["asked for", "compiled", "taken"]
+    with HeldElsewhere(compiling()) as other:
+        assert forked(lambda: order == [*before, "released in the fork"])
+    assert order == [*before, "released"]

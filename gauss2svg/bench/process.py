@@ -5,12 +5,12 @@ Not a worker of `batch`: Dask's own memory would count as the run's (docs/decisi
 
 from __future__ import annotations
 
+import errno
 import json
 import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping
-from contextlib import suppress
 from typing import IO, Any
 
 from gauss2svg.bench.rows import Row, one_line
@@ -24,16 +24,15 @@ def in_own_process(request: Mapping[str, Any], timeout: float | None) -> Row:
     with (
         tempfile.TemporaryFile() as stdout,
         tempfile.TemporaryFile() as stderr,
+        # Without a buffer: what one could not write it would try again as it is closed, and raise.
         # Processes that a peer starts are killed with it.
         subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, **own_group()
+            command, 0, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, **own_group()
         ) as process,
     ):
         assert process.stdin is not None
         try:
-            with suppress(BrokenPipeError):  # it is dead, which its status tells
-                process.stdin.write(json.dumps(request).encode() + b"\n")
-                process.stdin.flush()
+            _send(process.stdin, json.dumps(request).encode() + b"\n")
             # Its input stays open: where that ends, its parent is gone.
             process.wait(timeout)
         except subprocess.TimeoutExpired:
@@ -46,6 +45,17 @@ def in_own_process(request: Mapping[str, Any], timeout: float | None) -> Row:
             stdout.seek(0)
             return json.load(stdout)
         return {"error": one_line(f"{end_of(process.returncode)}: {last_line(stderr)}")}
+
+
+def _send(stream: IO[bytes], data: bytes) -> None:
+    """Write all to a process, which may be dead already: its status tells that."""
+    rest = memoryview(data)
+    try:
+        while rest:
+            rest = rest[stream.write(rest) :]
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.EINVAL):  # the second is that of Windows
+            raise
 
 
 def last_line(stream: IO[bytes]) -> str:

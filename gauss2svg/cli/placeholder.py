@@ -62,6 +62,7 @@ def placeholder_command(
     once = gallery_photos(photos)
     targets = _targets(output, options.format, [photo.slug for photo in once])
     _check({photo.path: "a photo" for photo in once}, targets)
+    before = {} if options.format == "svg" else _entries(output, options.format)
     made: dict[GalleryPhoto, Placeholder] = {}
     failures = []
     with counting_bar(quiet) as update:
@@ -75,7 +76,7 @@ def placeholder_command(
             except Gauss2SvgError as error:
                 line = str(error).replace("max_bytes must", "--max-bytes must")
                 failures.append(f"failed: {photo.name}: {line}")
-    kept = _write(once, made, output, options.format) if made else 0
+    kept = _write(once, made, before, output, options.format) if made else 0
     if len(once) < len(photos):
         _print(f"{len(photos) - len(once)} of {len(photos)} photos given more than once")
     for photo, one in made.items():
@@ -126,6 +127,7 @@ def _check(photos: dict[str, str], targets: list[Path]) -> None:
 def _write(
     photos: list["GalleryPhoto"],
     made: dict["GalleryPhoto", Placeholder],
+    before: dict[str, Any],
     output: str,
     form: str,
 ) -> int:
@@ -141,7 +143,6 @@ def _write(
         return 0
     folder = "." if output == STANDARD_STREAM else os.path.dirname(output) or "."
     names = {photo: photo.file if form == "json" else _url(photo.path, folder) for photo in photos}
-    before = {} if output == STANDARD_STREAM else _entries(Path(output), form)
     listed = [photo for photo in photos if photo in made or names[photo] in before]
     if form == "json":
         records = [
@@ -166,20 +167,35 @@ def _write(
     return len(listed) - len(made)
 
 
-def _entries(path: Path, form: str) -> dict[str, Any]:
-    """What an earlier run has written for each photo, by its name or address."""
+def _entries(output: str, form: str) -> dict[str, Any]:
+    """What an earlier run has written for each photo, by its name or address.
+
+    Raises InputError for a file that cannot be read as such: to replace it would lose what it has.
+    """
     import json
 
-    if not path.is_file():
+    from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.files import STANDARD_STREAM, reading
+
+    if output == STANDARD_STREAM or not Path(output).is_file():
         return {}
+    with reading(output, "another name for --output") as file:
+        data = file.read()
     try:
-        text = path.read_text(encoding="utf-8")
+        text = data.decode()
         if form == "html":
-            images = [line for line in text.splitlines() if line.startswith(_IMAGE)]
-            return {line.removeprefix(_IMAGE).partition('"')[0]: line for line in images}
-        return {record["metadata"]["filename"]: record for record in json.loads(text)}
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
-        return {}  # it is no file of placeholders
+            lines = [line for line in text.split("\n") if line.strip()]
+            if not lines or not all(line.startswith(_IMAGE) for line in lines):
+                raise ValueError("not lines of <img>")
+            return {line.removeprefix(_IMAGE).partition('"')[0]: line for line in lines}
+        records = json.loads(text)
+        if not isinstance(records, list):
+            raise TypeError("not a list")
+        return {record["metadata"]["filename"]: record for record in records}
+    except (ValueError, TypeError, KeyError, RecursionError) as error:
+        needed = f"a file of placeholders in {form}, or none yet"
+        got = shown(f"{output}, which has something else or is damaged")
+        raise InputError(must_be("--output", needed, got, "another name, or remove it")) from error
 
 
 def _url(path: str, folder: str) -> str:

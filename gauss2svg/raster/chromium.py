@@ -50,6 +50,7 @@ _PLACE = """([x, y]) => {
 }"""
 _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
 _CLOSING_S = 10
+_UNKNOWN = "of unknown version"
 _LEAST_PLAYWRIGHT = (1, 58)  # earlier versions hang on images of a few pixels
 
 
@@ -66,13 +67,14 @@ def version() -> str:
 def _version_beside(program: str) -> str:
     """The version of a Chromium on Windows, where --version would open a window.
 
-    Its files are in a folder of that name beside the program.
+    An installer puts its files in a folder of that name beside the program.
     """
-    names = [path.name for path in Path(program).parent.iterdir()]
+    names: list[str] = []
+    with suppress(OSError):  # a folder whose files may be run and not be listed
+        names = [path.name for path in Path(program).parent.iterdir()]
     versions = [name for name in names if re.fullmatch(r"\d+(\.\d+){3}", name)]
-    if not versions:
-        raise RendererError(f"{program} has no folder of its version. Try to reinstall it")
-    return max(versions, key=lambda name: [int(part) for part in name.split(".")])
+    # A Chromium without an installer, as Playwright's own, has no such folder, and draws as well.
+    return max(versions, key=lambda name: [int(part) for part in name.split(".")], default=_UNKNOWN)
 
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
