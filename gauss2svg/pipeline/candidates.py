@@ -16,8 +16,9 @@ from gauss2svg.pipeline.plan import Plan
 
 # PSNR (dB) from which more Gaussians do not show: an error of half a level of 255 has 54.1.
 INDISTINGUISHABLE = 54.0
-# Share of the allowed bytes from which a file counts as full, and from which one correction does.
-FULL, _NEARLY_FULL = 0.985, 0.96
+# Share of the allowed bytes from which a file counts as full, before and after one correction, and
+# from which they are what ended the fit.
+FULL, _NEARLY_FULL, BOUND = 0.985, 0.96, 0.93
 # Times the allowed bytes from which a fit is corrected; fewer are lost by pruning.
 _TOO_LARGE = 1.02
 _PRUNED = 8.0  # dB for each halving of a file by pruning alone

@@ -30,7 +30,7 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.alpha import over
 from gauss2svg.pipeline.candidate import Candidate, Exporter, Outcome, pruned_to_size
-from gauss2svg.pipeline.candidates import FULL, INDISTINGUISHABLE, Candidates, Limit, fewest
+from gauss2svg.pipeline.candidates import BOUND, INDISTINGUISHABLE, Candidates, Limit, fewest
 from gauss2svg.pipeline.checkpoint import ADDITIVE, FIT, Checkpoint, damaged
 from gauss2svg.pipeline.export_time import estimate_export_seconds
 from gauss2svg.pipeline.plan import Plan
@@ -266,11 +266,9 @@ class TargetSearch:
     def _export_seconds(self, psnr: float) -> float:
         exporter = self._exporter
         return estimate_export_seconds(
-            self._session.scene(),
-            partial(exporter.write, psnr=psnr),
-            exporter.working,
+            self._session.scene(), partial(exporter.write, psnr=psnr), exporter.working,
             self._plan.options.run.renderer,
-        )
+        )  # fmt: skip
 
     def _is_ended(self) -> bool:
         return self._ended
@@ -355,7 +353,7 @@ class TargetSearch:
             return "interrupted"
         if self._session.clock.out_of_time:
             return "time_limit"
-        if self._max_bytes is not None and best.size > FULL * self._max_bytes:
+        if self._max_bytes is not None and best.size > BOUND * self._max_bytes:
             return "max_bytes"
         if aim is None or not len(best.scene):
             return self._policy.stop_reason
