@@ -61,7 +61,8 @@ def help_of_jpeg(image: Any) -> list[str]:
     data = _file_of(image) if image.format in ("JPEG", "MPO") else b""
     if not data:
         return []
-    found = survey(data)
+    drafted = getattr(image, "decoderconfig", ())
+    found = survey(data, image.size, drafted[0] if drafted else 1)
     if found.missing and not found.is_few:
         raise OSError(found.missing)
     if not found.ends:
@@ -120,7 +121,7 @@ def _jpeg_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
     with JpegImageFile(io.BytesIO(stream), "") as image:
         if image.width > width or image.height > height:  # of which libtiff reads a part
             return False
-        return bool(survey(stream).missing)
+        return bool(survey(stream, image.size).missing)
 
 
 def _fax_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
