@@ -137,7 +137,7 @@ def vectorize_by(
     header = header_of(image, max_pixels=run.max_pixels)
     if header is not None:  # what cannot fit is refused before its pixels take memory
         _working_size(header.width, header.height, False, plan, most_bytes, may_reduce)
-        check_decoding(header.width, header.height, header.has_alpha, most_bytes)
+        check_decoding(header, most_bytes)
     matte = options.svg.matte
     photo = load_image(
         image, max_pixels=run.max_pixels, matte=None if matte is None else matte_color(matte)
