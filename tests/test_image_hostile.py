@@ -22,6 +22,7 @@ from hostile_jpegs import (
 
 from gauss2svg.photo.entropy import lack, table_of
 from gauss2svg.photo.jpeg import Survey, survey
+from gauss2svg.pipeline.vectorize import vectorize
 
 HERE = Path(__file__).parent
 
@@ -87,3 +88,43 @@ def test_restarts_may_follow_any_number_of_fill_bytes():
         whole = head + b"\x3f" + b"\xff" * fill + b"\xd0\x3f"
         assert survey(whole + END, (16, 8)).missing == ""
         assert survey(whole[:-1] + END, (16, 8)).missing == "its data end at row 0 of 8"
+
+
+FIRST_JPEG = """
+import io
+from PIL import Image
+from gauss2svg.photo.entropy import _lack
+from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.kernels import compile_kernels
+compile_kernels()
+compiled = list(_lack.signatures)
+for options in ({}, {"progressive": True}, {"restart_marker_blocks": 1}, {"optimize": True}):
+    stream = io.BytesIO()
+    Image.effect_noise((40, 24), 50).convert("RGB").save(stream, "JPEG", **options)
+    load_image(stream.getvalue())
+assert len(compiled) == 1, compiled
+assert _lack.signatures == compiled
+"""
+
+
+def test_no_jpeg_compiles_what_is_not_compiled_ahead():
+    child = subprocess.run(
+        [sys.executable, "-c", FIRST_JPEG], cwd=HERE.parent, capture_output=True, timeout=300,
+        env={**os.environ, "NUMBA_DISABLE_JIT": "0"}, text=True, check=False,
+    )  # fmt: skip
+    assert child.returncode == 0, child.stderr
+
+
+def test_the_first_jpeg_on_a_machine_is_not_compiled_within_a_time_limit(monkeypatch):
+    steps = []
+    module = "gauss2svg.pipeline.vectorize"
+    monkeypatch.setattr(f"{module}.compile_reading", lambda: steps.append("compiled") or 0.0)
+
+    def stopped(*_, **__):
+        steps.append("read")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"{module}.load_image", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        vectorize(np.zeros((8, 8, 3)))
+    assert steps == ["compiled", "read"]
