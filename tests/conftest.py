@@ -35,6 +35,7 @@ _WITH_KERNELS = [f"render/{name}.py" for name in _KERNELS] + [
     "scene/falloff.py",
     "svg/room.py",
     "fit/components.py",
+    "photo/entropy.py",
 ]
 
 

@@ -80,10 +80,11 @@ def srgb_curve(light: NDArray) -> NDArray:
 
 
 def tiff_file(*strips: bytes, order: str = "<", **tags: int | list[int]) -> bytes:
-    """A TIFF of small strips, with tags by number such as t256=width; lists are short numbers."""
+    """A TIFF of strips or, with their size, tiles, with tags by number such as t256=width."""
     offsets = [8 + len(b"".join(strips[:k])) for k in range(len(strips))]
     entries = {int(name[1:]): value for name, value in tags.items()}
-    entries |= {273: offsets, 279: [len(strip) for strip in strips]}
+    places, counts = (324, 325) if 322 in entries else (273, 279)
+    entries |= {places: offsets, counts: [len(strip) for strip in strips]}
     data = b"".join(strips)
     place = 8 + len(data) + len(data) % 2
     after, rest = place + 6 + 12 * len(entries), b""
@@ -92,10 +93,11 @@ def tiff_file(*strips: bytes, order: str = "<", **tags: int | list[int]) -> byte
         if isinstance(value, int):
             directory += struct.pack(f"{order}HHII", tag, 4, 1, value)
             continue
-        packed = struct.pack(f"{order}{len(value)}H", *value)
+        kind, number = ("H", 3) if max(value, default=0) < 1 << 16 else ("I", 4)
+        packed = struct.pack(f"{order}{len(value)}{kind}", *value)
         short = len(packed) <= 4
         field = packed.ljust(4, b"\0") if short else struct.pack(f"{order}I", after + len(rest))
-        directory += struct.pack(f"{order}HHI", tag, 3, len(value)) + field
+        directory += struct.pack(f"{order}HHI", tag, number, len(value)) + field
         rest += b"" if short else packed
     head = (b"II" if order == "<" else b"MM") + struct.pack(f"{order}HI", 42, place)
     return head + data.ljust(place - 8, b"\0") + directory + bytes(4) + rest

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import math
-import struct
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -18,6 +17,7 @@ from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from gauss2svg.photo.jpeg import END_OF_JPEG, survey
+from gauss2svg.photo.strips import one_strip
 
 # Data of any kind without markers. The bits of one are the other's inverted: some code of a block
 # without content may begin with either.
@@ -61,7 +61,8 @@ def help_of_jpeg(image: Any) -> list[str]:
     data = _file_of(image) if image.format in ("JPEG", "MPO") else b""
     if not data:
         return []
-    found = survey(data)
+    drafted = getattr(image, "decoderconfig", ())
+    found = survey(data, image.size, drafted[0] if drafted else 1)
     if found.missing and not found.is_few:
         raise OSError(found.missing)
     if not found.ends:
@@ -120,13 +121,15 @@ def _jpeg_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
     with JpegImageFile(io.BytesIO(stream), "") as image:
         if image.width > width or image.height > height:  # of which libtiff reads a part
             return False
-        return bool(survey(stream).missing)
+        return bool(survey(stream, image.size).missing)
 
 
 def _fax_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
     """As of a JPEG; libtiff leaves what is missing white."""
+    numbers = {_WIDTH: width, _HEIGHT: height, 258: 1}
+    numbers |= {tag: tags[tag] for tag in _FAX_TAGS if isinstance(tags.get(tag), int)}
     images = [
-        TiffImageFile(io.BytesIO(_one_strip(part + padding, tags, width, height)), "")
+        TiffImageFile(io.BytesIO(one_strip(part + padding, numbers)), "")
         for padding in (b"", *map(_with_lines, _PADDINGS))
     ]
     try:
@@ -138,16 +141,6 @@ def _fax_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
 def _with_lines(padding: bytes) -> bytes:
     """Data with ends of lines, up to which libtiff skips what it cannot read."""
     return b"\0\x10".join(padding[k : k + 8] for k in range(0, len(padding), 8))
-
-
-def _one_strip(data: bytes, tags: _Tags, width: int, height: int) -> bytes:
-    """A TIFF of one strip of two levels."""
-    numbers = {_WIDTH: width, _HEIGHT: height, 258: 1, _ROWS_PER_STRIP: height}
-    numbers |= {tag: tags[tag] for tag in _FAX_TAGS if isinstance(tags.get(tag), int)}
-    numbers |= dict(zip(_STRIPS, (8, len(data)), strict=True))
-    entries = (struct.pack("<HHII", tag, 4, 1, numbers[tag]) for tag in sorted(numbers))
-    directory = struct.pack("<H", len(numbers)) + b"".join(entries) + bytes(4)
-    return b"II*\0" + struct.pack("<I", 8 + len(data)) + data + directory
 
 
 def _number(tags: _Tags, tag: int, default: int) -> int:

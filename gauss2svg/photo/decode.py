@@ -65,9 +65,11 @@ def header_of_file(file: BinaryIO, name: str, max_pixels: int) -> Header:
     """What the header of a seekable image file says; raises InputError as `decode_file` does."""
     try:
         with opened(file, name, max_pixels) as image:
-            return header_of_image(image)
+            if not in_planes(getattr(image, "tag_v2", {})):
+                return header_of_image(image)
     except UnreadTiffError:
-        return tiff_header(file, name, max_pixels)
+        pass
+    return tiff_header(file, name, max_pixels)
 
 
 def header_of_image(image: Image.Image) -> Header:
@@ -126,13 +128,15 @@ def _reduced(samples: _Samples, name: str, reduced: Reduced, image: Image.Image)
     color, alpha = reduced.result()
     mode = samples.color.mode if isinstance(samples.color, Image.Image) else ""
     if mode in ("CMYK", "LAB") or (mode and image.info.get("icc_profile")):
-        return _Samples(_image_of(color, mode), alpha, samples.notes)
+        return _Samples(_image_of(color, mode, name), alpha, samples.notes)
     return _Samples(color, alpha, samples.notes)
 
 
-def _image_of(color: NDArray[Any], mode: str) -> Image.Image:
-    """An image of 8 bits of color (h, w, channels) in 0..1."""
-    levels = np.round(color * _MOST_8).astype(np.uint8)
+def _image_of(color: NDArray[Any], mode: str, name: str) -> Image.Image:
+    """An image of 8 bits of color (h, w, channels) of any type."""
+    levels = np.empty(color.shape, np.uint8)
+    for rows, some in pieces(color):
+        levels[rows] = np.round(unit(some, name, rows.start) * _MOST_8)
     return Image.frombytes(mode, (color.shape[1], color.shape[0]), levels.tobytes())
 
 
@@ -140,7 +144,7 @@ def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int, needed: SizeNeeded
     page = first_page(file, name, max_pixels, needed)
     color: NDArray[Any] | Image.Image = page.color
     if page.color.shape[2] == _INKS:
-        color = _image_of(unit(page.color, name), "CMYK")
+        color = _image_of(page.color, "CMYK", name)
     color, _, notes = _by_profile(color, page.profile)
     if page.color.shape[2] == _INKS and page.bits > 8:
         notes.append(f"{page.bits} bits per channel reduced to 8")

@@ -12,11 +12,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from gauss2svg.errors import must_be
 from gauss2svg.kernel_cache import cached
 
 _LENGTHS = 16
 _NO_CODE = (_LENGTHS + 1) << 8  # libjpeg takes the bits of a code that is none for a zero
-_PADDING = 2048  # bytes after the data, which no block reads past
+# Bytes after the data. A block that begins within them is read, of at most 64 codes with 15 bits
+# more for each, and 63 bits of corrections.
+_PADDING = 512
 
 Bits = NDArray[np.uint64]  # of a block and its coefficients
 
@@ -53,8 +56,12 @@ def lack(
     tables    for direct and other coefficients, of each block of a unit
     band      first and last coefficient
     refines   whether the scan has one more bit of what earlier ones have
-    nonzero   bits by block and coefficient: those of earlier scans that are not 0, which grow
+    nonzero   bits by block and coefficient: those of earlier scans that are not 0, which grow;
+              not used for direct coefficients, nor for all in one scan
     """
+    # The kernel does not check its indices.
+    if band[1] > 0 and (band[0] > 0 or refines) and len(nonzero) != units:
+        raise ValueError(must_be("length of nonzero", f"that of its units, {units}", len(nonzero)))
     plain = [part.replace(b"\xff\0", b"\xff") for part in parts[: -(-units // interval)]]
     ends = np.cumsum([0, *map(len, plain)])
     data = np.frombuffer(b"".join((*plain, bytes(_PADDING))), np.uint8)
@@ -69,16 +76,16 @@ def _lack(data, ends, interval, units, tables, kinds, band, refines, nonzero):
     first, last = band
     one = np.uint64(1)
     lacking, missing = units, 0
-    for part in range(-(-units // interval)):
+    for part in range(len(ends) - 1):
         begin = part * interval
         left = min(interval, units - begin)
-        position = end = 0
-        if part < len(ends) - 1:
-            position, end = 8 * ends[part], 8 * ends[part + 1]
+        position, end = 8 * ends[part], 8 * ends[part + 1]
         run = 0  # of blocks without further coefficients
         for unit in range(left):
             block = begin + unit
             for k in range(len(kinds)):
+                if position > end:
+                    break
                 at = first
                 if at == 0:
                     at = 1
@@ -123,7 +130,8 @@ def _lack(data, ends, interval, units, tables, kinds, band, refines, nonzero):
                 lacking = min(lacking, block)
                 missing += left - unit
                 break
-    return lacking, missing
+    rest = max(0, units - (len(ends) - 1) * interval)
+    return min(lacking, units - rest), missing + rest
 
 
 @njit(inline="always")

@@ -11,11 +11,17 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Header:
-    """What the header of a photo says: its size in px, as stored, and whether it may have alpha."""
+    """What the header of a photo says.
+
+    width, height  in px, as stored
+    has_alpha      whether it may have alpha
+    part_bytes     of data that are unpacked at once, where Pillow does not decode it
+    """
 
     width: int
     height: int
     has_alpha: bool
+    part_bytes: int = 0
 
 
 @dataclass(frozen=True, eq=False)

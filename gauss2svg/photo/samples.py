@@ -24,9 +24,10 @@ def plain_array(array: NDArray[Any], name: str) -> NDArray[Any]:
     return np.asarray(array)
 
 
-def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
+def unit(array: NDArray[Any], name: str, top: int = 0) -> NDArray[np.float32]:
     """Samples (h, w, channels), uint8, uint16, bool or floating point, as float32 in 0..1.
 
+    top  row of the first in the picture that they are of
     Raises InputError for other types, and for the first sample outside of 0..1.
     """
     array = array.astype(array.dtype.newbyteorder("="), copy=False)
@@ -40,7 +41,7 @@ def unit(array: NDArray[Any], name: str) -> NDArray[np.float32]:
     bad = ~((array >= 0) & (array <= 1))  # NaN as well
     if bad.any():
         y, x, c = (int(v) for v in np.argwhere(bad)[0])
-        got = shown(f"{array[y, x, c]} at row {y}, column {x}, channel {c}")
+        got = shown(f"{array[y, x, c]} at row {top + y}, column {x}, channel {c}")
         advice = "dividing by the largest value, or clipping"
         raise InputError(must_be(f"samples of {name}", "finite and in 0..1", got, advice))
     return array.astype(np.float32)

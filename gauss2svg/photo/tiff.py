@@ -20,9 +20,9 @@ from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.photo.complete import lack_of_parts
 from gauss2svg.photo.formats import broken, check_size
 from gauss2svg.photo.photo import Header
-from gauss2svg.photo.reduce import Reduced, Size, SizeNeeded, reduced_size
+from gauss2svg.photo.reduce import Reduced, Size, SizeNeeded, pieces, reduced_size
 from gauss2svg.photo.samples import unit
-from gauss2svg.photo.strips import NOT_COMPRESSED, UNPACKED, bands
+from gauss2svg.photo.strips import NOT_COMPRESSED, UNPACKED, are_read, bands, part_bytes
 from gauss2svg.photo.tags import Tags, dpi_in, tags_from
 
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _INKS = 0, 1, 2, 5  # PhotometricInterpretation
@@ -33,6 +33,7 @@ _TYPES = (np.bool_, np.uint8, np.uint16, np.float16, np.float32, np.float64)
 _ICC_PROFILE, _ORIENTATION, _UNIT, _DENSITIES = 34675, 274, 296, (282, 283)  # tags
 _COMPRESSION, _PHOTOMETRIC, _SAMPLES, _PLANES = 259, 262, 277, 284
 _SEPARATE = 2
+_TILE = 1024  # px of a side, up to which tiles may be larger than their picture
 _silent = logging.NullHandler()
 
 
@@ -72,7 +73,7 @@ def tiff_header(file: BinaryIO, name: str, max_pixels: int) -> Header:
     """
     with _opened(file, name, max_pixels) as (page, _):
         extra = page.samplesperpixel > _CHANNELS[int(page.photometric)]
-        return Header(page.imagewidth, page.imagelength, extra)
+        return Header(page.imagewidth, page.imagelength, extra, part_bytes(page))
 
 
 def first_page(
@@ -103,10 +104,7 @@ def first_page(
 
 
 def _color_and_alpha(samples: NDArray[Any], page: Any) -> tuple[NDArray[Any], NDArray[Any] | None]:
-    """Straight color and alpha of rows (rows, w, samples); few bits and many become float32."""
-    if samples.dtype.itemsize > 4:
-        with np.errstate(over="ignore"):  # to infinity, which is refused
-            samples = samples.astype(np.float32)
+    """Straight color and alpha of rows (rows, w, samples); few bits become float32."""
     top = (1 << page.bitspersample) - 1
     if samples.dtype.kind == "u" and top < 256**samples.itemsize - 1:
         samples = samples / np.float32(top)
@@ -149,13 +147,16 @@ def _opened(file: BinaryIO, name: str, max_pixels: int) -> Iterator[tuple[Any, i
                 or page.imagedepth != 1
                 or page.dtype not in map(np.dtype, _TYPES)
                 or page.compression not in UNPACKED
+                or not are_read(page)
             ):
                 got = shown(
-                    f"{page.dtype} samples, {page.samplesperpixel} per pixel, photometric "
-                    f"{int(page.photometric)}, compression {int(page.compression)}"
+                    f"{page.dtype} samples, {page.samplesperpixel} per pixel, of "
+                    f"{page.bitspersample} bits, photometric {int(page.photometric)}, compression "
+                    f"{int(page.compression)}, predictor {int(page.predictor)}"
                 )
                 needed = "a TIFF of grey, RGB or CMYK, up to 16 bits or floating point"
                 raise InputError(must_be(name, needed, got, "saving it as such, or as PNG"))
+            _check_tiles(page, name)
             yield page, len(tiff.pages)
     except (InputError, MemoryError):
         raise
@@ -166,6 +167,19 @@ def _opened(file: BinaryIO, name: str, max_pixels: int) -> Iterator[tuple[Any, i
         advice = "saving it without compression, or as PNG" if packed else "saving it as PNG"
         got = shown(f"one that is not: {error}")
         raise InputError(must_be(name, "readable", got, advice)) from error
+
+
+def _check_tiles(page: Any, name: str) -> None:
+    """Raise InputError for tiles by which a picture takes far more memory than its size says."""
+    if not page.is_tiled:
+        return
+    tile = page.tilewidth, page.tilelength
+    stored = page.imagewidth, page.imagelength
+    most = [-(-side // _TILE) * _TILE for side in stored]
+    if any(side > limit for side, limit in zip(tile, most, strict=True)):
+        needed = f"at most {most[0]}x{most[1]} px, of a picture of {stored[0]}x{stored[1]} px"
+        got = shown(f"{tile[0]}x{tile[1]} px")
+        raise InputError(must_be(f"tiles of {name}", needed, got, "saving it without tiles"))
 
 
 def _tags(page: Any) -> Tags:
@@ -179,11 +193,11 @@ def _tags(page: Any) -> Tags:
 
 def _straight(color: NDArray[Any], alpha: NDArray[Any]) -> NDArray[Any]:
     """Colour with alpha divided out, of the same type; 0 where alpha is 0."""
-    top = 1.0 if color.dtype.kind == "f" else float(np.iinfo(color.dtype).max)
-    shows = alpha[:, :, None] > 0
-    divided = np.divide(
-        color.astype(np.float64) * top, alpha[:, :, None], where=shows, out=np.zeros(color.shape)
-    )
-    if color.dtype.kind == "f":
-        return divided.astype(color.dtype)
-    return np.clip(np.round(divided), 0, top).astype(color.dtype)
+    is_float = color.dtype.kind == "f"
+    top = 1.0 if is_float else float(np.iinfo(color.dtype).max)
+    result = np.empty_like(color)
+    for rows, some in pieces(color):  # of float64
+        below, zeros = alpha[rows, :, None], np.zeros(some.shape)
+        divided = np.divide(some.astype(np.float64) * top, below, where=below > 0, out=zeros)
+        result[rows] = divided if is_float else np.clip(np.round(divided), 0, top)
+    return result

@@ -6,6 +6,7 @@ import numpy as np
 
 from gauss2svg.fit.components import components_of
 from gauss2svg.fit.options import DEFAULT_DTYPE
+from gauss2svg.photo.entropy import lack, table_of
 from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.scene import ADD, OVER, Scene
 from gauss2svg.svg.write import write_svg
@@ -14,6 +15,14 @@ _done: set[tuple[str, str]] = set()
 # Loading the kernels from the disk cache takes a fraction of a second; if it took longer than this,
 # they were compiled.
 COMPILED_S = 2.0
+
+
+def compile_reading() -> float:
+    """Compile what reading a JPEG needs; returns the seconds spent."""
+    begun = time.perf_counter()
+    table = table_of(b"", b"")
+    lack([b""], 1, 1, [(table, table)], (0, 0), False, np.zeros(1, np.uint64))
+    return time.perf_counter() - begun
 
 
 def compile_kernels(dtype: str = DEFAULT_DTYPE, blend: str = OVER) -> float:
@@ -29,6 +38,7 @@ def compile_kernels(dtype: str = DEFAULT_DTYPE, blend: str = OVER) -> float:
         compile_kernels(blend=blend)
     if blend != OVER:  # a portable file is alpha-composited
         compile_kernels(dtype)
+    compile_reading()
     one = np.ones(1)
     scene = Scene(
         4, 4, np.full((1, 2), 2.0), np.ones((1, 2)), np.zeros(1), np.full((1, 3), 0.5), one,

@@ -7,7 +7,8 @@ fit on F px: the largest of three stages,
     fitting     12 P + a F,  a by the loss
     measuring   57 P + 36 F
 
-(70, 28 and 151 P for a transparent photo), plus that of the interpreter, the libraries and each
+(70, 28 and 151 P for a transparent photo; decoding a TIFF that Pillow does not takes what one of
+its strips or tiles does besides), plus that of the interpreter, the libraries and each
 shape, times _MARGIN. examples/memory.py compares it with processes. Not counted are other programs
 that rasterise, and the first compilation of the kernels (105 MB).
 """
@@ -22,6 +23,7 @@ from gauss2svg.fit.choices import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.measure.scores import SSIMULACRA2_BYTES
 from gauss2svg.options import byte_size
+from gauss2svg.photo.photo import Header
 from gauss2svg.scene import ADD, OVER
 
 # Measured bytes (examples/memory.py).
@@ -81,12 +83,13 @@ def allowed(max_memory: int | str | None) -> int:
     return int(SHARE * (free_bytes() + held_bytes()))
 
 
-def check_decoding(width: int, height: int, has_alpha: bool, limit: int) -> None:
-    """Raise InputError for a photo of that size in px whose pixels alone take more than a limit."""
-    decoded = (_ALPHA if has_alpha else _OPAQUE)[1]
-    needed = math.ceil(_MARGIN * (_BASE + decoded * width * height))
+def check_decoding(header: Header, limit: int) -> None:
+    """Raise InputError for a photo whose pixels alone take more than a limit of bytes."""
+    decoded = (_ALPHA if header.has_alpha else _OPAQUE)[1] * header.width * header.height
+    needed = math.ceil(_MARGIN * (_BASE + decoded + header.part_bytes))
     if needed > limit:
-        raise _too_little(needed, limit, f"a photo of {width}x{height} px", "a smaller photo")
+        photo = f"a photo of {header.width}x{header.height} px"
+        raise _too_little(needed, limit, photo, "a smaller photo")
 
 
 def size_that_fits(load: Load, limit: int, asked: bool) -> tuple[int, int, str | None]:

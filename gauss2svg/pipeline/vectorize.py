@@ -31,7 +31,7 @@ from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.pipeline.candidate import Exporter, Outcome
 from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
 from gauss2svg.pipeline.document import document_for
-from gauss2svg.pipeline.kernels import COMPILED_S, compile_kernels
+from gauss2svg.pipeline.kernels import COMPILED_S, compile_kernels, compile_reading
 from gauss2svg.pipeline.memory_budget import Load, allowed, check_decoding, size_that_fits
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
@@ -135,7 +135,8 @@ def vectorize_by(
     header = header_of(image, max_pixels=run.max_pixels)
     if header is not None:  # what cannot fit is refused before its pixels take memory
         _working_size(header.width, header.height, False, plan, most_bytes, may_reduce)
-        check_decoding(header.width, header.height, header.has_alpha, most_bytes)
+        check_decoding(header, most_bytes)
+    compile_s = compile_reading()  # before it is needed, so that it does not count either
     matte = options.svg.matte
     photo = load_image(
         image, max_pixels=run.max_pixels, matte=None if matte is None else matte_color(matte)
@@ -162,7 +163,7 @@ def vectorize_by(
     limit = options.goal.time_limit
     with _threads(thread_count):
         notify(Progress("compile"))
-        compile_s = compile_kernels(blend=options.fit.blend)
+        compile_s += compile_kernels(blend=options.fit.blend)
         deadline = None
         if limit is not None:
             # The first compilation on a machine does not count.
