@@ -353,7 +353,8 @@ class TargetSearch:
             return "interrupted"
         if self._session.clock.out_of_time:
             return "time_limit"
-        if self._max_bytes is not None and best.size > BOUND * self._max_bytes:
+        bound = BOUND * (self._max_bytes or math.inf)
+        if best.size > bound or (aim is not None and self._policy.stop_reason == "max_bytes"):
             return "max_bytes"
         if aim is None or not len(best.scene):
             return self._policy.stop_reason
