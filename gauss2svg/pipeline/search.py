@@ -349,10 +349,8 @@ class TargetSearch:
         aim = self._aim
         if aim is not None and reached is not None and aim.reached(reached):
             return aim.name
-        if self._ended:
-            return "interrupted"
-        if self._session.clock.out_of_time:
-            return "time_limit"
+        if self._ended or self._session.clock.out_of_time:
+            return "interrupted" if self._ended else "time_limit"
         bound = BOUND * (self._max_bytes or math.inf)
         if best.size > bound or (aim is not None and self._policy.stop_reason == "max_bytes"):
             return "max_bytes"
