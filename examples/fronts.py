@@ -87,7 +87,7 @@ def pictures(photos: list[Path]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
 def run(tree: Path, threads: int, folder: Path, name: str, family: str, given: list[str]) -> Run:
     """Run the command on a picture of the folder; refused settings score not a number."""
     stem = folder / f"{name}-{family}-{'-'.join(given)}"
-    report = stem.with_suffix(".json")
+    report = Path(f"{stem}.json")
     command = [sys.executable, "-m", "gauss2svg", str(folder / f"{name}.png"), "-o", f"{stem}.svg"]
     command += [*given, "--tune", "psnr", "--report", str(report), "--quiet", "--overwrite"]
     command += ["--threads", str(threads)] if threads else []
