@@ -148,9 +148,20 @@ def _rename(made: Sequence[tuple[Path, Path]], system: str = os.name) -> None:
                     replace(old[target], target, system) if target in old else target.unlink()
         raise
     finally:
-        for kept in old.values():
+        _discard(list(old.values()))
+
+
+def _discard(paths: Sequence[Path]) -> None:
+    """Remove files of our own, where it fails once more: nobody else would."""
+    for index, path in enumerate(paths):
+        try:
+            path.unlink(missing_ok=True)
+        except OSError:
             with suppress(OSError):
-                kept.unlink(missing_ok=True)
+                path.unlink(missing_ok=True)
+        except BaseException:  # an interruption, which must not leave the others
+            _discard(paths[index:])
+            raise
 
 
 def replace(made: FileName, target: FileName, system: str = os.name) -> None:

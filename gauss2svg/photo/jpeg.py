@@ -1,7 +1,7 @@
 """What the file of a JPEG has of its picture, by its markers and by the codes of its scans.
 
 libjpeg draws what it finds: what the data of a scan lack becomes grey, or keeps coarser values.
-Only what ITU-T T.81 allows is judged, and what takes about as much work as to decode it: of any
+Only what ITU-T T.81 allows is examined, and what takes about as much work as to decode it: of any
 other file libjpeg has the say.
 """
 
@@ -43,7 +43,7 @@ _DHT = Mapping[int, _Codes]  # by class and destination
 
 
 class _UnusualError(Exception):
-    """A JPEG that is not judged."""
+    """A JPEG that is not examined."""
 
 
 @dataclass

@@ -65,7 +65,7 @@ def bands(file: BinaryIO, page: Any) -> Iterator[Samples]:
 
 
 def part_bytes(page: Any) -> int:
-    """Most bytes that the data of a strip or tile take while they are unpacked."""
+    """Largest number of bytes that the data of a strip or tile take while they are unpacked."""
     across, down = _part_size(page)
     copies = 1 if page.compression in _DEFLATE else 2 if page.compression == NOT_COMPRESSED else 3
     return copies * down * _bytes_of_row(page, across)
