@@ -63,7 +63,7 @@ _ITERATIONS = 200
 # Of drawings: share of the pixels that the most frequent colours have, how many these are, and the
 # longest side of the working picture in px.
 _FLAT_SHARE, _FLAT_COLORS, _DRAWING_SIDE = 0.4, 4, 384
-_FEW_OF_DRAWING = 12  # shapes, of which half as many are not tried
+_FEW_OF_DRAWING = 12  # shapes or px of a side, under which half as many shapes are not tried
 
 
 @dataclass(frozen=True)
@@ -177,8 +177,9 @@ class SmallSearch:
                     continue
                 found, sizes[attempt.exponents] = self._made(count, attempt, start, len(attempts))
                 best = min(best, found or best, key=lambda file: (file.error, file.size))
-            fewer = len(best.scene) // 2 if self.is_drawing else 0
-            # Edges that meet are drawn less exactly than they are fitted.
+            # Edges that meet are drawn less exactly than they are fitted; thin pictures have few.
+            meets = self.is_drawing and min(self.working.shape[:2]) >= _FEW_OF_DRAWING
+            fewer = len(best.scene) // 2 if meets else 0
             while fewer >= _FEW_OF_DRAWING and not self._stop():
                 found, _ = self._made(fewer, attempts[-1], len(attempts) - 1, len(attempts))
                 if found is None or found.error >= best.error:
