@@ -178,14 +178,17 @@ class SmallSearch:
                 found, sizes[attempt.exponents] = self._made(count, attempt, start, len(attempts))
                 best = min(best, found or best, key=lambda file: (file.error, file.size))
             # Edges that meet are drawn less exactly than they are fitted; thin pictures have few.
-            meets = self.is_drawing and min(self.working.shape[:2]) >= _FEW_OF_DRAWING
-            fewer = len(best.scene) // 2 if meets else 0
+            fewer = len(best.scene) // 2 if self.is_drawing and not self._is_thin else 0
             while fewer >= _FEW_OF_DRAWING and not self._stop():
                 found, _ = self._made(fewer, attempts[-1], len(attempts) - 1, len(attempts))
                 if found is None or found.error >= best.error:
                     break
                 best, fewer = found, fewer // 2
         return best
+
+    @property
+    def _is_thin(self) -> bool:
+        return min(self.working.shape[:2]) < _FEW_OF_DRAWING
 
     def _made(
         self, count: int, attempt: _Attempt, start: int, starts: int
@@ -201,6 +204,8 @@ class SmallSearch:
         soft, plain, drawn = self._each
         if self.is_drawing:
             attempts = [dataclasses.replace(a, each=drawn) for a in _DRAWING]
+            if self._is_thin:
+                attempts = [dataclasses.replace(a, iterations=_ITERATIONS) for a in attempts]
             if self._limit < _COARSE_UNDER:
                 coarse = {"grids": _GRIDS + _DRAWING[0].grids, "digits": HEX_DIGITS}
                 attempts = [dataclasses.replace(a, **coarse) for a in attempts]
