@@ -69,6 +69,7 @@ class Run:
     score: float
     used: float | None
     seconds: float
+    cpu: float
     gaussians: int
     stop_reason: str
 
@@ -92,14 +93,20 @@ def run(tree: Path, threads: int, folder: Path, name: str, family: str, given: l
     command += [*given, "--tune", "psnr", "--report", str(report), "--quiet", "--overwrite"]
     command += ["--threads", str(threads)] if threads else []
     begun = time.perf_counter()
-    ended = subprocess.run(
-        command, env=os.environ | {"PYTHONPATH": str(tree)}, capture_output=True, text=True
-    )
+    with open(f"{stem}.txt", "w+") as errors:
+        process = subprocess.Popen(
+            command, env=os.environ | {"PYTHONPATH": str(tree)}, stderr=errors, stdout=errors
+        )
+        _, ended, used = os.wait4(process.pid, 0)
+        process.returncode = status = os.waitstatus_to_exitcode(ended)
+        errors.seek(0)
+        said = errors.read()
     seconds, setting = time.perf_counter() - begun, " ".join(given)
-    if ended.returncode == 2:  # such as a file that does not fit into its bytes
-        return Run(name, family, setting, np.nan, None, seconds, 0, "refused")
-    if ended.returncode:
-        raise SystemExit(f"{' '.join(command)}: {ended.stderr}")
+    cpu = used.ru_utime + used.ru_stime
+    if status == 2:  # such as a file that does not fit into its bytes
+        return Run(name, family, setting, np.nan, None, seconds, cpu, 0, "refused")
+    if status:
+        raise SystemExit(f"{' '.join(command)}: {said}")
     found = json.loads(report.read_text())
     score = found["ssimulacra2"] if family == "ssimulacra2" else found["psnr_svg"]
     if any("measured at" in note for note in found["notes"]):
@@ -107,7 +114,7 @@ def run(tree: Path, threads: int, folder: Path, name: str, family: str, given: l
     limit = found["max_bytes"]
     return Run(
         name, family, setting, np.inf if score is None else score,
-        None if limit is None else found["svg_bytes"] / limit, seconds, found["gaussians"],
+        None if limit is None else found["svg_bytes"] / limit, seconds, cpu, found["gaussians"],
         found["stop_reason"],
     )  # fmt: skip
 
@@ -188,16 +195,21 @@ def main() -> None:
                 picture.save(folder / f"{label}.png")
                 chosen.append(label)
         threads = 1 if arguments.workers > 1 else 0
+        ordered = {
+            (family, label): [
+                pool.submit(run, arguments.tree, threads, folder, label, family, given)
+                for given in FAMILIES[family]
+            ]
+            for label in chosen
+            for family in found
+        }
+        for (family, _), runs in ordered.items():
+            found[family].append([one.result() for one in runs])
+            print(row(found[family][-1]), flush=True)
+            if arguments.json:
+                lines = [vars(r) for results in found.values() for runs in results for r in runs]
+                arguments.json.write_text(json.dumps(lines, indent=1))
         for family, results in found.items():
-            for label in chosen:
-                runs = pool.map(
-                    lambda given, label=label, family=family: run(
-                        arguments.tree, threads, folder, label, family, given
-                    ),
-                    FAMILIES[family],
-                )
-                results.append(list(runs))
-                print(row(results[-1]), flush=True)
             print(summary(family, results), flush=True)
     if {"seconds", "grid"} <= found.keys():
         pairs = zip(found["seconds"], found["grid"], strict=True)
@@ -207,9 +219,6 @@ def main() -> None:
         rows = zip(*(found[name] for name in ("bytes", "minimal", "editable")), strict=True)
         lost = [gap for three in rows for gap in better_of_both(*three)]
         print(f"auto under the better markup: {max(lost):.2f} dB at most, {fmean(lost):.3f} mean")
-    if arguments.json:
-        lines = [vars(r) for results in found.values() for runs in results for r in runs]
-        arguments.json.write_text(json.dumps(lines, indent=1))
 
 
 if __name__ == "__main__":

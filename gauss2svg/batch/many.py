@@ -28,11 +28,13 @@ from gauss2svg.errors import InputError, instance, must_be, shown
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
 from gauss2svg.measure.memory import free_bytes
 from gauss2svg.options import file_name
+from gauss2svg.photo.decode import header_of_image
 from gauss2svg.photo.formats import opened as opened_image
+from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.vectorize import load_of
+from gauss2svg.pipeline.sizes import load_of
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -204,12 +206,11 @@ class Batch:
         if given is not None:
             return int(given)
         plan = Plan(self.options)
-        loads = [load_of(plan, 1, 1, has_alpha=False)]
+        loads = [load_of(plan, Header(1, 1, has_alpha=False))]
         for path in self.index.largest(_SAMPLE):
             # A photo that cannot be read is reported when its turn comes.
             with suppress(InputError), opened(path) as file, opened_image(file, path) as image:
-                has_alpha = "A" in image.getbands() or "transparency" in image.info
-                loads.append(load_of(plan, *image.size, has_alpha))
+                loads.append(load_of(plan, header_of_image(image)))
         return max(load.bytes for load in loads)
 
 

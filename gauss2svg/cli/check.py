@@ -35,6 +35,9 @@ class CheckOptions(OptionGroup):
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of the photo, checked before it is decoded."""
 
+    max_size: Annotated[int | None, Whole(1, MOST_PIXELS)] = None
+    """Longest side (px) to which a larger photo is reduced first; its own size if not given."""
+
     matte: Annotated[str | None, color_name] = None
     """Background colour to composite a transparent photo over: white, black, #fa0 or #ffaa00. If
     not given, alpha is compared as well."""

@@ -100,7 +100,7 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         "size": f"{report['svg_bytes']:,} bytes, {report['svgz_bytes']:,} gzipped; gradients are "
         f"{report['bytes_by_part']['gradients'] / report['svg_bytes']:.0%} of it",
         "Gaussians": f"{report['gaussians']:,}, fitted in {report['iterations']} iterations",
-        "match": f"{_match(report)}, rasterised by {report['renderer']}",
+        "match": f"{_match(report)}{_at(report)}, rasterised by {report['renderer']}",
         **_of_alpha(report),
         **_scores(report),
         "fit": f"PSNR {decibels(report['psnr_model'])} before writing; the SVG against it: "
@@ -133,6 +133,14 @@ def print_check(report: dict[str, Any], svg: str | None) -> None:
         f"{report['bias_svg']:+.2f} of 255 on average",
     }
     _print_table([*rows.items(), *_notes(report)])
+
+
+def _at(report: dict[str, Any]) -> str:
+    """The size at which a run was measured, where that is not the photo's."""
+    measured = report["measured_width"], report["measured_height"]
+    if measured == (report["width"], report["height"]):
+        return ""
+    return f" at {measured[0]}x{measured[1]} px"
 
 
 def _match(report: dict[str, Any]) -> str:

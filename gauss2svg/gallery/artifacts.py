@@ -29,7 +29,7 @@ from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.scores import packages, packages_missing, perceptual_scores
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
-from gauss2svg.photo.load import WHITE, load_image
+from gauss2svg.photo.load import WHITE, header_of, load_image
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
@@ -55,8 +55,10 @@ def make_photo(request: Request) -> dict[str, Any]:
     request  path, digest, key, folder, photo_size, max_pixels
     Raises InputError for a photo that cannot be read, OutputError for the folder.
     """
-    photo = load_image(request["path"], max_pixels=request["max_pixels"])
-    pixels = _sized(pixels_of(photo), request["photo_size"])
+    photo = load_image(
+        request["path"], max_pixels=request["max_pixels"], needed=request["photo_size"]
+    )
+    pixels = pixels_of(photo)
     height, width = pixels.shape[:2]
     name = PHOTO if max(width, height) <= _MOST_WEBP_PX else _PNG_PHOTO
     picture = _eight_bits(pixels)
@@ -82,8 +84,11 @@ def make_variant(request: Request) -> dict[str, Any]:
     Where it is there already and only scores are missing, whose packages have been installed
     since, nothing is fitted anew. Raises Gauss2SvgError where it cannot be made.
     """
-    # A resized photo is the 8-bit one of the page; others are read as by the command line.
-    source = request["shown"] if request["photo_size"] else request["path"]
+    # A reduced photo is the 8-bit one of the page; others are read as by the command line.
+    header = header_of(request["path"], max_pixels=request["max_pixels"])
+    assert header is not None  # it is a file
+    is_reduced = max(header.width, header.height) > request["photo_size"]
+    source = request["shown"] if is_reduced else request["path"]
     kept = finished(Path(request["folder"]), request["key"])
     if kept is not None:
         return _scored(source, request, kept)
@@ -114,7 +119,9 @@ _Made = tuple[dict[str, bytes], dict[str, Any], NDArray[np.float32], dict[str, A
 
 def _own(source: str, request: Request) -> _Made:
     given = {name: request[name] for name in ("seed", "threads", "max_memory", "max_pixels")}
-    options = Options.from_flat({**request["settings"], **given, "fragments": True})
+    # As for other tools, all numbers are of the size that is shown.
+    given |= {"fragments": True, "full_size": True}
+    options = Options.from_flat({**request["settings"], **given})
     if TOOL not in _warm:  # imports and compilation are not part of the time
         compile_kernels()
         noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
@@ -198,20 +205,15 @@ def is_scored(record: Mapping[str, Any]) -> bool:
     return packages().items() <= record.get("scored_by", packages()).items()
 
 
-def _sized(pixels: NDArray[np.float32], side: int | None) -> NDArray[np.float32]:
-    height, width = pixels.shape[:2]
-    if side is None or max(height, width) <= side:
-        return pixels
-    scale = side / max(height, width)
-    return shrunk(pixels, max(1, round(height * scale)), max(1, round(width * scale)))
-
-
 def _eight_bits(pixels: NDArray[np.float32]) -> Image.Image:
     return Image.fromarray(np.round(pixels * 255).astype(np.uint8))
 
 
 def _thumbnail(pixels: NDArray[np.float32]) -> bytes:
-    return _encoded(_eight_bits(_sized(pixels, THUMBNAIL_PX)), "PNG", optimize=True)
+    height, width = pixels.shape[:2]
+    scale = min(THUMBNAIL_PX / max(height, width), 1.0)
+    small = shrunk(pixels, max(1, round(height * scale)), max(1, round(width * scale)))
+    return _encoded(_eight_bits(small), "PNG", optimize=True)
 
 
 def _lossless(picture: Image.Image, name: str) -> bytes:

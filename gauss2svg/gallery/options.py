@@ -32,8 +32,8 @@ class GalleryOptions(OptionGroup):
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
     """Seed; the same seed gives the same files."""
 
-    photo_size: Annotated[int | None, Whole(1)] = None
-    """Longest side (px) to which photos are resized first; their own size if not given."""
+    photo_size: Annotated[int, Whole(1)] = 2048
+    """Longest side (px) to which larger photos are reduced first."""
 
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of a photo, checked before it is decoded."""

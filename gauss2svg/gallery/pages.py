@@ -55,7 +55,7 @@ class Provenance:
     command: str
     date: str
     seed: int
-    photo_size: int | None
+    photo_size: int
     absent: tuple[str, ...]
     missing: int = 0  # SVGs that an interruption left unmade
 

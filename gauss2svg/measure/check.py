@@ -22,7 +22,7 @@ from gauss2svg.measure.source import SvgSource, svg_source
 from gauss2svg.measure.survey import Survey, survey
 from gauss2svg.options import Number, OneOf, byte_size
 from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, RENDERERS, renderer_version
 from gauss2svg.raster.root import stretched
@@ -124,6 +124,7 @@ def check(
     max_elements: int = MOST_ELEMENTS,
     draw_timeout: float = DRAW_TIMEOUT_S,
     max_pixels: int = DEFAULT_MAX_PIXELS,
+    max_size: int | None = None,
     matte: str | None = None,
 ) -> CheckResult:
     """Rasterise an SVG at a photo's size over white, and measure how closely it matches.
@@ -138,6 +139,7 @@ def check(
     max_elements   limit of its elements, >= 1
     draw_timeout   time limit of the drawing in s, > 0
     max_pixels     limit of the photo, as of `vectorize`
+    max_size       longest side in px to which a larger photo is reduced first; None: its own size
     matte          colour, such as white or #fa0, over which the photo is composited first; None:
                    its alpha is compared too
 
@@ -151,7 +153,9 @@ def check(
     draw_timeout = Number(0, LONGEST_DRAW_TIMEOUT_S, above=True)("draw_timeout", draw_timeout)
     drawn_by = renderer_version(OneOf(RENDERERS)("renderer", renderer))
     matted = None if matte is None else matte_color(matte)
-    picture = load_image(photo, max_pixels=max_pixels, matte=matted)
+    if max_size is not None:
+        whole_number("max_size", max_size, 1, MOST_PIXELS)
+    picture = load_image(photo, max_pixels=max_pixels, matte=matted, needed=max_size)
     wanted = pixels_of(picture)
     data, text = svg_source(svg, most_bytes)
     surveyed = survey(text, max_elements)

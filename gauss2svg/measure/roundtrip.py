@@ -64,7 +64,8 @@ def round_trip(
 ) -> RoundTrip:
     """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
 
-    Both are compared at the photo's size. Raises RendererError if the renderer cannot draw.
+    Both are compared at the size of these pixels, whatever the canvas of the scene is. Raises
+    RendererError if the renderer cannot draw.
     """
     height, width = photo.shape[:2]
     raster = rasterize_like(svg, photo, renderer)

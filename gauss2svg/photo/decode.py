@@ -33,6 +33,9 @@ _MOST_8, _MOST_12, _MOST_16 = 255, 4095, 65535  # levels of so many bits
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
 _DNG_VERSION, _SAMPLE_FORMAT = 50706, 339  # tags
 _SIGNED = 2
+# Bytes for each pixel while it is decoded and reduced (examples/memory.py): opaque and with alpha,
+# of 16 bits, and of JPEGs, of which progressive ones keep all coefficients.
+_REDUCED, _REDUCED_16, _REDUCED_JPEG = (8, 14), 24, (4, 10)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +77,15 @@ def header_of_file(file: BinaryIO, name: str, max_pixels: int) -> Header:
 
 def header_of_image(image: Image.Image) -> Header:
     """What is known of a Pillow image that may not be loaded yet."""
-    return Header(*image.size, "A" in image.getbands() or image.has_transparency_data)
+    has_alpha = "A" in image.getbands() or image.has_transparency_data
+    reduced = _REDUCED[has_alpha]
+    if image.format in ("JPEG", "MPO"):
+        reduced = _REDUCED_JPEG["progressive" in image.info]
+    elif _SIXTEEN_BITS.fullmatch(rawmode := _rawmode(image)) or rawmode == _GREY_ALPHA_16:
+        reduced = _REDUCED_16
+    elif image.mode.startswith("I") or image.mode == "F":
+        reduced = None
+    return Header(*image.size, has_alpha, reduced_bytes=reduced)
 
 
 def decode_image(image: Image.Image, name: str) -> Photo:

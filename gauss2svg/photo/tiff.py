@@ -66,6 +66,9 @@ def in_planes(tags: Any) -> bool:
     return several and readable and tags.get(_PHOTOMETRIC) in _CHANNELS
 
 
+_REDUCED = 3  # bytes for each pixel while it is decoded and reduced (examples/memory.py)
+
+
 def tiff_header(file: BinaryIO, name: str, max_pixels: int) -> Header:
     """What the header of a TIFF says that Pillow does not open; raises InputError as `first_page`.
 
@@ -73,7 +76,7 @@ def tiff_header(file: BinaryIO, name: str, max_pixels: int) -> Header:
     """
     with _opened(file, name, max_pixels) as (page, _):
         extra = page.samplesperpixel > _CHANNELS[int(page.photometric)]
-        return Header(page.imagewidth, page.imagelength, extra, part_bytes(page))
+        return Header(page.imagewidth, page.imagelength, extra, part_bytes(page), _REDUCED)
 
 
 def first_page(

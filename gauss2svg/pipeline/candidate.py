@@ -39,7 +39,7 @@ _KEPT_AT_ONCE = 0.98
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A quantised scene on the photo's canvas, and its SVG.
+    """A quantised scene on the file's canvas, and its SVG.
 
     model  PSNR (dB) of the scene itself against the working image
     score  of the rasterised SVG against it, by the plan's aim; NaN if it was not rasterised
@@ -80,20 +80,23 @@ class Outcome:
 
 
 class Exporter:
-    """Writes scenes of the working canvas as files of the photo's size.
+    """Writes scenes of the working canvas as files of the photo's size, and measures them.
 
     photo    (h, w, 3) or (h, w, 4) float32 in 0..1, the reference of the measurements
     working  the same, perhaps smaller: the image that the fit runs on
+    canvas   width and height in px of the file, which the photo has or had
     """
 
     def __init__(
         self,
         photo: NDArray[np.float32],
         working: NDArray[np.float32],
+        canvas: tuple[int, int],
         plan: Plan,
         document: Document,
     ) -> None:
         self.photo = photo
+        self._canvas = canvas
         self.working = working
         self.document = document
         self._plan = plan
@@ -101,12 +104,12 @@ class Exporter:
         self.seen = -math.inf  # highest PSNR in dB so far, by which the format is chosen
 
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
-        """The scene on the photo's canvas, with the colours and exponents of its file."""
+        """The scene on the file's canvas, with the colours and exponents of its file."""
         quantization = self._plan.quantization(
             len(scene), None if psnr is None else 10 ** (-psnr / 10)
         )
         return quantize(
-            self._on_photo(scene),
+            self._on_canvas(scene),
             self._plan.svg_format.form,
             quantization.palette,
             quantization.color_error,
@@ -115,9 +118,9 @@ class Exporter:
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
         """The same on the working canvas, for the last steps of a fit."""
-        photo = self.quantized(scene, psnr)
+        written = self.quantized(scene, psnr)
         self.seen = max(self.seen, psnr)
-        return photo.scaled(scene.width / photo.width, scene.height / photo.height)
+        return written.scaled(scene.width / written.width, scene.height / written.height)
 
     def write(self, scene: Scene, psnr: float) -> str:
         """The SVG of a scene on the working canvas whose colours are not quantised yet."""
@@ -159,7 +162,7 @@ class Exporter:
     @cached_property
     def empty_bytes(self) -> int:
         """Bytes of a file without Gaussians."""
-        height, width = self.photo.shape[:2]
+        width, height = self._canvas
         none, pair = np.zeros(0), np.zeros((0, 2))
         transparent = has_alpha(self.photo)
         scene = Scene(
@@ -182,20 +185,17 @@ class Exporter:
         return Candidate(exact, svg, written, self.document, self._gzipped, model, score)
 
     def measured(self, best: Candidate, small: bool = False) -> RoundTrip:
-        """The round trip at the photo's size, or at the size of the fit."""
-        scene, image = best.scene, self.working if small else self.photo
-        if small:
-            height, width = image.shape[:2]
-            scene = scene.scaled(width / scene.width, height / scene.height)
-        return round_trip(best.svg, scene, image, self._plan.options.run.renderer)
+        """The round trip at the size of the reference, or at that of the fit."""
+        image = self.working if small else self.photo
+        return round_trip(best.svg, best.scene, image, self._plan.options.run.renderer)
 
     def _format_at(self, psnr: float) -> SvgFormat:
         """The format at this PSNR in dB; what it once was worth it stays worth, or bytes jump."""
         self.seen = max(self.seen, psnr)
         return self._plan.format_at(self.seen)
 
-    def _on_photo(self, scene: Scene) -> Scene:
-        height, width = self.photo.shape[:2]
+    def _on_canvas(self, scene: Scene) -> Scene:
+        width, height = self._canvas
         scaled = scene.scaled(width / self.working.shape[1], height / self.working.shape[0])
         return scaled.replace(width=width, height=height)
 

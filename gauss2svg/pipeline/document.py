@@ -23,12 +23,12 @@ def document_for(photo: Photo, working: NDArray[np.float32], document: Document)
     """
     if document.size == PHOTO_SIZE:
         document = dataclasses.replace(document, size=_printed_width(photo))
-    document.sides(photo.width, photo.height)
+    document.sides(*photo.full)
     if document.segments is None:
         return document
     from gauss2svg.photo.segments import labels_of  # with scikit-image, and seldom needed
 
-    labels = labels_of(document.segments, (photo.width, photo.height), working)
+    labels = labels_of(document.segments, photo.full, working)
     return dataclasses.replace(document, segments=labels)
 
 
@@ -44,4 +44,4 @@ def _printed_width(photo: Photo) -> str:
             f"size must be a width for a photo whose pixels are not square ({across:g}x{down:g} "
             "dpi); got 'photo'. Try 120mm"
         )
-    return f"{round(photo.width / across * _MM_PER_INCH, 3):g}mm"
+    return f"{round(photo.full[0] / across * _MM_PER_INCH, 3):g}mm"

@@ -1,13 +1,13 @@
 """Memory that a run will take, and memory that is available, both known before the fit.
 
-The estimate is an upper bound of the process's resident size in bytes, for a photo of P px and a
-fit on F px: the largest of three stages,
+The estimate is an upper bound of the process's resident size in bytes, for a photo of P px, M px
+that are measured and a fit on F px: the largest of three stages,
 
-    decoding    31 P
-    fitting     12 P + a F,  a by the loss
-    measuring   57 P + 36 F
+    decoding    31 P, or d P + 12 M by the photo's format where it is reduced to M < P meanwhile
+    fitting     12 M + a F,  a by the loss
+    measuring   57 M + 36 F
 
-(70, 28 and 151 P for a transparent photo; decoding a TIFF that Pillow does not takes what one of
+(70, 28 and 151 for a transparent photo; decoding a TIFF that Pillow does not takes what one of
 its strips or tiles does besides), plus that of the interpreter, the libraries and each
 shape, times _MARGIN. examples/memory.py compares it with processes. Not counted are other programs
 that rasterise, and the first compilation of the kernels (105 MB).
@@ -46,6 +46,9 @@ class Load:
     gaussians              largest number
     adapts                 whether there are at most as many as half the px of the fit
     scored                 whether SSIMULACRA2 of the file is the target
+    least_measured         pixels at which the file is measured at least, where the photo and not
+                           the fit has them; None: those of the photo
+    reduced_bytes          per pixel while the photo is decoded and reduced, see Header
     """
 
     width: int
@@ -58,17 +61,31 @@ class Load:
     blend: str = OVER
     has_alpha: bool = False
     scored: bool = False
+    least_measured: int | None = None
+    reduced_bytes: int | None = None
+
+    @property
+    def measured_pixels(self) -> int:
+        """Pixels at which the file is measured."""
+        photo = self.width * self.height
+        if self.least_measured is None:
+            return photo
+        return min(photo, max(self.fit_width * self.fit_height, self.least_measured))
 
     @property
     def bytes(self) -> int:
         """The estimate."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
+        kept = self.measured_pixels
         a_pixel = _FIT[has_ssim(self.loss)]
         held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
-        fitting = held * photo + a_pixel * fit
+        decoding = decoded * photo
+        if kept < photo and self.reduced_bytes is not None:
+            decoding = self.reduced_bytes * photo + held * kept
+        fitting = held * kept + a_pixel * fit
         measured = max(measured, held + SSIMULACRA2_BYTES) if self.scored else measured
-        measuring = measured * photo + _HELD * fit + _ADDITIVE * (self.blend == ADD)
-        most = max(decoded * photo, fitting, measuring)
+        measuring = measured * kept + _HELD * fit + _ADDITIVE * (self.blend == ADD)
+        most = max(decoding, fitting, measuring)
         shapes = min(self.gaussians, fit // 2) if self.adapts else self.gaussians
         return math.ceil(_MARGIN * (_BASE + most + _SHAPE * shapes))
 
@@ -83,9 +100,15 @@ def allowed(max_memory: int | str | None) -> int:
     return int(SHARE * (free_bytes() + held_bytes()))
 
 
-def check_decoding(header: Header, limit: int) -> None:
-    """Raise InputError for a photo whose pixels alone take more than a limit of bytes."""
-    decoded = (_ALPHA if header.has_alpha else _OPAQUE)[1] * header.width * header.height
+def check_decoding(header: Header, limit: int, reduced: bool) -> None:
+    """Raise InputError for a photo whose pixels alone take more than a limit of bytes.
+
+    reduced  whether it is reduced while it is decoded
+    """
+    each = (_ALPHA if header.has_alpha else _OPAQUE)[1]
+    if reduced and header.reduced_bytes is not None:
+        each = header.reduced_bytes
+    decoded = each * header.width * header.height
     needed = math.ceil(_MARGIN * (_BASE + decoded + header.part_bytes))
     if needed > limit:
         photo = f"a photo of {header.width}x{header.height} px"

@@ -136,6 +136,10 @@ class RunOptions(OptionGroup):
     max_size: Annotated[int | None, Whole(1)] = None
     """Longest side (px) of the image that the fit runs on; the preset's if not given."""
 
+    full_size: bool = False
+    """Measure the SVG at the size of the photo, and not of the fit or 1 megapixel: slower, and
+    hardly another score."""
+
     max_pixels: Annotated[int, Whole(1, MOST_PIXELS)] = DEFAULT_MAX_PIXELS
     """Maximum number of pixels of the photo, checked before it is decoded."""
 

@@ -115,7 +115,7 @@ class SmallSearch:
     """The search for the best file of at most `limit` bytes.
 
     photo     (h, w, 3) or (h, w, 4) float32 in 0..1
-    canvas    width and height in px of the photo, where it is reduced
+    canvas    width and height in px of the file, where the photo is reduced
     most      largest number of Gaussians
     options   of the fits, which are tuned for PSNR unless they say otherwise
     max_size  longest side in px of the working picture
@@ -349,7 +349,7 @@ class SmallSearch:
         Both sides are whole numbers of it, so that the file needs no size, unless that takes many
         more of them.
         """
-        height, width = self._photo.shape[:2]
+        width, height = self._canvas
         longest = max(width, height)
         units = max(units, math.ceil(_ACROSS * longest / min(width, height)))
         unit = whole_unit(width, height, units)

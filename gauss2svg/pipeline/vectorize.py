@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
-import math
 import os
 import time
 from collections.abc import Callable, Iterator
@@ -28,24 +27,23 @@ from gauss2svg.measure.scores import (
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
+from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline.candidate import Exporter, Outcome
 from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
 from gauss2svg.pipeline.document import document_for
 from gauss2svg.pipeline.kernels import COMPILED_S, compile_kernels, compile_reading
-from gauss2svg.pipeline.memory_budget import Load, allowed, check_decoding, size_that_fits
+from gauss2svg.pipeline.memory_budget import allowed, check_decoding
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.result import Progress, ProgressCallback, Result
-from gauss2svg.pipeline.search import CAP_FOR_TARGET, TargetSearch
+from gauss2svg.pipeline.search import TargetSearch
+from gauss2svg.pipeline.sizes import Sizes, sizes_of
 from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.pipeline.ways import closest, small_outcome
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import LARGEST_NUMBER
 
-# Largest size of the fit per second of a time limit, seconds of it that the start takes, and that
-# are left at least (docs/decisions/time.md).
-_PIXELS_PER_SECOND, _START_S, _LEAST_S = 150_000, 0.5, 0.25
 _MOST_REACH = 5  # canvas sides that a shape may extend to: sigma is at most 1, the cut-off is at 3
 
 
@@ -79,7 +77,9 @@ def vectorize(
 
     With a target, a given number of Gaussians is the largest allowed. The first limit reached ends
     the run and is the report's stop_reason; missed targets are in its `unreached`. The SVG has the
-    photo's width and height even if the fit ran on a smaller image.
+    photo's width and height even if the fit ran on a smaller image. It is measured, for the report
+    and for targets, at the size of the fit or 1 megapixel, whichever is larger, or with
+    RunOptions.full_size at the photo's.
     Raises InputError for invalid input, RendererError for a missing renderer. Calls from several
     threads wait for each other; a forked child may call it as well.
     """
@@ -133,25 +133,32 @@ def vectorize_by(
     notify(Progress("read"))
     image = rereadable(image)
     header = header_of(image, max_pixels=run.max_pixels)
+
+    def sizes(width: int, height: int, has_alpha: bool = False) -> Sizes:
+        known = header or Header(width, height, has_alpha)
+        known = dataclasses.replace(known, width=width, height=height)
+        return sizes_of(plan, known, most_bytes, may_reduce)
+
     if header is not None:  # what cannot fit is refused before its pixels take memory
-        _working_size(header.width, header.height, False, plan, most_bytes, may_reduce)
-        check_decoding(header, most_bytes)
+        stored = header.width, header.height
+        check_decoding(header, most_bytes, reduced=sizes(*stored).measured != stored)
     compile_s = compile_reading()  # before it is needed, so that it does not count either
     matte = options.svg.matte
     photo = load_image(
-        image, max_pixels=run.max_pixels, matte=None if matte is None else matte_color(matte)
+        image,
+        max_pixels=run.max_pixels,
+        matte=None if matte is None else matte_color(matte),
+        needed=lambda width, height: sizes(width, height).measured,
     )
     plan.check_alpha(photo)
-    _check_precision(max(photo.width, photo.height), plan)
-    transparent = photo.alpha is not None
-    width, height, note = _working_size(
-        photo.width, photo.height, transparent, plan, most_bytes, may_reduce
-    )
-    if note is not None:
-        photo = dataclasses.replace(photo, notes=(*photo.notes, note))
+    _check_precision(max(photo.full), plan)
+    found_sizes = sizes(*photo.full, has_alpha=photo.alpha is not None)
+    width, height = found_sizes.fit
+    if found_sizes.note is not None:
+        photo = dataclasses.replace(photo, notes=(*photo.notes, found_sizes.note))
     _check_side(min(width, height), options.goal)
     plan = dataclasses.replace(plan, fit_side=max(width, height))
-    pixels = pixels_of(photo)
+    pixels = shrunk(pixels_of(photo), *found_sizes.measured[::-1])
     working = shrunk(pixels, height, width)
     document = document_for(photo, working, options.document)
     checkpoint = saved = None
@@ -182,8 +189,8 @@ def vectorize_by(
                 steps_for(plan, working), run.renderer,
             )  # fmt: skip
             if way.is_small:
-                return small_outcome(way, pixels, document, budget, report_phase, stop)
-            exporter = Exporter(pixels, working, way, document)
+                return small_outcome(way, pixels, photo.full, document, budget, report_phase, stop)
+            exporter = Exporter(pixels, working, photo.full, way, document)
             search = TargetSearch(way, exporter, budget, report_phase, stop, checkpoint, saved)
             return search.run(), working
 
@@ -254,41 +261,6 @@ def _check_side(side: int, goal: Goal) -> None:
         got = shown(f"{side} px")
         advice = "--target-psnr, or a larger --max-size"
         raise InputError(must_be("short side of the image that is fitted", needed, got, advice))
-
-
-def load_of(plan: Plan, width: int, height: int, has_alpha: bool) -> Load:
-    """What determines the memory of a run on a photo of that size in px."""
-    goal, asked = plan.options.goal, plan.options.run.max_size is not None
-    shrunk = min(1.0, plan.side / max(width, height))
-    if goal.time_limit is not None and not asked:
-        pixels = _PIXELS_PER_SECOND * max(goal.time_limit - _START_S, _LEAST_S)
-        shrunk = min(shrunk, math.sqrt(pixels / (width * height)))
-    fit_width, fit_height = (max(1, round(side * shrunk)) for side in (width, height))
-    most = plan.preset.cap if plan.aim is None else CAP_FOR_TARGET
-    return Load(
-        width,
-        height,
-        fit_width,
-        fit_height,
-        gaussians=most if plan.count is None else plan.count,
-        adapts=plan.count is None,
-        loss=plan.options.fit.loss,
-        blend=plan.options.fit.blend,
-        has_alpha=has_alpha,
-        scored=goal.target_ssimulacra2 is not None,
-    )
-
-
-def _working_size(
-    width: int, height: int, has_alpha: bool, plan: Plan, most_bytes: int, may_reduce: bool
-) -> tuple[int, int, str | None]:
-    """Width and height in px of the fit: the preset's, smaller for lack of time or memory.
-
-    And a note if memory is the reason. Raises InputError for too little memory.
-    """
-    load = load_of(plan, width, height, has_alpha)
-    asked = plan.options.run.max_size is not None or not may_reduce
-    return size_that_fits(load, most_bytes, asked=asked)
 
 
 def _thread_count(count: int | None) -> int:

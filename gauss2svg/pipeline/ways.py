@@ -42,6 +42,7 @@ def closest(
 def small_outcome(
     plan: Plan,
     photo: NDArray[np.float32],
+    canvas: tuple[int, int],
     document: Document,
     budget: TimeBudget,
     report: Callable[[str, FitProgress | None], None],
@@ -49,6 +50,7 @@ def small_outcome(
 ) -> tuple[Outcome, NDArray[np.float32]]:
     """The outcome of a run with a plan that is_small, and the working picture; see SmallSearch.
 
+    canvas  width and height in px of the file
     budget  of time
     report  called with "fit" or "measure", and the progress of the fit
     stop    polled at every step; True ends with the best so far
@@ -68,7 +70,7 @@ def small_outcome(
         return bool(ended)
 
     search = SmallSearch(
-        photo, limit, document=document, gzipped=plan.counts_gzipped,
+        photo, limit, canvas=canvas, document=document, gzipped=plan.counts_gzipped,
         most=min(caps, default=None), options=options.fit, renderer=options.run.renderer,
         max_size=options.run.max_size, progress=lambda now: report("fit", now), stop=is_ended,
     )  # fmt: skip
@@ -82,11 +84,7 @@ def small_outcome(
     costs = FitResult(found.scene, 0, 0, 0.0, 0.0, 0, reason)
     for fitted in search.fits:
         costs = dataclasses.replace(fitted.after(costs, reason), rounds=fitted.rounds)
-    scene, image = found.scene, photo
-    if budget.measures_small:
-        image = search.working
-        height, width = image.shape[:2]
-        scene = scene.scaled(width / scene.width, height / scene.height)
+    image = search.working if budget.measures_small else photo
     outcome = Outcome(
         scene=found.scene,
         svg=found.svg,
@@ -94,7 +92,7 @@ def small_outcome(
         quantization=plan.quantization(len(found.scene), None),
         reached=None,
         fitted=costs,
-        measured=round_trip(found.svg, scene, image, options.run.renderer),
+        measured=round_trip(found.svg, found.scene, image, options.run.renderer),
         corrections=max(len(search.fits) - 1, 0),
     )
     return outcome, search.working

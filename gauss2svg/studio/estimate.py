@@ -13,11 +13,12 @@ import numpy as np
 
 from gauss2svg.errors import whole_number
 from gauss2svg.photo.limits import MOST_PIXELS
+from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
+from gauss2svg.pipeline.sizes import load_of
 from gauss2svg.pipeline.time_budget import gaussians_within
-from gauss2svg.pipeline.vectorize import load_of
 from gauss2svg.studio.answers import Estimate
 from gauss2svg.studio.form import options_of
 from gauss2svg.studio.jobs import DONE, Job, Jobs
@@ -95,7 +96,7 @@ class Estimator:
     def _count(self, width: int, height: int, options: Options, shift: float) -> float:
         """Gaussians by the rule; shift: by how many dB the photo is easier than those of it."""
         plan, goal = Plan(options), options.goal
-        load = load_of(plan, width, height, has_alpha=False)
+        load = load_of(plan, Header(width, height, has_alpha=False))
         pixels = load.fit_width * load.fit_height
         grown = _grown(pixels)
         if goal.target_psnr is not None:
@@ -105,7 +106,7 @@ class Estimator:
             count = (goal.max_bytes - _EMPTY / 2) / _each(plan)[plan.counts_gzipped]
         elif plan.only_time_limits and goal.time_limit is not None:
             size, threads = (load.fit_width, load.fit_height), self._queue.threads
-            count = gaussians_within(goal.time_limit, size, width * height, threads)
+            count = gaussians_within(goal.time_limit, size, load.measured_pixels, threads)
         else:
             count = _GAUSSIANS[list(PRESETS).index(plan.quality or DEFAULT_PRESET)] * grown
         if isinstance(goal.gaussians, int):
@@ -117,11 +118,11 @@ class Estimator:
     def _figures(self, width: int, height: int, options: Options, count: float) -> dict[str, float]:
         """Bytes, gzipped bytes, seconds and dB of so many Gaussians by the rule."""
         plan = Plan(options)
-        load, each = load_of(plan, width, height, has_alpha=False), _each(plan)
+        load, each = load_of(plan, Header(width, height, has_alpha=False)), _each(plan)
         pixels = load.fit_width * load.fit_height
         steps = plan.fit_config.steps(load.fit_width, load.fit_height) or plan.iterations
         work = steps * (_STEP_PIXEL * pixels + _STEP_GAUSSIAN * count)
-        work += _AFTER_PIXEL * width * height + _AFTER_GAUSSIAN * count
+        work += _AFTER_PIXEL * load.measured_pixels + _AFTER_GAUSSIAN * count
         return {
             "bytes": _EMPTY + each[0] * count,
             "gzip_bytes": _EMPTY / 2 + each[1] * count,

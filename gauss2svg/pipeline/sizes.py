@@ -1,0 +1,82 @@
+"""The sizes of a run in px: of the photo, of the fit, and of the pictures that are compared."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from gauss2svg.photo.photo import Header
+from gauss2svg.photo.reduce import Size
+from gauss2svg.pipeline.memory_budget import Load, size_that_fits
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.search import CAP_FOR_TARGET
+
+# Pixels at which a file is measured at least, where the photo has them: docs/decisions/photo.md.
+MEASURED_PIXELS = 1_000_000
+# Largest size of the fit per second of a time limit, seconds of it that the start takes, and that
+# are left at least (docs/decisions/time.md).
+_PIXELS_PER_SECOND, _START_S, _LEAST_S = 150_000, 0.5, 0.25
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Width and height of the fit and of what is measured, and a note where memory is the reason.
+
+    measured  that of the fit or of MEASURED_PIXELS, whichever is larger, or the photo's
+    """
+
+    fit: Size
+    measured: Size
+    note: str | None = None
+
+
+def sizes_of(plan: Plan, photo: Header, most_bytes: int, may_reduce: bool = True) -> Sizes:
+    """The sizes for a photo: the preset's, smaller for lack of time or of memory.
+
+    may_reduce  whether lack of memory may reduce the fit
+    Raises InputError for too little memory.
+    """
+    load = load_of(plan, photo)
+    asked = plan.options.run.max_size is not None or not may_reduce
+    width, height, note = size_that_fits(load, most_bytes, asked=asked)
+    fit = (width, height)
+    least = math.inf if load.least_measured is None else load.least_measured
+    return Sizes(fit, measured_size((photo.width, photo.height), fit, least), note)
+
+
+def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
+    """That of the fit where it has so many pixels at least, else of as many, or the photo's."""
+    if fit[0] * fit[1] >= least or fit == photo:
+        return fit
+    scale = math.sqrt(least / (photo[0] * photo[1]))
+    if scale >= 1:
+        return photo
+    scale = math.ceil(scale * max(photo)) / max(photo)  # such as a longest side alone asks for
+    width, height = (max(1, round(scale * side)) for side in photo)
+    return width, height
+
+
+def load_of(plan: Plan, photo: Header) -> Load:
+    """What determines the memory of a run on a photo."""
+    goal, run = plan.options.goal, plan.options.run
+    width, height = photo.width, photo.height
+    scale = min(1.0, plan.side / max(width, height))
+    if goal.time_limit is not None and run.max_size is None:
+        pixels = _PIXELS_PER_SECOND * max(goal.time_limit - _START_S, _LEAST_S)
+        scale = min(scale, math.sqrt(pixels / (width * height)))
+    fit_width, fit_height = (max(1, round(side * scale)) for side in (width, height))
+    most = plan.preset.cap if plan.aim is None else CAP_FOR_TARGET
+    return Load(
+        width,
+        height,
+        fit_width,
+        fit_height,
+        gaussians=most if plan.count is None else plan.count,
+        adapts=plan.count is None,
+        loss=plan.options.fit.loss,
+        blend=plan.options.fit.blend,
+        has_alpha=photo.has_alpha,
+        scored=goal.target_ssimulacra2 is not None,
+        least_measured=None if run.full_size else MEASURED_PIXELS,
+        reduced_bytes=photo.reduced_bytes,
+    )

@@ -1,0 +1,157 @@
+"""A large photo costs what its fit does: it is read and measured at little more than that size."""
+
+import io
+import math
+import tracemalloc
+
+import numpy as np
+import pytest
+from flat import vectorize
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from gauss2svg.cli.main import main
+from gauss2svg.errors import InputError
+from gauss2svg.measure.check import check
+from gauss2svg.photo.alpha import shrunk
+from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.placeholder import placeholder
+from gauss2svg.pipeline.sizes import MEASURED_PIXELS, measured_size
+
+SIDES = st.integers(1, 20_000)
+QUICK = {"quality": "draft", "gaussians": 40, "iterations": 20}
+
+
+def jpeg(width, height, **options):
+    """A photo of soft patches with a little noise, the same scene at any size."""
+    rng = np.random.default_rng(0)
+    coarse = Image.fromarray(rng.integers(0, 255, (8, 12, 3), np.uint8))
+    picture = np.asarray(coarse.resize((width, height), Image.Resampling.BICUBIC), np.int16)
+    noisy = np.clip(picture + rng.integers(-4, 5, picture.shape, np.int16), 0, 255)
+    stream = io.BytesIO()
+    Image.fromarray(noisy.astype(np.uint8)).save(stream, "JPEG", quality=92, **options)
+    return stream.getvalue()
+
+
+@pytest.fixture(scope="module")
+def large():
+    return jpeg(1800, 1200)
+
+
+@pytest.fixture(scope="module")
+def run_on_large(large):
+    return vectorize(large, **QUICK)
+
+
+@given(SIDES, SIDES, st.floats(0, 1))
+def test_measured_size_is_that_of_the_fit_or_a_megapixel_or_the_photo(width, height, share):
+    photo = width, height
+    fit = max(1, round(share * width)), max(1, round(share * height))
+    found = measured_size(photo, fit)
+    if fit[0] * fit[1] >= MEASURED_PIXELS:
+        assert found == fit
+    elif width * height <= MEASURED_PIXELS:
+        assert found == photo
+    else:
+        assert abs(math.prod(found) - MEASURED_PIXELS) <= 2 * max(found)
+        assert abs(found[0] * height - found[1] * width) <= max(photo)
+    assert all(least <= side <= most for least, side, most in zip(fit, found, photo, strict=True))
+
+
+def test_large_photo_is_measured_at_a_megapixel_and_written_at_its_size(large, run_on_large):
+    report = run_on_large.report
+    assert (report["width"], report["height"]) == (1800, 1200)
+    assert (report["fit_width"], report["fit_height"]) == (384, 256)
+    size = measured_size((1800, 1200))
+    assert (report["measured_width"], report["measured_height"]) == size
+    assert run_on_large.raster.shape == run_on_large.photo.shape == (*size[::-1], 3)
+    assert (run_on_large.scene.width, run_on_large.scene.height) == (1800, 1200)
+    assert 'viewBox="0 0 1800 1200"' in run_on_large.svg
+    np.testing.assert_array_equal(run_on_large.photo, load_image(large, needed=max(size)).pixels)
+
+
+def test_check_at_the_same_size_gives_the_scores_of_the_run(large, run_on_large):
+    report = run_on_large.report
+    found = check(large, run_on_large.svg, max_size=report["measured_width"]).report
+    for name in ("psnr_svg", "ssim_svg", "largest_error_svg", "bias_svg"):
+        assert found[name] == report[name], name
+    assert (found["width"], found["height"]) == run_on_large.raster.shape[1::-1]
+    with pytest.raises(InputError, match="max_size must be a whole number"):
+        check(large, run_on_large.svg, max_size=0)
+
+
+def test_full_size_is_asked_for_and_changes_no_file(large, run_on_large):
+    whole = vectorize(large, full_size=True, **QUICK)
+    report = whole.report
+    assert (report["measured_width"], report["measured_height"]) == (1800, 1200)
+    assert report["psnr_svg"] == check(large, whole.svg).psnr
+    # The noise that the photo has at its own size is averaged at a smaller one.
+    assert abs(report["psnr_svg"] - run_on_large.report["psnr_svg"]) < 1
+    assert len(whole.scene) == len(run_on_large.scene)
+
+
+@pytest.mark.parametrize("given", [{"quality": "draft"}, {"max_size": 30}, {"full_size": True}])
+def test_photo_of_up_to_a_megapixel_is_measured_at_its_own_size(photo, given):
+    found = vectorize(photo, **{**QUICK, **given})
+    assert found.raster.shape == photo.shape
+    np.testing.assert_array_equal(found.photo, photo)
+
+
+def test_target_is_of_the_size_at_which_it_is_measured(large):
+    found = vectorize(large, target_psnr=30, quality="draft")
+    assert found.report["stop_reason"] == "target_psnr"
+    assert found.report["psnr_svg"] >= 29.95
+    assert found.report["measured_width"] < 1800
+
+
+def test_nothing_is_done_at_the_size_of_a_large_photo():
+    data = jpeg(4000, 3000)
+    vectorize(jpeg(1300, 900), **QUICK)  # what is loaded once is no part of it
+    tracemalloc.start()
+    try:
+        vectorize(data, **QUICK)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 12 * 4000 * 3000  # of one array of its samples as float32
+
+
+@pytest.mark.parametrize("limit", [800, 20_000])
+def test_bytes_go_as_far_for_a_large_photo_as_for_the_same_one_reduced(limit):
+    pixels = load_image(jpeg(600, 400)).pixels
+    enlarged = np.kron(pixels, np.ones((4, 4, 1), np.float32))
+    given = {"max_bytes": limit, "iterations": 20}
+    small, large = (vectorize(one, **given).report for one in (pixels, enlarged))
+    assert large["gaussians"] >= 0.95 * small["gaussians"]
+    assert (large["width"], small["width"]) == (2400, 600)
+
+
+def test_placeholder_of_a_large_photo_is_as_long_a_text_as_of_a_small_one():
+    small, large = (placeholder(jpeg(*size), 800) for size in ((600, 400), (4800, 3200)))
+    assert abs(large.gaussians - small.gaussians) <= 1
+
+
+def test_matte_and_transparency_are_those_of_the_reduced_photo():
+    rng = np.random.default_rng(1)
+    pixels = rng.random((1200, 1100, 4), np.float32)
+    pixels[:300, :, 3] = 0
+    found = vectorize(pixels, **QUICK)
+    assert found.report["transparent"]
+    assert found.photo.shape == (*measured_size((1100, 1200))[::-1], 4)
+    np.testing.assert_allclose(
+        found.photo, shrunk(np.where(pixels[:, :, 3:] > 0, pixels, 0), *found.photo.shape[:2]),
+        atol=1e-6,
+    )  # fmt: skip
+
+
+def test_summary_says_at_which_size_it_was_measured(large, tmp_path, capsys):
+    (tmp_path / "photo.jpg").write_bytes(large)
+    command = [str(tmp_path / "photo.jpg"), "-o", str(tmp_path / "o.svg"), "--quality", "draft"]
+    command += ["--gaussians", "20", "--iterations", "5"]
+    assert main(command) == 0
+    size = measured_size((1800, 1200))
+    match = next(line for line in capsys.readouterr().err.splitlines() if "match" in line)
+    assert f"against the photo at {size[0]}x{size[1]} px, rasterised by resvg" in match
+    assert main([*command, "--full-size", "--overwrite"]) == 0
+    assert "against the photo, rasterised by" in capsys.readouterr().err
