@@ -53,10 +53,7 @@ FAMILIES: dict[str, list[list[str]]] = {
     + [["--quality", "fast", "--gaussians", str(n)] for n in (1000, 4000, 16_000, 32_000)]
     + [["--quality", "balanced", "--gaussians", str(n)] for n in (4000, 16_000, 50_000)],
 }
-_STEP, _DECIDED_BY_8_BITS = (
-    0.1,
-    50.0,
-)  # the step down that counts; dB, see docs/decisions/monotone.md
+STEP, DECIDED_BY_8_BITS = 0.1, 50.0  # the step down that counts; dB (docs/decisions/monotone.md)
 
 
 @dataclass(frozen=True)
@@ -139,22 +136,25 @@ def row(runs: list[Run]) -> str:
 def summary(family: str, found: list[list[Run]]) -> str:
     """How often more is worse."""
     parts = []
-    for most in (np.inf, _DECIDED_BY_8_BITS):
+    for most in (np.inf, DECIDED_BY_8_BITS):
         steps = [s for runs in found for s in steps_down([r.score for r in runs], most)]
-        count = sum(step > _STEP for step in steps)
-        parts.append(f"{count} of {len(steps)} steps down over {_STEP} (most {max(steps):.2f})")
+        count = sum(step > STEP for step in steps)
+        parts.append(f"{count} of {len(steps)} steps down over {STEP} (most {max(steps):.2f})")
     used = [r.used for runs in found for r in runs if r.used and r.stop_reason == "max_bytes"]
     share = f"; {min(used):.1%} used at least, {fmean(used):.1%} on average" if used else ""
-    return f"{family}: {parts[0]}; up to {_DECIDED_BY_8_BITS:g} dB {parts[1]}{share}"
+    return f"{family}: {parts[0]}; up to {DECIDED_BY_8_BITS:g} dB {parts[1]}{share}"
 
 
 def behind(limits: list[Run], grid: list[Run]) -> list[float]:
-    """How far each limit of seconds is under the best of the grid in no more seconds, in dB."""
+    """How far each limit of seconds is under the best of the grid in no more seconds, in dB.
+
+    Seconds of a process are those of its CPU where it ran on one core beside other work.
+    """
     lost = []
     for limited in limits:
         allowed = float(limited.setting.split()[-1])
-        best = max((r.score for r in grid if r.seconds <= allowed), default=-np.inf)
-        lost.append(min(best, _DECIDED_BY_8_BITS) - min(limited.score, _DECIDED_BY_8_BITS))
+        best = max((r.score for r in grid if min(r.seconds, r.cpu) <= allowed), default=-np.inf)
+        lost.append(min(best, DECIDED_BY_8_BITS) - min(limited.score, DECIDED_BY_8_BITS))
     return [float(max(gap, 0.0)) for gap in lost if np.isfinite(gap)]
 
 
