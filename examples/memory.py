@@ -20,8 +20,11 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from gauss2svg.photo.load import header_of
 from gauss2svg.pipeline.kernels import compile_kernels
-from gauss2svg.pipeline.memory_budget import Load
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.sizes import load_of
 from gauss2svg.scene import BLENDS
 
 _RUN = """
@@ -32,7 +35,19 @@ report = vectorize_by(Options.from_flat(json.loads(sys.argv[2])), sys.argv[1]).r
 peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
 print(json.dumps([int(peak.split()[1]) * 1024, report["fit_width"], report["fit_height"]]))
 """
-# Size of the photo (px), and options; the number of iterations changes nothing.
+# Size of the photo (px), options, and its file; the number of iterations changes nothing.
+_FILES: dict[str, tuple[str, dict[str, Any]]] = {
+    "jpg": ("RGB", {"quality": 85}),
+    "progressive.jpg": ("RGB", {"quality": 85, "progressive": True, "subsampling": 0}),
+    "png": ("RGB", {"compress_level": 1}),
+    "alpha.png": ("RGBA", {"compress_level": 1}),
+    "webp": ("RGB", {"quality": 80, "method": 0}),
+    "alpha.webp": ("RGBA", {"quality": 80, "method": 0}),
+    "tif": ("RGB", {}),
+    "bmp": ("RGB", {}),
+    "gif": ("P", {}),
+    "avif": ("RGB", {"quality": 60, "speed": 10}),
+}
 CASES: tuple[tuple[tuple[int, int], dict[str, Any]], ...] = (
     ((360, 280), {"gaussians": 0}),
     ((360, 280), {"gaussians": 50_000}),
@@ -47,7 +62,10 @@ CASES: tuple[tuple[tuple[int, int], dict[str, Any]], ...] = (
     ((6000, 4000), {"gaussians": 500, "quality": "draft"}),
     ((6000, 4000), {"gaussians": 500, "quality": "draft", "renderer": "cairo"}),
     ((6000, 4000), {"gaussians": 500, "quality": "draft", "blend": "add"}),
+    ((6000, 4000), {"gaussians": 500, "quality": "draft", "full_size": True}),
+    *(((6000, 4000), {"gaussians": 500, "quality": "draft", "file": name}) for name in _FILES),
     ((8192, 8192), {"gaussians": 300, "quality": "draft"}),
+    ((8192, 8192), {"gaussians": 300, "quality": "draft", "full_size": True}),
 )
 _QUICK_PX = 1_000_000
 
@@ -80,13 +98,20 @@ def main() -> None:
         for (width, height), options in CASES:
             if quick and width * height > _QUICK_PX:
                 continue
-            path = Path(folder) / f"{width}x{height}.jpg"
+            options = dict(options)
+            name = options.pop("file", "jpg")
+            path = Path(folder) / f"{width}x{height}.{name}"
             if not path.exists():
-                photo(width, height).save(path, quality=85)
+                mode, saving = _FILES[name]
+                picture = photo(width, height)
+                if mode == "RGBA":
+                    picture.putalpha(Image.linear_gradient("L").resize((width, height)))
+                picture.convert(mode).save(path, **saving)
             peak, fit_width, fit_height = measured(path, options)
-            kinds = {name: options[name] for name in ("loss", "blend") if name in options}
-            load = Load(width, height, fit_width, fit_height, options["gaussians"], **kinds)
-            named = ", ".join(f"{name} {value}" for name, value in options.items())
+            header = header_of(path)
+            assert header is not None
+            load = load_of(Plan(Options.from_flat(options)), header)
+            named = ", ".join([name, *(f"{key} {value}" for key, value in options.items())])
             print(
                 f"| {width}x{height} | {named} | {fit_width}x{fit_height} | {peak / 1e6:.0f} "
                 f"| {load.bytes / 1e6:.0f} | {load.bytes / peak:.2f} |",

@@ -19,6 +19,7 @@ from gauss2svg.photo.photo import Photo
 WHITE, BLACK = 1.0, 0.0
 BACKDROPS = (WHITE, BLACK)
 _CHANNELS = 4
+_AVERAGED = 2  # times as small, from which on an average is as good as a filter
 _COLOR = re.compile(r"white|black|#(?:[0-9a-f]{3}){1,2}", re.IGNORECASE)
 
 
@@ -34,15 +35,23 @@ def pixels_of(photo: Photo) -> NDArray[np.float32]:
     return np.dstack([photo.pixels, photo.alpha])
 
 
-def shrunk(pixels: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
-    """Area average on a smaller grid, colour weighted by alpha; black where alpha is 0."""
+def shrunk(
+    pixels: NDArray[np.float32], height: int, width: int, sharp: bool = False
+) -> NDArray[np.float32]:
+    """Area average on a smaller grid, colour weighted by alpha; black where alpha is 0.
+
+    sharp  by Lanczos' filter instead where the grid is less than half as fine: an average of whole
+           pixels then takes one here and two there (docs/decisions/photo.md)
+    """
     if (height, width) == pixels.shape[:2]:
         return pixels
+    sharp = sharp and _AVERAGED * max(height, width) > max(pixels.shape[:2])
+    filter_ = Image.Resampling.LANCZOS if sharp else Image.Resampling.BOX
     if not has_alpha(pixels):
-        return _area_average(pixels, height, width)
+        return _resized(pixels, height, width, filter_)
     weight = alpha_of(pixels)
-    alpha = _area_average(weight, height, width)
-    premultiplied = _area_average(pixels[:, :, :3] * weight, height, width)
+    alpha = _resized(weight, height, width, filter_)
+    premultiplied = _resized(pixels[:, :, :3] * weight, height, width, filter_)
     return straight(premultiplied, alpha[:, :, 0])
 
 
@@ -93,9 +102,11 @@ def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:
     return red / 255, green / 255, blue / 255
 
 
-def _area_average(pixels: NDArray[np.float32], height: int, width: int) -> NDArray[np.float32]:
+def _resized(
+    pixels: NDArray[np.float32], height: int, width: int, filter_: Image.Resampling
+) -> NDArray[np.float32]:
     planes = [
-        Image.fromarray(np.ascontiguousarray(plane)).resize((width, height), Image.Resampling.BOX)
+        Image.fromarray(np.ascontiguousarray(plane)).resize((width, height), filter_)
         for plane in np.moveaxis(pixels, 2, 0)
     ]
     return np.clip(np.stack([np.asarray(p) for p in planes], axis=2), 0, 1, dtype=np.float32)

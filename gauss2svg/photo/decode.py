@@ -33,9 +33,10 @@ _MOST_8, _MOST_12, _MOST_16 = 255, 4095, 65535  # levels of so many bits
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
 _DNG_VERSION, _SAMPLE_FORMAT = 50706, 339  # tags
 _SIGNED = 2
-# Bytes for each pixel while it is decoded and reduced (examples/memory.py): opaque and with alpha,
-# of 16 bits, and of JPEGs, of which progressive ones keep all coefficients.
-_REDUCED, _REDUCED_16, _REDUCED_JPEG = (8, 14), 24, (4, 10)
+# Bytes for each pixel while a photo is decoded and reduced (docs/decisions/memory.md): by format,
+# more with alpha, of 16 bits, and of progressive JPEGs, all of whose coefficients are kept.
+_REDUCED = {"JPEG": 4, "MPO": 4, "PNG": 4, "BMP": 4, "TIFF": 4, "WEBP": 16, "AVIF": 10}
+_REDUCED_OTHERS, _REDUCED_ALPHA, _REDUCED_16, _REDUCED_PROGRESSIVE = 8, 10, 24, 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +79,10 @@ def header_of_file(file: BinaryIO, name: str, max_pixels: int) -> Header:
 def header_of_image(image: Image.Image) -> Header:
     """What is known of a Pillow image that may not be loaded yet."""
     has_alpha = "A" in image.getbands() or image.has_transparency_data
-    reduced = _REDUCED[has_alpha]
-    if image.format in ("JPEG", "MPO"):
-        reduced = _REDUCED_JPEG["progressive" in image.info]
+    each = _REDUCED.get(image.format or "", _REDUCED_OTHERS) + _REDUCED_ALPHA * has_alpha
+    reduced: int | None = each
+    if "progressive" in image.info:
+        reduced = _REDUCED_PROGRESSIVE
     elif _SIXTEEN_BITS.fullmatch(rawmode := _rawmode(image)) or rawmode == _GREY_ALPHA_16:
         reduced = _REDUCED_16
     elif image.mode.startswith("I") or image.mode == "F":
@@ -256,8 +258,8 @@ def _eight_bits(image: Image.Image, rawmode: str) -> _Samples:
         color = image.convert("L")
     else:
         color = image if image.mode in ("L", "RGB", "CMYK", "LAB") else image.convert("RGB")
-    if image.mode not in ("1", "L", "RGB"):
-        return _Samples(color, None, notes)
+    if image.mode not in ("1", "L", "RGB") or image.info.get("transparency") is None:
+        return _Samples(color, None, notes)  # whose samples are converted some at a time
     alpha = _keyed(np.atleast_3d(np.asarray(color)), image, _LEVEL_STEP.get(rawmode, 1))
     return _Samples(color, alpha, notes)
 

@@ -55,7 +55,7 @@ class Reduced:
         self._across, self._down = (
             _ranges(*pair) / scale for pair in zip(stored, size, strict=True)
         )
-        self._rows: list[NDArray[np.float64]] = []  # of the result
+        self._rows: list[NDArray[np.float32]] = []  # of the result
         self._sum: Any = 0  # of what there is of the next one
         self._top = 0
         self._has_alpha = False
@@ -78,13 +78,14 @@ class Reduced:
                 break
             sums = _sums_at(self._sum, self._across)
             lengths = (self._across[1] - self._across[0]) * ((end - begin) * top)
-            self._rows.append((sums[1] - sums[0]) / lengths[:, None])
+            self._rows.append(((sums[1] - sums[0]) / lengths[:, None]).astype(np.float32))
             self._sum = 0
         self._top = bottom
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Color (h, w, 1 or 3) and alpha (h, w), None if no row had it."""
-        pixels = np.clip(np.stack(self._rows), 0, 1).astype(np.float32)
+        pixels = np.stack(self._rows)
+        np.clip(pixels, 0, 1, out=pixels)
         if not self._has_alpha:
             return pixels, None
         whole = straight(pixels[:, :, :-1], pixels[:, :, -1])

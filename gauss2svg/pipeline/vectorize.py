@@ -159,7 +159,7 @@ def vectorize_by(
     _check_side(min(width, height), options.goal)
     plan = dataclasses.replace(plan, fit_side=max(width, height))
     pixels = shrunk(pixels_of(photo), *found_sizes.measured[::-1])
-    working = shrunk(pixels, height, width)
+    working = shrunk(pixels, height, width, sharp=True)
     document = document_for(photo, working, options.document)
     checkpoint = saved = None
     if run.checkpoint is not None or run.resume is not None:
