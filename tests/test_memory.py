@@ -19,7 +19,11 @@ from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline import memory_budget as memory
 from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.photo.load import header_of
 from gauss2svg.pipeline.memory_budget import Load, allowed, free_bytes, size_that_fits
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.sizes import load_of
 
 SIDES, COUNTS = st.integers(1, 20_000), st.integers(0, 50_000)
 LOADS = st.builds(
@@ -81,8 +85,21 @@ def measured(width, height, folder, gaussians):
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_estimate_is_over_what_a_process_takes_but_not_by_far(tmp_path):
     compile_kernels()
-    taken = measured(1500, 1000, tmp_path, gaussians=500)
-    assert 1 <= Load(1500, 1000, 1024, 683, 500).bytes / taken <= 1.8
+    plan = Plan(Options.from_flat({"gaussians": 500}))
+    for width, height in ((1500, 1000), (6000, 4000)):
+        taken = measured(width, height, tmp_path, gaussians=500)
+        header = header_of(tmp_path / "photo.png")
+        assert header is not None
+        assert 1 <= load_of(plan, header).bytes / taken <= 1.9
+
+
+@given(LOADS, st.integers(1, 30))
+def test_what_is_measured_reduced_takes_no_more(load, reduced_bytes):
+    reduced = replace(load, least_measured=1_000_000, reduced_bytes=reduced_bytes)
+    if reduced.measured_pixels < load.width * load.height:
+        assert reduced.bytes <= load.bytes
+    else:
+        assert reduced.bytes == load.bytes
 
 
 def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):

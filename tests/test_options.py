@@ -119,7 +119,7 @@ def test_functions_have_few_parameters():
         gauss2svg.check,
         gauss2svg.write_svg,
     ):
-        assert len(inspect.signature(function).parameters) <= 8
+        assert len(inspect.signature(function).parameters) <= 9
 
 
 def test_goals_may_be_given_by_name_or_together(photo):

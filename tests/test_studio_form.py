@@ -37,6 +37,7 @@ CHANGED = {
     "title": "A 'quoted' title",
     "alt": "-starts like an option", "size": "120mm", "aspect": "xMidYMid slice", "segments": 8,
     "animate": 2.5, "fragments": True, "renderer": "cairo", "scores": True, "max_size": 200,
+    "full_size": True,
 }  # fmt: skip
 # What an option needs beside it.
 WITH = {

@@ -137,7 +137,7 @@ def test_palette_of_a_file_is_tuned():
     found = {}
     for tune in ("perceptual", "psnr"):
         plan = Plan(Options.from_flat({"gaussians": 2, "palette": 1, "tune": tune}))
-        exporter = Exporter(pixels, pixels, plan, Document())
+        exporter = Exporter(pixels, pixels, pixels.shape[1::-1], plan, Document())
         found[tune] = exporter.quantized(scene, None).color[0, 0]
     assert found["psnr"] == pytest.approx(0.5, abs=0.01)
     assert found["perceptual"] < 0.35

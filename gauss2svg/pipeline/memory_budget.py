@@ -100,7 +100,7 @@ def allowed(max_memory: int | str | None) -> int:
     return int(SHARE * (free_bytes() + held_bytes()))
 
 
-def check_decoding(header: Header, limit: int, reduced: bool) -> None:
+def check_decoding(header: Header, limit: int, reduced: bool = False) -> None:
     """Raise InputError for a photo whose pixels alone take more than a limit of bytes.
 
     reduced  whether it is reduced while it is decoded
