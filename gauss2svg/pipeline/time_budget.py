@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, REDUCED_STEPS, refinement_reduction
+from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.small import is_drawing
 from gauss2svg.raster import DEFAULT_RENDERER
 
 # Of a step of the fit: at least, for a pixel in growth and after it, and for a Gaussian. And once,
@@ -65,9 +65,9 @@ class TimeBudget:
 
     def __init__(
         self,
-        deadline: float | None,
-        size: tuple[int, int],
-        measured: int,
+        deadline: float | None = None,
+        size: tuple[int, int] = (1, 1),
+        measured: int = 1,
         threads: int = 1,
         steps: int = STEPS,
         renderer: str = DEFAULT_RENDERER,
