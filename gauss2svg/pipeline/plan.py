@@ -67,7 +67,7 @@ class MarkupTuning:
     """Times as many bytes from which an editable file is always closer than that."""
 
 
-_MARKUP = MarkupTuning()
+TUNING = MarkupTuning()
 
 
 @dataclass(frozen=True)
@@ -259,7 +259,7 @@ class Plan:
         limit, asked, run = self.plain_limit, self.options.svg.markup, self.options.run
         if limit is None or self.aim is not None or run.checkpoint or run.resume:
             return [self]
-        tuning, found = _MARKUP, list[Plan]()
+        tuning, found = TUNING, list[Plan]()
         by_bytes = asked != EDITABLE and self._may_be_by_bytes and limit <= tuning.by_bytes_up_to
         if by_bytes:
             found.append(self._search(MINIMAL, by_bytes=True))
@@ -278,7 +278,7 @@ class Plan:
         svg = dataclasses.replace(self.options.svg, markup=markup)
         goal, limit = self.options.goal, self.byte_limit
         if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
-            most = _MARKUP.minimal_up_to // (_GZIP if self.counts_gzipped else 1)
+            most = TUNING.minimal_up_to // (_GZIP if self.counts_gzipped else 1)
             goal = dataclasses.replace(goal, max_bytes=min(limit, most))
         options = dataclasses.replace(self.options, svg=svg, goal=goal)
         return dataclasses.replace(self, options=options, by_bytes=by_bytes)

@@ -71,7 +71,7 @@ class ByBytesTuning:
     """Shapes or px of a side, under which half as many shapes are not tried."""
 
 
-_TUNING = ByBytesTuning()
+TUNING = ByBytesTuning()
 
 # Bytes of a soft shape, a plain ellipse, and one of a drawing, until they are measured.
 _EACH, _EACH_GZIPPED = (62, 44, 36), (22, 20, 18)
@@ -125,7 +125,7 @@ class ByBytes:
 
     def _reduced(self, subject: Subject) -> Subject:
         """The subject with a working picture for as many shapes as the bytes allow."""
-        photo, (width, height), tuning = subject.photo, subject.canvas, _TUNING
+        photo, (width, height), tuning = subject.photo, subject.canvas, TUNING
         count = max((self._limit - self.flat.size) / self._each[0], 1)
         low, high = tuning.least_side, tuning.most_side
         if self.is_drawing:
@@ -182,7 +182,7 @@ class ByBytes:
                 best = min(best, found or best, key=lambda file: (file.error, file.size))
             # Edges that meet are drawn less exactly than they are fitted; thin pictures have few.
             fewer = len(best.scene) // 2 if self.is_drawing and not self._is_thin else 0
-            while fewer >= _TUNING.few_of_drawing and not self._stop():
+            while fewer >= TUNING.few_of_drawing and not self._stop():
                 found, _ = self._made(fewer, recipes[-1], len(recipes) - 1, len(recipes))
                 if found is None or found.error >= best.error:
                     break
@@ -210,7 +210,7 @@ class ByBytes:
 
     @property
     def _is_thin(self) -> bool:
-        return min(self.subject.size) < _TUNING.few_of_drawing
+        return min(self.subject.size) < TUNING.few_of_drawing
 
     def _made(
         self, count: int, recipe: Recipe, start: int, starts: int
@@ -226,25 +226,25 @@ class ByBytes:
 
     def _drawing_recipes(self) -> list[Recipe]:
         grids, digits = _DRAWING_GRIDS, HEX_DIGITS[-1:]
-        if self._limit < _TUNING.coarse_under:
+        if self._limit < TUNING.coarse_under:
             grids, digits = _GRIDS + grids, HEX_DIGITS
         writing = Writing(self._each[2], grids, digits, _SHARED_BY_DRAWING)
-        steps = _TUNING.iterations if self._is_thin else _TUNING.drawing_iterations
+        steps = TUNING.iterations if self._is_thin else TUNING.drawing_iterations
         return [Recipe(init, 1.0, steps, (), writing) for init in ("selective", "error")]
 
     def _photo_recipes(self) -> list[Recipe]:
         soft, plain, _ = self._each
-        few = (self._limit - self.flat.size) / soft <= _TUNING.some
+        few = (self._limit - self.flat.size) / soft <= TUNING.some
         grids = _GRIDS if few else (1.0,)
         exponents, learned = (1.0,), self._options.learned_falloff
         if learned:
             exponents = next(classes for least, classes in _EXPONENTS if self._limit >= least)
         recipes = []
         for k, (init, rate) in enumerate(_BEGINNINGS if few else _BEGINNINGS[:2]):
-            is_plain = k % 2 == 0 and learned and self._limit < _TUNING.plain_under
+            is_plain = k % 2 == 0 and learned and self._limit < TUNING.plain_under
             classes, each = ((), plain) if is_plain else (exponents, soft)
             writing = Writing(each, grids)
-            recipes.append(Recipe(init, rate, _TUNING.iterations, classes, writing))
+            recipes.append(Recipe(init, rate, TUNING.iterations, classes, writing))
         return recipes
 
     def _count(self, recipe: Recipe, earlier: tuple[int, int] | None) -> int:
@@ -252,7 +252,7 @@ class ByBytes:
         count, size = earlier or (0, 0)
         expected = recipe.writing.each
         each = (size - self.flat.size) / max(count, 1)
-        if each >= expected / _TUNING.shorter:
+        if each >= expected / TUNING.shorter:
             by_bytes = count + (self._limit - size) / min(each, expected)
         else:
             one = np.ones(len(recipe.exponents))

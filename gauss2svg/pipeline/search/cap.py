@@ -59,7 +59,7 @@ class CapTuning:
     """Share of the scene's error that writing is expected to add."""
 
 
-_TUNING = CapTuning()
+TUNING = CapTuning()
 
 
 class Cap(NamedTuple):
@@ -86,7 +86,7 @@ class Growth:
         self._plan, self._exporter, self._budget = plan, exporter, budget
         self._bytes_each = KILOBYTES_PER_GAUSSIAN * 1000
         if plan.counts_gzipped:
-            self._bytes_each *= _TUNING.gzipped
+            self._bytes_each *= TUNING.gzipped
         self._bytes_known = False
         self.for_target = 0
         self.expected: int | None = None
@@ -114,7 +114,7 @@ class Growth:
 
     def _first_limits(self, pixels: int) -> GrowthLimits:
         plan, aim = self._plan, self._plan.aim
-        each = _TUNING.pixels_each_of_budget if plan.is_budget else _TUNING.pixels_each
+        each = TUNING.pixels_each_of_budget if plan.is_budget else TUNING.pixels_each
         if plan.count is None:
             cap = min(plan.preset.cap, max(1, pixels // each))
             limits = GrowthLimits(plan.preset.gain, KILOBYTES_PER_GAUSSIAN, plan.enough, cap)
@@ -125,7 +125,7 @@ class Growth:
         if plan.byte_limit is not None or aim is not None:  # the best, not what is worth its bytes
             limits = dataclasses.replace(limits, gain=0.0)
         if aim is not None and aim.is_psnr:
-            wanted = aim.value + aim.over + 10 * math.log10(1 + _TUNING.writing_loss)
+            wanted = aim.value + aim.over + 10 * math.log10(1 + TUNING.writing_loss)
             limits = dataclasses.replace(
                 limits, psnr=wanted, psnr_named=aim.name, cap=self.for_target
             )
@@ -148,18 +148,18 @@ class Growth:
         limit, exporter, refining = self._plan.byte_limit, self._exporter, now.done > GROWTH_SHARE
         if limit is None:
             return self.cap
-        share = _TUNING.overfill_refining if refining else _TUNING.overfill_growing
+        share = TUNING.overfill_refining if refining else TUNING.overfill_growing
         if now.done >= QUANTIZED_FROM:
-            share = 1 + _TUNING.spare / math.sqrt(max(now.count, 1))
+            share = 1 + TUNING.spare / math.sqrt(max(now.count, 1))
         if now.done >= 1 or self._plan.aim is not None:  # what is over is not pruned
             share = 1.0
         room = max(limit * share - exporter.empty_bytes, 0)
         known = self._bytes_known and not refining
-        if now.count >= (1 if refining else _TUNING.least_measured) and not known:
+        if now.count >= (1 if refining else TUNING.least_measured) and not known:
             self._bytes_known = True
             to_come = 0.0
             if refining:
-                to_come = _TUNING.bytes_to_come * max(QUANTIZED_FROM - now.done, 0)
+                to_come = TUNING.bytes_to_come * max(QUANTIZED_FROM - now.done, 0)
             psnr = now.psnr
             if session.population.reduction > 1:
                 psnr = psnr_of(session.population.error())

@@ -58,7 +58,7 @@ class CorrectionTuning:
     steepest: float = 12.0
 
 
-_TUNING = CorrectionTuning()
+TUNING = CorrectionTuning()
 
 
 class Correction(NamedTuple):
@@ -102,7 +102,7 @@ class Corrections:
                 min(FIRST_ROUND, cap.gaussians) if lacking and room else 0, stop_reason
             )
         if self._limit is not None:
-            if last.size > _TUNING.too_large * self._limit:
+            if last.size > TUNING.too_large * self._limit:
                 return Correction(min(cap.gaussians, count - 1), "max_bytes")
             if last.size > self._limit and aim is None:  # a few are pruned
                 return Correction(count, "max_bytes")
@@ -116,13 +116,13 @@ class Corrections:
             wanted, stop_reason = self._filled(count, cap, stop_reason, self._limit)
         else:
             wanted, stop_reason = self._enough(count, cap, stop_reason, slope)
-        same = abs(wanted - count) <= _TUNING.same * count
+        same = abs(wanted - count) <= TUNING.same * count
         return Correction(count if same else wanted, stop_reason)
 
     def _filled(self, count: int, cap: Cap, stop_reason: str, limit: int) -> Correction:
         """As many as a limit of bytes allows, until no more show."""
         last = self.made[-1]
-        share = _TUNING.full if len(self.made) < 2 else _TUNING.nearly_full
+        share = TUNING.full if len(self.made) < 2 else TUNING.nearly_full
         full = last.size > share * limit or last.model >= self._plan.enough
         wanted = count if full else min(4 * count, cap.gaussians)
         return Correction(wanted, cap.name if wanted > count else stop_reason)
@@ -131,13 +131,13 @@ class Corrections:
         """Count for the preset's PSNR."""
         missing = self._plan.enough - self.made[-1].model
         given = self._plan.is_budget or self._plan.count is not None
-        if given or -_TUNING.far_more <= missing <= _TUNING.less_than_enough:
+        if given or -TUNING.far_more <= missing <= TUNING.less_than_enough:
             return Correction(count, stop_reason)
         if missing > 0 and stop_reason != "enough":
             return Correction(count, stop_reason)
-        needed = count * 2 ** max(min(missing / slope, 2.0), _TUNING.most_reduced)
+        needed = count * 2 ** max(min(missing / slope, 2.0), TUNING.most_reduced)
         if missing < 0:
-            needed = max(needed, min(count, _TUNING.few))
+            needed = max(needed, min(count, TUNING.few))
         stop_reason = "enough" if needed < cap.gaussians else cap.name
         return Correction(min(math.ceil(needed), cap.gaussians), stop_reason)
 
@@ -153,12 +153,12 @@ class Corrections:
         if len(self.made) >= 2:
             before, last = self.made[-2:]
             doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
-            if abs(doublings) > _TUNING.telling:
+            if abs(doublings) > TUNING.telling:
                 rise = last.model - before.model
                 if aim is not None:
                     rise = self.score(last) - self.score(before)
                 slope = rise / doublings
-        least, most = (_TUNING.flattest, _TUNING.steepest) if aim is None else aim.slopes
+        least, most = (TUNING.flattest, TUNING.steepest) if aim is None else aim.slopes
         if slope <= 0:  # of fits that scatter or diverge
             slope = usual
         return min(max(slope, least), most)
@@ -166,12 +166,12 @@ class Corrections:
     def _pruning(self, export: Export) -> float:
         """About what pruning an export to its bytes costs, in dB."""
         over = export.size / self._limit if self._limit else 0.0
-        return _TUNING.pruned * math.log2(over) if over > 1 else 0.0
+        return TUNING.pruned * math.log2(over) if over > 1 else 0.0
 
     def best(self) -> Export:
         """The smallest file that meets every target, else the nearest one."""
         limit, aim = self._limit or math.inf, self._aim
-        tolerated = limit if aim is not None else _TUNING.too_large * limit  # pruned to it
+        tolerated = limit if aim is not None else TUNING.too_large * limit  # pruned to it
         small = [e for e in self.made if e.size <= tolerated]
         if not small:
             return min(self.made, key=lambda e: e.size)
@@ -179,7 +179,7 @@ class Corrections:
             return _nearest(small, lambda e: self.score(e) - aim.value, aim.tolerance, aim.too_good)
         if self._plan.count is not None or limit < math.inf or self._plan.is_budget:
             return max(small, key=lambda e: e.model - self._pruning(e))
-        enough, tuning = self._plan.enough, _TUNING
+        enough, tuning = self._plan.enough, TUNING
         return _nearest(small, lambda e: e.model - enough, tuning.less_than_enough, tuning.far_more)
 
 

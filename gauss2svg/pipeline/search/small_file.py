@@ -45,7 +45,7 @@ class GridTuning:
     """Times as many units as are wanted, up to which they are taken for sides of whole units."""
 
 
-_TUNING = GridTuning()
+TUNING = GridTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class SmallFiles:
         for grid in writing.grids:
             if best is not None and stop():
                 break
-            units = math.ceil(grid * _TUNING.units_per_root * math.sqrt(max(len(fitted), 1)))
+            units = math.ceil(grid * TUNING.units_per_root * math.sqrt(max(len(fitted), 1)))
             unit = self._unit(units)
             for digits in writing.digits:
                 file, size = self._pruned(fitted, order, unit, digits, writing)
@@ -174,6 +174,6 @@ class SmallFiles:
         """
         width, height = self.subject.canvas
         longest = max(width, height)
-        units = max(units, math.ceil(_TUNING.across * longest / min(width, height)))
+        units = max(units, math.ceil(TUNING.across * longest / min(width, height)))
         unit = whole_unit(width, height, units)
-        return unit if longest / unit <= _TUNING.finer * units else longest / units
+        return unit if longest / unit <= TUNING.finer * units else longest / units
