@@ -49,22 +49,21 @@ _UNSEEN_COLOR_LOSS = 0.03
 
 @dataclass(frozen=True)
 class MarkupTuning:
-    """Bytes before gzip between which each search for a limit is run (docs/decisions/markup.md)."""
+    """Bytes before gzip between which each search for a limit is run (docs/decisions/markup.md).
+
+    by_bytes_up_to      largest limit of the search that plans every byte
+    minimal_from        least limit of minimal files of the usual fit, where those that plan every
+                        byte are tried
+    editable_from       least limit of editable files, where there is another
+    minimal_up_to       bytes of the largest minimal file that is written unasked
+    editable_is_closer  times as many bytes from which an editable file is always closer than that
+    """
 
     by_bytes_up_to: int = 30_000
-    """Largest limit of the search that plans every byte."""
-
     minimal_from: int = 8_000
-    """Least limit of minimal files of the usual fit, where those that plan every byte are tried."""
-
     editable_from: int = 5_000
-    """Least limit of editable files, where there is another."""
-
     minimal_up_to: int = 200_000
-    """Bytes of the largest minimal file that is written unasked."""
-
     editable_is_closer: float = 1.5
-    """Times as many bytes from which an editable file is always closer than that."""
 
 
 TUNING = MarkupTuning()

@@ -24,71 +24,54 @@ class TimeTuning:
     """What steps and the export cost, in s of one thread, and how time is spent.
 
     docs/decisions/time.md
+
+    step                 s of a step of the fit at least
+    step_pixel_growing   s of a step in growth for each pixel
+    step_pixel_refining  the same after growth
+    step_gaussian        s of a step for each Gaussian
+    export               s of writing, rasterising and measuring at least
+    export_pixel         s of these for each pixel that is measured
+    export_gaussian      s of these for each Gaussian
+    slow_picture         times the predicted seconds that steps of some pictures take
+    second_thread        what each further thread adds to the speed of the first, pixels alone
+    steps                steps that a fit should have: with fewer it gains more from time than from
+                         Gaussians
+    steps_of_drawing     the same for a drawing
+    growing              share of growth in these steps, at the cost of the last round
+    prior_s              predicted seconds of steps that count as taken before any is
+    too_late             times the predicted seconds that are left in refinement, under which
+                         Gaussians are removed; up to the next one it has fewer or more steps
+    too_early            times the same, over which some are added
+    at_once              share of the Gaussians that is kept at least, where some are removed
+    estimate_at          share of the fit that is over when the export is predicted for its count
+    most_measuring       share of the time left, for measuring at the photo's size
+    least_fit_s          s of a fit at least, else what a limit too short has is hardly a picture
+    most_reserved        share of the time left, for the export; if that needs more, Gaussians are
+                         removed
+    fewest               Gaussians, however short the time is: fewer steps then do
     """
 
     step: float = 5e-4
-    """s of a step of the fit at least."""
-
     step_pixel_growing: float = 1.6e-8
-    """s of a step in growth for each pixel."""
-
     step_pixel_refining: float = 3.3e-8
-    """The same after growth."""
-
     step_gaussian: float = 8e-7
-    """s of a step for each Gaussian."""
-
     export: float = 0.05
-    """s of writing, rasterising and measuring at least."""
-
     export_pixel: float = 1.8e-6
-    """s of these for each pixel that is measured."""
-
     export_gaussian: float = 1.8e-4
-    """s of these for each Gaussian."""
-
     slow_picture: float = 1.4
-    """Times the predicted seconds that steps of some pictures take."""
-
     second_thread: float = 0.8
-    """What each further thread adds to the speed of the first, pixels alone."""
-
     steps: int = 100
-    """Steps that a fit should have: with fewer it gains more from time than from Gaussians."""
-
     steps_of_drawing: int = 180
-    """The same for a drawing."""
-
     growing: float = 0.2
-    """Share of growth in these steps, at the cost of the last round."""
-
     prior_s: float = 0.03
-    """Predicted seconds of steps that count as taken before any is."""
-
     too_late: float = 0.5
-    """Times the predicted seconds that are left in refinement, under which Gaussians are removed;
-    up to the next one it has fewer or more steps."""
-
     too_early: float = 1.5
-    """Times the same, over which some are added."""
-
     at_once: float = 0.7
-    """Share of the Gaussians that is kept at least, where some are removed."""
-
     estimate_at: float = 0.4
-    """Share of the fit that is over when the export is predicted for its count."""
-
     most_measuring: float = 0.2
-    """Share of the time left, for measuring at the photo's size."""
-
     least_fit_s: float = 0.15
-    """s of a fit at least, else what a limit too short has is hardly a picture."""
-
     most_reserved: float = 0.6
-    """Share of the time left, for the export; if that needs more, Gaussians are removed."""
-
     fewest: int = 150
-    """Gaussians, however short the time is: fewer steps then do."""
 
 
 TUNING = TimeTuning()

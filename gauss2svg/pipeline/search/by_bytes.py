@@ -34,41 +34,33 @@ from gauss2svg.svg.solid import drawn_beta
 
 @dataclass(frozen=True)
 class ByBytesTuning:
-    """The fits of small files (docs/decisions/small.md)."""
+    """The fits of small files (docs/decisions/small.md).
 
-    side_per_root: float = 12.0
-    """Longest side of the working picture in px, per square root of the count."""
-
-    least_side: int = 96
-    """That side at least."""
-
-    most_side: int = 256
-    """That side at most."""
-
-    drawing_side: int = 384
-    """That side of a drawing."""
-
-    shorter: float = 3.0
-    """Times shorter that shapes may turn out; where they seem shorter most were written as nothing.
+    side_per_root       longest side of the working picture in px, per square root of the count
+    least_side          that side at least
+    most_side           that side at most
+    drawing_side        that side of a drawing
+    shorter             times shorter that shapes may turn out; where they seem shorter most were
+                        written as nothing
+    plain_under         bytes under which every second fit has plain ellipses alone, like cut paper
+    coarse_under        bytes under which a digit is a large part of a drawing's shape
+    some                shapes up to which there are three fits on two grids, beyond two on one
+    iterations          steps of a fit
+    drawing_iterations  steps of a fit to a drawing
+    few_of_drawing      shapes or px of a side, under which half as many shapes are not tried
     """
 
+    side_per_root: float = 12.0
+    least_side: int = 96
+    most_side: int = 256
+    drawing_side: int = 384
+    shorter: float = 3.0
     plain_under: int = 900
-    """Bytes under which every second fit has plain ellipses alone, like cut paper."""
-
     coarse_under: int = 1100
-    """Bytes under which a digit is a large part of a drawing's shape."""
-
     some: int = 60
-    """Shapes up to which there are three fits on two grids, beyond two on one."""
-
     iterations: int = 200
-    """Steps of a fit."""
-
     drawing_iterations: int = 600
-    """Steps of a fit to a drawing."""
-
     few_of_drawing: int = 12
-    """Shapes or px of a side, under which half as many shapes are not tried."""
 
 
 TUNING = ByBytesTuning()

@@ -28,35 +28,33 @@ from gauss2svg.pipeline.time_budget import TimeBudget
 
 @dataclass(frozen=True)
 class CapTuning:
-    """How many Gaussians a limit of bytes stands for (docs/decisions/markup.md)."""
+    """How many Gaussians a limit of bytes stands for (docs/decisions/markup.md).
+
+    gzipped                compressed share of the bytes, until it is measured
+    least_measured         Gaussians from which the bytes of one are measured
+    overfill_growing       times the allowed bytes that growth aims at: the least useful shapes go
+                           afterwards
+    overfill_refining      the same for refinement until its last steps
+    spare                  times the allowed bytes beyond 1, over the root of the count, that the
+                           last steps begin with: the file is then full, and a few shapes more are
+                           pruned
+    bytes_to_come          share by which a shape's bytes, its colour's above all, grow in
+                           refinement
+    pixels_each            pixels for each Gaussian at least: nine numbers would exceed its share of
+                           the image
+    pixels_each_of_budget  the same where the best in some bytes or seconds is wanted
+    writing_loss           share of the scene's error that writing is expected to add
+    """
 
     gzipped: float = 0.17
-    """Compressed share of the bytes, until it is measured."""
-
     least_measured: int = 200
-    """Gaussians from which the bytes of one are measured."""
-
     overfill_growing: float = 1.25
-    """Times the allowed bytes that growth aims at: the least useful shapes go afterwards."""
-
     overfill_refining: float = 1.03
-    """The same for refinement until its last steps."""
-
     spare: float = 0.4
-    """Times the allowed bytes beyond 1, over the root of the count, that the last steps begin with:
-    the file is then full, and a few shapes more are pruned."""
-
     bytes_to_come: float = 0.25
-    """Share by which a shape's bytes, its colour's above all, grow in refinement."""
-
     pixels_each: int = 3
-    """Pixels for each Gaussian at least: nine numbers would exceed its share of the image."""
-
     pixels_each_of_budget: int = 2
-    """The same where the best in some bytes or seconds is wanted."""
-
     writing_loss: float = 0.06
-    """Share of the scene's error that writing is expected to add."""
 
 
 TUNING = CapTuning()

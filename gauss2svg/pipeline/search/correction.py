@@ -19,42 +19,37 @@ from gauss2svg.pipeline.search.export import Export
 
 @dataclass(frozen=True)
 class CorrectionTuning:
-    """When a count is corrected, and how far (docs/decisions/monotone.md and numbers.md)."""
+    """When a count is corrected, and how far (docs/decisions/monotone.md and numbers.md).
+
+    full              share of the allowed bytes from which a file counts as full
+    nearly_full       the same after one correction
+    too_large         times the allowed bytes from which a fit is corrected; fewer are lost by
+                      pruning
+    pruned            dB for each halving of a file by pruning alone
+    less_than_enough  dB under the preset's PSNR up to which there is no correction; with the next
+                      one less than the presets lie apart, so that none ends under a cheaper one
+    far_more          dB over the preset's PSNR up to which there is no correction
+    few               Gaussians that are not removed for that: they are a kilobyte or two, and each
+                      shows
+    same              relative difference up to which counts are the same
+    telling           doublings between two exports from which a slope is derived
+    most_reduced      doublings of a reduction at most: many at once end worse than a few after one
+                      another
+    flattest          dB per doubling, below which a slope is clipped
+    steepest          dB per doubling, above which a slope is clipped
+    """
 
     full: float = 0.985
-    """Share of the allowed bytes from which a file counts as full."""
-
     nearly_full: float = 0.96
-    """The same after one correction."""
-
     too_large: float = 1.02
-    """Times the allowed bytes from which a fit is corrected; fewer are lost by pruning."""
-
     pruned: float = 8.0
-    """dB for each halving of a file by pruning alone."""
-
     less_than_enough: float = 0.8
-    """dB under the preset's PSNR up to which there is no correction; with the next one less than
-    the presets lie apart, so that none ends under a cheaper one."""
-
     far_more: float = 3.0
-    """dB over the preset's PSNR up to which there is no correction."""
-
     few: int = 16
-    """Gaussians that are not removed for that: they are a kilobyte or two, and each shows."""
-
     same: float = 0.004
-    """Relative difference up to which counts are the same."""
-
     telling: float = 0.25
-    """Doublings between two exports from which a slope is derived."""
-
     most_reduced: float = -0.5
-    """Doublings of a reduction at most: many at once end worse than a few after one another."""
-
     flattest: float = 1.5
-    """dB per doubling, to which slopes are clipped, as to the next one."""
-
     steepest: float = 12.0
 
 

@@ -33,16 +33,17 @@ EXACT = (0.5 / 255) ** 2  # mean squared error under which no level of 8 bits is
 
 @dataclass(frozen=True)
 class GridTuning:
-    """The unit of a small file's whole numbers (docs/decisions/small.md)."""
+    """The unit of a small file's whole numbers (docs/decisions/small.md).
+
+    units_per_root  units along the longest side of the file, per square root of the count
+    across          units along the shortest side at least: shapes under half a unit are not drawn
+    finer           times as many units as are wanted, up to which they are taken for sides of whole
+                    units
+    """
 
     units_per_root: float = 32.0
-    """Units along the longest side of the file, per square root of the count."""
-
     across: int = 8
-    """Units along the shortest side at least: shapes under half a unit are not drawn."""
-
     finer: int = 10
-    """Times as many units as are wanted, up to which they are taken for sides of whole units."""
 
 
 TUNING = GridTuning()
