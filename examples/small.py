@@ -26,7 +26,11 @@ from gauss2svg.measure.metrics import psnr, ssim
 from gauss2svg.photo.alpha import over, shrunk
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.kernels import compile_kernels
-from gauss2svg.pipeline.small import SmallSearch
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.search.by_bytes import ByBytes
+from gauss2svg.pipeline.search.outcome import Watch
+from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize
 
 _SIDES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768)
@@ -100,7 +104,8 @@ def main() -> None:
             if given.usual:
                 found = usual(photo, limit, given.usual)
             else:
-                found = SmallSearch(photo, limit).run()
+                plan = Plan(Options.from_flat({"max_bytes": limit}), by_bytes=True)
+                found = ByBytes(plan, Subject.of(photo), Watch()).file()
             spent = time.process_time() - begun
             drawn = rasterize(found.svg, photo.shape[1], photo.shape[0])
             packed = len(gzip.compress(found.svg.encode(), 9))

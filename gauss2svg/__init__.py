@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
     from gauss2svg.pipeline.placeholder import Placeholder, placeholder
     from gauss2svg.pipeline.quantize import quantize
-    from gauss2svg.pipeline.result import Progress, Result
+    from gauss2svg.pipeline.result import Result
+    from gauss2svg.pipeline.run import Progress
     from gauss2svg.pipeline.vectorize import vectorize
     from gauss2svg.scene import Scene
     from gauss2svg.svg.document import Document
@@ -53,7 +54,8 @@ _HOMES = {
     "pipeline.options": ("Goal", "Options", "RunOptions", "SvgOptions"),
     "pipeline.placeholder": ("Placeholder", "placeholder"),
     "pipeline.quantize": ("quantize",),
-    "pipeline.result": ("Progress", "Result"),
+    "pipeline.result": ("Result",),
+    "pipeline.run": ("Progress",),
     "pipeline.vectorize": ("vectorize",),
     "scene": ("Scene",),
     "svg.document": ("Document",),

@@ -15,10 +15,23 @@ from hypothesis import strategies as st
 
 from gauss2svg.bench import process
 from gauss2svg.bench.front import distance_below, front
-from gauss2svg.bench.grid import AXES, DEFAULT_GRID, BenchRun, parse_axes, settings_of
+from gauss2svg.bench.grid import (
+    AXES,
+    DEFAULT_GRID,
+    BenchRun,
+    parse_axes,
+    parse_axis,
+    settings_of,
+)
 from gauss2svg.bench.rows import RowStore, csv_text
+from gauss2svg.bench.tuning import apply_constants, options_in
 from gauss2svg.errors import InputError
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.pipeline.search import correction
+from gauss2svg.pipeline.search.cap import Cap
+from gauss2svg.pipeline.search.correction import Corrections
 from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS
 
 points = st.lists(
@@ -75,6 +88,34 @@ def test_axis_without_default_values_is_refused_unless_they_are_given(name):
 def test_axes_are_the_options_that_change_the_file():
     assert AXES.keys() >= {"gaussians", "quality", "loss", "blend", "init", "relocate", "form"}
     assert not AXES.keys() & {"seed", "threads", "checkpoint", "max_memory", "title"}
+
+
+FULL = "pipeline.search.correction.full"
+
+
+def test_a_constant_of_the_code_is_an_axis_and_is_replaced_where_it_is_read(monkeypatch):
+    assert parse_axis(f"{FULL}=0.5,1") == (FULL, (0.5, 1.0))
+    (settings,) = settings_of({FULL: [0.5], "gaussians": [7]})
+    assert options_in(dict(settings)) == {"gaussians": 7}
+    monkeypatch.setattr(correction, "TUNING", correction.TUNING)
+    corrections = Corrections(Plan(Options.from_flat({"max_bytes": 1000})))
+    corrections.made = [SimpleNamespace(size=900, model=30.0)]  # pyright: ignore[reportAttributeAccessIssue]
+
+    def next_count():
+        return corrections.next(10, Cap(100, "cap"), "max_bytes", 3.0).gaussians
+
+    assert next_count() == 40
+    apply_constants(dict(settings))
+    assert next_count() == 10
+
+
+@pytest.mark.parametrize(
+    "text", [f"{FULL}=x", f"{FULL}=nan", "pipeline.search.correction.few=1.5", FULL, "a.b=1",
+             "pipeline.plan.b=1", "pipeline.options.b=1"],
+)  # fmt: skip
+def test_an_unknown_constant_and_a_value_that_it_cannot_have_are_refused(text):
+    with pytest.raises(InputError, match="axis"):
+        parse_axis(text)
 
 
 def test_axes_span_their_product_whatever_their_order():

@@ -18,9 +18,9 @@ from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.cli.main import main
 from gauss2svg.errors import on_one_line
 from gauss2svg.gallery import build
-from gauss2svg.gallery.photos import slug_of
 from gauss2svg.gallery.records import NUMBERS
 from gauss2svg.gallery.worker import answer_to
+from gauss2svg.photo.listing import slug_of
 from gauss2svg.photo.load import load_image
 
 pytestmark = pytest.mark.process

@@ -17,9 +17,9 @@ from gauss2svg.errors import InputError, OutputError
 from gauss2svg.gallery.artifacts import finished, rounds_of
 from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.gallery.pages import is_gallery
-from gauss2svg.gallery.photos import gallery_photos, slug_of, unique_slugs
 from gauss2svg.gallery.records import summary_of, svg_result
 from gauss2svg.gallery.variants import DEFAULT_VARIANTS, main_variant, variants_of
+from gauss2svg.photo.listing import listed_photos, slug_of, unique_slugs
 
 names = st.text(
     st.one_of(
@@ -96,22 +96,22 @@ def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch)
     link = tmp_path / "link.png"
     link.symlink_to(one)
     monkeypatch.chdir(tmp_path)
-    found = gallery_photos(["one.png", other, link, os.fsencode(one), f"{tmp_path}/./one.png"])
+    found = listed_photos(["one.png", other, link, os.fsencode(one), f"{tmp_path}/./one.png"])
     assert [photo.path for photo in found] == ["one.png", str(other)]
     assert [photo.name for photo in found] == ["one.png", "other.png"]
 
 
 def test_photos_of_one_name_are_told_apart_by_what_is_in_them(tmp_path):
     paths = [write(tmp_path / f / "x.png", text) for f, text in (("a", "1"), ("b", "2"))]
-    slugs = [photo.slug for photo in gallery_photos(paths)]
-    assert [photo.slug for photo in gallery_photos(paths[::-1])] == slugs[::-1]
-    assert [photo.slug for photo in gallery_photos([tmp_path / "x.jpg", *paths])[1:]] == slugs
+    slugs = [photo.slug for photo in listed_photos(paths)]
+    assert [photo.slug for photo in listed_photos(paths[::-1])] == slugs[::-1]
+    assert [photo.slug for photo in listed_photos([tmp_path / "x.jpg", *paths])[1:]] == slugs
     assert all(re.fullmatch("x-[0-9a-f]{8}", slug) for slug in slugs)
 
 
 @given(st.lists(names.filter(lambda name: "/" not in name), min_size=1, max_size=4))
 def test_names_are_one_printable_line_and_a_missing_file_is_a_problem(given_names):
-    for photo in gallery_photos([f"/none/{name}" for name in given_names]):
+    for photo in listed_photos([f"/none/{name}" for name in given_names]):
         assert photo.name.isprintable()
         assert photo.name
         assert photo.digest is None
@@ -122,9 +122,9 @@ def test_names_are_one_printable_line_and_a_missing_file_is_a_problem(given_name
 @pytest.mark.parametrize("bad", ["x.png", b"x.png", os, 5, None, [], (), [None], [1.5]])
 def test_photos_that_are_no_paths_are_refused(bad, tmp_path):
     with pytest.raises(InputError, match=r"^photos must be "):
-        gallery_photos(bad)
+        listed_photos(bad)
     with pytest.raises(InputError, match=r"must be a sequence of paths; .* Try \["):
-        gallery_photos(tmp_path)
+        listed_photos(tmp_path)
 
 
 def test_variants_are_presets_counts_and_peers_each_once():

@@ -117,7 +117,7 @@ def test_no_jpeg_compiles_what_is_not_compiled_ahead():
 
 def test_the_first_jpeg_on_a_machine_is_not_compiled_within_a_time_limit(monkeypatch):
     steps = []
-    module = "gauss2svg.pipeline.vectorize"
+    module = "gauss2svg.pipeline.run"
     monkeypatch.setattr(f"{module}.compile_reading", lambda: steps.append("compiled") or 0.0)
 
     def stopped(*_, **__):

@@ -84,7 +84,7 @@ def test_signal_before_the_fit_ends_everything(number, command, tmp_path, monkey
     def signalled(*_, **__):
         signal.raise_signal(number)
 
-    monkeypatch.setattr("gauss2svg.pipeline.vectorize.load_image", signalled)
+    monkeypatch.setattr("gauss2svg.pipeline.run.load_image", signalled)
     assert main(command) == STATUS[number]
     assert "every file is whole or untouched" in capsys.readouterr().err
     assert (tmp_path / "out.svg").read_text() == "old"
@@ -100,7 +100,7 @@ def test_signal_that_a_callback_loses_before_the_fit_ends_everything(
         ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(number))()
         return 0.0
 
-    monkeypatch.setattr("gauss2svg.pipeline.vectorize.compile_kernels", losing)
+    monkeypatch.setattr("gauss2svg.pipeline.run.compile_kernels", losing)
     assert main(command) == STATUS[number]
     assert capsys.readouterr().err == "gauss2svg: interrupted; every file is whole or untouched\n"
     assert (tmp_path / "out.svg").read_text() == "old"

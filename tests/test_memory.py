@@ -117,7 +117,7 @@ def test_fit_runs_on_fewer_pixels_under_a_limit_and_says_so(photo):
 
 
 def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("gauss2svg.pipeline.vectorize.TargetSearch", None)
+    monkeypatch.setattr("gauss2svg.pipeline.search.by_count.ByCount", None)
     path, out = tmp_path / "photo.png", tmp_path / "o.svg"
     Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(path)
     command = [str(path), "-o", str(out), "--gaussians", "3", "--max-memory"]
@@ -190,7 +190,7 @@ def test_limits_of_the_process_bound_what_is_free(monkeypatch):
 
 @pytest.mark.parametrize("kind", ["PNG", "JPEG", "float TIFF", "RGBA PNG", "image"])
 def test_what_cannot_fit_is_refused_by_its_header(kind, tmp_path, monkeypatch):
-    monkeypatch.setattr("gauss2svg.pipeline.vectorize.load_image", None)
+    monkeypatch.setattr("gauss2svg.pipeline.run.load_image", None)
     size = (3000, 2000)
     picture = Image.new("RGBA" if "RGBA" in kind else "L", size)
     path = tmp_path / "photo"

@@ -296,28 +296,28 @@ def test_the_plan_refuses_minimal_markup_and_auto_does_not_choose_it(given):
 
 
 def test_auto_tries_each_markup_that_may_be_the_closest_in_its_bytes():
-    def ways(**given):
+    def searches(**given):
         plan = Plan(Options.from_flat(given))
-        return [(way.markup, way.is_small) for way in plan.ways]
+        return [(search.markup, search.by_bytes) for search in plan.searches()]
 
     small, minimal, editable = ("minimal", True), ("minimal", False), ("editable", False)
-    assert ways() == [editable]
-    assert ways(max_bytes=4999) == [small]
-    assert ways(max_bytes=5000) == [small, editable]
-    assert ways(max_bytes=20_000) == ways(max_bytes=20_001) == [small, minimal, editable]
-    assert ways(max_bytes=200_000) == ways(max_bytes=300_000) == [minimal, editable]
-    assert ways(max_bytes=300_001) == [editable]
+    assert searches() == [editable]
+    assert searches(max_bytes=4999) == [small]
+    assert searches(max_bytes=5000) == [small, editable]
+    assert searches(max_bytes=20_000) == searches(max_bytes=20_001) == [small, minimal, editable]
+    assert searches(max_bytes=200_000) == searches(max_bytes=300_000) == [minimal, editable]
+    assert searches(max_bytes=300_001) == [editable]
     for more in ({"markup": "editable"}, {"renderer": "cairo"}, {"fragments": True}):
-        assert ways(max_bytes=5000, **more) == [editable]
-    assert ways(max_bytes=500_000, markup="minimal") == [minimal]
-    assert ways(max_bytes=20_000, time_limit=5) == [minimal]
+        assert searches(max_bytes=5000, **more) == [editable]
+    assert searches(max_bytes=500_000, markup="minimal") == [minimal]
+    assert searches(max_bytes=20_000, time_limit=5) == [minimal]
     with pytest.raises(RendererError, match="renderer must be one of resvg"):
-        ways(markup="minimal", renderer="cairo")
+        searches(markup="minimal", renderer="cairo")
 
 
 def test_a_limit_beyond_that_of_minimal_files_is_not_worse_than_theirs():
     plan = Plan(Options.from_flat({"max_bytes": 250_000}))
-    assert [way.byte_limit for way in plan.ways] == [200_000, 250_000]
+    assert [search.byte_limit for search in plan.searches()] == [200_000, 250_000]
 
 
 def test_the_switch_writes_minimal_files_and_the_summary_says_why():

@@ -11,10 +11,10 @@ from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.state import State
-from gauss2svg.pipeline.candidates import Candidates
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.pipeline.search.correction import Corrections
 
 _SIDE, _FINER = 96, 4
 
@@ -102,10 +102,10 @@ def test_small_picture_gets_no_fewer_steps_than_by_a_cheaper_preset():
         ([(50, 24.0), (40, 23.0)], 50),  # the nearest below
     ],
 )
-def test_best_candidate_is_the_smallest_near_the_goal(found, best):
-    candidates = Candidates(Plan(Options.from_flat({"quality": "draft"})), 0)
-    candidates.made = [SimpleNamespace(size=size, model=model) for size, model in found]  # pyright: ignore[reportAttributeAccessIssue]
-    assert candidates.best().size == best
+def test_best_export_is_the_smallest_near_the_goal(found, best):
+    corrections = Corrections(Plan(Options.from_flat({"quality": "draft"})))
+    corrections.made = [SimpleNamespace(size=size, model=model) for size, model in found]  # pyright: ignore[reportAttributeAccessIssue]
+    assert corrections.best().size == best
 
 
 def test_finished_fit_continues_in_small_steps_that_grow():

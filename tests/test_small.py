@@ -9,11 +9,14 @@ from flat import vectorize
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
-from gauss2svg.fit.options import FitOptions
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.pipeline.outlines import outline_bytes
+from gauss2svg.pipeline.drawings import outline_bytes
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.recolor import recolored
-from gauss2svg.pipeline.small import SmallSearch
+from gauss2svg.pipeline.search.by_bytes import ByBytes
+from gauss2svg.pipeline.search.outcome import Watch
+from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
@@ -50,9 +53,15 @@ def shapes(width=64, height=64):
     return picture
 
 
+def search(picture, limit, **given):
+    """A search for a file of so many bytes."""
+    options = Options.from_flat({"max_bytes": limit, **given})
+    return ByBytes(Plan(options, by_bytes=True), Subject.of(picture), Watch())
+
+
 def matched(picture, limit, **given):
     """PSNR of the drawn file, and the file."""
-    found = SmallSearch(picture, limit, options=FitOptions(iterations=STEPS), **given).run()
+    found = search(picture, limit, iterations=STEPS, **given).file()
     assert found.size <= limit
     return psnr(rasterize_like(found.svg, picture), picture), found
 
@@ -71,7 +80,7 @@ def test_a_file_has_gaussians_wherever_one_fits():
     y, x = np.mgrid[:64, :64] + 0.5
     picture = np.full((64, 64, 3), 0.9, np.float32)
     picture[(x - 32) ** 2 + (y - 32) ** 2 < 400] = (0.8, 0.1, 0.1)
-    flat = SmallSearch(picture, 1000).flat.size
+    flat = search(picture, 1000).flat.size
     assert flat < 100
     assert not len(matched(picture, flat)[1].scene)
     for limit in (flat + 45, flat + 70, flat + 140):
@@ -80,9 +89,9 @@ def test_a_file_has_gaussians_wherever_one_fits():
 
 def test_a_limit_under_an_empty_file_names_the_least_that_is_possible(tmp_path, capsys):
     picture, photo = hills(), tmp_path / "photo.png"
-    least = SmallSearch(picture, 1000).flat.size
+    least = search(picture, 1000).flat.size
     with pytest.raises(InputError, match=f"max_bytes must be at least {least}"):
-        SmallSearch(picture, least - 1)
+        search(picture, least - 1)
     photo.write_bytes(as_png(picture))
     assert main([str(photo), "--max-bytes", str(least - 1), "-o", str(tmp_path / "o.svg")]) == 2
     error = capsys.readouterr().err
@@ -146,12 +155,12 @@ def test_from_five_kilobytes_the_closer_markup_is_written():
 
 
 def test_a_given_count_is_the_largest():
-    assert 1 <= len(matched(hills(), 3000, most=3)[1].scene) <= 3
+    assert 1 <= len(matched(hills(), 3000, gaussians=3)[1].scene) <= 3
 
 
 @pytest.mark.sweep
 def test_a_compressed_limit_is_kept_and_holds_more():
-    plain, packed = (matched(hills(), 600, gzipped=zipped)[1] for zipped in (False, True))
+    plain, packed = (matched(hills(), 600, gzip=zipped)[1] for zipped in (False, True))
     assert len(packed.scene) > len(plain.scene)
 
 
@@ -199,17 +208,17 @@ def test_thin_and_tiny_pictures_have_files():
 def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels():
     ramp = np.linspace(0.1, 0.9, 5000, dtype=np.float32)
     for picture in (np.dstack([ramp[None]] * 3), np.dstack([ramp[:, None]] * 3)):
-        search = SmallSearch(picture, 2000, options=FitOptions(iterations=STEPS))
-        found = search.run()
+        run = search(picture, 2000, iterations=STEPS)
+        found = run.file()
         assert psnr(rasterize_like(found.svg, picture), picture) > 35
-        assert max(len(fit.scene) for fit in search.fits) <= search.working[..., 0].size
+        assert max(len(fit.scene) for fit in run.fits) <= run.subject.working[..., 0].size
 
 
 def test_shapes_that_are_written_as_nothing_make_no_room_for_thousands_more():
-    search = SmallSearch(hills(), 2000, options=FitOptions(iterations=4))
-    nothing = next(a for a in search._attempts() if a.exponents)
-    assert search._count(nothing, (20, search.flat.size)) < 200
-    assert search._count(nothing, (20, search.flat.size + 20)) < 200
+    run = search(hills(), 2000, iterations=4)
+    nothing = next(recipe for recipe in run._recipes() if recipe.exponents)
+    assert run._count(nothing, (20, run.flat.size)) < 200
+    assert run._count(nothing, (20, run.flat.size + 20)) < 200
 
 
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr():
@@ -280,9 +289,9 @@ def test_shared_colours_are_fewer_and_cost_about_the_share_that_is_allowed(digit
 
 
 def test_a_drawing_is_told_by_its_flat_colours_and_drawn_with_crisp_rims():
-    assert SmallSearch(shapes(), 2000).is_drawing
-    assert not SmallSearch(hills(), 2000).is_drawing
-    assert not SmallSearch(shapes(), 2000, options=FitOptions(falloff="gaussian")).is_drawing
+    assert search(shapes(), 2000).is_drawing
+    assert not search(hills(), 2000).is_drawing
+    assert not search(shapes(), 2000, falloff="gaussian").is_drawing
     score, found = matched(shapes(), 2000)
     assert score > 30
     assert "mask" not in found.svg

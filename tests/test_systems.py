@@ -21,9 +21,9 @@ from gauss2svg.cli import signals
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError, RendererError
 from gauss2svg.files import expanded, is_device
-from gauss2svg.gallery.photos import slug_of
 from gauss2svg.measure import drawing
 from gauss2svg.measure.drawing import import_path
+from gauss2svg.photo.listing import slug_of
 from gauss2svg.processes import command_line, crash_of, end_of, end_tree, own_group
 from gauss2svg.raster import chromium, program
 from gauss2svg.studio.photos import stem_of

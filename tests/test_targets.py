@@ -5,13 +5,14 @@ import pytest
 from flat import vectorize
 
 from gauss2svg.errors import InputError
+from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.options import byte_size
-from gauss2svg.pipeline.candidate import Candidate, pruned_to_size
 from gauss2svg.pipeline.options import Goal
 from gauss2svg.pipeline.plan import LARGEST_COLOR_ERROR
 from gauss2svg.pipeline.quantize import quantize
-from gauss2svg.pipeline.targets import unreached
+from gauss2svg.pipeline.search.export import Export
+from gauss2svg.pipeline.unreached import unreached
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.svg.document import Document
@@ -220,8 +221,8 @@ def test_too_large_file_loses_its_least_useful_gaussians(photo):
     result = vectorize(photo, gaussians=60, palette=0, **QUICK)
     scene, form = quantize(result.scene, palette=5), SvgFormat()
     few = write_svg(scene, form)
-    candidate = Candidate(scene, few, form, Document(), False, 20.0, 0.01)
-    less = pruned_to_size(candidate, len(few) // 2, 500, photo, "psnr")
+    export = Export(scene, few, form, Document(), False, 20.0, 0.01)
+    less = export.pruned_to(len(few) // 2, 500, target_of(photo, np.float32, "psnr"))
     assert len(few) // 3 < less.size <= len(few) // 2
     kept = metrics.psnr(render(less.scene), photo)
     first = metrics.psnr(render(scene.select(np.arange(len(less.scene)))), photo)

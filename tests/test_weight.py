@@ -13,10 +13,11 @@ from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.target import Target, target_of
 from gauss2svg.measure import metrics
-from gauss2svg.pipeline.candidate import Candidate, Exporter, pruned_to_size
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.quantize import quantize, visible_mass
+from gauss2svg.pipeline.search.export import Export, Exporter
+from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
@@ -137,7 +138,7 @@ def test_palette_of_a_file_is_tuned():
     found = {}
     for tune in ("perceptual", "psnr"):
         plan = Plan(Options.from_flat({"gaussians": 2, "palette": 1, "tune": tune}))
-        exporter = Exporter(pixels, pixels, pixels.shape[1::-1], plan, Document())
+        exporter = Exporter(plan, Subject.of(pixels))
         found[tune] = exporter.quantized(scene, None).color[0, 0]
     assert found["psnr"] == pytest.approx(0.5, abs=0.01)
     assert found["perceptual"] < 0.35
@@ -191,8 +192,9 @@ def test_file_of_limited_size_keeps_the_gaussians_that_its_tune_favours():
     x, y = np.tile([16, 48], 4), np.repeat([8, 24, 40, 56], 2)
     scene = spots(x, y, sigma=np.where(x < 32, 3.0, 3.2)[:, None].repeat(2, axis=1))
     svg = write_svg(scene, SvgFormat())
-    whole = Candidate(scene, svg, SvgFormat(), Document(), False, 20.0, 20.0)
+    whole = Export(scene, svg, SvgFormat(), Document(), False, 20.0, 20.0)
     for tune, kept in {"perceptual": 16, "psnr": 48}.items():
-        less = pruned_to_size(whole, int(0.7 * whole.size), 500, half_flat(1), tune)
+        target = target_of(half_flat(1), np.float32, tune)
+        less = whole.pruned_to(int(0.7 * whole.size), 500, target)
         assert 0 < len(less.scene) <= 4
         assert (less.scene.mean[:, 0] == kept).all()

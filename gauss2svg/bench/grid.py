@@ -1,4 +1,4 @@
-"""The axes of a benchmark, which are options of `vectorize`, and the settings that they span."""
+"""The axes of a benchmark, mostly options of `vectorize`, and the settings that they span."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.bench.rows import TOOL
+from gauss2svg.bench.tuning import Constant, is_constant, options_in
 from gauss2svg.errors import Gauss2SvgError, InputError, must_be, shown
 from gauss2svg.options import Field, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
@@ -56,7 +57,7 @@ DEFAULT_GRID: tuple[dict[str, tuple[Any, ...]], ...] = (
 )
 
 
-def values_of(axis: Field) -> tuple[Any, ...]:
+def values_of(axis: Field | Constant) -> tuple[Any, ...]:
     """The default values of an axis; raises InputError for an axis without."""
     values = VALUES.get(axis.name, axis.choices)
     if not values:
@@ -103,7 +104,7 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         found |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
     for settings in found:
         try:
-            Plan(Options.from_flat(dict(settings)))
+            Plan(Options.from_flat(options_in(dict(settings))))
         except Gauss2SvgError as error:  # as every run with them would
             raise InputError(f"axes: {error}") from error
     return list(found)
@@ -116,7 +117,9 @@ def _checked(check: Callable[[Any], Any], value: Any) -> Any:
         raise InputError(f"axis {error}") from error
 
 
-def _axis(name: str) -> Field:
+def _axis(name: str) -> Field | Constant:
+    if is_constant(name):
+        return Constant(name)
     option = name.replace("-", "_")
     if option not in AXES:
         raise InputError(must_be("axis", f"one of {', '.join(AXES)}", name))

@@ -42,12 +42,15 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
     import numpy as np
 
     from gauss2svg.bench.grid import AXES
+    from gauss2svg.bench.tuning import apply_constants, options_in
     from gauss2svg.measure.scores import perceptual_scores
     from gauss2svg.pipeline.kernels import compile_kernels
     from gauss2svg.pipeline.options import Options
     from gauss2svg.pipeline.vectorize import vectorize_by
 
-    given = {**request["settings"], "seed": request["seed"], "threads": request["threads"]}
+    apply_constants(request["settings"])
+    given = options_in(request["settings"])
+    given |= {"seed": request["seed"], "threads": request["threads"]}
     options = Options.from_flat(given)
     warming = time.perf_counter()
     compile_kernels()

@@ -36,8 +36,9 @@ def bench_command(
         again to continue an interrupted benchmark: finished runs are kept.
     axis
         Option to vary, as NAME or NAME=VALUE,VALUE: an option of the main command that changes
-        the file, such as gaussians, iterations, quality, loss or palette. Several axes span a
-        grid; without any, the presets and a small grid are run.
+        the file, such as gaussians, iterations, quality, loss or palette; or a constant of the
+        code, such as pipeline.search.correction.full. Several axes span a grid; without any, the
+        presets and a small grid are run.
     peers
         Other tools to measure, separated by commas, where installed: vtracer, splatthis,
         primitive, jpeg, webp. Their SVGs are rasterised by resvg.

@@ -13,7 +13,7 @@ from gauss2svg.options import OptionGroup
 from gauss2svg.pipeline.placeholder import DEFAULT_BYTES, Placeholder, check_bytes
 
 if TYPE_CHECKING:
-    from gauss2svg.gallery.photos import GalleryPhoto
+    from gauss2svg.photo.listing import ListedPhoto
 
 STATUS_SOME_FAILED = 1
 _IMAGE = '<img src="'  # with which a line of HTML begins
@@ -54,16 +54,16 @@ def placeholder_command(
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.errors import Gauss2SvgError
     from gauss2svg.files import STANDARD_STREAM, expanded, refuse_option_like
-    from gauss2svg.gallery.photos import gallery_photos
+    from gauss2svg.photo.listing import listed_photos
     from gauss2svg.pipeline.placeholder import placeholder
 
     photos = expanded(photos)
     refuse_option_like(*photos, output)
-    once = gallery_photos(photos)
+    once = listed_photos(photos)
     targets = _targets(output, options.format, [photo.slug for photo in once])
     _check({photo.path: "a photo" for photo in once}, targets)
     before = {} if options.format == "svg" else _entries(output, options.format)
-    made: dict[GalleryPhoto, Placeholder] = {}
+    made: dict[ListedPhoto, Placeholder] = {}
     failures = []
     with counting_bar(quiet) as update:
         for at, photo in enumerate(once):
@@ -125,8 +125,8 @@ def _check(photos: dict[str, str], targets: list[Path]) -> None:
 
 
 def _write(
-    photos: list["GalleryPhoto"],
-    made: dict["GalleryPhoto", Placeholder],
+    photos: list["ListedPhoto"],
+    made: dict["ListedPhoto", Placeholder],
     before: dict[str, Any],
     output: str,
     form: str,

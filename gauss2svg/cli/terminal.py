@@ -16,7 +16,7 @@ from gauss2svg.errors import on_one_line
 from gauss2svg.measure.paint import HEAVY_MS
 from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.report import decibels
-from gauss2svg.pipeline.result import Progress, ProgressCallback
+from gauss2svg.pipeline.run import Progress, ProgressCallback
 from gauss2svg.svg.format import MINIMAL
 
 _PHASES = {

@@ -32,10 +32,15 @@ class Population:
 
     pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
     segment_at  finds the segments by which each round's shapes are ordered, or None
+    targets     the pixels as targets, where there are some already
     """
 
     def __init__(
-        self, pixels: NDArray[np.float32], config: FitConfig, segment_at: SegmentAt | None = None
+        self,
+        pixels: NDArray[np.float32],
+        config: FitConfig,
+        segment_at: SegmentAt | None = None,
+        targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
         self.blending = blending(config.fit.blend, config.opaque)
@@ -46,7 +51,7 @@ class Population:
         if has_alpha(pixels):
             self.background = np.ones(3)  # not written
         self.rng = np.random.default_rng(config.fit.seed)
-        self._pyramid = TargetPyramid(pixels, config.dtype, config.fit.tuned)
+        self._pyramid = targets or TargetPyramid(pixels, config.dtype, config.fit.tuned)
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
         self._order = None if segment_at is None else SegmentOrder(segment_at)

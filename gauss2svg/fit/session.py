@@ -24,7 +24,7 @@ from gauss2svg.fit.population import Population
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.stage import FINISHED, GROWING, REFINING, Stage
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import LossAndGradient
+from gauss2svg.fit.target import LossAndGradient, TargetPyramid
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import Scene
 
@@ -58,6 +58,7 @@ class FitSession:
                 file; called before the last steps, which make up for the loss
     segment_at  finds the segments by which each round's shapes are ordered, or None
     stop        polled before every step; True ends the fit with its present state
+    targets     the pixels as targets of the same tune, where there are some already
     """
 
     def __init__(
@@ -70,12 +71,13 @@ class FitSession:
         as_written: AsWritten | None = None,
         segment_at: SegmentAt | None = None,
         stop: Callable[[], bool] | None = None,
+        targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
         self.policy = policy
         steps = config.steps(pixels.shape[1], pixels.shape[0])
         self.clock = Clock(steps, policy.rounds, deadline, config.densify.round_iterations, stop)
-        self.population = Population(pixels, config, segment_at)
+        self.population = Population(pixels, config, segment_at, targets)
         self.guard = DivergenceGuard(config.fit.learning_rate)
         self.pixel_pairs = 0
         self._progress = progress or (lambda _: None)

@@ -26,7 +26,7 @@ from gauss2svg.gallery.pages import (
     is_gallery,
     write_pages,
 )
-from gauss2svg.gallery.photos import GalleryPhoto, gallery_photos, with_kept_slugs
+from gauss2svg.gallery.photos import with_kept_slugs
 from gauss2svg.gallery.pool import WorkerPool
 from gauss2svg.gallery.records import Failure, PhotoResult, Row, rows_of, summary_of, svg_result
 from gauss2svg.gallery.tasks import (
@@ -39,6 +39,7 @@ from gauss2svg.gallery.tasks import (
 )
 from gauss2svg.gallery.variants import Variant, variants_of
 from gauss2svg.options import file_name
+from gauss2svg.photo.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.memory_budget import allowed
 
@@ -108,7 +109,7 @@ def build_gallery(
     Raises InputError for bad arguments and OutputError for a folder that cannot be written, or
     that holds other files of the pages' names.
     """
-    listed = gallery_photos(photos)
+    listed = listed_photos(photos)
     wanted, absent = variants_of(variants, counts, peers)
     options = options or GalleryOptions()
     # The number of threads that numba has started; numba creates the attribute dynamically.
@@ -146,7 +147,7 @@ class _Build:
     def __init__(
         self,
         root: Path,
-        photos: list[GalleryPhoto],
+        photos: list[ListedPhoto],
         variants: list[Variant],
         setup: GallerySetup,
         progress: Callable[[GalleryProgress], None] | None,
@@ -245,7 +246,7 @@ class _Build:
                 self._done += 1
             self._report()
 
-    def _fail(self, photo: GalleryPhoto, variant: Variant | None, error: str) -> None:
+    def _fail(self, photo: ListedPhoto, variant: Variant | None, error: str) -> None:
         self._failures.append(Failure(photo, variant, error))
         self._done += 1 if variant else 1 + len(self._variants)
 
@@ -253,7 +254,7 @@ class _Build:
         total = len(self._photos) * (1 + len(self._variants))
         self._progress(GalleryProgress(self._done, total, self._kept, tuple(self._now)))
 
-    def _result(self, photo: GalleryPhoto, record: dict[str, Any]) -> PhotoResult:
+    def _result(self, photo: ListedPhoto, record: dict[str, Any]) -> PhotoResult:
         folder = photo_folder(photo)
         svgs = [
             svg_result(self._root, f"{folder}/{variant.slug}", variant, svg_record)
@@ -266,7 +267,7 @@ class _Build:
         )  # fmt: skip
 
 
-def _folder(directory: str | os.PathLike[str], photos: Iterable[GalleryPhoto]) -> Path:
+def _folder(directory: str | os.PathLike[str], photos: Iterable[ListedPhoto]) -> Path:
     """The folder, created if missing; refused where files of others would be overwritten."""
     root = Path(file_name("directory", directory, "the name of a folder, such as . for this one"))
     make_folder(root)

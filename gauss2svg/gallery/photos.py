@@ -1,104 +1,17 @@
-"""The photos of a gallery: their names on its pages and their folders."""
+"""The folders of a gallery's photos, which stay when photos are added or removed."""
 
 from __future__ import annotations
 
-import hashlib
 import json
-import os
-import re
-import unicodedata
-from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
-from gauss2svg.errors import InputError, must_be, on_one_line
-from gauss2svg.files import is_device
 from gauss2svg.gallery.artifacts import RECORD
-
-_LONGEST_SLUG = 48
-_NAMELESS = "photo"
-_ADVICE = "Try the path of a photo"
+from gauss2svg.photo.listing import ListedPhoto, slug_of
 
 
-@dataclass(frozen=True)
-class GalleryPhoto:
-    """A photo of a gallery.
-
-    path     of the file
-    name     the file's name as printable text, with its folder if another photo has the same name
-    file     the same as it is
-    slug     name of its folder in the gallery: a-z, 0-9 and -, unique
-    digest   SHA-256 of the file's bytes; None where it cannot be read
-    problem  why it cannot be read
-    """
-
-    path: str
-    name: str
-    file: str
-    slug: str
-    digest: str | None
-    problem: str | None = None
-
-
-def gallery_photos(paths: Sequence[str | os.PathLike[str]]) -> list[GalleryPhoto]:
-    """Each photo once, in order of its first mention; raises InputError if there is none."""
-    if isinstance(paths, (str, bytes, os.PathLike)):
-        raise InputError(must_be("photos", "a sequence of paths", paths, f"[{paths!r}]"))
-    try:
-        named = [os.fsdecode(path) for path in paths or ()]
-    except Exception as error:  # of the values' own methods
-        raise InputError(must_be("photos", "a sequence of paths", paths)) from error
-    if not named:
-        raise InputError(must_be("photos", "the paths of one or more photos", paths))
-    once: dict[str, str] = {}
-    for path in named:
-        once.setdefault(_resolved(path), path)
-    texts = list(once.values())
-    read = [_digest(path) for path in texts]
-    slugs = unique_slugs(
-        (Path(path).stem, digest) for path, (digest, _) in zip(texts, read, strict=True)
-    )
-    return [
-        GalleryPhoto(path, on_one_line(file), file, slug, digest, problem)
-        for path, file, slug, (digest, problem) in zip(
-            texts, _names(texts), slugs, read, strict=True
-        )
-    ]
-
-
-def _names(paths: Sequence[str]) -> list[str]:
-    """The last part of each path; with its folder where another has the same."""
-    parts = [Path(path).absolute().parts for path in paths]
-    shared = Counter(own[-1] for own in parts)
-    return ["/".join(own[-2:] if shared[own[-1]] > 1 else own[-1:]) for own in parts]
-
-
-def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:
-    """Unique folder names of photos, given their (name, digest), in the same order.
-
-    Photos of one name are distinguished by their digest, so that neither their order nor a photo
-    that cannot be read, whose digest is None, changes the folder of another.
-    """
-    known = [(slug_of(name), digest) for name, digest in photos]
-    shared = Counter(slug for slug, digest in known if digest)
-    # Unique names come first; photos that cannot be read, which need no folder, last.
-    turns = sorted(range(len(known)), key=lambda at: (not known[at][1], shared[known[at][0]] > 1))
-    slugs = [""] * len(known)
-    taken: set[str] = set()
-    for at in turns:
-        slug, digest = known[at]
-        first = f"{slug}-{digest[:8]}" if shared[slug] > 1 and digest else slug
-        slug, copies = first, 1
-        while slug in taken:
-            copies += 1
-            slug = f"{first}-{copies}"
-        slugs[at] = slug
-        taken.add(slug)
-    return slugs
-
-
-def with_kept_slugs(photos: Iterable[GalleryPhoto], folder: Path) -> list[GalleryPhoto]:
+def with_kept_slugs(photos: Iterable[ListedPhoto], folder: Path) -> list[ListedPhoto]:
     """The photos with the slugs of folders that already hold their results.
 
     Without this, adding or removing a photo of the same name would change the folder of another,
@@ -124,31 +37,3 @@ def _holds(folder: Path, digest: str | None) -> bool:
     except (OSError, ValueError):
         return False
     return isinstance(record, dict) and digest is not None and record.get("digest") == digest
-
-
-def slug_of(name: str) -> str:
-    """A folder name that every system accepts: 1 to 48 characters of a-z, 0-9 and -."""
-    plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
-    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_LONGEST_SLUG].rstrip("-") or _NAMELESS
-    return f"{_NAMELESS}-{slug}" if is_device(slug) else slug
-
-
-def _resolved(path: str) -> str:
-    """The path with links resolved; an invalid path as it is."""
-    try:
-        return os.path.realpath(path)
-    except ValueError:  # a NUL character: reading reports it
-        return path
-
-
-def _digest(path: str) -> tuple[str | None, str | None]:
-    """(SHA-256 of a file, None), or (None, why it cannot be read)."""
-    if os.path.exists(path) and not os.path.isfile(path):
-        kind = "a folder" if os.path.isdir(path) else "not a regular file"
-        return None, f"{on_one_line(path)} is {kind}. {_ADVICE}"
-    try:
-        with open(path, "rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest(), None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        return None, f"cannot read {on_one_line(path)}: {reason}. {_ADVICE}"

@@ -12,8 +12,8 @@ from typing import Any
 from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.errors import OutputError
 from gauss2svg.gallery.artifacts import OUTLINES, PICTURE, REPORT, SCENE
-from gauss2svg.gallery.photos import GalleryPhoto
 from gauss2svg.gallery.variants import Variant
+from gauss2svg.photo.listing import ListedPhoto
 
 Row = dict[str, Any]
 
@@ -67,7 +67,7 @@ class SvgResult:
 class PhotoResult:
     """A prepared photo and its finished SVGs, in the order of the variants."""
 
-    photo: GalleryPhoto
+    photo: ListedPhoto
     folder: str
     picture: str
     width: int
@@ -80,7 +80,7 @@ class PhotoResult:
 class Failure:
     """A photo that cannot be read, where variant is None, or an SVG that could not be svg."""
 
-    photo: GalleryPhoto
+    photo: ListedPhoto
     variant: Variant | None
     error: str
 

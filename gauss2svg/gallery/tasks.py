@@ -11,8 +11,8 @@ from typing import Any
 
 from gauss2svg.bench.grid import code_digest
 from gauss2svg.gallery.options import GalleryOptions
-from gauss2svg.gallery.photos import GalleryPhoto
 from gauss2svg.gallery.variants import Variant
+from gauss2svg.photo.listing import ListedPhoto
 from gauss2svg.raster import DEFAULT_RENDERER, renderer_version
 
 PHOTOS = "photos"  # the folder of the photos' folders
@@ -36,7 +36,7 @@ class Task:
     request  what the worker gets, as JSON
     """
 
-    photo: GalleryPhoto
+    photo: ListedPhoto
     variant: Variant | None
     folder: str
     request: dict[str, Any]
@@ -52,12 +52,12 @@ class Task:
         return self.request["key"]
 
 
-def photo_folder(photo: GalleryPhoto) -> str:
+def photo_folder(photo: ListedPhoto) -> str:
     """The folder of a photo and its SVGs."""
     return f"{PHOTOS}/{photo.slug}"
 
 
-def photo_task(root: Path, photo: GalleryPhoto, setup: GallerySetup) -> Task:
+def photo_task(root: Path, photo: ListedPhoto, setup: GallerySetup) -> Task:
     """The task to prepare a photo for the pages."""
     folder = photo_folder(photo)
     request = _request("photo", root / folder, photo, setup, [])
@@ -66,7 +66,7 @@ def photo_task(root: Path, photo: GalleryPhoto, setup: GallerySetup) -> Task:
 
 def variant_task(
     root: Path,
-    photo: GalleryPhoto,
+    photo: ListedPhoto,
     variant: Variant,
     setup: GallerySetup,
     record: Mapping[str, Any],
@@ -90,7 +90,7 @@ def variant_task(
 
 
 def _request(
-    kind: str, folder: Path, photo: GalleryPhoto, setup: GallerySetup, parts: list[Any]
+    kind: str, folder: Path, photo: ListedPhoto, setup: GallerySetup, parts: list[Any]
 ) -> dict[str, Any]:
     # Processes, threads, memory and time limits are not part of the key: they change no image.
     measured_by = [code_digest(), renderer_version(DEFAULT_RENDERER)]

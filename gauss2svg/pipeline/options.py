@@ -22,6 +22,7 @@ from gauss2svg.options import (
     file_name,
 )
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.scene.names import OVER
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS
 
@@ -77,6 +78,27 @@ class Goal(OptionGroup):
         if self.target_psnr is not None and self.target_ssimulacra2 is not None:
             got = f"{self.target_ssimulacra2:g}"
             raise InputError(must_be("target_ssimulacra2", "given without target_psnr", got))
+
+    @property
+    def count(self) -> int | None:
+        """The given number of Gaussians, None if it adapts to the image."""
+        return self.gaussians if isinstance(self.gaussians, int) else None
+
+    @property
+    def byte_limit(self) -> int | None:
+        """`max_bytes` as a number, which it is once it is checked."""
+        return self.max_bytes if isinstance(self.max_bytes, int) else None
+
+    @property
+    def has_target(self) -> bool:
+        """Whether there is a target or limit besides the preset."""
+        given = (self.target_psnr, self.target_ssimulacra2, self.max_bytes, self.time_limit)
+        return any(one is not None for one in given)
+
+    @property
+    def count_adapts(self) -> bool:
+        """Whether the number of Gaussians depends on the image or on a target."""
+        return self.count is None or self.has_target
 
     @property
     def is_budget(self) -> bool:
@@ -192,6 +214,11 @@ class Options:
     svg: SvgOptions = SvgOptions()
     document: Document = Document()
     run: RunOptions = RunOptions()
+
+    @property
+    def written_blend(self) -> str:
+        """Blend of the shapes in the file."""
+        return OVER if self.svg.portable else self.fit.blend
 
     @classmethod
     def from_flat(cls, values: Mapping[str, Any]) -> Options:

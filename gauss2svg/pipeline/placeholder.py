@@ -5,20 +5,26 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.options import byte_size
 from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
-from gauss2svg.photo.load import ImageSource, load_image
-from gauss2svg.pipeline.kernels import compile_kernels
-from gauss2svg.pipeline.plan import MINIMAL_UP_TO
-from gauss2svg.pipeline.small import SmallSearch
+from gauss2svg.photo.load import ImageSource
+from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
+from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
+from gauss2svg.pipeline.run import ProgressCallback, Run
+from gauss2svg.pipeline.search.by_bytes import ByBytes
+from gauss2svg.pipeline.search.outcome import Watch
+from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.svg.encode import hex_color
+from gauss2svg.svg.format import MINIMAL
 
 DEFAULT_BYTES = 1000
 # Of the photo in px, from which the working picture of at most 384 px is made.
@@ -108,24 +114,46 @@ def _in_attribute(text: str) -> str:
     return text.replace("&", "&amp;").replace('"', "&quot;")
 
 
-def placeholder(image: ImageSource, max_bytes: int | str = DEFAULT_BYTES) -> Placeholder:
+def placeholder(
+    image: ImageSource,
+    max_bytes: int | str = DEFAULT_BYTES,
+    *,
+    threads: int | None = None,
+    max_memory: int | str | None = None,
+    progress: ProgressCallback | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Placeholder:
     """The best SVG of at most max_bytes for a photo, such as 1000 or "1k"; see `vectorize`.
 
-    image  path, bytes, binary file, PIL image, numpy array or torch tensor
+    image                path, bytes, binary file, PIL image, numpy array or torch tensor
+    threads, max_memory  see RunOptions
+    progress, stop       see `vectorize`
     Raises InputError for invalid input, for more than 20 kB, and for fewer bytes than a file
     without Gaussians takes.
     """
     limit = check_bytes("max_bytes", max_bytes)
-    photo = load_image(image, needed=_LONGEST_SIDE)
+    options = Options(
+        goal=Goal(max_bytes=limit),
+        svg=SvgOptions(markup=MINIMAL),
+        run=RunOptions(threads=threads, max_memory=max_memory),
+    )
+    plan, run = Plan(options, by_bytes=True), Run(options.run, progress, stop)
+    photo = run.read(*run.opened(image), needed=_LONGEST_SIDE)
     pixels = pixels_of(photo)
-    compile_kernels()
-    found = SmallSearch(pixels, limit, canvas=photo.full).run()
+    with run.compiled():
+        watch = Watch(report=run.notify, stop=run.stop)
+        found = ByBytes(plan, Subject.of(pixels, photo.full), watch).file()
+    transparent = has_alpha(pixels)
+    return Placeholder(found.svg, *photo.full, _mean_color(pixels), len(found.scene), transparent)
+
+
+def _mean_color(pixels: NDArray[np.float32]) -> str:
+    """The mean colour of what is visible."""
     transparent = has_alpha(pixels)
     weight = alpha_of(pixels) if transparent else np.ones((*pixels.shape[:2], 1), np.float32)
     total = max(float(weight.sum(dtype=np.float64)), 1e-9)
     mean = (pixels[:, :, :3] * weight).sum(axis=(0, 1), dtype=np.float64) / total
-    color = hex_color(np.round(255 * mean).astype(np.intp))
-    return Placeholder(found.svg, *photo.full, color, len(found.scene), transparent)
+    return hex_color(np.round(255 * mean).astype(np.intp))
 
 
 def check_bytes(name: str, value: Any) -> int:

@@ -54,6 +54,11 @@ PRESETS: dict[str, Preset] = {
 }
 DEFAULT_PRESET = "balanced"
 
+# Of the file, palette included (docs/decisions/numbers.md); measured if the bytes are limited.
+KILOBYTES_PER_GAUSSIAN = 0.12
+CAP_FOR_TARGET = 50000  # largest number of Gaussians for a target, whatever the preset
+# PSNR (dB) from which more Gaussians do not show: an error of half a level of 255 has 54.1.
+INDISTINGUISHABLE = 54.0
 # PSNR (dB) of the model from which the 8 bits of a raster decide, and more Gaussians gain nothing.
 NOTHING_TO_GAIN = 58.0
 # Bytes of a shape at least and usually, Gaussians that a second fits at most, and px of the fit for

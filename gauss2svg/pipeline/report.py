@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from gauss2svg.fit.choices import PSNR
 from gauss2svg.measure.paint import paint_ms
 from gauss2svg.measure.scores import Scores
 from gauss2svg.photo.photo import Photo
-from gauss2svg.pipeline.candidate import Outcome
-from gauss2svg.pipeline.kernels import COMPILED_S
-from gauss2svg.pipeline.outlines import outline_bytes
+from gauss2svg.pipeline.drawings import outline_bytes
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.targets import unreached
+from gauss2svg.pipeline.run import Run
+from gauss2svg.pipeline.search.outcome import Outcome
+from gauss2svg.pipeline.unreached import unreached
 from gauss2svg.scene.names import ADAPTIVE, GAUSSIAN
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import MINIMAL
@@ -29,27 +28,19 @@ from gauss2svg.version import __version__
 
 def run_report(
     plan: Plan,
-    chosen: Plan,
     document: Document,
     photo: Photo,
     outcome: Outcome,
-    fit_size: tuple[int, int],
     scores: Scores,
-    *,
-    threads: int,
-    compile_s: float,
-    total_s: float,
+    run: Run,
 ) -> dict[str, Any]:
-    """All options and results of a run; the keys are in docs/reference/report.md.
-
-    chosen    the one of the plan's ways whose file is written
-    fit_size  width and height in px of the image that the fit ran on
-    """
+    """All options and results of a run; the keys are in docs/reference/report.md."""
+    chosen, (fit_height, fit_width) = outcome.plan, outcome.working.shape[:2]
     fitted, measured, options = outcome.fitted, outcome.measured, plan.options
-    run_s = total_s - (compile_s if compile_s > COMPILED_S else 0.0)
+    total_s = run.total_s
     size_reached = measured.svgz_bytes if plan.counts_gzipped else measured.svg_bytes
     missed = unreached(
-        options.goal, outcome.reached, size_reached, run_s, fitted.stop_reason,
+        options.goal, outcome.reached, size_reached, total_s - run.first_s, fitted.stop_reason,
         len(outcome.scene),
     )  # fmt: skip
     return {
@@ -58,8 +49,8 @@ def run_report(
         # Values of options that were left open.
         "width": photo.full[0],
         "height": photo.full[1],
-        "fit_width": fit_size[0],
-        "fit_height": fit_size[1],
+        "fit_width": fit_width,
+        "fit_height": fit_height,
         "measured_width": measured.raster.shape[1],
         "measured_height": measured.raster.shape[0],
         "gaussians": len(outcome.scene),
@@ -67,12 +58,12 @@ def run_report(
         "falloff": ADAPTIVE if plan.fit_config.fit.learned_falloff else GAUSSIAN,
         "markup": chosen.markup,
         "stops": outcome.format.stops,
-        "precision": None if chosen.is_small else outcome.format.precision,
-        "tune": options.fit.tune or (PSNR if chosen.is_small else options.fit.tuned),
-        "palette": outcome.quantization.palette if plan.palette_is_counted else None,
+        "precision": None if chosen.by_bytes else outcome.format.precision,
+        "tune": chosen.tune,
+        "palette": _palette(outcome) if plan.palette_is_counted else None,
         "size": document.size,
         "segments": None if document.labels is None else len(np.unique(document.labels)),
-        "threads": threads,
+        "threads": run.threads,
         # Results.
         "rounds": fitted.rounds,
         "corrections": outcome.corrections,
@@ -81,7 +72,7 @@ def run_report(
         "gradients": outcome.svg.count("<radialGradient"),
         "stop_reason": fitted.stop_reason,
         "unreached": missed,
-        "compile_s": compile_s,
+        "compile_s": run.compile_s,
         "fit_s": fitted.wall_s,
         "fit_cpu_s": fitted.cpu_s,
         "pixel_pairs": fitted.pixel_pairs,
@@ -95,19 +86,23 @@ def run_report(
         # Filters were not measured.
         "paint_ms": None if "<filter" in outcome.svg else paint_ms(outcome.scene, outcome.svg),
         "transparent": photo.alpha is not None,
-        "notes": _notes(plan, chosen, photo, outcome),
+        "notes": _notes(plan, photo, outcome),
         "versions": _versions(),
         "total_s": total_s,
     }
 
 
-def _notes(plan: Plan, chosen: Plan, photo: Photo, outcome: Outcome) -> list[str]:
-    notes = list(photo.notes)
+def _palette(outcome: Outcome) -> int:
+    return outcome.plan.quantization(len(outcome.scene)).palette
+
+
+def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
+    notes, chosen = list(photo.notes), outcome.plan
     height, width = outcome.measured.raster.shape[:2]
     if (width, height) != (photo.width, photo.height):
         notes.append(f"measured at {width}x{height} px to meet the time limit")
     nothing = photo.alpha is not None and photo.alpha.any() and not len(outcome.scene)
-    if nothing and not chosen.is_small:  # of which unreached says that it has no room
+    if nothing and not chosen.by_bytes:  # of which unreached says that it has no room
         notes.append("the photo is too transparent to be rendered: the SVG is empty")
     if chosen.markup == MINIMAL != plan.options.svg.markup:
         notes.append(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import html
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,28 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.files import write_atomically
-from gauss2svg.fit.options import FitProgress
 from gauss2svg.options import Flag, file_name
 from gauss2svg.pipeline.report import decibels
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.packing import check_svg_name, file_bytes, is_svgz
 from gauss2svg.svg.write import outline_svg
-
-ProgressCallback = Callable[["Progress"], None]
-
-
-@dataclass(frozen=True)
-class Progress:
-    """The phase of `vectorize`, and the state of the fit.
-
-    phase  "read", "compile", with portable "additive", "fit", "write", "measure"; with targets
-           "correct", "write" and "measure" may follow again
-    fit    at "additive", "fit" and "correct"; else None
-    """
-
-    phase: str
-    fit: FitProgress | None = None
 
 
 @dataclass(frozen=True, eq=False)

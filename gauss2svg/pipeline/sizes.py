@@ -9,7 +9,7 @@ from gauss2svg.photo.photo import Header
 from gauss2svg.photo.reduce import Size
 from gauss2svg.pipeline.memory_budget import Load, size_that_fits
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search import CAP_FOR_TARGET
+from gauss2svg.pipeline.presets import CAP_FOR_TARGET
 
 # Pixels at which a file is measured at least, where the photo has them: docs/decisions/photo.md.
 MEASURED_PIXELS = 1_000_000

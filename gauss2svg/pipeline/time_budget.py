@@ -8,42 +8,81 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, REDUCED_STEPS, refinement_reduction
+from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.small import is_drawing
 from gauss2svg.raster import DEFAULT_RENDERER
 
-# Of a step of the fit: at least, for a pixel in growth and after it, and for a Gaussian. And once,
-# afterwards, for writing, rasterising and measuring.
-_STEP, _STEP_PIXEL, _STEP_GAUSSIAN = 5e-4, (1.6e-8, 3.3e-8), 8e-7
-_EXPORT, _EXPORT_PIXEL, _EXPORT_GAUSSIAN = 0.05, 1.8e-6, 1.8e-4
-_SLOW_PICTURE = 1.4  # times the predicted seconds that steps of some pictures take
-_SECOND_THREAD = 0.8  # what each further thread adds to the speed of the first, pixels alone
-# Steps that a fit should have, to a photo and to a drawing: with fewer it gains more from time than
-# from Gaussians. And of them those of growth, at the cost of the last round.
-STEPS, STEPS_OF_DRAWING, _GROWING = 100, 180, 0.2
-_PRIOR_S = 0.03  # predicted seconds of steps that count as taken before any is
-# Times the predicted seconds that are left in refinement, under which Gaussians are removed and
-# over which some are added; in between it has fewer or more steps.
-_TOO_LATE, _TOO_EARLY = 0.5, 1.5
-_AT_ONCE = 0.7  # share of the Gaussians that is kept
-_ESTIMATE_AT = 0.4  # share of the fit done when the export is predicted for its count
-_MOST_MEASURING = 0.2  # of the time left, for measuring at the photo's size
-_LEAST_FIT_S = 0.15  # else what a limit too short has is hardly a picture
-_MOST_RESERVED = 0.6  # of the time left; if the export needs more, Gaussians are removed
-_FEWEST = 150  # Gaussians, however short the time is: fewer steps then do
+
+@dataclass(frozen=True)
+class TimeTuning:
+    """What steps and the export cost, in s of one thread, and how time is spent.
+
+    docs/decisions/time.md
+
+    step                 s of a step of the fit at least
+    step_pixel_growing   s of a step in growth for each pixel
+    step_pixel_refining  the same after growth
+    step_gaussian        s of a step for each Gaussian
+    export               s of writing, rasterising and measuring at least
+    export_pixel         s of these for each pixel that is measured
+    export_gaussian      s of these for each Gaussian
+    slow_picture         times the predicted seconds that steps of some pictures take
+    second_thread        what each further thread adds to the speed of the first, pixels alone
+    steps                steps that a fit should have: with fewer it gains more from time than from
+                         Gaussians
+    steps_of_drawing     the same for a drawing
+    growing              share of growth in these steps, at the cost of the last round
+    prior_s              predicted seconds of steps that count as taken before any is
+    too_late             times the predicted seconds that are left in refinement, under which
+                         Gaussians are removed; up to the next one it has fewer or more steps
+    too_early            times the same, over which some are added
+    at_once              share of the Gaussians that is kept at least, where some are removed
+    estimate_at          share of the fit that is over when the export is predicted for its count
+    most_measuring       share of the time left, for measuring at the photo's size
+    least_fit_s          s of a fit at least, else what a limit too short has is hardly a picture
+    most_reserved        share of the time left, for the export; if that needs more, Gaussians are
+                         removed
+    fewest               Gaussians, however short the time is: fewer steps then do
+    """
+
+    step: float = 5e-4
+    step_pixel_growing: float = 1.6e-8
+    step_pixel_refining: float = 3.3e-8
+    step_gaussian: float = 8e-7
+    export: float = 0.05
+    export_pixel: float = 1.8e-6
+    export_gaussian: float = 1.8e-4
+    slow_picture: float = 1.4
+    second_thread: float = 0.8
+    steps: int = 100
+    steps_of_drawing: int = 180
+    growing: float = 0.2
+    prior_s: float = 0.03
+    too_late: float = 0.5
+    too_early: float = 1.5
+    at_once: float = 0.7
+    estimate_at: float = 0.4
+    most_measuring: float = 0.2
+    least_fit_s: float = 0.15
+    most_reserved: float = 0.6
+    fewest: int = 150
+
+
+TUNING = TimeTuning()
 
 
 def steps_for(plan: Plan, image: NDArray[np.float32]) -> int:
     """Steps that a fit to an image should have where time is limited, those given first."""
     given = plan.options.fit.iterations
     if given is not None or plan.options.goal.time_limit is None:
-        return given or STEPS
-    return STEPS_OF_DRAWING if is_drawing(image) else STEPS
+        return given or TUNING.steps
+    return TUNING.steps_of_drawing if is_drawing(image) else TUNING.steps
 
 
 def gaussians_within(limit_s: float, size: tuple[int, int], measured: int, threads: int = 1) -> int:
@@ -59,29 +98,30 @@ class TimeBudget:
     size      width and height in px of the image that the fit runs on
     measured  pixels of the photo, at whose size the file is measured if there is time
     threads   of the fit
-    steps     that the fit should have
+    steps     that the fit should have; None: those of a photo
     renderer  that rasterises the file
     """
 
     def __init__(
         self,
-        deadline: float | None,
-        size: tuple[int, int],
-        measured: int,
+        deadline: float | None = None,
+        size: tuple[int, int] = (1, 1),
+        measured: int = 1,
         threads: int = 1,
-        steps: int = STEPS,
+        steps: int | None = None,
         renderer: str = DEFAULT_RENDERER,
     ) -> None:
         self.deadline = deadline
         # Where time is short the file is measured at the size of the fit.
         self.measures_small = (
             deadline is not None
-            and _EXPORT_PIXEL * measured > _MOST_MEASURING * (deadline - time.perf_counter())
+            and TUNING.export_pixel * measured
+            > TUNING.most_measuring * (deadline - time.perf_counter())
         )
         self._size = size
         self._measured = size[0] * size[1] if self.measures_small else measured
-        self._threaded = 1 + _SECOND_THREAD * (threads - 1)
-        self._steps = steps
+        self._threaded = 1 + TUNING.second_thread * (threads - 1)
+        self._steps = steps or TUNING.steps
         self._predicted = self._taken = 0.0
         self._last: float | None = None  # end of the last step, None if something else came after
         self._estimated = deadline is None
@@ -108,10 +148,13 @@ class TimeBudget:
         left, least = self._left_s(), 1
         if done > GROWTH_SHARE:
             needed = self._needed_s(count, done)
-            if done >= QUANTIZED_FROM or _TOO_LATE * needed <= left <= _TOO_EARLY * needed:
+            if (
+                done >= QUANTIZED_FROM
+                or TUNING.too_late * needed <= left <= TUNING.too_early * needed
+            ):
                 return count
-            least = int(_AT_ONCE * count)
-        low, high = _FEWEST, 2 * _FEWEST
+            least = int(TUNING.at_once * count)
+        low, high = TUNING.fewest, 2 * TUNING.fewest
         while self._needed_s(high, done) <= left:
             low, high = high, 2 * high
         while high - low > 1:
@@ -122,15 +165,15 @@ class TimeBudget:
     @property
     def is_over(self) -> bool:
         """Whether what is left is needed to write and measure a small file."""
-        return self.deadline is not None and self._left_s() < self._export_s(_FEWEST)
+        return self.deadline is not None and self._left_s() < self._export_s(TUNING.fewest)
 
     def fit_deadline(self, count: int, share: float = 1.0) -> float | None:
         """End of a fit of so many Gaussians, or of this share of it; None without a limit."""
         if self.deadline is None:
             return None
         left = self._left_s()
-        reserved = min(self._export_s(count), _MOST_RESERVED * left)
-        return time.perf_counter() + max(share * (left - reserved), _LEAST_FIT_S)
+        reserved = min(self._export_s(count), TUNING.most_reserved * left)
+        return time.perf_counter() + max(share * (left - reserved), TUNING.least_fit_s)
 
     def reserve(
         self, done: float, count: int, estimate_s: Callable[[], float]
@@ -142,21 +185,21 @@ class TimeBudget:
         estimate_s  measures on a sample how long writing, rasterising and measuring will take, by a
                     renderer that the rule is not for
         """
-        if self.deadline is None or self._estimated or done <= _ESTIMATE_AT:
+        if self.deadline is None or self._estimated or done <= TUNING.estimate_at:
             return None
         self._estimated = True
         reserve = self._export_s(count)
         if self._renderer != DEFAULT_RENDERER:
             reserve = estimate_s()
             self._last = None  # the sample was no step
-        share = min(_MOST_RESERVED * max(self._left_s(), _LEAST_FIT_S) / reserve, 1.0)
-        most = min(count, max(_FEWEST, int(count * share))) if share < 1 else None
+        share = min(TUNING.most_reserved * max(self._left_s(), TUNING.least_fit_s) / reserve, 1.0)
+        most = min(count, max(TUNING.fewest, int(count * share))) if share < 1 else None
         return self.deadline - share * reserve, most
 
     @property
     def _slowness(self) -> float:
         """Seconds that a predicted second takes; the first few steps say little of that."""
-        return (self._taken + _PRIOR_S) / (self._predicted + _PRIOR_S)
+        return (self._taken + TUNING.prior_s) / (self._predicted + TUNING.prior_s)
 
     def _left_s(self) -> float:
         assert self.deadline is not None
@@ -165,7 +208,7 @@ class TimeBudget:
     def _needed_s(self, count: int, done: float) -> float:
         """Predicted seconds of the rest of a fit of so many Gaussians, and of its export."""
         pixels = self._size[0] * self._size[1]
-        growing = max(1 - done / GROWTH_SHARE, 0.0) * _GROWING
+        growing = max(1 - done / GROWTH_SHARE, 0.0) * TUNING.growing
         refining = min(1 - done, 1 - GROWTH_SHARE)
         factor = refinement_reduction(max(done, GROWTH_SHARE), count, *self._size)
         reduced = REDUCED_STEPS if factor > 1 else 0.0
@@ -175,10 +218,12 @@ class TimeBudget:
         return self._slowness * self._steps * steps + self._export_s(count)
 
     def _step(self, pixels: float, count: int, growing: bool) -> float:
-        by_pixels = _STEP_PIXEL[not growing] * pixels / self._threaded
-        return _STEP + by_pixels + _STEP_GAUSSIAN * count
+        each = TUNING.step_pixel_growing if growing else TUNING.step_pixel_refining
+        return TUNING.step + each * pixels / self._threaded + TUNING.step_gaussian * count
 
     def _export_s(self, count: int) -> float:
         """Of a machine that is slower, not of a picture whose steps are."""
-        machine = max(self._slowness / _SLOW_PICTURE, 1.0)
-        return machine * (_EXPORT + _EXPORT_PIXEL * self._measured + _EXPORT_GAUSSIAN * count)
+        machine = max(self._slowness / TUNING.slow_picture, 1.0)
+        return machine * (
+            TUNING.export + TUNING.export_pixel * self._measured + TUNING.export_gaussian * count
+        )

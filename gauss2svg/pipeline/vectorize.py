@@ -1,46 +1,33 @@
-"""Vectorising a photo: load, fit, write, rasterise, measure."""
+"""Vectorising a photo: read, search, measure, report."""
 
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import os
-import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from numba import get_num_threads, set_num_threads
-from numba.core import config
-from numpy.typing import NDArray
-
-from gauss2svg.errors import InputError, instance, must_be, shown, whole_number
+from gauss2svg.errors import InputError, instance, must_be, shown
 from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions, FitProgress
 from gauss2svg.measure.memory import held_bytes
-from gauss2svg.measure.scores import (
-    LEAST_SIDE_FOR_SSIMULACRA2,
-    Scores,
-    perceptual_scores,
-)
+from gauss2svg.measure.scores import LEAST_SIDE_FOR_SSIMULACRA2, Scores, perceptual_scores
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
-from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
-from gauss2svg.photo.photo import Header
-from gauss2svg.pipeline.candidate import Exporter, Outcome
+from gauss2svg.photo.load import ImageSource
+from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
 from gauss2svg.pipeline.document import document_for
-from gauss2svg.pipeline.kernels import COMPILED_S, compile_kernels, compile_reading
-from gauss2svg.pipeline.memory_budget import allowed, check_decoding
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
-from gauss2svg.pipeline.result import Progress, ProgressCallback, Result
-from gauss2svg.pipeline.search import TargetSearch
+from gauss2svg.pipeline.result import Result
+from gauss2svg.pipeline.run import ProgressCallback, Run
+from gauss2svg.pipeline.search.outcome import Outcome, Search, Watch, best_of
+from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.pipeline.sizes import Sizes, sizes_of
 from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
-from gauss2svg.pipeline.ways import closest, small_outcome
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.encode import LARGEST_NUMBER
 
@@ -120,111 +107,118 @@ def vectorize_by(
     may_reduce  whether the fit may run on a smaller image for lack of memory; InputError if not
     started     when time_limit and total_s begin, by time.perf_counter(); None: now
     """
-    begun = time.perf_counter() if started is None else started
-    plan, run = Plan(options), options.run
+    plan = Plan(options)
     plan.check_renderer()
-    _check_callable("progress", progress, "a Progress")
-    _check_callable("stop", stop)
-    thread_count = _thread_count(run.threads)
+    run = Run(options.run, progress, stop, started)
     _check_checkpoints(options, image)
-    most_bytes = allowed(run.max_memory)
-    notify = (lambda _: None) if progress is None else progress
+    photo, sizes = _read(plan, run, image, may_reduce)
+    plan = dataclasses.replace(plan, fit_side=max(sizes.fit))
+    subject = _subject(photo, sizes, options.document)
+    checkpoint, saved = _checkpoints(options, subject)
+    with run.compiled(options.fit.blend):
+        outcome = best_of(_searches(plan, run, subject, checkpoint, saved))
+    subject.release()
+    return _result(plan, run, photo, subject, outcome, checkpoint)
 
-    notify(Progress("read"))
-    image = rereadable(image)
-    header = header_of(image, max_pixels=run.max_pixels)
+
+def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Sizes]:
+    """The photo, at the size at which it is measured, and the sizes of the run."""
+    image, header = run.opened(image)
 
     def sizes(width: int, height: int, has_alpha: bool = False) -> Sizes:
         known = header or Header(width, height, has_alpha)
         known = dataclasses.replace(known, width=width, height=height)
-        return sizes_of(plan, known, most_bytes, may_reduce)
+        return sizes_of(plan, known, run.most_bytes, may_reduce)
 
-    if header is not None:  # what cannot fit is refused before its pixels take memory
-        stored = header.width, header.height
-        check_decoding(header, most_bytes, reduced=sizes(*stored).measured != stored)
-    compile_s = compile_reading()  # before it is needed, so that it does not count either
-    matte = options.svg.matte
-    photo = load_image(
+    matte = plan.options.svg.matte
+    photo = run.read(
         image,
-        max_pixels=run.max_pixels,
-        matte=None if matte is None else matte_color(matte),
+        header,
         needed=lambda width, height: sizes(width, height).measured,
+        matte=None if matte is None else matte_color(matte),
     )
     plan.check_alpha(photo)
     _check_precision(max(photo.full), plan)
-    found_sizes = sizes(*photo.full, has_alpha=photo.alpha is not None)
-    width, height = found_sizes.fit
-    if found_sizes.note is not None:
-        photo = dataclasses.replace(photo, notes=(*photo.notes, found_sizes.note))
-    _check_side(min(width, height), options.goal)
-    plan = dataclasses.replace(plan, fit_side=max(width, height))
-    pixels = shrunk(pixels_of(photo), *found_sizes.measured[::-1])
-    working = shrunk(pixels, height, width, sharp=True)
-    document = document_for(photo, working, options.document)
-    checkpoint = saved = None
-    if run.checkpoint is not None or run.resume is not None:
-        identity = identity_of(options, document, pixels, working)
-        if run.checkpoint is not None:
-            checkpoint = Checkpoint(run.checkpoint, run.checkpoint_every, identity)
-        saved = None if run.resume is None else resumed(run.resume, identity)
-    limit = options.goal.time_limit
-    with _threads(thread_count):
-        notify(Progress("compile"))
-        compile_s += compile_kernels(blend=options.fit.blend)
-        deadline = None
-        if limit is not None:
-            # The first compilation on a machine does not count.
-            deadline = begun + limit + (compile_s if compile_s > COMPILED_S else 0.0)
+    found = sizes(*photo.full, has_alpha=photo.alpha is not None)
+    if found.note is not None:
+        photo = dataclasses.replace(photo, notes=(*photo.notes, found.note))
+    _check_side(min(found.fit), plan.options.goal)
+    return photo, found
 
-        ways = plan.ways
 
-        def found(way: Plan) -> tuple[Outcome, NDArray[np.float32]]:
-            def report_phase(phase: str, fitting: FitProgress | None) -> None:
-                # A signal between two ways must not lose the file that is found already.
-                if fitting is not None or way is ways[-1]:
-                    notify(Progress(phase, fitting))
+def _subject(photo: Photo, sizes: Sizes, document: Document) -> Subject:
+    """The photo as it is measured and as it is fitted, and the document of its file."""
+    pixels = shrunk(pixels_of(photo), *sizes.measured[::-1])
+    working = shrunk(pixels, *sizes.fit[::-1], sharp=True)
+    return Subject(pixels, working, photo.full, document_for(photo, working, document))
 
-            budget = TimeBudget(
-                deadline, (width, height), pixels[:, :, 0].size, thread_count,
-                steps_for(plan, working), run.renderer,
-            )  # fmt: skip
-            if way.is_small:
-                return small_outcome(way, pixels, photo.full, document, budget, report_phase, stop)
-            exporter = Exporter(pixels, working, photo.full, way, document)
-            search = TargetSearch(way, exporter, budget, report_phase, stop, checkpoint, saved)
-            return search.run(), working
 
-        chosen, outcome, fitted_on = closest(ways, found)
-    working = fitted_on
-    height, width = working.shape[:2]
-    raster = outcome.measured.raster
-    reference = pixels if raster.shape == pixels.shape else working
-    scores = Scores()
-    if run.scores or options.goal.target_ssimulacra2 is not None:
-        known = None if options.goal.target_ssimulacra2 is None else outcome.reached
-        scores = perceptual_scores(raster, reference, most_bytes - held_bytes(), known)
-    report = run_report(
-        plan, chosen, document, photo, outcome, (width, height), scores, threads=thread_count,
-        compile_s=compile_s, total_s=time.perf_counter() - begun,
+def _checkpoints(
+    options: Options, subject: Subject
+) -> tuple[Checkpoint | None, dict[str, Any] | None]:
+    """What writes checkpoints, and the state of the one to continue from, where asked for."""
+    run = options.run
+    if run.checkpoint is None and run.resume is None:
+        return None, None
+    identity = identity_of(options, subject.document, subject.photo, subject.working)
+    checkpoint = None
+    if run.checkpoint is not None:
+        checkpoint = Checkpoint(run.checkpoint, run.checkpoint_every, identity)
+    return checkpoint, None if run.resume is None else resumed(run.resume, identity)
+
+
+def _searches(
+    plan: Plan,
+    run: Run,
+    subject: Subject,
+    checkpoint: Checkpoint | None,
+    saved: dict[str, Any] | None,
+) -> Iterator[Search]:
+    """The searches of the plan, each made when it is to run."""
+    photo_pixels = subject.photo[:, :, 0].size
+    budget = TimeBudget(
+        run.deadline(plan.options.goal.time_limit), subject.size, photo_pixels, run.threads,
+        steps_for(plan, subject.working), plan.options.run.renderer,
     )  # fmt: skip
+    one_by_one = plan.searches()
+    for one in one_by_one:
+        is_last = one is one_by_one[-1]
+
+        def report(phase: str, fitting: FitProgress | None, is_last: bool = is_last) -> None:
+            # A signal between two searches must not lose the file that is found already.
+            if fitting is not None or is_last:
+                run.notify(phase, fitting)
+
+        watch = Watch(budget, report, run.stop)
+        # Few runs need both.
+        if one.by_bytes:
+            from gauss2svg.pipeline.search.by_bytes import ByBytes
+
+            yield ByBytes(one, subject, watch)
+        else:
+            from gauss2svg.pipeline.search.by_count import ByCount
+
+            yield ByCount(one, subject, watch, checkpoint, saved)
+
+
+def _result(
+    plan: Plan,
+    run: Run,
+    photo: Photo,
+    subject: Subject,
+    outcome: Outcome,
+    checkpoint: Checkpoint | None,
+) -> Result:
+    """The file of an outcome, with the report on it."""
+    goal, raster = plan.options.goal, outcome.measured.raster
+    reference = subject.photo if raster.shape == subject.photo.shape else outcome.working
+    scores = Scores()
+    if plan.options.run.scores or goal.target_ssimulacra2 is not None:
+        known = None if goal.target_ssimulacra2 is None else outcome.reached
+        scores = perceptual_scores(raster, reference, run.most_bytes - held_bytes(), known)
+    report = run_report(plan, subject.document, photo, outcome, scores, run)
     report["checkpoint_trouble"] = None if checkpoint is None else checkpoint.trouble
-    return Result(outcome.svg, outcome.scene, report, raster, reference, document)
-
-
-def _check_callable(name: str, function: object, *arguments: str) -> None:
-    """Raise InputError for what cannot be called with so many arguments; None is allowed."""
-    if function is None:
-        return
-    try:
-        if callable(function):
-            inspect.signature(function).bind(*arguments)
-            return
-    except ValueError:  # a built-in function, whose arguments are not known
-        return
-    except TypeError:
-        pass
-    needed = f"a function of {' and '.join(arguments) or 'no arguments'}"
-    raise InputError(must_be(name, needed, shown(type(function).__name__)))
+    return Result(outcome.svg, outcome.scene, report, raster, reference, subject.document)
 
 
 def _check_checkpoints(options: Options, image: ImageSource) -> None:
@@ -261,20 +255,3 @@ def _check_side(side: int, goal: Goal) -> None:
         got = shown(f"{side} px")
         advice = "--target-psnr, or a larger --max-size"
         raise InputError(must_be("short side of the image that is fitted", needed, got, advice))
-
-
-def _thread_count(count: int | None) -> int:
-    """That number, or one for each core if None; raises InputError for more than the cores."""
-    most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
-    return most if count is None else whole_number("threads", count, 1, most)
-
-
-@contextmanager
-def _threads(count: int) -> Iterator[None]:
-    """Inside numba uses so many threads."""
-    before = get_num_threads()
-    set_num_threads(count)
-    try:
-        yield
-    finally:
-        set_num_threads(before)

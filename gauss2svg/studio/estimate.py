@@ -74,8 +74,8 @@ class Estimator:
             ]
             ratios = zip(runs, rules, strict=True)
             found[key] *= _middle([run[1][of_report] / rule[key] for run, rule in ratios])
-        limit = options.goal.max_bytes
-        if isinstance(limit, int):
+        limit = options.goal.byte_limit
+        if limit is not None:
             key = "gzip_bytes" if Plan(options).counts_gzipped else "bytes"
             found[key] = min(found[key], limit)
         if options.goal.time_limit is not None:
@@ -102,15 +102,15 @@ class Estimator:
         if goal.target_psnr is not None:
             curve = np.interp(goal.target_psnr - shift, _PSNR, np.log2(_GAUSSIANS))
             count = 2.0 ** float(curve) * grown
-        elif isinstance(goal.max_bytes, int):
-            count = (goal.max_bytes - _EMPTY / 2) / _each(plan)[plan.counts_gzipped]
+        elif goal.byte_limit is not None:
+            count = (goal.byte_limit - _EMPTY / 2) / _each(plan)[plan.counts_gzipped]
         elif plan.only_time_limits and goal.time_limit is not None:
             size, threads = (load.fit_width, load.fit_height), self._queue.threads
             count = gaussians_within(goal.time_limit, size, load.measured_pixels, threads)
         else:
             count = _GAUSSIANS[list(PRESETS).index(plan.quality or DEFAULT_PRESET)] * grown
-        if isinstance(goal.gaussians, int):
-            count = min(count, goal.gaussians) if plan.count_adapts else goal.gaussians
+        if goal.count is not None:
+            count = min(count, goal.count) if plan.count_adapts else goal.count
         else:
             count = min(count, load.gaussians)
         return max(0.0, min(count, pixels / 3) if _adapts(options) else count)

@@ -39,8 +39,9 @@ from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.result import Progress, Result
-from gauss2svg.pipeline.search import KILOBYTES_PER_GAUSSIAN
+from gauss2svg.pipeline.presets import KILOBYTES_PER_GAUSSIAN
+from gauss2svg.pipeline.result import Result
+from gauss2svg.pipeline.run import Progress
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.studio.frames import FrameMaker, as_jpeg
 from gauss2svg.svg.format import EDITABLE, MINIMAL

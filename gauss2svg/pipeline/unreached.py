@@ -23,7 +23,7 @@ def unreached(
         name = "" if aim.is_psnr else "SSIMULACRA2 "
         target = f"target of {name}{aim.value:g}{aim.unit}"
         lines.append(f"{target} not reached: {reached:.2f}{aim.unit}{ended}")
-    if isinstance(goal.max_bytes, int) and size > goal.max_bytes:
+    if goal.byte_limit is not None and size > goal.byte_limit:
         lines.append(
             f"limit of {goal.max_bytes} bytes exceeded: the file has {size} even without Gaussians"
         )

@@ -1,4 +1,4 @@
-"""What a tracer would take for a flat drawing: outlines of equal pixels, which are exact."""
+"""Flat drawings: whether a picture is one, and what a tracer would take for it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,17 @@ from numpy.typing import NDArray
 # takes 9.3 bytes for a corner of scikit-image's horse (docs/decisions/small.md).
 _MOST_COLORS, _BYTES_A_CORNER = 4, 10
 _SOME = 97
+# Share of the pixels that the most frequent colours of a drawing have, and how many these are
+# (docs/decisions/small.md).
+_FLAT_SHARE, _FLAT_COLORS = 0.4, 4
+
+
+def is_drawing(photo: NDArray[np.float32]) -> bool:
+    """Whether a few colours make up much of a picture, as the flat ones of a drawing do."""
+    weights = 256 ** np.arange(photo.shape[2])
+    colors = (np.round(photo * 255).astype(np.int64) * weights).sum(axis=2)
+    shares = np.sort(np.unique(colors, return_counts=True)[1])[-_FLAT_COLORS:] / colors.size
+    return bool(shares.sum() >= _FLAT_SHARE)
 
 
 def outline_bytes(pixels: NDArray[np.float32]) -> int | None:

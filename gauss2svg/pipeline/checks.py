@@ -1,0 +1,117 @@
+"""Options that exclude each other, refused before anything slow begins."""
+
+from __future__ import annotations
+
+from gauss2svg.errors import InputError, RendererError, must_be
+from gauss2svg.fit.options import DensifyOptions
+from gauss2svg.measure.scores import require_packages
+from gauss2svg.photo.photo import Photo
+from gauss2svg.pipeline.options import Options
+from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS
+from gauss2svg.scene import ADD
+from gauss2svg.svg.blur import GRADIENT
+from gauss2svg.svg.format import EDITABLE, MINIMAL
+
+
+def check_together(options: Options) -> None:
+    """Raise InputError for options that exclude each other, RendererError where a renderer does."""
+    _check_blend(options)
+    _check_rounds(options)
+    _check_shapes(options)
+    goal, svg = options.goal, options.svg
+    if svg.count_gzipped and goal.max_bytes is None:
+        needed, advice = "given with max_bytes alone", "--max-bytes 60k --count-gzipped"
+        raise InputError(must_be("count_gzipped", needed, True, advice))
+    _check_time(options)
+
+
+def check_alpha(options: Options, photo: Photo) -> None:
+    """Raise InputError for additive blending of a transparent photo."""
+    if photo.alpha is not None and options.written_blend == ADD:
+        raise InputError(
+            "the photo must be opaque for additive blending, whose signed colours "
+            "hide nothing; got a transparent one. Try --matte white, or --portable"
+        )
+
+
+def needs_editable(options: Options) -> str:
+    """What is asked for that a minimal file does not have; empty if nothing."""
+    svg = options.svg
+    needs = [f"form {svg.form}"] * (svg.form != GRADIENT)
+    needs += ["additive blending"] * (options.written_blend == ADD)
+    return next(iter(needs + options.document.layered), "")
+
+
+def _check_blend(options: Options) -> None:
+    """Refuse what an additive file cannot have."""
+    svg, document, blend = options.svg, options.document, options.fit.blend
+    if svg.portable and blend != ADD:
+        raise InputError(must_be("blend", f"{ADD} with portable", blend, f"--blend {ADD}"))
+    if options.written_blend != ADD:
+        return
+    renderer = options.run.renderer
+    if renderer not in DRAW_BLENDS:
+        raise RendererError(
+            must_be("renderer", f"one of {', '.join(DRAW_BLENDS)} for additive blending", renderer)
+            + f". Try --renderer {DRAW_BLENDS[0]}, or --portable"
+        )
+    for name in [f"form {svg.form}"] * (svg.form != GRADIENT) + document.layered:
+        raise InputError(
+            f"{name} must not be given with additive blending, whose file has neither "
+            "layers in painter's order nor opacities. Try --portable"
+        )
+
+
+def _check_rounds(options: Options) -> None:
+    """Refuse rounds of a count that is not given."""
+    if not options.goal.count_adapts:
+        return
+    for name in ("per_round", "round_iterations"):
+        value = getattr(options.densify, name)
+        if value is not None:
+            raise InputError(
+                f"{name} must not be given unless the number of Gaussians is, without a "
+                f"target; got {value}. Try --gaussians 1000"
+            )
+    schedule = options.densify.schedule
+    if schedule != DensifyOptions.schedule:
+        needed = f"{DensifyOptions.schedule} unless the number of Gaussians is given, without "
+        raise InputError(must_be("schedule", f"{needed}a target", schedule, "--gaussians 1000"))
+
+
+def _check_shapes(options: Options) -> None:
+    """Refuse markup and forms that the file or its renderer does not have."""
+    svg, renderer = options.svg, options.run.renderer
+    if svg.markup == MINIMAL and needs_editable(options):
+        raise InputError(
+            f"markup must be {EDITABLE} with {needs_editable(options)}; got {svg.markup}: a "
+            "minimal file has neither layers nor filters. Try --markup auto"
+        )
+    if svg.markup == MINIMAL and renderer not in DRAW_MINIMAL:
+        needed = f"one of {', '.join(DRAW_MINIMAL)} for minimal markup"
+        raise RendererError(must_be("renderer", needed, renderer, "--renderer resvg"))
+    if svg.form != GRADIENT and renderer not in DRAW_ROTATED_BLURS:
+        raise RendererError(
+            f"form must be {GRADIENT} with the renderer {renderer}, which does not render "
+            f"rotated blurs; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
+        )
+
+
+def _check_time(options: Options) -> None:
+    """Refuse a time limit beside what takes an unknown time, or must be repeatable."""
+    goal, run = options.goal, options.run
+    targeted = goal.target_ssimulacra2 is not None
+    name = "scores" if run.scores else "target_ssimulacra2"
+    if run.scores or targeted:
+        require_packages(ssimulacra2=targeted)
+        if goal.time_limit is not None:
+            raise InputError(
+                f"{name} must not be given with time_limit, because how long scores take is "
+                f"not known; got {goal.time_limit:g}. Try gauss2svg check on the SVG"
+            )
+    for name in ("checkpoint", "resume"):
+        if getattr(run, name) is not None and goal.time_limit is not None:
+            raise InputError(
+                f"time_limit must not be given with {name}, because a run with a time limit is "
+                f"not repeatable; got {goal.time_limit:g}. Try --iterations instead"
+            )

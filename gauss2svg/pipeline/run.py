@@ -1,0 +1,144 @@
+"""The front door of every run: who watches it, its threads and memory, its photo, its kernels."""
+
+from __future__ import annotations
+
+import inspect
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from numba import get_num_threads, set_num_threads
+from numba.core import config
+
+from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.fit.options import FitProgress
+from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
+from gauss2svg.photo.photo import Header, Photo
+from gauss2svg.photo.reduce import SizeNeeded, reduced_size
+from gauss2svg.pipeline.kernels import COMPILED_S, compile_kernels, compile_reading
+from gauss2svg.pipeline.memory_budget import allowed, check_decoding
+from gauss2svg.pipeline.options import RunOptions
+from gauss2svg.scene.names import OVER
+
+
+@dataclass(frozen=True)
+class Progress:
+    """The phase of `vectorize`, and the state of the fit.
+
+    phase  "read", "compile", with portable "additive", "fit", "write", "measure"; with targets
+           "correct", "write" and "measure" may follow again
+    fit    at "additive", "fit" and "correct"; else None
+    """
+
+    phase: str
+    fit: FitProgress | None = None
+
+
+ProgressCallback = Callable[[Progress], None]
+
+
+class Run:
+    """A run that has begun.
+
+    progress    called with a Progress at every step
+    stop        polled at every step; True ends the run with the best so far
+    started     when it began, by time.perf_counter(); None: now
+    threads     that it uses
+    most_bytes  memory that it may take
+    compile_s   spent on kernels so far
+    Raises InputError for what cannot be called, and for more threads than there are cores.
+    """
+
+    def __init__(
+        self,
+        options: RunOptions,
+        progress: ProgressCallback | None = None,
+        stop: Callable[[], bool] | None = None,
+        started: float | None = None,
+    ) -> None:
+        self._begun = time.perf_counter() if started is None else started
+        _check_callable("progress", progress, "a Progress")
+        _check_callable("stop", stop)
+        self.threads = _thread_count(options.threads)
+        self.most_bytes = allowed(options.max_memory)
+        self.compile_s = 0.0
+        self.stop = stop or (lambda: False)
+        self._progress = progress
+        self._max_pixels = options.max_pixels
+
+    def notify(self, phase: str, fit: FitProgress | None = None) -> None:
+        """Report a phase, and the state of the fit."""
+        if self._progress is not None:
+            self._progress(Progress(phase, fit))
+
+    def opened(self, image: ImageSource) -> tuple[ImageSource, Header | None]:
+        """The photo as one that can be read twice, and its header; None where it is in memory."""
+        self.notify("read")
+        image = rereadable(image)
+        return image, header_of(image, max_pixels=self._max_pixels)
+
+    def read(
+        self,
+        image: ImageSource,
+        header: Header | None,
+        needed: SizeNeeded,
+        matte: Sequence[float] | None = None,
+    ) -> Photo:
+        """The photo that was opened; needed and matte are those of `load_image`.
+
+        What cannot fit is refused before its pixels take memory.
+        """
+        if header is not None:
+            reduced = reduced_size(needed, header.width, header.height) is not None
+            check_decoding(header, self.most_bytes, reduced=reduced)
+        self.compile_s += compile_reading()  # before it is needed, so that it does not count either
+        return load_image(image, max_pixels=self._max_pixels, matte=matte, needed=needed)
+
+    @contextmanager
+    def compiled(self, blend: str = OVER) -> Iterator[None]:
+        """Inside there are the kernels of this blend, and numba uses the threads of the run."""
+        before = get_num_threads()
+        set_num_threads(self.threads)
+        try:
+            self.notify("compile")
+            self.compile_s += compile_kernels(blend=blend)
+            yield
+        finally:
+            set_num_threads(before)
+
+    @property
+    def first_s(self) -> float:
+        """Seconds of the first compilation on a machine, which do not count; else 0."""
+        return self.compile_s if self.compile_s > COMPILED_S else 0.0
+
+    @property
+    def total_s(self) -> float:
+        """Seconds since the run began."""
+        return time.perf_counter() - self._begun
+
+    def deadline(self, limit_s: float | None) -> float | None:
+        """When so many seconds are over, by time.perf_counter(); None without a limit."""
+        return None if limit_s is None else self._begun + limit_s + self.first_s
+
+
+def _check_callable(name: str, function: object, *arguments: str) -> None:
+    """Raise InputError for what cannot be called with so many arguments; None is allowed."""
+    if function is None:
+        return
+    try:
+        if callable(function):
+            inspect.signature(function).bind(*arguments)
+            return
+    except ValueError:  # a built-in function, whose arguments are not known
+        return
+    except TypeError:
+        pass
+    needed = f"a function of {' and '.join(arguments) or 'no arguments'}"
+    raise InputError(must_be(name, needed, shown(type(function).__name__)))
+
+
+def _thread_count(count: int | None) -> int:
+    """That number, or one for each core if None; raises InputError for more than the cores."""
+    most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
+    return most if count is None else whole_number("threads", count, 1, most)

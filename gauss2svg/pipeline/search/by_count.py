@@ -1,0 +1,297 @@
+"""The search by count: fit, write, rasterise, measure, and correct the number of Gaussians.
+
+Targets apply to the rasterised SVG, so every correction rasterises one. The search runs at the
+size of the fit; the additional error of a larger photo is measured once and added.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import partial
+from typing import Any
+
+from gauss2svg.errors import number_within
+from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits, Snapshot, as_given
+from gauss2svg.fit.options import FitProgress, FitResult
+from gauss2svg.fit.schedule import GROWTH_SHARE
+from gauss2svg.fit.session import FitSession
+from gauss2svg.measure.roundtrip import RoundTrip
+from gauss2svg.photo.alpha import over
+from gauss2svg.pipeline.checkpoint import ADDITIVE, FIT, Checkpoint, damaged
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.search.cap import Cap, Growth, fewest
+from gauss2svg.pipeline.search.correction import Corrections
+from gauss2svg.pipeline.search.export import Export, Exporter
+from gauss2svg.pipeline.search.outcome import Outcome, Watch
+from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.render.cpu import kernel_lock
+from gauss2svg.svg.layers import segment_at
+
+_CORRECTIONS = 5
+_CALIBRATIONS = 2  # of a search on a smaller image
+_CORRECTION_SHARE = 0.25  # of the iterations of a fit
+_LEAST_STEPS = 40  # of a correction
+_ADDITIVE_SHARE = 0.35  # of the time, for the additive fit before a portable file
+# Share of the largest count, and of the allowed bytes, from which they are what ended the fit.
+_AT_THE_CAP = 0.95
+_BOUND = 0.93
+
+
+class ByCount:
+    """A search for the number of Gaussians with which a file is what a plan asks for.
+
+    checkpoint  is offered the state of the search after every step of a fit
+    resumed     the state in a checkpoint, from which to continue
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        subject: Subject,
+        watch: Watch,
+        checkpoint: Checkpoint | None = None,
+        resumed: dict[str, Any] | None = None,
+    ) -> None:
+        self._plan, self._subject, self._watch = plan, subject, watch
+        self._budget, self._report = watch.budget, watch.report
+        self._checkpoint, self._resumed = checkpoint, resumed or {}
+        self._ended = False
+        self._phase = "fit"
+        self._exporter = Exporter(plan, subject)
+        self._corrections = Corrections(plan)
+        self._additive: FitResult | None = None
+        self._portable = plan.options.svg.portable
+        pixels = math.prod(subject.size)
+        self._growth = Growth(plan, self._exporter, watch.budget, pixels)
+        self._policy = self._growth.policy(as_given if self._portable else self._revise)
+        if not self._portable:
+            self._begin()
+
+    def run(self) -> Outcome:
+        """Fit, then correct until the targets are met or unreachable."""
+        with kernel_lock:
+            self._fit()
+            self._export()
+            best, found, reached = self._corrected()
+            for _ in range(_CALIBRATIONS):
+                if self._ended or not self._calibrate(best, found, reached):
+                    break
+                best, found, reached = self._corrected()
+        reason = self._stop_reason(best, reached)
+        return Outcome(
+            plan=self._plan,
+            working=self._subject.working,
+            scene=best.scene,
+            svg=best.svg,
+            format=best.format,
+            reached=reached,
+            fitted=self._session.result().after(self._additive, reason),
+            measured=found,
+            corrections=len(self._corrections.made) - 1,
+        )
+
+    def _fit(self) -> None:
+        """The fit of the first export; of a portable file both fits."""
+        self._look_for_stop()
+        if self._portable:
+            self._begin_with_additive()
+        elif self._resumed and self._resumed["stage"] != FIT:
+            raise damaged("the checkpoint", ValueError("it is of an additive fit"))
+        self._session.fit()
+        if not self._ended:  # else the checkpoint is of the interrupted fit
+            self._save(FIT, self._session, due=True)
+        cap = self._growth.cap
+        if cap.name == "time_limit":  # found after growth ended
+            self._session.prune_to(cap.gaussians)
+        if cap.name == "cap" and self._plan.aim is not None:
+            self._growth.cap = Cap(self._growth.for_target, "cap")
+
+    def _begin(self) -> None:
+        """Create the session of the fit that is written, in the time that is left."""
+        subject, labels = self._subject, self._subject.document.labels
+        config = self._plan.fit_config
+        if self._growth.expected is not None:  # few are fitted on reduced pictures first
+            config = dataclasses.replace(config, gaussians=self._growth.expected)
+        self._session = FitSession(
+            subject.working, config, self._policy, self._budget.fit_deadline(self._growth.count),
+            self._on_step, self._exporter.as_written,
+            segment_at=None if labels is None else partial(segment_at, labels),
+            stop=self._is_ended, targets=subject.targets(self._plan.tune),
+        )  # fmt: skip
+        self._restore(FIT, self._session)
+
+    def _begin_with_additive(self) -> None:
+        """Fit additively, and continue with the same Gaussians alpha-composited."""
+        subject = self._subject
+        white = over(subject.working)
+        session = FitSession(
+            white, self._plan.additive_config, self._policy,
+            self._budget.fit_deadline(self._growth.count, _ADDITIVE_SHARE),
+            lambda progress: self._after_step(ADDITIVE, session, progress),
+            stop=self._is_ended,
+            targets=subject.targets(self._plan.tune) if white is subject.working else None,
+        )  # fmt: skip
+        continues = self._resumed.get("stage") == FIT
+        if not continues:
+            self._restore(ADDITIVE, session)
+            session.fit()
+            self._additive = session.result()
+        if isinstance(self._policy, AdaptiveCount):  # it keeps the gains of the additive rounds
+            self._policy.revise = self._revise
+        self._begin()
+        if self._additive is not None and not continues:
+            self._session.adopt(self._additive.scene, self._plan.fit_config.gaussians)
+
+    def _revise(self, limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
+        return self._growth.revised(limits, now, self._session)
+
+    def _on_step(self, progress: FitProgress) -> None:
+        target = self._session.population.target
+        growing = progress.done <= GROWTH_SHARE
+        self._budget.stepped(target.width * target.height, progress.gaussians, growing)
+        self._after_step(FIT, self._session, progress)
+        reserved = self._budget.reserve(
+            progress.done, progress.gaussians, lambda: self._export_seconds(progress.psnr)
+        )
+        if reserved is not None:
+            self._session.clock.deadline, most = reserved
+            if most is not None:
+                self._growth.cap = fewest(self._growth.cap, Cap(most, "time_limit"))
+
+    def _after_step(self, stage: str, session: FitSession, progress: FitProgress) -> None:
+        self._report(stage if stage == ADDITIVE else self._phase, progress)
+        self._look_for_stop()
+        self._save(stage, session, due=self._ended)
+
+    def _look_for_stop(self) -> None:
+        self._ended = self._ended or self._watch.stop()
+
+    def _is_ended(self) -> bool:
+        return self._ended
+
+    def _export_seconds(self, psnr: float) -> float:
+        from gauss2svg.pipeline.export_time import estimate_export_seconds
+
+        return estimate_export_seconds(
+            self._session.scene(), partial(self._exporter.write, psnr=psnr),
+            self._subject.working, self._plan.options.run.renderer,
+        )  # fmt: skip
+
+    def _export(self) -> None:
+        """Write the scene of the fit, and rasterise it if there is an aim."""
+        self._report("write", None)
+        if self._plan.aim is not None:
+            self._report("measure", None)
+        self._corrections.made.append(self._exporter.export(self._session.scene()))
+
+    def _corrected(self) -> tuple[Export, RoundTrip, float | None]:
+        """The best export after corrections of the count, its measurement, and its score."""
+        self._correct()
+        best, limit = self._corrections.best(), self._plan.byte_limit
+        if limit is not None:
+            target = self._subject.target(self._plan.tune)
+            best = best.pruned_to(limit, self._exporter.empty_bytes, target)
+        self._report("measure", None)
+        found = self._exporter.measured(best, self._budget.measures_small)
+        return best, found, self._reached(best, found)
+
+    def _correct(self) -> None:
+        """Change the count and refine until the last export needs no correction."""
+        policy = self._policy
+        if not isinstance(policy, AdaptiveCount):
+            return
+        iterations = self._plan.fit_config.iterations or self._plan.iterations
+        steps = max(_LEAST_STEPS, round(_CORRECTION_SHARE * iterations))
+        for _ in range(_CORRECTIONS):
+            if self._ended or self._session.clock.out_of_time:
+                break
+            count, cap = len(self._session.state), self._cap_now()
+            wanted, policy.stop_reason = self._corrections.next(
+                count, cap, policy.stop_reason, policy.slope
+            )
+            if wanted == count:
+                break
+            self._phase = "correct"
+            self._session.resize(wanted, steps)
+            self._export()
+
+    def _cap_now(self) -> Cap:
+        """The largest count, also by the bytes of the last export."""
+        session, model = self._session, self._corrections.made[-1].model
+        now = Snapshot(len(session.state), 1.0, lambda: model, session.scene)
+        return self._growth.by_bytes(now, session)
+
+    def _calibrate(self, best: Export, measured: RoundTrip, reached: float | None) -> bool:
+        """Correct the scores by that at the photo's size; False if there is no need."""
+        aim, photo = self._plan.aim, self._subject.photo
+        smaller = photo.shape != self._subject.working.shape
+        if aim is None or reached is None or not smaller or measured.raster.shape != photo.shape:
+            return False
+        if math.isnan(best.score):  # it was pruned to its bytes
+            return False
+        if aim.reached(reached) and reached <= aim.value + aim.too_good:
+            return False
+        before = self._corrections.detail
+        self._corrections.detail = aim.detail(reached, best.score)
+        return self._corrections.detail != before
+
+    def _reached(self, best: Export, measured: RoundTrip) -> float | None:
+        """The score of a measured file by the aim, if there is one."""
+        aim, photo, working = self._plan.aim, self._subject.photo, self._subject.working
+        if aim is None:
+            return None
+        if aim.is_psnr:
+            return measured.psnr_lowest
+        shape = measured.raster.shape
+        if shape == working.shape and not math.isnan(best.score):
+            return best.score  # of the same raster
+        return aim.score(measured.raster, photo if shape == photo.shape else working)
+
+    def _stop_reason(self, best: Export, reached: float | None) -> str:
+        aim, limit = self._plan.aim, self._plan.byte_limit or math.inf
+        if aim is not None and reached is not None and aim.reached(reached):
+            return aim.name
+        if self._ended or self._session.clock.out_of_time:
+            return "interrupted" if self._ended else "time_limit"
+        by_bytes = aim is not None and self._policy.stop_reason == "max_bytes"
+        if best.size > _BOUND * limit or by_bytes:
+            return "max_bytes"
+        if aim is None or not len(best.scene):
+            return self._policy.stop_reason
+        # Whatever ended the growth, corrections did not reach the target.
+        cap = self._growth.cap
+        return cap.name if len(best.scene) > _AT_THE_CAP * cap.gaussians else "iterations"
+
+    def _save(self, stage: str, session: FitSession, due: bool = False) -> None:
+        if self._checkpoint is not None and self._phase != "correct":
+            self._checkpoint.offer(partial(self._state_dict, stage, session), due)
+
+    def _state_dict(self, stage: str, session: FitSession) -> dict[str, Any]:
+        costs = None
+        if self._additive is not None:
+            names = (f.name for f in dataclasses.fields(FitResult) if f.name != "scene")
+            costs = {name: getattr(self._additive, name) for name in names}
+        return {
+            "stage": stage,
+            "fit": session.state_dict(),
+            "additive": costs,
+            "growth": self._growth.state_dict(),
+            "seen": self._exporter.seen,
+        }
+
+    def _restore(self, stage: str, session: FitSession) -> None:
+        """Load the state of a checkpoint of this stage into a session."""
+        saved = self._resumed
+        if saved.get("stage") != stage:
+            return
+        try:
+            session.load_state_dict(saved["fit"])
+            self._growth.load_state_dict(saved["growth"])
+            self._exporter.seen = number_within("seen", saved["seen"], -math.inf, math.inf)
+            if saved["additive"] is not None:  # only its costs are used
+                self._additive = FitResult(scene=session.scene(), **saved["additive"])
+        except (MemoryError, AssertionError):
+            raise
+        except Exception as error:  # invalid values raise anything
+            raise damaged("the checkpoint", error) from error

@@ -1,0 +1,186 @@
+"""How many Gaussians a search by count may have: by the plan, by its bytes, by its seconds."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from gauss2svg.errors import number_within, whole_number
+from gauss2svg.fit.densification import (
+    FIRST_ROUND,
+    AdaptiveCount,
+    DensificationPolicy,
+    GrowthLimits,
+    Revise,
+    Snapshot,
+)
+from gauss2svg.fit.fit import fixed_count
+from gauss2svg.fit.losses import psnr_of
+from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, ROUNDS
+from gauss2svg.fit.session import FitSession
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.presets import CAP_FOR_TARGET, KILOBYTES_PER_GAUSSIAN
+from gauss2svg.pipeline.search.export import Exporter
+from gauss2svg.pipeline.time_budget import TimeBudget
+
+
+@dataclass(frozen=True)
+class CapTuning:
+    """How many Gaussians a limit of bytes stands for (docs/decisions/markup.md).
+
+    gzipped                compressed share of the bytes, until it is measured
+    least_measured         Gaussians from which the bytes of one are measured
+    overfill_growing       times the allowed bytes that growth aims at: the least useful shapes go
+                           afterwards
+    overfill_refining      the same for refinement until its last steps
+    spare                  times the allowed bytes beyond 1, over the root of the count, that the
+                           last steps begin with: the file is then full, and a few shapes more are
+                           pruned
+    bytes_to_come          share by which a shape's bytes, its colour's above all, grow in
+                           refinement
+    pixels_each            pixels for each Gaussian at least: nine numbers would exceed its share of
+                           the image
+    pixels_each_of_budget  the same where the best in some bytes or seconds is wanted
+    writing_loss           share of the scene's error that writing is expected to add
+    """
+
+    gzipped: float = 0.17
+    least_measured: int = 200
+    overfill_growing: float = 1.25
+    overfill_refining: float = 1.03
+    spare: float = 0.4
+    bytes_to_come: float = 0.25
+    pixels_each: int = 3
+    pixels_each_of_budget: int = 2
+    writing_loss: float = 0.06
+
+
+TUNING = CapTuning()
+
+
+class Cap(NamedTuple):
+    """The largest count, and the stop reason when it is reached."""
+
+    gaussians: int
+    name: str
+
+
+def fewest(first: Cap, *others: Cap) -> Cap:
+    """The smallest of these caps, the first of equal ones."""
+    return min((first, *others), key=lambda cap: cap.gaussians)
+
+
+class Growth:
+    """Where the growth of a fit ends, as it shows what its shapes cost.
+
+    cap         the largest count so far
+    for_target  cap of the corrections towards a target
+    expected    count of a fit that is limited by time alone, else None
+    """
+
+    def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
+        self._plan, self._exporter, self._budget = plan, exporter, budget
+        self._bytes_each = KILOBYTES_PER_GAUSSIAN * 1000
+        if plan.counts_gzipped:
+            self._bytes_each *= TUNING.gzipped
+        self._bytes_known = False
+        self.for_target = 0
+        self.expected: int | None = None
+        self.cap = Cap(0, "gaussians")
+        self._first: GrowthLimits | None = None  # of a count that adapts
+        if plan.count_adapts:
+            self._first = self._first_limits(pixels)
+            self.cap = Cap(self._first.cap, self._first.cap_named)
+            if plan.only_time_limits:
+                self.expected = min(self._first.cap, budget.most_gaussians(0, 0.0))
+
+    def policy(self, revise: Revise) -> DensificationPolicy:
+        """The policy of a fit that begins."""
+        if self._first is None:
+            return fixed_count(self._plan.fit_config)
+        if self.expected is None:
+            return AdaptiveCount(self._first, revise)
+        first = max(FIRST_ROUND, self.expected >> (ROUNDS - 1))
+        return AdaptiveCount(dataclasses.replace(self._first, cap=self.expected), revise, first)
+
+    @property
+    def count(self) -> int:
+        """About the count that the fit ends with, at most."""
+        return self.expected or self.cap.gaussians
+
+    def _first_limits(self, pixels: int) -> GrowthLimits:
+        plan, aim = self._plan, self._plan.aim
+        each = TUNING.pixels_each_of_budget if plan.is_budget else TUNING.pixels_each
+        if plan.count is None:
+            cap = min(plan.preset.cap, max(1, pixels // each))
+            limits = GrowthLimits(plan.preset.gain, KILOBYTES_PER_GAUSSIAN, plan.enough, cap)
+            self.for_target = max(cap, min(CAP_FOR_TARGET, pixels))
+        else:
+            self.for_target = cap = plan.count
+            limits = GrowthLimits(0.0, KILOBYTES_PER_GAUSSIAN, math.inf, cap, cap_named="gaussians")
+        if plan.byte_limit is not None or aim is not None:  # the best, not what is worth its bytes
+            limits = dataclasses.replace(limits, gain=0.0)
+        if aim is not None and aim.is_psnr:
+            wanted = aim.value + aim.over + 10 * math.log10(1 + TUNING.writing_loss)
+            limits = dataclasses.replace(
+                limits, psnr=wanted, psnr_named=aim.name, cap=self.for_target
+            )
+        # Else growth ends at what the preset calls enough, and corrections find the score.
+        return limits
+
+    def revised(self, limits: GrowthLimits, now: Snapshot, session: FitSession) -> GrowthLimits:
+        """The limits of a session, capped by the bytes and the time."""
+        cap = self.by_bytes(now, session)
+        if self._budget.deadline is not None:
+            most = self._by_time(now, cap.gaussians, session)
+            cap = fewest(cap, Cap(most, "time_limit"))
+        return dataclasses.replace(limits, cap=cap.gaussians, cap_named=cap.name)
+
+    def by_bytes(self, now: Snapshot, session: FitSession) -> Cap:
+        """The largest count so far, or the one that fills the limit of bytes.
+
+        Before the last steps a few more than that, of which some go.
+        """
+        limit, exporter, refining = self._plan.byte_limit, self._exporter, now.done > GROWTH_SHARE
+        if limit is None:
+            return self.cap
+        share = TUNING.overfill_refining if refining else TUNING.overfill_growing
+        if now.done >= QUANTIZED_FROM:
+            share = 1 + TUNING.spare / math.sqrt(max(now.count, 1))
+        if now.done >= 1 or self._plan.aim is not None:  # what is over is not pruned
+            share = 1.0
+        room = max(limit * share - exporter.empty_bytes, 0)
+        known = self._bytes_known and not refining
+        if now.count >= (1 if refining else TUNING.least_measured) and not known:
+            self._bytes_known = True
+            to_come = 0.0
+            if refining:
+                to_come = TUNING.bytes_to_come * max(QUANTIZED_FROM - now.done, 0)
+            psnr = now.psnr
+            if session.population.reduction > 1:
+                psnr = psnr_of(session.population.error())
+            self._bytes_each = (1 + to_come) * exporter.bytes_each(now.scene(), psnr, room)
+        return fewest(self.cap, Cap(int(room / self._bytes_each), "max_bytes"))
+
+    def _by_time(self, now: Snapshot, most: int, session: FitSession) -> int:
+        if self._plan.only_time_limits:
+            return self._budget.most_gaussians(now.count, now.done)
+        late = session.clock.growth_is_late and now.done <= GROWTH_SHARE
+        return max(now.count, 1) if late else most
+
+    def state_dict(self) -> dict[str, Any]:
+        """What was found so far, for a checkpoint."""
+        return {
+            "bytes_each": self._bytes_each,
+            "bytes_known": self._bytes_known,
+            "cap": list(self.cap),
+        }
+
+    def load_state_dict(self, saved: dict[str, Any]) -> None:
+        """Restore a saved state; raises anything for an invalid one."""
+        self._bytes_each = number_within("bytes_each", saved["bytes_each"], 1e-3, 1e9)
+        self._bytes_known = bool(saved["bytes_known"])
+        most, named = saved["cap"]
+        self.cap = Cap(whole_number("cap", most, 0, 2**62), str(named))

@@ -1,0 +1,190 @@
+"""Corrections of a search by count: how many Gaussians the next export gets, and which is best.
+
+Targets apply to the rasterised SVG. A search runs at the size of the fit; the additional error of
+a larger photo is measured once and added.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from gauss2svg.fit.densification import FIRST_ROUND
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.search.cap import Cap
+from gauss2svg.pipeline.search.export import Export
+
+
+@dataclass(frozen=True)
+class CorrectionTuning:
+    """When a count is corrected, and how far (docs/decisions/monotone.md and numbers.md).
+
+    full              share of the allowed bytes from which a file counts as full
+    nearly_full       the same after one correction
+    too_large         times the allowed bytes from which a fit is corrected; fewer are lost by
+                      pruning
+    pruned            dB for each halving of a file by pruning alone
+    less_than_enough  dB under the preset's PSNR up to which there is no correction; with the next
+                      one less than the presets lie apart, so that none ends under a cheaper one
+    far_more          dB over the preset's PSNR up to which there is no correction
+    few               Gaussians that are not removed for that: they are a kilobyte or two, and each
+                      shows
+    same              relative difference up to which counts are the same
+    telling           doublings between two exports from which a slope is derived
+    most_reduced      doublings of a reduction at most: many at once end worse than a few after one
+                      another
+    flattest          dB per doubling, below which a slope is clipped
+    steepest          dB per doubling, above which a slope is clipped
+    """
+
+    full: float = 0.985
+    nearly_full: float = 0.96
+    too_large: float = 1.02
+    pruned: float = 8.0
+    less_than_enough: float = 0.8
+    far_more: float = 3.0
+    few: int = 16
+    same: float = 0.004
+    telling: float = 0.25
+    most_reduced: float = -0.5
+    flattest: float = 1.5
+    steepest: float = 12.0
+
+
+TUNING = CorrectionTuning()
+
+
+class Correction(NamedTuple):
+    """The count of the next export, and the stop reason once it is reached."""
+
+    gaussians: int
+    stop_reason: str
+
+
+class Corrections:
+    """The exports of a search for what a plan asks for, and how to correct their count.
+
+    made    exports in order
+    detail  what measuring at the photo's size adds to the score at the fit's, see Aim
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.made: list[Export] = []
+        self.detail = 0.0
+        self._plan, self._aim, self._limit = plan, plan.aim, plan.byte_limit
+
+    def score(self, export: Export) -> float:
+        """That of its rasterised SVG against the photo; -inf if it was not rasterised."""
+        if self._aim is None or math.isnan(export.score):
+            return -math.inf
+        return self._aim.with_detail(export.score, self.detail)
+
+    def next(self, count: int, cap: Cap, stop_reason: str, usual_slope: float) -> Correction:
+        """The next export, of the same count where no correction is needed.
+
+        count        the present count
+        cap          the largest count, by the bytes of the last export too
+        stop_reason  of the growth
+        usual_slope  dB gained per doubling during growth
+        """
+        last, aim = self.made[-1], self._aim
+        if not count:
+            lacking = aim is not None and not aim.reached(self.score(last))
+            room = last.size < (self._limit or math.inf)
+            return Correction(
+                min(FIRST_ROUND, cap.gaussians) if lacking and room else 0, stop_reason
+            )
+        if self._limit is not None:
+            if last.size > TUNING.too_large * self._limit:
+                return Correction(min(cap.gaussians, count - 1), "max_bytes")
+            if last.size > self._limit and aim is None:  # a few are pruned
+                return Correction(count, "max_bytes")
+        wanted, slope = count, self._slope(usual_slope)
+        if aim is not None:
+            score = self.score(last)
+            if not aim.value - aim.too_little <= score <= aim.value + aim.too_good:
+                missing = (aim.value + aim.over - score) / slope
+                wanted = min(round(count * 2 ** max(min(missing, 2.0), -2.0)), cap.gaussians)
+        elif self._limit is not None:
+            wanted, stop_reason = self._filled(count, cap, stop_reason, self._limit)
+        else:
+            wanted, stop_reason = self._enough(count, cap, stop_reason, slope)
+        same = abs(wanted - count) <= TUNING.same * count
+        return Correction(count if same else wanted, stop_reason)
+
+    def _filled(self, count: int, cap: Cap, stop_reason: str, limit: int) -> Correction:
+        """As many as a limit of bytes allows, until no more show."""
+        last = self.made[-1]
+        share = TUNING.full if len(self.made) < 2 else TUNING.nearly_full
+        full = last.size > share * limit or last.model >= self._plan.enough
+        wanted = count if full else min(4 * count, cap.gaussians)
+        return Correction(wanted, cap.name if wanted > count else stop_reason)
+
+    def _enough(self, count: int, cap: Cap, stop_reason: str, slope: float) -> Correction:
+        """Count for the preset's PSNR."""
+        missing = self._plan.enough - self.made[-1].model
+        given = self._plan.is_budget or self._plan.count is not None
+        if given or -TUNING.far_more <= missing <= TUNING.less_than_enough:
+            return Correction(count, stop_reason)
+        if missing > 0 and stop_reason != "enough":
+            return Correction(count, stop_reason)
+        needed = count * 2 ** max(min(missing / slope, 2.0), TUNING.most_reduced)
+        if missing < 0:
+            needed = max(needed, min(count, TUNING.few))
+        stop_reason = "enough" if needed < cap.gaussians else cap.name
+        return Correction(min(math.ceil(needed), cap.gaussians), stop_reason)
+
+    def _slope(self, usual: float) -> float:
+        """Score gained per doubling, by the last two exports or by the growth.
+
+        Without an aim, and in `usual`, the score is PSNR in dB.
+        """
+        aim = self._aim
+        if aim is not None and not aim.is_psnr:
+            usual = aim.slope
+        slope = usual
+        if len(self.made) >= 2:
+            before, last = self.made[-2:]
+            doublings = math.log2(len(last.scene) / max(len(before.scene), 1))
+            if abs(doublings) > TUNING.telling:
+                rise = last.model - before.model
+                if aim is not None:
+                    rise = self.score(last) - self.score(before)
+                slope = rise / doublings
+        least, most = (TUNING.flattest, TUNING.steepest) if aim is None else aim.slopes
+        if slope <= 0:  # of fits that scatter or diverge
+            slope = usual
+        return min(max(slope, least), most)
+
+    def _pruning(self, export: Export) -> float:
+        """About what pruning an export to its bytes costs, in dB."""
+        over = export.size / self._limit if self._limit else 0.0
+        return TUNING.pruned * math.log2(over) if over > 1 else 0.0
+
+    def best(self) -> Export:
+        """The smallest file that meets every target, else the nearest one."""
+        limit, aim = self._limit or math.inf, self._aim
+        tolerated = limit if aim is not None else TUNING.too_large * limit  # pruned to it
+        small = [e for e in self.made if e.size <= tolerated]
+        if not small:
+            return min(self.made, key=lambda e: e.size)
+        if aim is not None:
+            return _nearest(small, lambda e: self.score(e) - aim.value, aim.tolerance, aim.too_good)
+        if self._plan.count is not None or limit < math.inf or self._plan.is_budget:
+            return max(small, key=lambda e: e.model - self._pruning(e))
+        enough, tuning = self._plan.enough, TUNING
+        return _nearest(small, lambda e: e.model - enough, tuning.less_than_enough, tuning.far_more)
+
+
+def _nearest(
+    exports: list[Export], over: Callable[[Export], float], little: float, much: float
+) -> Export:
+    """The smallest file of those that are `little` under the goal to `much` over it.
+
+    Otherwise the smallest of those beyond, otherwise the nearest one below.
+    """
+    good = [e for e in exports if over(e) >= -little]
+    close = [e for e in good if over(e) <= much]
+    return min(close or good, key=lambda e: e.size) if good else max(exports, key=over)

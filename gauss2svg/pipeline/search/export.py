@@ -1,0 +1,180 @@
+"""Exports of a search: scenes as they are written, and what their files score."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.fit.choices import PERCEPTUAL
+from gauss2svg.fit.target import Target
+from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
+from gauss2svg.photo.alpha import has_alpha
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.raster import rasterize_like
+from gauss2svg.render.cpu import splats_of
+from gauss2svg.scene import Scene
+from gauss2svg.svg.document import Document
+from gauss2svg.svg.format import MINIMAL, SvgFormat
+from gauss2svg.svg.layers import grouped_by_segment
+from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
+from gauss2svg.svg.minimal_text import MOST_MASKED
+from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.solid import is_solid
+from gauss2svg.svg.write import write_svg
+
+# Soft shapes that a fit aims at where as many are drawn under masks: a few solid ones may become
+# soft in the last steps.
+_MASKED = MOST_MASKED - 8
+# Share of the Gaussians that is kept at least at once where fewer may be drawn in another way.
+_KEPT_AT_ONCE = 0.98
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """A quantised scene on the file's canvas, and its SVG.
+
+    model  PSNR (dB) of the scene itself against the working image
+    score  of the rasterised SVG against it, by the plan's aim; NaN if it was not rasterised
+    """
+
+    scene: Scene
+    svg: str
+    format: SvgFormat
+    document: Document
+    gzipped: bool
+    model: float
+    score: float
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return len(file_bytes(self.svg, self.gzipped))
+
+    def pruned_to(self, limit: int, empty: int, target: Target) -> Export:
+        """The export without its least useful Gaussians, so that it has at most `limit` bytes.
+
+        Useful ones reduce the error against the target as it weights it. The rest is not refined.
+        A file without any has `empty` bytes.
+        """
+        export = self
+        while export.size > limit and len(export.scene):
+            scene = export.scene
+            factors = target.width / scene.width, target.height / scene.height
+            cost = target.removal_cost(splats_of(scene.scaled(*factors)))[1][:, 0]
+            share = max(limit - empty, 0) / (export.size - empty)
+            if export.format.markup == MINIMAL:
+                share = max(share, _KEPT_AT_ONCE)
+            kept = min(len(scene) - 1, int(len(scene) * share))
+            scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
+            svg = write_svg(scene, export.format, export.document)
+            export = dataclasses.replace(export, scene=scene, svg=svg, score=math.nan)
+        return export
+
+
+class Exporter:
+    """Writes scenes of the working canvas as files of the photo's size, and measures them."""
+
+    def __init__(self, plan: Plan, subject: Subject) -> None:
+        self._plan, self._subject = plan, subject
+        self._gzipped = plan.counts_gzipped
+        self.seen = -math.inf  # highest PSNR in dB so far, by which the format is chosen
+
+    def quantized(self, scene: Scene, psnr: float | None) -> Scene:
+        """The scene on the file's canvas, with the colours and exponents of its file."""
+        error = None if psnr is None else 10 ** (-psnr / 10)
+        quantization = self._plan.quantization(len(scene), error)
+        return quantize(
+            self._on_canvas(scene),
+            self._plan.svg_format.form,
+            quantization.palette,
+            quantization.color_error,
+            self._weight,
+        )
+
+    def as_written(self, scene: Scene, psnr: float) -> Scene:
+        """The same on the working canvas, for the last steps of a fit."""
+        written = self.quantized(scene, psnr)
+        self.seen = max(self.seen, psnr)
+        return written.scaled(scene.width / written.width, scene.height / written.height)
+
+    def write(self, scene: Scene, psnr: float) -> str:
+        """The SVG of a scene on the working canvas whose colours are not quantised yet."""
+        return self._written(self.quantized(scene, psnr), self._format_at(psnr))
+
+    def bytes_each(self, scene: Scene, psnr: float, room: float) -> float:
+        """Bytes of each shape where so many bytes are filled by more or fewer such shapes.
+
+        A minimal file draws some hundred soft shapes under masks and more by gradients, which are
+        longer: where the limit lies between, it has as many as masks draw.
+        """
+        quantized, written = self.quantized(scene, psnr), self._format_at(psnr)
+
+        def each(svg: str) -> float:
+            more = len(file_bytes(svg, self._gzipped)) - self.empty_bytes
+            return max(more, 1) / max(len(scene), 1)
+
+        def minimal(masked: bool) -> str:
+            return minimal_svg(
+                quantized, written.precision, HEX_DIGITS[-1], self._subject.document,
+                opacity_decimals=written.opacity_decimals, stops=written.stops, masked=masked,
+            )  # fmt: skip
+
+        if written.markup != MINIMAL:
+            return each(self._written(quantized, written))
+        most = _MASKED * len(scene) / max(np.count_nonzero(~is_solid(quantized)), 1)
+        under_masks = each(minimal(masked=True))
+        if room / under_masks <= most:
+            return under_masks
+        return min(each(minimal(masked=False)), room / most)
+
+    @cached_property
+    def empty_bytes(self) -> int:
+        """Bytes of a file without Gaussians."""
+        empty = Scene(*self._subject.canvas, transparent=has_alpha(self._subject.photo))
+        return len(file_bytes(self._written(empty, self._plan.svg_format), self._gzipped))
+
+    def export(self, scene: Scene) -> Export:
+        """A scene of the working canvas as it would be written, rasterised if there is an aim."""
+        working, document = self._subject.working, self._subject.document
+        model = model_psnr(scene, working)
+        # Colours are in the palette already, except those of ellipses that are no longer solid.
+        exact = grouped_by_segment(self.quantized(scene, None), document.labels)
+        written = self._format_at(self.seen)
+        svg = self._written(exact, written)
+        aim, score = self._plan.aim, math.nan
+        if aim is not None:
+            raster = rasterize_like(svg, working, self._plan.options.run.renderer)
+            score = aim.score(raster, working)
+        return Export(exact, svg, written, document, self._gzipped, model, score)
+
+    def measured(self, best: Export, small: bool = False) -> RoundTrip:
+        """The round trip at the size of the reference, or at that of the fit."""
+        image = self._subject.working if small else self._subject.photo
+        return round_trip(best.svg, best.scene, image, self._plan.options.run.renderer)
+
+    def _written(self, scene: Scene, written: SvgFormat) -> str:
+        return write_svg(scene, written, self._subject.document)
+
+    def _format_at(self, psnr: float) -> SvgFormat:
+        """The format at this PSNR in dB; what it once was worth it stays worth, or bytes jump."""
+        self.seen = max(self.seen, psnr)
+        return self._plan.format_at(self.seen)
+
+    @property
+    def _weight(self) -> NDArray[np.floating] | None:
+        """That of a fit for perception, by which colours are quantised as well."""
+        tune = self._plan.tune
+        return self._subject.target(tune).weight if tune == PERCEPTUAL else None
+
+    def _on_canvas(self, scene: Scene) -> Scene:
+        (width, height), (fit_width, fit_height) = self._subject.canvas, self._subject.size
+        scaled = scene.scaled(width / fit_width, height / fit_height)
+        return scaled.replace(width=width, height=height)

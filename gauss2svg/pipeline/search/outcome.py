@@ -1,0 +1,90 @@
+"""What a search is and ends with, and which of several outcomes is the best."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.fit.options import FitProgress, FitResult
+from gauss2svg.measure.roundtrip import RoundTrip
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.time_budget import TimeBudget
+from gauss2svg.scene import Scene
+from gauss2svg.svg.format import SvgFormat
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A fitted, written and measured scene on the photo's canvas.
+
+    plan         of its search
+    working      the image that the fit ran on
+    format       of its file
+    reached      its score, by the plan's aim; None without one
+    corrections  how often the count was changed after the fit
+    """
+
+    plan: Plan
+    working: NDArray[np.float32]
+    scene: Scene
+    svg: str
+    format: SvgFormat
+    reached: float | None
+    fitted: FitResult
+    measured: RoundTrip
+    corrections: int
+
+
+class Search(Protocol):
+    """One way to carry out a plan."""
+
+    def run(self) -> Outcome:
+        """The best of what the search finds."""
+        ...
+
+
+def _silent(phase: str, fitting: FitProgress | None) -> None:
+    """Report to nobody."""
+
+
+def _never() -> bool:
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class Watch:
+    """What watches a search: the clock, who sees its progress, and who may stop it.
+
+    report  called with "additive", "fit", "correct", "write" or "measure", and the progress of the
+            fit
+    stop    polled at every step; True ends the search with the best so far
+    """
+
+    budget: TimeBudget = field(default_factory=TimeBudget)
+    report: Callable[[str, FitProgress | None], None] = _silent
+    stop: Callable[[], bool] = _never
+
+
+def best_of(searches: Iterable[Search]) -> Outcome:
+    """The outcome whose file is closest to the photo, with the costs of all searches.
+
+    Each is made when the one before has run, and none once one has been interrupted.
+    """
+    outcomes: list[Outcome] = []
+    for search in searches:
+        outcomes.append(search.run())
+        del search  # its fit takes memory, which the next one needs
+        if outcomes[-1].fitted.stop_reason == "interrupted":
+            break
+    best = max(outcomes, key=lambda one: one.measured.psnr_lowest)
+    fitted, last = best.fitted, outcomes[-1].fitted.stop_reason
+    for other in outcomes:
+        if other is not best:
+            ended = "interrupted" if last == "interrupted" else fitted.stop_reason
+            fitted = fitted.after(other.fitted, ended)
+    return dataclasses.replace(best, fitted=fitted)

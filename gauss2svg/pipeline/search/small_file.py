@@ -1,0 +1,180 @@
+"""Files whose every byte is planned: a scene in whole numbers of a coarse unit.
+
+shapes -> the most useful ones, in whole units -> colours by least squares, rounded to 3 or 6
+digits -> minimal markup -> fewer shapes until the file has as many bytes as allowed
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.measure.metrics import mean_squared_error
+from gauss2svg.photo.alpha import has_alpha, stacked
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.recolor import recolored
+from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.raster import rasterize_like
+from gauss2svg.render.cpu import splats_of
+from gauss2svg.scene import Scene
+from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
+from gauss2svg.svg.minimal_shapes import HEX_DIGITS
+from gauss2svg.svg.packing import file_bytes
+
+EXACT = (0.5 / 255) ** 2  # mean squared error under which no level of 8 bits is wrong
+
+
+@dataclass(frozen=True)
+class GridTuning:
+    """The unit of a small file's whole numbers (docs/decisions/small.md).
+
+    units_per_root  units along the longest side of the file, per square root of the count
+    across          units along the shortest side at least: shapes under half a unit are not drawn
+    finer           times as many units as are wanted, up to which they are taken for sides of whole
+                    units
+    """
+
+    units_per_root: float = 32.0
+    across: int = 8
+    finer: int = 10
+
+
+TUNING = GridTuning()
+
+
+@dataclass(frozen=True, eq=False)
+class SmallFile:
+    """A file, the scene that it draws on the photo's canvas, and its error at the working size."""
+
+    svg: str
+    scene: Scene
+    error: float
+    gzipped: bool
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of the file."""
+        return len(file_bytes(self.svg, self.gzipped))
+
+
+@dataclass(frozen=True)
+class Writing:
+    """How a fitted scene becomes a small file.
+
+    each    bytes of a shape, until they are measured
+    grids   units to try, times GridTuning.units_per_root
+    digits  of hex colours, 3 or 6, to try
+    shared  share of the squared error for which shapes get colours in common
+    """
+
+    each: int
+    grids: tuple[float, ...]
+    digits: tuple[int, ...] = HEX_DIGITS
+    shared: float = 0.0
+
+
+class SmallFiles:
+    """Writes scenes as files of at most the bytes of a plan.
+
+    subject  its working picture is what files are compared with, and may be replaced by another
+    flat     the shortest file without Gaussians
+    Raises InputError where that has more bytes.
+    """
+
+    def __init__(self, plan: Plan, subject: Subject) -> None:
+        assert plan.byte_limit is not None
+        self._plan, self.subject, self._limit = plan, subject, plan.byte_limit
+        self._flat = [self._flat_file(digits) for digits in HEX_DIGITS]
+        self.flat = min(self._flat, key=lambda file: file.size)
+        if self.flat.size > self._limit:
+            needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
+            got = shown(f"{self._limit}")
+            raise InputError(must_be("max_bytes", needed, got, f"{self.flat.size}"))
+
+    def without_gaussians(self) -> SmallFile:
+        """The best file without Gaussians that fits."""
+        flat = [self.drawn(file) for file in self._flat if file.size <= self._limit]
+        return min(flat, key=lambda file: (file.error, file.size))
+
+    def bytes_of(self, scene: Scene) -> int:
+        """Bytes of a scene in units of its canvas and short colours."""
+        svg = minimal_svg(scene, 1, HEX_DIGITS[0], self.subject.document)
+        return len(file_bytes(svg, self._plan.counts_gzipped))
+
+    def drawn(self, file: SmallFile) -> SmallFile:
+        """The file with the mean squared error of its raster at the working size."""
+        working = self.subject.working
+        raster = rasterize_like(file.svg, working, self._plan.options.run.renderer)
+        error = mean_squared_error(stacked(raster), stacked(working))
+        return dataclasses.replace(file, error=error)
+
+    def of(
+        self, fitted: Scene, writing: Writing, stop: Callable[[], bool]
+    ) -> tuple[SmallFile | None, tuple[int, int]]:
+        """The best file of a fitted scene by the model, and (count, bytes) before any was left out.
+
+        None where no Gaussian is left. stop is polled before each grid but the first.
+        """
+        width, height = self.subject.size
+        splats = splats_of(fitted, (width / fitted.width, height / fitted.height))
+        cost = self.subject.target(self._plan.tune).removal_cost(splats)[1][:, 0]
+        order = np.argsort(-cost, kind="stable")
+        best, whole = None, (len(fitted), self.flat.size)
+        for grid in writing.grids:
+            if best is not None and stop():
+                break
+            units = math.ceil(grid * TUNING.units_per_root * math.sqrt(max(len(fitted), 1)))
+            unit = self._unit(units)
+            for digits in writing.digits:
+                file, size = self._pruned(fitted, order, unit, digits, writing)
+                if best is None or (file is not None and file.error < best.error):
+                    best, whole = file, (len(fitted), size)
+        return best, whole
+
+    def _pruned(
+        self, fitted: Scene, order: NDArray[np.intp], unit: float, digits: int, writing: Writing
+    ) -> tuple[SmallFile | None, int]:
+        """The file of the first Gaussians of an order that fit, and the bytes of all of them."""
+        kept, whole = len(fitted), 0
+        while kept > 0:
+            scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
+            exact, error = recolored(scene, self.subject.working, digits, writing.shared)
+            file = self._file(exact, unit, digits, error)
+            whole = whole or file.size
+            if file.size <= self._limit:
+                return file, whole
+            each = max(writing.each, (file.size - self.flat.size) / kept)
+            kept -= math.ceil((file.size - self._limit) / each)
+        return None, whole
+
+    def _file(self, scene: Scene, unit: float, digits: int, error: float) -> SmallFile:
+        svg = minimal_svg(scene, unit, digits, self.subject.document)
+        return SmallFile(svg, scene, error, self._plan.counts_gzipped)
+
+    def _flat_file(self, digits: int) -> SmallFile:
+        """A file without Gaussians, not yet drawn."""
+        photo, (width, height) = self.subject.photo, self.subject.canvas
+        transparent = has_alpha(photo)
+        background = np.ones(3) if transparent else photo.mean(axis=(0, 1), dtype=np.float64)
+        scene = Scene(width, height, background=background, transparent=transparent)
+        unit = whole_unit(width, height)
+        return self._file(minimal_rounded(scene, unit, digits), unit, digits, math.nan)
+
+    def _unit(self, units: int) -> float:
+        """A unit in px of which about so many are along the longest side.
+
+        Both sides are whole numbers of it, so that the file needs no size, unless that takes many
+        more of them.
+        """
+        width, height = self.subject.canvas
+        longest = max(width, height)
+        units = max(units, math.ceil(TUNING.across * longest / min(width, height)))
+        unit = whole_unit(width, height, units)
+        return unit if longest / unit <= TUNING.finer * units else longest / units
