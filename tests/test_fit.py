@@ -13,7 +13,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit import session as session_module
-from gauss2svg.fit.adam import Limits, Rates, gradients
+from gauss2svg.fit.adam import RATES, Limits, gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.fit import fit
@@ -29,6 +29,7 @@ from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost, squared_error
 from gauss2svg.render.reference import composite
 from gauss2svg.scene import Scene
+from gauss2svg.scene.parameters import STEPPED
 
 LOSSES, PLACEMENTS, SCHEDULES = choices("loss"), choices("init"), choices("schedule")
 OVER = blending("over")
@@ -251,10 +252,8 @@ def test_learning_rate_decays_from_full_to_a_fiftieth():
 
 def state_of(scene) -> State:
     f = scene.factor
-    return State.empty().append(
-        scene.mean.copy(), f[:, [0, 1, 1], [0, 0, 1]], np.log(scene.opacity / (1 - scene.opacity)),
-        scene.color.copy(), np.log(scene.betas), 0,
-    )  # fmt: skip
+    raw = {raw.name: raw.inverse(getattr(scene, p.name)).copy() for p, raw in STEPPED}
+    return State.of(scene.mean, f[:, [0, 1, 1], [0, 0, 1]], 0, **raw)
 
 
 def test_state_activates_to_the_scene_it_came_from():
@@ -300,11 +299,11 @@ def test_first_adam_step_moves_by_the_rates_against_the_gradient():
     scene = random_scene(5, seed=3, sigma=(2.0, 3.0))
     state = state_of(scene)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, 10))
-    adam.step(state, gradient, Rates(), Limits(0.1, 100.0), 0.1)
-    shift = -0.1 * Rates().shift * gradient[:, :2] * scene.betas[:, None] ** -0.35
+    adam.step(state, gradient, RATES, Limits(0.1, 100.0), 0.1)
+    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.betas[:, None] ** -0.35
     expected = scene.mean + np.einsum("nij,nj->ni", scene.factor, shift)
     np.testing.assert_allclose(state.mean, expected, atol=1e-6)
-    moved = scene.color - 0.1 * Rates().color * gradient[:, 6:9]
+    moved = scene.color - 0.1 * RATES["color"] * gradient[:, 6:9]
     np.testing.assert_allclose(state.color, np.clip(moved, 0, 1), atol=1e-6)
 
 
@@ -313,7 +312,7 @@ def test_step_keeps_every_shape_within_its_limits(size):
     state = state_of(random_scene(200, seed=4, sigma=(size, 2 * size)))
     gradient = np.random.default_rng(1).normal(size=(200, 10)) * 1e6
     for _ in range(20):
-        adam.step(state, gradient, Rates(), Limits(0.35, 50.0, 10.0), 5.0)
+        adam.step(state, gradient, RATES, Limits(0.35, 50.0, 10.0), 5.0)
     axes = state.scene(np.ones(3), 40, 30).ellipse_axes[0]
     assert (axes[:, 1] >= 0.35 * (1 - 1e-6)).all()
     assert (axes[:, 0] <= 50 * (1 + 1e-6)).all()

@@ -53,7 +53,7 @@ def quantize(
     beta, color = scene.betas.copy(), scene.color.copy()
     color[shaded] = found.color[found.entry] / 255
     beta[shaded] = found.beta[found.entry]
-    return with_exponents(exact, beta).replace(color=color)
+    return with_exponents(exact, beta).replace(color=color, drawn=scene.drawn)
 
 
 def _quantize_additive(

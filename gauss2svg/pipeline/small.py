@@ -29,7 +29,7 @@ from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
 from gauss2svg.pipeline.recolor import recolored
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like
 from gauss2svg.render.cpu import kernel_lock, splats_of
-from gauss2svg.scene import Scene
+from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
@@ -242,7 +242,7 @@ class SmallSearch:
         return int(min(max(by_bytes, 1), self._most, self.working[..., 0].size))
 
     def _fit(self, count: int, attempt: _Attempt, start: int, starts: int) -> Scene:
-        """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA."""
+        """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA too."""
         options, transparent = self._options, has_alpha(self.working)
         config = FitConfig(
             gaussians=count,
@@ -280,8 +280,8 @@ class SmallSearch:
             plain &= ~np.isclose(scene.betas, beta)
         width, height = self._canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
-        scene = with_exponents(scene, np.where(plain, MOST_BETA, scene.betas))
-        return scene.replace(width=width, height=height)
+        scene = with_exponents(scene, np.where(plain, MOST_BETA, scene.beta))
+        return scene.replace(width=width, height=height, drawn=np.where(plain, PLAIN, SOFT))
 
     def _written(
         self, fitted: Scene, attempt: _Attempt

@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.scene import Scene
+from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import MOST_BETA, RIM_WIDTH, cut_radius, profile
 
 # Of the squared mass: a compromise of PSNR and bytes (docs/decisions/svg.md).
@@ -36,10 +36,15 @@ _LIKELY, _STEPS = 0.7, 8  # px; exponents tried on either side
 
 
 def is_solid(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a solid ellipse differs by no more than a small share of squared mass and rim.
+    """(n,) whether a file draws a shape by a solid ellipse: as it says, or as that looks the same.
 
-    This is at the size of the scene's canvas: on a larger one rims are wider.
+    The latter is at the size of the scene's canvas: on a larger one rims are wider.
     """
+    return (scene.drawn == PLAIN) | looks_solid(scene)
+
+
+def looks_solid(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) whether an ellipse differs by no more than a small share of squared mass and rim."""
     solid = scene.betas >= LEAST_SOLID_BETA
     if not solid.any():
         return solid
