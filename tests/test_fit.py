@@ -113,7 +113,7 @@ def test_renderers_can_draw_every_fitted_gaussian(photo):
     scene = fit(photo, fit_config(800, 60)).scene
     assert (scene.ellipse_axes[0] >= LEAST_SIGMA * 0.999).all()
     assert (scene.opacity >= LEAST_OPACITY).all()
-    assert (np.diff(scene.rounds) >= 0).all()
+    assert (np.diff(scene.round_index) >= 0).all()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (2, 2), (3, 3), (17, 16)])
@@ -267,11 +267,11 @@ def test_state_activates_to_the_scene_it_came_from():
 def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     scene = random_scene(6, 40, 30, seed=2, sigma=(2.0, 7.0))
     # a Gaussian proper leaves out what the exponent's gradient needs
-    scene = scene.replace(beta=np.maximum(scene.betas, 1 + 1e-9))
+    scene = scene.replace(beta=np.maximum(scene.beta, 1 + 1e-9))
     target = np.random.default_rng(0).random((3, 30, 40)).astype(dtype)
     # a copy, as fits have it: what cannot be written to is another type, to be compiled for itself
     splats = state_of(scene).splats(scene.background.copy())
-    fast = gradients(squared_error(splats, target)[2], splats.opacity, scene.betas)
+    fast = gradients(squared_error(splats, target)[2], splats.opacity, scene.beta)
 
     step = torch.zeros((6, 10), dtype=torch.float64, requires_grad=True)
     factor = torch.tensor(scene.factor)
@@ -284,7 +284,7 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     rho = covariance[:, 0, 1] / (sigma[:, 0] * sigma[:, 1])
     opacity = torch.sigmoid(torch.logit(torch.tensor(scene.opacity)) + step[:, 5])
     color = torch.tensor(scene.color) + step[:, 6:9]
-    beta = torch.tensor(scene.betas) * torch.exp(step[:, 9])
+    beta = torch.tensor(scene.beta) * torch.exp(step[:, 9])
     ground = torch.tensor(scene.background)
     image = composite(mean, sigma, rho, color, opacity, ground, 30, 40, beta)
     (0.5 * (image - torch.tensor(np.moveaxis(target, 0, -1))) ** 2).sum().backward()
@@ -300,7 +300,7 @@ def test_first_adam_step_moves_by_the_rates_against_the_gradient():
     state = state_of(scene)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, 10))
     adam.step(state, gradient, RATES, Limits(0.1, 100.0), 0.1)
-    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.betas[:, None] ** -0.35
+    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** -0.35
     expected = scene.mean + np.einsum("nij,nj->ni", scene.factor, shift)
     np.testing.assert_allclose(state.mean, expected, atol=1e-6)
     moved = scene.color - 0.1 * RATES["color"] * gradient[:, 6:9]

@@ -179,7 +179,7 @@ def test_halves_put_together_are_the_whole():
     joined = scene.select(slice(0, 8)).concatenate(scene.select(np.arange(20) >= 8))
     for name in ("mean", "sigma", "rho", "color", "opacity"):
         assert (getattr(joined, name) == getattr(scene, name)).all()
-    assert (np.diff(joined.rounds) >= 0).all()
+    assert (np.diff(joined.round_index) >= 0).all()
 
 
 @pytest.mark.parametrize(

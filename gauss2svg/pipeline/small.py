@@ -277,7 +277,7 @@ class SmallSearch:
         scene = session.scene()
         plain = np.ones(len(scene), bool)  # exponents are stepped as logarithms
         for beta in attempt.exponents:
-            plain &= ~np.isclose(scene.betas, beta)
+            plain &= ~np.isclose(scene.beta, beta)
         width, height = self._canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
         scene = with_exponents(scene, np.where(plain, MOST_BETA, scene.beta))
@@ -373,7 +373,7 @@ def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
     """The scene with the nearest of these exponents, or that of a plain ellipse."""
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     logs = np.log(classes)
-    nearest = np.abs(np.log(scene.betas)[:, None] - logs).argmin(axis=1)
+    nearest = np.abs(np.log(scene.beta)[:, None] - logs).argmin(axis=1)
     plain = nearest == len(exponents)
     beta = classes[nearest]
     beta[plain] = drawn_beta(scene, plain)
