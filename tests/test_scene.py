@@ -133,9 +133,9 @@ def test_scene_saved_before_there_were_exponents_is_one_of_gaussians():
 
 def test_later_format_is_refused_with_the_known_ones():
     stream = io.BytesIO()
-    np.savez(stream, format_version=4)
+    np.savez(stream, format_version=5)
     stream.seek(0)
-    with pytest.raises(InputError, match=r"version .* must be one of 1, 2, 3; got 4"):
+    with pytest.raises(InputError, match=r"version .* must be one of 1, 2, 3, 4; got 5"):
         Scene.load(stream)
 
 

@@ -18,7 +18,6 @@ from gauss2svg.errors import (
     must_be,
     required,
     shown,
-    whole_number,
 )
 from gauss2svg.files import write_atomically
 from gauss2svg.options import file_name
@@ -325,7 +324,9 @@ class Scene:
         try:
             with np.load(file, allow_pickle=False) as stored:
                 version = int(stored["format_version"])
-                whole_number("format version of a scene file", version, 1, _FORMAT_VERSION)
+                if version not in (known := range(1, _FORMAT_VERSION + 1)):
+                    needed = f"one of {', '.join(map(str, known))}"
+                    raise InputError(must_be("format version of a scene file", needed, version))
                 names = {f.name for f in dataclasses.fields(cls)}
                 names -= {name for name, since in _SINCE.items() if since > version}
                 values = {name: stored[name] for name in names}
