@@ -162,7 +162,7 @@ class State:
     ) -> Scene:
         """The activated Gaussians as a scene."""
         sigma, rho, _ = _activate(self.factor)
-        activated = {
+        activated: dict[str, Any] = {
             p.name: np.clip(raw.activated(getattr(self, raw.name)), *p.domain(blend))
             for p, raw in STEPPED
         }

@@ -138,7 +138,7 @@ class Scene:
         except (TypeError, ValueError, OverflowError) as error:
             real = dtype is np.float64
             needed = f"an array of {'real' if real else 'whole'} numbers"
-            needed += "" if real else f" up to {np.iinfo(dtype).max}"
+            needed += "" if real else f" up to {np.iinfo(np.dtype(dtype)).max}"
             raise SceneError(must_be(f"scene {name}", needed, shown(error))) from None
         return array.astype(dtype, copy=False)
 
@@ -178,16 +178,6 @@ class Scene:
     def __len__(self) -> int:
         """Number of Gaussians."""
         return len(self.mean)
-
-    @property
-    def rounds(self) -> NDArray[np.int32]:
-        """round_index."""
-        return self.round_index
-
-    @property
-    def betas(self) -> NDArray[np.float64]:
-        """Beta."""
-        return self.beta
 
     @property
     def covariance(self) -> NDArray[np.float64]:

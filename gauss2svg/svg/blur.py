@@ -122,11 +122,11 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     index = np.full(len(scene), -1)
     if form == GRADIENT or not len(scene):
         return index
-    half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.betas)
+    half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
     large = (half_width >= _LEAST_HALF_WIDTH) & ~is_solid(scene)
     before = drawn_blurs(scene) >= 0
     candidates = large | before
-    beta, opacity = scene.betas[candidates], scene.opacity[candidates]
+    beta, opacity = scene.beta[candidates], scene.opacity[candidates]
     distance = np.abs(np.log(beta[:, None] / [blur.beta for blur in BLURS]))
     full = np.array([blur.peak for blur in BLURS]) * opacity[:, None]
     nearest = np.where(full <= 1 + _OVERFULL, distance, np.inf).argmin(axis=1)

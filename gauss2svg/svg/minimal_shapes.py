@@ -56,12 +56,12 @@ def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> 
         advice = "--portable, or --markup editable"
         raise InputError(must_be("blend in minimal markup", "'over'", scene.blend, advice))
     check_canvas(scene)
-    kind, solid = nearest_class(scene.betas), _is_solid(scene)
+    kind, solid = nearest_class(scene.beta), _is_solid(scene)
     opacity = np.round(scene.opacity, opacity_decimals)
     while True:
         classes = np.array(BETA_CLASSES)[kind]
-        snapped = with_exponents(scene, np.where(solid, scene.betas, classes))
-        radius = _radius(snapped.betas, solid)
+        snapped = with_exponents(scene, np.where(solid, scene.beta, classes))
+        radius = _radius(snapped.beta, solid)
         numbers = _matrix(snapped, radius, unit)
         numbers[solid] = arc_numbers(snapped.select(solid), radius[solid], unit)
         extent = np.where(solid[:, None], numbers[:, :2], numbers[:, [0, 2]])
@@ -120,8 +120,8 @@ def _is_solid(scene: Scene) -> NDArray[np.bool_]:
 
 def _is_crisp(scene: Scene) -> NDArray[np.bool_]:
     """(n,) whether a shape has nearly the rim of a plain ellipse, or a narrower one."""
-    across = RIM_WIDTH * scene.ellipse_axes[0][:, 0] / scene.betas
-    return (scene.betas >= LEAST_SOLID_BETA) & (across < _CRISP)
+    across = RIM_WIDTH * scene.ellipse_axes[0][:, 0] / scene.beta
+    return (scene.beta >= LEAST_SOLID_BETA) & (across < _CRISP)
 
 
 def _radius(beta: NDArray[np.float64], solid: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ def snapped(scene: Scene, form: str) -> Scene:
     blur = chosen_blurs(scene, form)
     blurred = blur >= 0
     shaded = ~is_solid(scene) & ~blurred
-    beta = scene.betas.copy()
+    beta = scene.beta.copy()
     beta[blurred] = [BLURS[k].beta for k in blur[blurred]]
     beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]
     drawn = np.where(blurred, BLURRED, np.where(scene.drawn == PLAIN, PLAIN, SOFT))
@@ -33,5 +33,5 @@ def snapped(scene: Scene, form: str) -> Scene:
 
 def with_exponents(scene: Scene, beta: np.ndarray) -> Scene:
     """The scene with other exponents (n,), each shape's radius of half height kept."""
-    sigma = scene.sigma * widening(scene.betas, beta)[:, None]
+    sigma = scene.sigma * widening(scene.beta, beta)[:, None]
     return scene.replace(beta=beta, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))

@@ -45,10 +45,10 @@ def is_solid(scene: Scene) -> NDArray[np.bool_]:
 
 def looks_solid(scene: Scene) -> NDArray[np.bool_]:
     """(n,) whether an ellipse differs by no more than a small share of squared mass and rim."""
-    solid = scene.betas >= LEAST_SOLID_BETA
+    solid = scene.beta >= LEAST_SOLID_BETA
     if not solid.any():
         return solid
-    solid[solid] = _strain(scene.ellipse_axes[0][solid], scene.betas[solid]) <= 1
+    solid[solid] = _strain(scene.ellipse_axes[0][solid], scene.beta[solid]) <= 1
     return solid
 
 
@@ -93,7 +93,7 @@ def solid_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def drawn_beta(scene: Scene, solid: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Exponents of the solid ones, a mask (n,), as ellipses of the same area draw them best."""
-    radius = solid_radius(scene.betas[solid])
+    radius = solid_radius(scene.beta[solid])
     return solid_beta(scene.ellipse_axes[0][solid] * radius[:, None])
 
 
