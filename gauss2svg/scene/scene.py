@@ -124,6 +124,7 @@ class Scene:
     def _array(self, name: str, dtype: Any) -> NDArray[Any]:
         """A copy of a field as an array of dtype, if that changes no value."""
         given: ArrayLike = getattr(self, name)
+        most = None if dtype is np.float64 else np.iinfo(dtype).max
         try:
             if np.ma.is_masked(given):  # they have no value
                 raise ValueError("masked ones")
@@ -131,14 +132,13 @@ class Scene:
             if np.iscomplexobj(array):
                 raise ValueError("complex numbers")
             array = np.array(array, dtype=np.float64, order="C")
-            if dtype is not np.float64:
-                within = np.abs(array) <= np.iinfo(dtype).max  # false of nan
+            if most is not None:
+                within = np.abs(array) <= most  # false of nan
                 if not (within & (array == np.round(array))).all():
                     raise ValueError("others")
         except (TypeError, ValueError, OverflowError) as error:
-            real = dtype is np.float64
-            needed = f"an array of {'real' if real else 'whole'} numbers"
-            needed += "" if real else f" up to {np.iinfo(np.dtype(dtype)).max}"
+            needed = f"an array of {'real' if most is None else 'whole'} numbers"
+            needed += "" if most is None else f" up to {most}"
             raise SceneError(must_be(f"scene {name}", needed, shown(error))) from None
         return array.astype(dtype, copy=False)
 
