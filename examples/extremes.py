@@ -263,7 +263,7 @@ def natural(scene: Scene, by: Gradients) -> Gradients:
         "rho": by["rho"] * narrowing * narrowing,
     }
     if "beta" in by:
-        changed["beta"] = by["beta"] * scene.betas
+        changed["beta"] = by["beta"] * scene.beta
     return by | changed
 
 

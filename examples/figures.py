@@ -135,9 +135,9 @@ def progressive_fit() -> Figure:
     photo = coffee(300)
     result = vectorize(photo, gaussians=1000)
     scene = result.scene
-    rounds = np.unique(scene.rounds)
+    rounds = np.unique(scene.round_index)
     chosen = rounds[np.round(np.linspace(0, len(rounds) - 1, 5)).astype(int)]
-    upto = [scene.select(scene.rounds <= k) for k in chosen]
+    upto = [scene.select(scene.round_index <= k) for k in chosen]
     names = [f"round {k + 1}: {len(s)} Gaussians" for k, s in zip(chosen, upto, strict=True)]
     return tiles([render(s, 600, 400) for s in upto], names)
 

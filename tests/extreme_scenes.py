@@ -136,13 +136,13 @@ def rounding_of(scene: Scene) -> float:
     """What float64 may differ by: z2 loses eps / sqrt(1 - rho^2), and a rim is beta steep."""
     if not len(scene):
         return 1e-12
-    steep = scene.betas * np.maximum(np.abs(scene.color).max(axis=1), 1)
+    steep = scene.beta * np.maximum(np.abs(scene.color).max(axis=1), 1)
     return 1e-12 + 1e-14 * float((steep / narrowing_of(scene.rho)).max()) * len(scene)
 
 
 def near_the_cut(scene: Scene, z: NDArray[np.float64], within: float) -> NDArray[np.bool_]:
     """(h, w) pixels on a cut, where gradients jump, or at the mean of a peak that has none."""
     r = np.hypot(z[..., 0], z[..., 1])
-    beta = scene.betas[:, None, None]
+    beta = scene.beta[:, None, None]
     near = np.abs(r / cut_radius(beta) - 1) < within
     return (near | ((beta < 1) & (r < 0.05))).any(axis=0)

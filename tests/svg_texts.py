@@ -6,7 +6,7 @@ import pytest
 from gauss2svg.scene import Scene
 from gauss2svg.svg.stops import gradient_stops
 
-PER_SHAPE = ("mean", "covariance", "color", "opacity", "betas", "rounds")
+PER_SHAPE = ("mean", "covariance", "color", "opacity", "beta", "round_index")
 SPACES = (
     'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
     'xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape" '

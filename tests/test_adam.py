@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 
 from gauss2svg.fit import adam
-from gauss2svg.fit.adam import (
-    EPSILON,
-    FIRST_DECAY,
-    LEAST_RAW_BETA,
-    SECOND_DECAY,
-    Limits,
-    Rates,
-)
-from gauss2svg.fit.state import PARAMETERS, State
+from gauss2svg.fit.adam import EPSILON, FIRST_DECAY, RATES, SECOND_DECAY, Limits
+from gauss2svg.fit.state import STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
+from gauss2svg.scene.parameters import LEAST_RAW_BETA, STEPPED
 
 LIMITS = Limits(0.35, 40.0, most_aspect=10.0)
 NAMES = ("mean", "factor", "raw_opacity", "color", "raw_beta", "first", "second", "age")
@@ -27,16 +21,16 @@ def random_state(count: int, seed: int) -> State:
         [rng.uniform(0.4, 9, count), rng.normal(0, 3, count), rng.uniform(0.4, 9, count)]
     )
     raw_beta = np.where(rng.random(count) < 0.3, 0.0, rng.uniform(0, 3, count))
-    return State.empty().append(
-        rng.random((count, 2)) * 50, factor, rng.normal(0, 4, count), rng.random((count, 3)),
-        raw_beta, 0,
+    return State.of(
+        rng.random((count, 2)) * 50, factor, 0, raw_opacity=rng.normal(0, 4, count),
+        color=rng.random((count, 3)), raw_beta=raw_beta,
     )  # fmt: skip
 
 
 def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
     """The slow twin of adam.step: one Gaussian after the other, by linear algebra."""
-    sizes = [rates.shift] * 2 + [rates.stretch, rates.shear, rates.stretch, rates.opacity]
-    sizes += [rates.color] * 3 + [rates.beta]
+    sizes = [rates["mean"]] * 2 + [rates["sigma"], rates["rho"], rates["sigma"]]
+    sizes += [rates["opacity"]] + [rates["color"]] * 3 + [rates["beta"]]
     finite = True
     for i in range(len(state)):
         if not np.isfinite(gradient[i]).all():
@@ -45,7 +39,7 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
             continue
         state.age[i] += 1
         d = []
-        for k in range(PARAMETERS):
+        for k in range(STEPS):
             g = gradient[i, k]
             state.first[i, k] += (1 - FIRST_DECAY) * (g - state.first[i, k])
             state.second[i, k] += (1 - SECOND_DECAY) * (g * g - state.second[i, k])
@@ -67,9 +61,9 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
         state.raw_opacity[i] = np.clip(state.raw_opacity[i] + d[5], -8, 12)
         color = state.color[i] + d[6:9]
         state.color[i] = np.clip(color, limits.least_color, limits.most_color)
-        if state.raw_beta[i] != 0:
+        if rates["beta"]:
             sharpest = math.log(max(RIM_WIDTH / limits.least_rim * minor, 1e-300))
-            sharpest = min(max(sharpest, LEAST_RAW_BETA), math.log(limits.most_beta))
+            sharpest = min(max(sharpest, LEAST_RAW_BETA), limits.most_raw_beta)
             moved = max(state.raw_beta[i] + d[9], LEAST_RAW_BETA)
             state.raw_beta[i] = min(moved, sharpest)
     return finite
@@ -81,9 +75,9 @@ def test_all_at_once_step_as_one_after_the_other(seed, rate):
     fast, rng = random_state(300, seed), np.random.default_rng(seed)
     slow = fast.copy()
     for _ in range(4):
-        gradient = rng.normal(size=(300, PARAMETERS)) * 10.0 ** rng.integers(-6, 6, (300, 1))
-        assert adam.step(fast, gradient, Rates(), LIMITS, rate)
-        assert step_one_by_one(slow, gradient, Rates(), LIMITS, rate)
+        gradient = rng.normal(size=(300, STEPS)) * 10.0 ** rng.integers(-6, 6, (300, 1))
+        assert adam.step(fast, gradient, RATES, LIMITS, rate)
+        assert step_one_by_one(slow, gradient, RATES, LIMITS, rate)
         for name in NAMES:
             np.testing.assert_allclose(
                 getattr(fast, name), getattr(slow, name), rtol=1e-7, atol=1e-7, err_msg=name
@@ -93,14 +87,14 @@ def test_all_at_once_step_as_one_after_the_other(seed, rate):
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e200])
 def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
     state = random_state(20, 1)
-    gradient = np.random.default_rng(2).normal(size=(20, PARAMETERS))
-    adam.step(state, gradient, Rates(), LIMITS, 0.1)
+    gradient = np.random.default_rng(2).normal(size=(20, STEPS))
+    adam.step(state, gradient, RATES, LIMITS, 0.1)
     before, good = state.copy(), state.copy()
-    adam.step(good, gradient, Rates(), LIMITS, 0.1)
-    for k in range(PARAMETERS):
+    adam.step(good, gradient, RATES, LIMITS, 0.1)
+    for k in range(STEPS):
         spoilt, moved = gradient.copy(), before.copy()
         spoilt[7, k] = bad
-        assert not adam.step(moved, spoilt, Rates(), LIMITS, 0.1)
+        assert not adam.step(moved, spoilt, RATES, LIMITS, 0.1)
         for name in NAMES:
             array, kept = getattr(moved, name), getattr(before, name)
             np.testing.assert_array_equal(
@@ -111,14 +105,25 @@ def test_only_gaussians_whose_step_is_not_finite_stay_and_forget(bad):
 
 
 def test_blocks_change_no_bit(monkeypatch):
-    whole, gradient = random_state(50, 3), np.random.default_rng(4).normal(size=(50, PARAMETERS))
+    whole, gradient = random_state(50, 3), np.random.default_rng(4).normal(size=(50, STEPS))
     parts = whole.copy()
-    adam.step(whole, gradient, Rates(), LIMITS, 0.5)
+    adam.step(whole, gradient, RATES, LIMITS, 0.5)
     monkeypatch.setattr(adam, "_BLOCK", 7)
-    adam.step(parts, gradient, Rates(), LIMITS, 0.5)
+    adam.step(parts, gradient, RATES, LIMITS, 0.5)
     for name in NAMES:
         assert getattr(whole, name).tobytes() == getattr(parts, name).tobytes()
 
 
 def test_no_gaussians_take_a_step():
-    assert adam.step(State.empty(), np.zeros((0, PARAMETERS)), Rates(), LIMITS, 1.0)
+    assert adam.step(State.empty(), np.zeros((0, STEPS)), RATES, LIMITS, 1.0)
+
+
+@pytest.mark.parametrize("name", ["opacity", "color", "beta"])
+def test_parameter_without_a_rate_stays_as_it_is(name):
+    state, before = random_state(40, 5), random_state(40, 5)
+    gradient = np.random.default_rng(6).normal(size=(40, STEPS))
+    for _ in range(3):
+        adam.step(state, gradient, {**RATES, name: 0.0}, LIMITS, 1.0)
+    for parameter, raw in STEPPED:
+        stays = getattr(state, raw.name) == getattr(before, raw.name)
+        assert stays.all() == (parameter.name == name)

@@ -52,7 +52,7 @@ def test_scene_is_read_back_from_an_animated_file():
     back, still = read_svg(MOVING), read_svg(STILL)
     np.testing.assert_array_equal(back.mean, still.mean)
     np.testing.assert_array_equal(back.opacity, still.opacity)
-    np.testing.assert_array_equal(back.rounds, still.rounds)
+    np.testing.assert_array_equal(back.round_index, still.round_index)
 
 
 def test_style_sheet_without_filters_filters_nothing():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.scene import Scene
+from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.svg.arcs import arc_geometry, path_data
 from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
@@ -61,7 +61,7 @@ def test_rounded_numbers_are_their_own_rounding_and_near(major, minor, angle_rad
     rho = (major**2 - minor**2) * co * si / math.sqrt(xx * yy)
     scene = Scene(
         SIDE, SIDE, np.array([[40.0, 50.0]]), np.sqrt([[xx, yy]]), np.array([rho]),
-        np.full((1, 3), 0.2), np.ones(1), beta=np.array([MOST_BETA]),
+        np.full((1, 3), 0.2), np.ones(1), beta=np.array([MOST_BETA]), drawn=[PLAIN],
     )  # fmt: skip
     rounded = minimal_rounded(scene, 1)
     assert minimal_svg(rounded, 1) == minimal_svg(scene, 1)

@@ -111,7 +111,7 @@ def test_quantized_scenes_stay_as_they_are(seed, form, palette):
     # Save for shapes that got an exponent from the palette which a disc is like.
     same = (drawn_blurs(again) == drawn_blurs(scene)) | is_solid(scene)
     assert same.mean() > 0.7
-    for name in ("sigma", "betas", "color"):
+    for name in ("sigma", "beta", "color"):
         mine, theirs = getattr(again, name)[same], getattr(scene, name)[same]
         np.testing.assert_allclose(mine, theirs, rtol=1e-12)
     assert np.abs(again.color - scene.color).max() < 1e-12
@@ -124,7 +124,7 @@ def test_blurred_shapes_are_large_and_as_opaque_as_a_disc_can_be(seed):
     scene = large_scene(40, seed)
     index = chosen_blurs(scene, BLUR)
     blurred = index >= 0
-    half = scene.ellipse_axes[0][:, 1] * half_radius(scene.betas)
+    half = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
     assert (half[blurred] >= 1.8).all()
     full = scene.opacity[blurred] * [BLURS[k].peak for k in index[blurred]]
     assert (full <= 1.021).all()
@@ -186,7 +186,7 @@ def test_scene_of_blurred_shapes_comes_back_within_the_rounding(seed):
     scene = scene.select((scene.opacity > 1e-3) & ~is_solid(scene))
     svg_format = SvgFormat(form=BLUR, precision=0.001, opacity_decimals=4)
     back = read_svg(write_svg(scene, svg_format))
-    np.testing.assert_allclose(back.betas, scene.betas)
+    np.testing.assert_allclose(back.beta, scene.beta)
     np.testing.assert_allclose(back.mean, scene.mean, atol=6e-4)
     np.testing.assert_allclose(back.factor, scene.factor, atol=1e-3)
     np.testing.assert_allclose(back.color, scene.color, atol=0.51 / 255)

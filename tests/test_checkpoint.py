@@ -79,7 +79,9 @@ def test_costs_of_both_parts_are_reported(small, checkpoints, tmp_path):
     whole = vectorize(small, **RUNS["count"]).report
     again = vectorize(small, resume=tmp_path / "fit", **RUNS["count"]).report
     assert again["pixel_pairs"] == whole["pixel_pairs"]
-    assert again["fit_s"] > unpacked(io.BytesIO(files[20]))["state"]["fit"]["wall_s"] > 0
+    assert (
+        again["fit_s"] > unpacked(io.BytesIO(files[20]))["state"]["fit"]["stopwatch"]["wall_s"] > 0
+    )
 
 
 @pytest.mark.parametrize(

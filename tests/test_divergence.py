@@ -10,16 +10,17 @@ from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.session import LEAST_SIGMA, FitSession
-from gauss2svg.fit.state import PARAMETERS, State
+from gauss2svg.fit.state import STEPS, State
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.scene import BLENDS
 
 
 def one_shape(factor=(3.0, 0.0, 3.0), color=0.5, raw_opacity=0.0, raw_beta=0.1, count=1) -> State:
-    return State.empty().append(
-        np.full((count, 2), 8.0), np.tile(np.array(factor, float), (count, 1)),
-        np.full(count, raw_opacity), np.full((count, 3), color), np.full(count, raw_beta), 0,
+    return State.of(
+        np.full((count, 2), 8.0), np.tile(np.array(factor, float), (count, 1)), 0,
+        raw_opacity=np.full(count, raw_opacity), color=np.full((count, 3), color),
+        raw_beta=np.full(count, raw_beta),
     )  # fmt: skip
 
 
@@ -35,7 +36,7 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate, lost):
         fit_config(150, 80, blend=blend, learning_rate=rate),
         FixedCount("exponential", 150, 80),
         progress=lambda now: seen.append(
-            (now.psnr, all(np.isfinite(a).all() for a in session.state.state_dict().values()))
+            (now.psnr, all(np.isfinite(a).all() for a in vars(session.state).values()))
         ),
     )
     seen: list = []
@@ -125,11 +126,11 @@ def test_guard_rejects_a_loss_that_stalls():
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
 def test_gradient_that_is_not_finite_leaves_its_gaussian_unchanged(bad):
     state, before = one_shape(count=3), one_shape(count=3)
-    gradient = np.full((3, PARAMETERS), 0.1)
+    gradient = np.full((3, STEPS), 0.1)
     gradient[1, 3] = bad
-    good = adam.step(state, gradient, adam.Rates(), adam.Limits(LEAST_SIGMA, 40.0), 1.0)
+    good = adam.step(state, gradient, adam.RATES, adam.Limits(LEAST_SIGMA, 40.0), 1.0)
     assert not good
-    for name, array in state.state_dict().items():
+    for name, array in vars(state).items():
         assert np.isfinite(array).all(), name
     assert (state.mean[0] != before.mean[0]).all()
     assert (state.mean[1] == before.mean[1]).all()
@@ -156,10 +157,10 @@ def test_every_bound_is_kept_and_left_at_once(name):
     start, column, sign, value = AT_BOUNDS[name]
     limits = adam.Limits(LEAST_SIGMA, 40.0, least_rim=0.01)
     outward, inward = start.copy(), start.copy()
-    gradient = np.zeros((1, PARAMETERS))
+    gradient = np.zeros((1, STEPS))
     gradient[0, column] = -sign
     for _ in range(20):  # so that Adam's moments point outward as well
-        adam.step(outward, gradient, adam.Rates(), limits, 1.0)
+        adam.step(outward, gradient, adam.RATES, limits, 1.0)
     assert value(outward) == pytest.approx(value(start), abs=1e-9)
-    adam.step(inward, -gradient, adam.Rates(), limits, 1.0)
+    adam.step(inward, -gradient, adam.RATES, limits, 1.0)
     assert value(inward) > value(start) + 0.01 * abs(value(start) or 1)

@@ -66,7 +66,7 @@ def test_background_and_rounds_have_ids_of_their_own():
 
 
 def test_rounds_that_draw_nothing_have_no_group_and_change_no_other_id():
-    scene = SCENE.replace(opacity=np.where(SCENE.rounds == 1, 0.0, SCENE.opacity))
+    scene = SCENE.replace(opacity=np.where(SCENE.round_index == 1, 0.0, SCENE.opacity))
     root = parse(write_svg(scene, document=Document(animate=2)))
     assert [g.get("id") for g in root.findall(SVG + "g")] == ["round-1", "round-3"]
     assert re.findall(r"#(round-\d)\{", root.findtext(SVG + "style") or "") == [

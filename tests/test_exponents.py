@@ -8,7 +8,7 @@ from flat import fit_config, vectorize
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
-from gauss2svg.fit.adam import LEAST_RAW_BETA, Limits, Rates
+from gauss2svg.fit.adam import RATES, Limits
 from gauss2svg.fit.fit import fit, fixed_count
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
@@ -20,6 +20,7 @@ from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
+from gauss2svg.scene.parameters import LEAST_RAW_BETA
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.solid import is_solid, solid_radius
 from gauss2svg.svg.write import write_svg
@@ -74,18 +75,18 @@ def test_sharp_shapes_fit_a_drawing_that_gaussians_smear():
     soft, sharp = (
         fit(picture, fit_config(24, 150, falloff=f)).scene for f in ("gaussian", "adaptive")
     )
-    assert (soft.betas == 1).all()
+    assert (soft.beta == 1).all()
     psnr = [metrics.psnr(render(scene), picture) for scene in (soft, sharp)]
     assert psnr[1] > psnr[0] + 6
     assert metrics.flat_error(render(sharp), picture) < metrics.flat_error(render(soft), picture)
-    assert (sharp.betas > 2).mean() > 0.4
+    assert (sharp.beta > 2).mean() > 0.4
 
 
 def test_smooth_scene_keeps_its_gaussians():
     y, x = np.mgrid[:64, :64] / 63
     ramp = np.stack([x, 0.5 * (x + y), 1 - y], axis=-1).astype(np.float32)
     shares = [
-        (vectorize(p, gaussians=24, **QUICK).scene.betas == 1).mean() for p in (ramp, drawing())
+        (vectorize(p, gaussians=24, **QUICK).scene.beta == 1).mean() for p in (ramp, drawing())
     ]
     assert shares[0] >= 0.5
     assert shares[1] < shares[0] - 0.1
@@ -96,7 +97,7 @@ def test_price_of_an_exponent_keeps_shapes_gaussian(photo, monkeypatch):
     shares = []
     for price in (0.0, 0.06, 1.0):
         monkeypatch.setattr("gauss2svg.fit.session._BETA_PRICE", price)
-        betas = vectorize(photo, gaussians=150, **QUICK).scene.betas
+        betas = vectorize(photo, gaussians=150, **QUICK).scene.beta
         shares.append((betas == 1).mean())
     assert shares[0] < shares[1] < shares[2]
 
@@ -104,19 +105,14 @@ def test_price_of_an_exponent_keeps_shapes_gaussian(photo, monkeypatch):
 def test_rims_stay_as_wide_as_they_must_be_and_exponents_in_their_range():
     scene = random_scene(300, 80, 60, 6, sigma=(0.4, 40.0), beta=(2, 30))
     factor = scene.factor[:, [0, 1, 1], [0, 0, 1]]
-    raw_beta = np.log(scene.betas)
-    gaussian = raw_beta == 0
-    assert 100 < gaussian.sum() < 200
-    state = State.empty().append(
-        scene.mean.copy(), factor, np.zeros(300), scene.color.copy(), raw_beta, 0
-    )
+    raw_beta = np.log(scene.beta)
+    state = State.of(scene.mean, factor, 0, color=scene.color.copy(), raw_beta=raw_beta)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (300, 10))
-    limits = Limits(0.35, 50.0, 10.0, most_beta=20.0, least_rim=0.5)
+    limits = Limits(0.35, 50.0, 10.0, most_raw_beta=np.log(20), least_rim=0.5)
     for _ in range(60):
-        adam.step(state, gradient, Rates(), limits, 1.0)
-    assert (state.raw_beta[gaussian] == 0).all()  # for good
-    free = state.raw_beta[~gaussian]
-    minor = state.scene(np.ones(3), 80, 60).ellipse_axes[0][~gaussian, 1]
+        adam.step(state, gradient, RATES, limits, 1.0)
+    free = state.raw_beta
+    minor = state.scene(np.ones(3), 80, 60).ellipse_axes[0][:, 1]
     assert (free >= LEAST_RAW_BETA).all()
     assert (free <= np.log(20) + 1e-9).all()
     sharpest = np.maximum(np.log(RIM_WIDTH * minor / 0.5), LEAST_RAW_BETA)
@@ -129,12 +125,12 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
     result = vectorize(drawing(), gaussians=40, palette=palette, **QUICK)
     scene = result.scene
     shaded = ~is_solid(scene)
-    nearest = np.abs(scene.betas[shaded, None] / np.array(BETA_CLASSES) - 1).min(axis=1)
+    nearest = np.abs(scene.beta[shaded, None] / np.array(BETA_CLASSES) - 1).min(axis=1)
     assert (nearest < 1e-12).all()
     again = quantize(scene)
     np.testing.assert_allclose(again.color, scene.color, atol=0.5 / 255)
-    np.testing.assert_allclose(again.betas, scene.betas, rtol=1e-12)
-    keys = np.column_stack([scene.betas, np.round(scene.color * 255)])[shaded]
+    np.testing.assert_allclose(again.beta, scene.beta, rtol=1e-12)
+    keys = np.column_stack([scene.beta, np.round(scene.color * 255)])[shaded]
     distinct = np.unique(np.round(keys, 6), axis=0)
     assert result.svg.count("<radialGradient") == len(distinct)
     if palette:
@@ -148,10 +144,10 @@ def test_quantization_changes_nothing_but_exponents_extents_and_colours():
     for name in ("mean", "rho", "opacity", "rounds"):
         assert (getattr(once, name) == getattr(scene, name)).all()
     shaded = ~is_solid(scene)
-    assert (once.betas[~shaded] == scene.betas[~shaded]).all()
-    expected = scene.sigma * widening(scene.betas, once.betas)[:, None]
+    assert (once.beta[~shaded] == scene.beta[~shaded]).all()
+    expected = scene.sigma * widening(scene.beta, once.beta)[:, None]
     np.testing.assert_allclose(once.sigma, expected)
-    assert len(np.unique(np.column_stack([once.betas, once.color])[shaded], axis=0)) <= 12
+    assert len(np.unique(np.column_stack([once.beta, once.color])[shaded], axis=0)) <= 12
     assert metrics.psnr(render(once), render(scene)) > 25
 
 
@@ -179,9 +175,9 @@ def test_palette_holds_however_short_the_fit(photo, limits, falloff):
     assert 1 <= result.svg.count("<radialGradient") <= 16
     assert result.report["gradients"] == result.svg.count("<radialGradient")
     if falloff == "gaussian":
-        assert (result.scene.betas == 1).all()
+        assert (result.scene.beta == 1).all()
     classes = np.array(BETA_CLASSES)
-    assert np.isin(result.scene.betas[~is_solid(result.scene)], classes).all()
+    assert np.isin(result.scene.beta[~is_solid(result.scene)], classes).all()
     assert (quantize(result.scene).color == result.scene.color).all()
 
 
@@ -208,7 +204,7 @@ def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
     assert len(seen) == 1
     last = session.scene()
     pairs = [
-        np.unique(np.column_stack([scene.betas, scene.color]).round(9), axis=0)
+        np.unique(np.column_stack([scene.beta, scene.color]).round(9), axis=0)
         for scene in (seen[0], last)
     ]
     assert len(pairs[1]) <= len(pairs[0])

@@ -13,7 +13,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
 from gauss2svg.fit import population as population_module
 from gauss2svg.fit import session as session_module
-from gauss2svg.fit.adam import Limits, Rates, gradients
+from gauss2svg.fit.adam import RATES, Limits, gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.fit import fit
@@ -29,6 +29,7 @@ from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost, squared_error
 from gauss2svg.render.reference import composite
 from gauss2svg.scene import Scene
+from gauss2svg.scene.parameters import STEPPED
 
 LOSSES, PLACEMENTS, SCHEDULES = choices("loss"), choices("init"), choices("schedule")
 OVER = blending("over")
@@ -112,7 +113,7 @@ def test_renderers_can_draw_every_fitted_gaussian(photo):
     scene = fit(photo, fit_config(800, 60)).scene
     assert (scene.ellipse_axes[0] >= LEAST_SIGMA * 0.999).all()
     assert (scene.opacity >= LEAST_OPACITY).all()
-    assert (np.diff(scene.rounds) >= 0).all()
+    assert (np.diff(scene.round_index) >= 0).all()
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1), (2, 2), (3, 3), (17, 16)])
@@ -251,10 +252,8 @@ def test_learning_rate_decays_from_full_to_a_fiftieth():
 
 def state_of(scene) -> State:
     f = scene.factor
-    return State.empty().append(
-        scene.mean.copy(), f[:, [0, 1, 1], [0, 0, 1]], np.log(scene.opacity / (1 - scene.opacity)),
-        scene.color.copy(), np.log(scene.betas), 0,
-    )  # fmt: skip
+    raw = {raw.name: raw.inverse(getattr(scene, p.name)).copy() for p, raw in STEPPED}
+    return State.of(scene.mean, f[:, [0, 1, 1], [0, 0, 1]], 0, **raw)
 
 
 def test_state_activates_to_the_scene_it_came_from():
@@ -268,11 +267,11 @@ def test_state_activates_to_the_scene_it_came_from():
 def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     scene = random_scene(6, 40, 30, seed=2, sigma=(2.0, 7.0))
     # a Gaussian proper leaves out what the exponent's gradient needs
-    scene = scene.replace(beta=np.maximum(scene.betas, 1 + 1e-9))
+    scene = scene.replace(beta=np.maximum(scene.beta, 1 + 1e-9))
     target = np.random.default_rng(0).random((3, 30, 40)).astype(dtype)
     # a copy, as fits have it: what cannot be written to is another type, to be compiled for itself
     splats = state_of(scene).splats(scene.background.copy())
-    fast = gradients(squared_error(splats, target)[2], splats.opacity, scene.betas)
+    fast = gradients(squared_error(splats, target)[2], splats.opacity, scene.beta)
 
     step = torch.zeros((6, 10), dtype=torch.float64, requires_grad=True)
     factor = torch.tensor(scene.factor)
@@ -285,7 +284,7 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     rho = covariance[:, 0, 1] / (sigma[:, 0] * sigma[:, 1])
     opacity = torch.sigmoid(torch.logit(torch.tensor(scene.opacity)) + step[:, 5])
     color = torch.tensor(scene.color) + step[:, 6:9]
-    beta = torch.tensor(scene.betas) * torch.exp(step[:, 9])
+    beta = torch.tensor(scene.beta) * torch.exp(step[:, 9])
     ground = torch.tensor(scene.background)
     image = composite(mean, sigma, rho, color, opacity, ground, 30, 40, beta)
     (0.5 * (image - torch.tensor(np.moveaxis(target, 0, -1))) ** 2).sum().backward()
@@ -300,11 +299,11 @@ def test_first_adam_step_moves_by_the_rates_against_the_gradient():
     scene = random_scene(5, seed=3, sigma=(2.0, 3.0))
     state = state_of(scene)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, 10))
-    adam.step(state, gradient, Rates(), Limits(0.1, 100.0), 0.1)
-    shift = -0.1 * Rates().shift * gradient[:, :2] * scene.betas[:, None] ** -0.35
+    adam.step(state, gradient, RATES, Limits(0.1, 100.0), 0.1)
+    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** -0.35
     expected = scene.mean + np.einsum("nij,nj->ni", scene.factor, shift)
     np.testing.assert_allclose(state.mean, expected, atol=1e-6)
-    moved = scene.color - 0.1 * Rates().color * gradient[:, 6:9]
+    moved = scene.color - 0.1 * RATES["color"] * gradient[:, 6:9]
     np.testing.assert_allclose(state.color, np.clip(moved, 0, 1), atol=1e-6)
 
 
@@ -313,7 +312,7 @@ def test_step_keeps_every_shape_within_its_limits(size):
     state = state_of(random_scene(200, seed=4, sigma=(size, 2 * size)))
     gradient = np.random.default_rng(1).normal(size=(200, 10)) * 1e6
     for _ in range(20):
-        adam.step(state, gradient, Rates(), Limits(0.35, 50.0, 10.0), 5.0)
+        adam.step(state, gradient, RATES, Limits(0.35, 50.0, 10.0), 5.0)
     axes = state.scene(np.ones(3), 40, 30).ellipse_axes[0]
     assert (axes[:, 1] >= 0.35 * (1 - 1e-6)).all()
     assert (axes[:, 0] <= 50 * (1 + 1e-6)).all()

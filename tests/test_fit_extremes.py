@@ -115,7 +115,7 @@ def assert_not_worse_than_the_mean(scene, picture, *rasters) -> None:
 
 
 def assert_finite(scene) -> None:
-    for values in (scene.mean, scene.sigma, scene.rho, scene.color, scene.opacity, scene.betas):
+    for values in (scene.mean, scene.sigma, scene.rho, scene.color, scene.opacity, scene.beta):
         assert np.isfinite(values).all()
 
 

@@ -32,7 +32,7 @@ SHEET = re.compile("<style.*?</style>", re.DOTALL)
 
 def written(kind: str, rounds: int | None = None, fragments: bool = False) -> str:
     """The file of the first rounds, or of all."""
-    scene = SCENE if rounds is None else SCENE.select(SCENE.rounds < rounds)
+    scene = SCENE if rounds is None else SCENE.select(SCENE.round_index < rounds)
     return write_svg(scene, OPTIONS, Document(**KINDS[kind], fragments=fragments))
 
 
@@ -110,7 +110,7 @@ def test_every_renderer_draws_all_without_a_fragment(renderer):
 
 
 def test_outlines_have_fragments_too(browser, tmp_path):
-    first = SCENE.select(SCENE.rounds < 1)
+    first = SCENE.select(SCENE.round_index < 1)
     files = {
         "part.svg": outline_svg(first),
         "out.svg": outline_svg(SCENE, Document(fragments=True)),

@@ -53,7 +53,7 @@ def oracle(scene: Scene) -> np.ndarray:
                 v = (row + 0.5 - scene.mean[k, 1]) / scene.sigma[k, 1]
                 rho = scene.rho[k]
                 q = (u * u - 2 * rho * u * v + v * v) / (1 - rho * rho)
-                power = (q / 2) ** scene.betas[k]
+                power = (q / 2) ** scene.beta[k]
                 if power >= CUT * CUT / 2:
                     continue
                 alpha = scene.opacity[k] * (math.exp(-power) - rim) / (1 - rim)

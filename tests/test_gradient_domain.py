@@ -96,7 +96,7 @@ def gradients(
     tensors = [torch.tensor(getattr(scene, n), dtype=exact).requires_grad_() for n in names]
     if fast:
         tensors[-1] = tensors[-1].detach().to(dtype).requires_grad_()
-    beta = torch.tensor(scene.betas, dtype=exact)
+    beta = torch.tensor(scene.beta, dtype=exact)
     size = round(scene.height), round(scene.width)
     if scene.blend == ADD:
         image = (fast_accumulate if fast else accumulate)(*tensors, *size)
@@ -129,7 +129,7 @@ def check(scene: Scene, seed: int, plain: bool) -> None:
                 off, kind = extremes().gradient_difference(by, {n: exact[n] for n in by})
                 label = f"{name} in {dtype}".replace("torch.", "")
                 where = f"{kind}, sigma {scene.sigma.tolist()}, rho {scene.rho.tolist()}, "
-                where += f"beta {scene.betas.tolist()}"
+                where += f"beta {scene.beta.tolist()}"
                 worst[label] = max(worst.get(label, (0.0, "")), (off, where))
                 assert off <= ALLOWED, f"{label}: {off:.1e} of {where}"
 

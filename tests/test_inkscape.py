@@ -60,7 +60,7 @@ def assert_moved(before: Path, after: Path) -> None:
     old, new = read_svg(before), read_svg(after)
     shift = np.zeros((30, 2))
     shift[3] = 3, 4
-    shift[old.rounds == 2] = 5, -2
+    shift[old.round_index == 2] = 5, -2
     assert (shift != 0).any(axis=1).sum() > 5
     assert_same(new, old.replace(mean=old.mean + shift), EDITED)
     assert "<path" in after.read_text()
@@ -81,7 +81,7 @@ def test_shapes_moved_in_inkscape_are_moved_and_nothing_else_is(form, pytestconf
     assert_moved(before, after)
     assert (form == BLUR) == ("filter=" in before.read_text())
     if form == GRADIENT:
-        assert set(BETA_CLASSES) < set(read_svg(before).betas)
+        assert set(BETA_CLASSES) < set(read_svg(before).beta)
 
 
 @pytest.mark.skipif(shutil.which("inkscape") is None, reason="needs Inkscape on the PATH")

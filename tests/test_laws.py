@@ -57,7 +57,7 @@ def test_pictures_and_gradients_are_finite(dtype, data, blend):
         tensors = {n: torch.tensor(getattr(scene, n), dtype=TORCH[dtype]) for n in names}
         most = below_one(TORCH[dtype])
         tensors["rho"] = tensors["rho"].clamp(-most, most)
-        more = (torch.tensor(scene.betas, dtype=TORCH[dtype]),) if blend == OVER else ()
+        more = (torch.tensor(scene.beta, dtype=TORCH[dtype]),) if blend == OVER else ()
         inputs = [*tensors.values(), *more]
         for one in inputs:
             one.requires_grad_()
@@ -188,7 +188,7 @@ def test_both_renderers_draw_the_same(data, blend):
     scene = data.draw(extreme_scenes(blend))
     exact = render_reference(scene).numpy()
     # A peak of beta < 1 has no slope: there the fast falloff differs by up to (1e-14)^beta.
-    peak = float((1e-14 ** scene.betas[scene.betas < 1]).sum())
+    peak = float((1e-14 ** scene.beta[scene.beta < 1]).sum())
     for dtype in DTYPES:
         off = allowed(scene, dtype) + peak
         np.testing.assert_allclose(render(scene, dtype=dtype), exact, atol=off)
@@ -258,7 +258,7 @@ def test_the_file_gives_the_scene_back_within_the_rounding(data, precision):
     left = list(circles)
     step = 0.5 * precision * (1 + 1e-6) + 1e-9
     for i in range(len(scene)):
-        beta = scene.betas[i]
+        beta = scene.beta[i]
         if left and is_shape(left[0], scene, factor[i], i, step):
             circle = left.pop(0)
             np.testing.assert_allclose(circle["color"], scene.color[i] * 255, atol=0.5 + 1e-9)
@@ -273,7 +273,7 @@ def test_the_file_gives_the_scene_back_within_the_rounding(data, precision):
 
 def is_shape(circle: dict, scene: Scene, factor: NDArray, i: int, step: float) -> bool:
     """Whether a circle is the i-th shape, within the rounding."""
-    beta = scene.betas[i]
+    beta = scene.beta[i]
     radius = covered_radius(beta) if circle["plain"] else cut_of(beta)
     return bool(
         np.allclose(circle["linear"], radius * factor, rtol=2e-6, atol=step)

@@ -17,9 +17,9 @@ from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
+from gauss2svg.photo.load import header_of
 from gauss2svg.pipeline import memory_budget as memory
 from gauss2svg.pipeline.kernels import compile_kernels
-from gauss2svg.photo.load import header_of
 from gauss2svg.pipeline.memory_budget import Load, allowed, free_bytes, size_that_fits
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan

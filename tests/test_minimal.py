@@ -65,7 +65,7 @@ def match(scene: Scene, unit: float, digits: int = 6, renderer: str = "resvg") -
 def test_the_file_draws_the_rounded_scene(make, unit, most_masked, monkeypatch):
     monkeypatch.setattr(minimal, "MOST_MASKED", most_masked)
     scene = make()
-    assert match(scene, unit) > (NEAR if scene.betas.max() == 1 else NEAR_CRISP)
+    assert match(scene, unit) > (NEAR if scene.beta.max() == 1 else NEAR_CRISP)
 
 
 @pytest.mark.process

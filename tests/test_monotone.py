@@ -59,11 +59,10 @@ def test_plain_drawing_does_not_diverge(smile):
 def test_crisp_shapes_move_less_because_their_rims_are_narrower():
     moved = []
     for beta in (1.0, 3.0, 30.0):
-        state = State.empty().append(
-            np.full((1, 2), 20.0), np.array([[5.0, 0.0, 5.0]]), np.zeros(1), np.zeros((1, 3)),
-            np.log([beta]), 0,
-        )  # fmt: skip
-        adam.step(state, np.ones((1, 10)), adam.Rates(), adam.Limits(0.35, 40.0), 0.01)
+        state = State.of(
+            np.full((1, 2), 20.0), np.array([[5.0, 0.0, 5.0]]), 0, raw_beta=np.log([beta])
+        )
+        adam.step(state, np.ones((1, 10)), adam.RATES, adam.Limits(0.35, 40.0), 0.01)
         moved.append(20.0 - state.mean[0, 0])
     assert moved[0] > 1.3 * moved[1] > 1.3**3 * moved[2] > 0
 

@@ -45,7 +45,7 @@ def test_every_shape_is_one_stroke_in_its_colour_and_nothing_is_filled():
     assert names == {"svg", "title", "desc", "defs", "g", "ellipse"}
     layers = root.findall(SVG + "g")
     assert [layer.get("id") for layer in layers] == ["round-1", "round-2", "round-3"]
-    assert [len(layer) for layer in layers] == np.bincount(scene.rounds).tolist()
+    assert [len(layer) for layer in layers] == np.bincount(scene.round_index).tolist()
 
 
 @pytest.mark.parametrize("beta", [1.0, 3.0, 16.0])

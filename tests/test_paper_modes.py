@@ -38,7 +38,7 @@ def test_a_fitted_additive_gaussian_has_eight_parameters(photo):
     scene = fit(photo, fit_config(100, 60, blend="add")).scene
     assert scene.blend == "add"
     assert (scene.opacity == 1).all()
-    assert (scene.betas == 1).all()
+    assert (scene.beta == 1).all()
     assert scene.color.min() < 0 < scene.color.max()
     assert np.abs(scene.color).max() <= blending("add").most_color
 

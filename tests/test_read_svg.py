@@ -49,7 +49,7 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
     scene = snapped(scene, form)
     solid = is_solid(scene)
     blurred = ~solid & (drawn_blurs(scene) >= 0) & (form != GRADIENT)
-    np.testing.assert_allclose(back.betas[~solid], scene.betas[~solid], rtol=1e-12)
+    np.testing.assert_allclose(back.beta[~solid], scene.beta[~solid], rtol=1e-12)
     step = 0.5 * precision + 1e-9
     np.testing.assert_allclose(back.mean, scene.mean, atol=step)
     np.testing.assert_allclose(back.opacity[~blurred], scene.opacity[~blurred], atol=6e-5)
@@ -60,7 +60,7 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
     assert missed[~solid & ~blurred].max(initial=0.0) <= step / math.sqrt(2)
     assert missed[blurred].max(initial=0.0) <= step / min(blur.radius for blur in BLURS)
     np.testing.assert_allclose(back.color, scene.color, atol=0.5 / 255 + 1e-9)
-    np.testing.assert_array_equal(back.rounds, scene.rounds)
+    np.testing.assert_array_equal(back.round_index, scene.round_index)
     assert (back.width, back.height) == (scene.width, scene.height)
 
 
@@ -95,7 +95,7 @@ def test_plain_ellipses_come_back_as_plain_as_they_were(seed):
 def test_every_exponent_is_told_by_its_stops(beta, count):
     circle = '<circle r="2" transform="matrix(9 2 0 6 20 15)" fill="url(#b)" fill-opacity=".5"/>'
     back = read_svg(document(circle, gradient("b", beta, "#123456", count)))
-    assert back.betas.tolist() == [beta]
+    assert back.beta.tolist() == [beta]
     np.testing.assert_allclose(back.color[0] * 255, [0x12, 0x34, 0x56])
     assert back.opacity.tolist() == [0.5]
 
@@ -256,7 +256,7 @@ def group(label: str, body: str = CIRCLE) -> str:
     ],
 )  # fmt: skip
 def test_rounds_are_those_of_labels_ids_or_order(body, rounds):
-    assert read_svg(document(body)).rounds.tolist() == rounds
+    assert read_svg(document(body)).round_index.tolist() == rounds
 
 
 def test_what_draws_nothing_is_skipped():
@@ -285,4 +285,4 @@ def test_missing_background_is_a_transparent_scene_and_a_glassy_one_is_asked_for
 def test_hidden_shapes_are_left_out_where_that_is_asked_for():
     hidden = group("Round 1: 1", CIRCLE).replace("<g", '<g style="display:none"')
     shown = read_svg(document(hidden + group("Round 2: 1")), skip_hidden=True)
-    assert shown.rounds.tolist() == [1]
+    assert shown.round_index.tolist() == [1]

@@ -56,7 +56,7 @@ def composite_by_numpy(scene: Scene) -> np.ndarray:
     for k in range(len(scene) - 1, -1, -1):
         u = np.stack([x - scene.mean[k, 0], y - scene.mean[k, 1]], axis=-1)
         r = np.sqrt(np.einsum("yxi,ij,yxj->yx", u, scene.conic[k], u))
-        alpha = scene.opacity[k] * profile(r, scene.betas[k])
+        alpha = scene.opacity[k] * profile(r, scene.beta[k])
         image += (alpha * transmittance)[..., None] * scene.color[k]
         transmittance *= 1 - alpha
     return image + transmittance[..., None] * scene.background
@@ -202,7 +202,7 @@ def test_removal_mass_is_the_curvature_of_the_error_in_the_colour(dtype):
 @given(seeds, st.integers(1, 20), st.integers(1, 70), st.integers(1, 70))
 def test_pairs_are_exactly_the_rows_that_a_gaussian_reaches(seed, count, width, height):
     scene = random_scene(count, width, height, seed)
-    radius = cut_radius(scene.betas)
+    radius = cut_radius(scene.beta)
     offset, gaussian, rows, start, order, _ = pairs_of_scene(scene, radius, height, width)
     columns = -(-width // TILE_WIDTH)
     listed = set()
@@ -248,7 +248,7 @@ def test_the_thinnest_shapes_are_pairs_of_one_row_and_reach_the_same_rows():
 
 def test_tile_lists_run_from_front_to_back():
     scene = random_scene(40, 64, 48, 12)
-    _, gaussian, _, start, order, _ = pairs_of_scene(scene, cut_radius(scene.betas), 48, 64)
+    _, gaussian, _, start, order, _ = pairs_of_scene(scene, cut_radius(scene.beta), 48, 64)
     for tile in range(len(start) - 1):
         assert (np.diff(gaussian[order[start[tile] : start[tile + 1]]]) < 0).all()
 

@@ -133,9 +133,9 @@ def test_scene_saved_before_there_were_exponents_is_one_of_gaussians():
 
 def test_later_format_is_refused_with_the_known_ones():
     stream = io.BytesIO()
-    np.savez(stream, format_version=4)
+    np.savez(stream, format_version=5)
     stream.seek(0)
-    with pytest.raises(InputError, match=r"version .* must be one of 1, 2, 3; got 4"):
+    with pytest.raises(InputError, match=r"version .* must be one of 1, 2, 3, 4; got 5"):
         Scene.load(stream)
 
 
@@ -179,7 +179,7 @@ def test_halves_put_together_are_the_whole():
     joined = scene.select(slice(0, 8)).concatenate(scene.select(np.arange(20) >= 8))
     for name in ("mean", "sigma", "rho", "color", "opacity"):
         assert (getattr(joined, name) == getattr(scene, name)).all()
-    assert (np.diff(joined.rounds) >= 0).all()
+    assert (np.diff(joined.round_index) >= 0).all()
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ def test_file_has_the_scene_in_its_order_and_each_shape_where_its_centre_lies(re
     np.testing.assert_allclose(centres, scene.mean, atol=0.03)
     cell = np.clip(np.floor(scene.mean), 0, 127).astype(int)
     under = LABELS[cell[:, 1], cell[:, 0]].tolist()
-    expected = list(zip(scene.rounds.tolist(), under, strict=True))
+    expected = list(zip(scene.round_index.tolist(), under, strict=True))
     listed = [(index, segment) for index, segment, at in groups for _ in at]
     assert listed == expected == sorted(expected)
     assert len(groups) == len(set(expected))
@@ -101,7 +101,7 @@ def test_finished_fit_has_the_order_already(photo):
     for change in (session.fit, lambda: session.resize(200, 20)):
         change()
         scene = session.scene()
-        assert len(np.unique(scene.rounds)) > 2
+        assert len(np.unique(scene.round_index)) > 2
         np.testing.assert_array_equal(grouped_by_segment(scene, labels).mean, scene.mean)
 
 
@@ -126,7 +126,7 @@ def test_same_photo_and_segments_give_the_same_bytes(photo, result):
 
 def test_file_comes_back_with_its_rounds(result):
     back = read_svg(result.svg)
-    np.testing.assert_array_equal(back.rounds, result.scene.rounds)
+    np.testing.assert_array_equal(back.round_index, result.scene.round_index)
     np.testing.assert_allclose(back.mean, result.scene.mean, atol=0.03)
 
 
@@ -142,7 +142,7 @@ def test_order_is_by_round_and_segment_and_otherwise_kept(seed, rows, columns):
         ]
         for x, y in scene.mean
     ]
-    order = sorted(range(40), key=lambda i: (scene.rounds[i], cell[i]))
+    order = sorted(range(40), key=lambda i: (scene.round_index[i], cell[i]))
     np.testing.assert_array_equal(sorted_scene.mean, scene.mean[order])
     np.testing.assert_array_equal(grouped_by_segment(sorted_scene, labels).mean, sorted_scene.mean)
 

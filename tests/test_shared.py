@@ -18,16 +18,8 @@ COUNT = 60
 
 
 def state_of(scene) -> State:
-    blank = State.empty()
-    count = len(scene)
-    state = blank.append(
-        scene.mean.copy(),
-        np.zeros((count, 3)),
-        np.log(scene.opacity / (1 - scene.opacity)),
-        scene.color.copy(),
-        np.zeros(count),
-        0,
-    )
+    raw_opacity = np.log(scene.opacity / (1 - scene.opacity))
+    state = State.of(scene.mean, np.zeros((len(scene), 3)), 0, raw_opacity=raw_opacity)
     return state.quantized(scene)
 
 
@@ -44,7 +36,7 @@ def target():
 
 def test_step_keeps_shared_colours_shared_and_goes_down(shared_state, target):
     state, background = shared_state, np.full(3, 0.5)
-    shared = SharedColors(state, blending("over"))
+    shared = SharedColors.of(state, blending("over"))
     before = state.color.copy()
     error = squared_error(state.splats(background), target)[1]
     for _ in range(10):
@@ -60,7 +52,7 @@ def test_step_keeps_shared_colours_shared_and_goes_down(shared_state, target):
 
 def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, target):
     state, background = shared_state, np.full(3, 0.5)
-    shared = SharedColors(state, blending("over"))
+    shared = SharedColors.of(state, blending("over"))
     splats = state.splats(background)
     moments = squared_error(splats, target)[2]
     mass = removal_cost(splats, target)[1][:, 1]
@@ -89,7 +81,7 @@ def test_exchange_never_makes_the_picture_worse_and_helps_this_one(shared_state,
     config = fit_config(COUNT, 10)
     session = FitSession(pixels, config, fixed_count(config))
     session.population.state = shared_state
-    shared = SharedColors(session.state, blending("over"))
+    shared = SharedColors.of(session.state, blending("over"))
     errors = [squared_error(session.state.splats(session.population.background), target)[1]]
     rng = np.random.default_rng(0)
     for _ in range(4):
@@ -115,7 +107,7 @@ def test_nearly_opaque_shapes_become_opaque_at_quantization(photo):
 
 def test_weights_of_a_colour_sum_over_its_shapes(shared_state):
     state = shared_state
-    shared = SharedColors(state, blending("over"))
+    shared = SharedColors.of(state, blending("over"))
     gradient = np.zeros((COUNT, 10))
     chosen = int(np.bincount(shared.entry).argmax())
     members = np.flatnonzero(shared.entry == chosen)

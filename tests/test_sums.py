@@ -73,8 +73,8 @@ def test_conversion_begins_with_the_additive_shapes_largest_first(photo, additiv
     assert (np.diff(area) <= 1e-9).all()
     before = np.sqrt(np.linalg.det(additive.scene.covariance))
     np.testing.assert_allclose(np.sort(area), np.sort(before), rtol=1e-6)
-    assert (np.diff(back.rounds) >= 0).all()
-    assert len(np.unique(back.rounds)) == 6
+    assert (np.diff(back.round_index) >= 0).all()
+    assert len(np.unique(back.round_index)) == 6
 
 
 @pytest.mark.sweep
@@ -120,7 +120,7 @@ def test_the_portable_form_has_as_many_as_were_asked_for(photo):
         pixels, blend=ADD, portable=True, gaussians=300, iterations=30, init="random"
     )
     assert 280 < len(result.scene) <= 300
-    assert (np.diff(result.scene.rounds) >= 0).all()
+    assert (np.diff(result.scene.round_index) >= 0).all()
     assert result.report["rounds"] == 6
 
 

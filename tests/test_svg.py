@@ -38,7 +38,7 @@ def test_size_background_title_and_layers_are_there():
     assert "gauss2svg" in (root.findtext(SVG + "desc") or "")
     layers = root.findall(SVG + "g")
     assert [g.get(INKSCAPE + "groupmode") for g in layers] == ["layer"] * 3
-    assert [len(g) for g in layers] == np.bincount(scene.rounds).tolist()
+    assert [len(g) for g in layers] == np.bincount(scene.round_index).tolist()
     backdrop = root.find(SVG + "rect")
     assert backdrop is not None
     assert re.fullmatch("#[0-9a-f]{3}([0-9a-f]{3})?", backdrop.get("fill", ""))

@@ -21,32 +21,22 @@ inward moves the colour again. Colours as logits, whose gradient vanishes at the
 better (docs/decisions/adam.md).
 """
 
-import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.state import FARTHEST, State
+from gauss2svg.fit.state import COLUMNS, FARTHEST, GEOMETRY, STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
+from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA, PARAMETERS, STEPPED
 
 _Column = NDArray[np.float64]  # (n,), one number for each Gaussian
 
-
-@dataclass(frozen=True)
-class Rates:
-    """Learning rates, in the frame above.
-
-    shift and stretch are shares of the Gaussian's own sigma; opacity is in logits,
-    color in 0..1.
-    """
-
-    shift: float = 0.3
-    stretch: float = 0.15
-    shear: float = 0.15
-    opacity: float = 0.15
-    color: float = 0.045
-    beta: float = 0.05
+# Learning rates by parameter, in the frame above: mean and sigma in shares of the Gaussian's own
+# sigma, opacity in logits, colour in 0..1. One whose rate is 0 stays as it is.
+Rates = Mapping[str, float]
+RATES: Rates = {parameter.name: parameter.rate for parameter in PARAMETERS if parameter.rate}
 
 
 @dataclass(frozen=True)
@@ -56,7 +46,7 @@ class Limits:
     least_sigma   px of the working image, of the minor axis
     most_sigma    px of the working image, of the major axis
     most_aspect   major over minor axis: thinner needles streak across flat areas
-    most_beta     exponent of the falloff; the least is 1, less ends worse
+    most_raw_beta  ln of the exponent of the falloff; the least exponent is 1, less ends worse
                   (docs/decisions/adam.md)
     least_rim     px of the working image in which a rim across the minor axis falls from
                   0.9 to 0.1: renderers sample sharper ones differently
@@ -66,7 +56,7 @@ class Limits:
     least_sigma: float
     most_sigma: float
     most_aspect: float = 30.0
-    most_beta: float = 128.0
+    most_raw_beta: float = MOST_RAW_BETA
     least_rim: float = 0.5
     least_color: float = 0.0
     most_color: float = 1.0
@@ -75,10 +65,6 @@ class Limits:
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
 # Keeps a step finite where the gradient has always been 0; added before the bias correction.
 EPSILON = 1e-12
-# ln beta of a shape that is a Gaussian for now: at exactly 0 it would stay one.
-LEAST_RAW_BETA = 1e-6
-# Logits: opacities from 0.0003 to 0.999994, beyond which an 8-bit image shows no change.
-_LEAST_RAW_OPACITY, _MOST_RAW_OPACITY = -8.0, 12.0
 # Steps of mean and shape are multiplied by beta to this power (docs/decisions/divergence.md).
 _STEP_BY_BETA = -0.35
 # Gaussians that are stepped at a time, so that what is computed for them stays in the cache.
@@ -91,14 +77,17 @@ def gradients(
     beta: NDArray[np.float64],
     price: float = 0.0,
 ) -> NDArray[np.float64]:
-    """(n, PARAMETERS) gradients of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta.
+    """(n, STEPS) gradients of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta, ...
 
-    price is added to the last: what the loss must gain for each unit of ln beta.
+    price is added to that of ln beta: what the loss must gain for each unit of it. The kernels'
+    moments are in this order; what they have no moments of has no gradient.
     """
-    gradient = moments.copy()
+    gradient = np.zeros((len(moments), STEPS))
+    gradient[:, : moments.shape[1]] = moments
     gradient[:, 3] *= 2
-    gradient[:, 5] *= 1 - opacity
-    gradient[:, 9] = price - beta * gradient[:, 9]
+    gradient[:, COLUMNS["opacity"]] *= 1 - opacity[:, None]
+    raw_beta = gradient[:, COLUMNS["beta"]]
+    raw_beta[:] = price - beta[:, None] * raw_beta
     return gradient
 
 
@@ -110,10 +99,8 @@ def step(
     One that would get a parameter that is not finite stays where it is, and its moments are reset.
     rate is a factor of all learning rates.
     """
-    sizes = rate * np.array(
-        [rates.shift] * 2 + [rates.stretch, rates.shear, rates.stretch, rates.opacity]
-        + [rates.color] * 3 + [rates.beta]
-    )  # fmt: skip
+    columns = [*GEOMETRY, *(p.name for p, _ in STEPPED for _ in range(p.width))]
+    sizes = rate * np.array([rates[name] for name in columns])
     finite = True
     with np.errstate(all="ignore"):  # what is not finite is found afterwards
         for begin in range(0, len(state), _BLOCK):
@@ -131,9 +118,8 @@ def _step_block(
 ) -> bool:
     first, second, age = state.first[block], state.second[block], state.age[block]
     d = _directions(first, second, age, gradient, sizes)
-    mean, raw_opacity = state.mean[block], state.raw_opacity[block]
-    color, raw_beta = state.color[block], state.raw_beta[block]
-    blunted = np.exp(_STEP_BY_BETA * raw_beta)
+    mean = state.mean[block]
+    blunted = np.exp(_STEP_BY_BETA * state.raw_beta[block])
     d[:5] = [direction * blunted for direction in d[:5]]
     l11, l21, l22 = state.factor[block].T
     x = mean[:, 0] + l11 * d[0]
@@ -141,7 +127,7 @@ def _step_block(
     l11, l21, l22, minor = _stretched(l11, l21, l22, d[2], d[3], d[4], limits)
     reach = np.abs(x) + np.abs(y) + l11 + np.abs(l21) + l22
     # A sum is finite only if all of its terms are.
-    finite = (reach < FARTHEST) & (l22 > 0) & np.isfinite(d[5] + d[6] + d[7] + d[8] + d[9])
+    finite = (reach < FARTHEST) & (l22 > 0) & np.isfinite(sum(d[6:], d[5]))
     if not np.isfinite(second.sum()):
         finite &= np.isfinite(second).all(axis=1)
 
@@ -151,22 +137,25 @@ def _step_block(
         (state.factor[block, 0], l11),
         (state.factor[block, 1], l21),
         (state.factor[block, 2], l22),
-        (raw_opacity, np.clip(raw_opacity + d[5], _LEAST_RAW_OPACITY, _MOST_RAW_OPACITY)),
     ]
-    for k in range(3):
-        channel = color[:, k]
-        moved.append((channel, np.clip(channel + d[6 + k], limits.least_color, limits.most_color)))
-    if sizes[9] != 0 and raw_beta.any():
-        sharpest = np.log(RIM_WIDTH / limits.least_rim * minor)
-        sharpest = np.clip(sharpest, LEAST_RAW_BETA, math.log(limits.most_beta))
-        stepped = np.clip(raw_beta + d[9], LEAST_RAW_BETA, sharpest)
-        moved.append((raw_beta, np.where(raw_beta != 0, stepped, 0.0)))
+    for parameter, raw in STEPPED:
+        steps = range(*COLUMNS[parameter.name].indices(STEPS))
+        if not sizes[steps[0]]:
+            continue
+        least, most = raw.least, raw.most
+        if parameter.name == "color":
+            least, most = limits.least_color, limits.most_color
+        elif parameter.name == "beta":
+            sharpest = np.log(RIM_WIDTH / limits.least_rim * minor)
+            most = np.clip(sharpest, LEAST_RAW_BETA, limits.most_raw_beta)
+        for values, k in zip(np.atleast_2d(getattr(state, raw.name)[block].T), steps, strict=True):
+            moved.append((values, np.clip(values + d[k], least, most)))
     if finite.all():
-        for parameter, value in moved:
-            parameter[:] = value
+        for values, value in moved:
+            values[:] = value
         return True
-    for parameter, value in moved:
-        np.copyto(parameter, value, where=finite)
+    for values, value in moved:
+        np.copyto(values, value, where=finite)
     first[~finite], second[~finite], age[~finite] = 0, 0, 0
     return False
 

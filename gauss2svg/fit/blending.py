@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from gauss2svg.fit.adam import Rates
+from gauss2svg.fit.adam import RATES, Rates
 from gauss2svg.scene import ADD
 
 # An opaque or additive Gaussian has no opacity: its logit stays at one of practically 1.
@@ -33,16 +33,23 @@ class Blending:
 
 
 # All values from the ablations in docs/decisions/fit.md.
-_OVER = Blending(False, Rates(), 0.0, 1.0, 1.0, 0.3, color_from_residual=False)
+_OVER = Blending(False, RATES, 0.0, 1.0, 1.0, 0.3, color_from_residual=False)
 _ADD = Blending(
-    True, Rates(opacity=0.0, color=0.025), -0.5, 0.5, _OPAQUE_LOGIT, 0.3, color_from_residual=True
-)
+    True, {**RATES, "opacity": 0.0, "color": 0.025}, -0.5, 0.5, _OPAQUE_LOGIT, 0.3,
+    color_from_residual=True,
+)  # fmt: skip
 
 
-def blending(blend: str, opaque: bool = False) -> Blending:
-    """The settings for a blend, one of gauss2svg.scene.BLENDS; with opaque all opacities stay 1."""
+def blending(blend: str, opaque: bool = False, learned_falloff: bool = True) -> Blending:
+    """The settings for a blend, one of gauss2svg.scene.BLENDS.
+
+    opaque           whether all opacities stay 1
+    learned_falloff  whether exponents are stepped; else all stay those of Gaussians
+    """
     found = _ADD if blend == ADD else _OVER
+    if not learned_falloff:
+        found = dataclasses.replace(found, rates={**found.rates, "beta": 0.0})
     if not opaque:
         return found
-    rates = dataclasses.replace(found.rates, opacity=0.0)
+    rates = {**found.rates, "opacity": 0.0}
     return dataclasses.replace(found, rates=rates, initial_opacity_logit=_OPAQUE_LOGIT)

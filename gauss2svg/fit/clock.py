@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from gauss2svg.errors import number_within, whole_number
+from gauss2svg.errors import whole_number
+from gauss2svg.fit.saved import Saved, as_saved, checks, number, optional, whole
 from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, REDUCED_STEPS, REDUCED_TIME
 
 # Where only time is limited, a round of growth takes at most this many steps: the rest of the time
@@ -16,7 +17,7 @@ _MOST_STEPS_A_ROUND = 30
 _MOST_STEPS = 10**9
 
 
-class Clock:
+class Clock(Saved):
     """Progress in 0..1: growth, in at most `rounds` rounds, is 0..GROWTH_SHARE, then refinement.
 
     iterations        of both stages, or None for as many as the time allows
@@ -24,6 +25,15 @@ class Clock:
     round_iterations  of each round of growth; None: growth takes GROWTH_SHARE of the iterations
     stop              polled at every step; once it returns True the fit ends
     """
+
+    SAVED = checks(
+        iteration=whole(0, _MOST_STEPS),
+        _stage_first=whole(0, _MOST_STEPS),
+        _stage_steps=optional(whole(0, _MOST_STEPS)),
+        _from=number(0, 1),
+        _reduced=as_saved,
+        elapsed_s=number(0, 1e9),
+    )
 
     def __init__(
         self,
@@ -51,6 +61,10 @@ class Clock:
     def elapsed_s(self) -> float:
         """Wall-clock seconds since the start of the fit."""
         return time.perf_counter() - self._begun
+
+    @elapsed_s.setter
+    def elapsed_s(self, seconds: float) -> None:
+        self._begun = time.perf_counter() - seconds
 
     @property
     def stopped(self) -> bool:
@@ -124,27 +138,12 @@ class Clock:
         self.out_of_time = seconds > steps
         return min(max(steps, seconds), 1.0)
 
-    def state_dict(self) -> dict[str, Any]:
-        """The clock's state for `load_state_dict`, without the deadline."""
-        return {
-            "iteration": self.iteration,
-            "stage_first": self._stage_first,
-            "stage_steps": self._stage_steps,
-            "from": self._from,
-            "reduced": self._reduced,
-            "elapsed_s": self.elapsed_s,
-        }
-
-    def load_state_dict(self, saved: dict[str, Any]) -> None:
-        """Restore a saved state; raises InputError for values out of range."""
+    def load_state_dict(self, saved: Mapping[str, Any]) -> None:
+        """Restore a saved clock, whose deadline stays this one's."""
+        super().load_state_dict(saved)
         most = _MOST_STEPS if self.iterations is None else self.iterations
-        self.iteration = whole_number("iteration", saved["iteration"], 0, most)
-        self._from = number_within("from", saved["from"], 0, 1)
-        self._reduced = bool(saved["reduced"])
-        self._stage_first = whole_number("stage_first", saved["stage_first"], 0, self.iteration)
-        steps = saved["stage_steps"]
-        self._stage_steps = None if steps is None else whole_number("stage_steps", steps, 0, most)
-        self._begun = time.perf_counter() - number_within("elapsed", saved["elapsed_s"], 0, 1e9)
+        whole_number("iteration", self.iteration, 0, most)
+        whole_number("stage_first", self._stage_first, 0, self.iteration)
 
     def _time_share(self) -> float:
         if self.deadline is None:
@@ -153,11 +152,13 @@ class Clock:
         return self.elapsed_s / whole if whole > 0 else 1.0
 
 
-class Stopwatch:
+class Stopwatch(Saved):
     """Wall-clock and CPU seconds, of all threads, spent inside its with statements so far."""
 
-    def __init__(self, wall_s: float = 0.0, cpu_s: float = 0.0) -> None:
-        self._wall_s, self._cpu_s = wall_s, cpu_s
+    SAVED = checks(wall_s=number(0, 1e12), cpu_s=number(0, 1e12))
+
+    def __init__(self) -> None:
+        self._wall_s = self._cpu_s = 0.0
         self._since: tuple[float, float] | None = None
 
     def __enter__(self) -> None:
@@ -171,7 +172,15 @@ class Stopwatch:
         """Wall-clock seconds."""
         return self._wall_s + (time.perf_counter() - self._since[0] if self._since else 0.0)
 
+    @wall_s.setter
+    def wall_s(self, seconds: float) -> None:
+        self._wall_s = seconds
+
     @property
     def cpu_s(self) -> float:
         """CPU seconds."""
         return self._cpu_s + (time.process_time() - self._since[1] if self._since else 0.0)
+
+    @cpu_s.setter
+    def cpu_s(self, seconds: float) -> None:
+        self._cpu_s = seconds

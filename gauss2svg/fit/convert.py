@@ -33,13 +33,13 @@ def composited(scene: Scene, target: Target, options: FitOptions) -> State:
         visible = target.visible[y, x]
         mean, factor, x, y = mean[visible], factor[visible], x[visible], y[visible]
     count = len(mean)
-    state = State.empty().append(
+    state = State.of(
         mean,
         np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1),
-        target.opacity_logits(mean, blending(OVER).initial_opacity_logit),
-        target.source_color[:, y, x].T.astype(np.float64),
-        np.full(count, FIRST_RAW_BETA if options.learned_falloff else 0.0),
         0,
+        raw_opacity=target.opacity_logits(mean, blending(OVER).initial_opacity_logit),
+        color=target.source_color[:, y, x].T.astype(np.float64),
+        raw_beta=np.full(count, FIRST_RAW_BETA if options.learned_falloff else 0.0),
     )
     rounds = totals("exponential", count, None)[:-1]
     state.round_index = np.searchsorted(rounds, np.arange(count), side="right").astype(np.int32)

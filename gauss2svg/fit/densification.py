@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
+from gauss2svg.fit.saved import Saved, as_saved, checks, optional
 from gauss2svg.fit.schedule import totals
 from gauss2svg.scene import Scene
 
@@ -48,22 +49,27 @@ _SLOPES = 0.5, 8.0  # dB a doubling, the flattest and steepest that are plausibl
 class Snapshot:
     """A fit as its policy sees it: number of Gaussians and progress in 0..1.
 
-    measure() gives the PSNR, scene() the Gaussians on the working canvas.
+    measure() gives the PSNR, scene() the Gaussians on the working canvas. Snapshots are equal if
+    both numbers are.
     """
 
     count: int
     done: float
-    measure: Callable[[], float]
-    scene: Callable[[], Scene]
+    measure: Callable[[], float] = dataclasses.field(compare=False)
+    scene: Callable[[], Scene] = dataclasses.field(compare=False)
 
     @classmethod
-    def of_old(cls, count: int, done: float, psnr: float) -> Snapshot:
+    def restored(cls, name: str, saved: dict[str, Any]) -> Snapshot:
         """The snapshot of an earlier round, whose scene is not kept."""
 
         def scene() -> Scene:
             raise AssertionError("the scene of an earlier round is not kept")
 
-        return cls(count, done, lambda: psnr, scene)
+        return cls(saved["count"], saved["done"], lambda: saved["psnr"], scene)
+
+    def state_dict(self) -> dict[str, Any]:
+        """What `restored` needs, for a checkpoint."""
+        return {"count": self.count, "done": self.done, "psnr": self.psnr}
 
     @cached_property
     def psnr(self) -> float:
@@ -97,12 +103,12 @@ class DensificationPolicy(Protocol):
         """The policy's state for a checkpoint."""
         ...
 
-    def load_state_dict(self, saved: dict[str, Any]) -> None:
+    def load_state_dict(self, saved: Mapping[str, Any]) -> None:
         """Restore a saved state."""
         ...
 
 
-class FixedCount:
+class FixedCount(Saved):
     """A given number of Gaussians, reached by a schedule of gauss2svg.fit.schedule."""
 
     def __init__(
@@ -132,13 +138,6 @@ class FixedCount:
         """Minus infinity: none is pruned."""
         return -math.inf
 
-    def state_dict(self) -> dict[str, Any]:
-        """Empty: this policy has no state."""
-        return {}
-
-    def load_state_dict(self, saved: dict[str, Any]) -> None:
-        """Does nothing."""
-
 
 @dataclass(frozen=True)
 class GrowthLimits:
@@ -167,7 +166,7 @@ def as_given(limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
     return limits
 
 
-class AdaptiveCount:
+class AdaptiveCount(Saved):
     """Doubles the count in each round, until a limit is met or another round would not pay.
 
     If a doubling gains s dB, a kilobyte gains s / (n ln 2 kilobytes) dB at n Gaussians: growth
@@ -180,6 +179,16 @@ class AdaptiveCount:
     revise(limits, now) may replace the limits at every decision; it may be replaced itself.
     first is the count of the first round.
     """
+
+    SAVED = checks(
+        limits=lambda _, saved: GrowthLimits(**saved),
+        _last=optional(Snapshot.restored),
+        _before_leap=optional(Snapshot.restored),
+        stop_reason=as_saved,
+        slope=as_saved,
+        _paying=as_saved,
+        _rise=as_saved,
+    )
 
     def __init__(
         self, limits: GrowthLimits, revise: Revise = as_given, first: int = FIRST_ROUND
@@ -206,7 +215,7 @@ class AdaptiveCount:
             self._learn(now, last)
         wanted = self._wanted(now.count, converged)
         if self.stop_reason == "gain" and wanted < _LEAST_ROUND * now.count:
-            if last is not None and last is self._before_leap:
+            if last is not None and last == self._before_leap:
                 self._paying = last.count
                 return last.count
             leap = self.limits.cap // 4
@@ -224,7 +233,7 @@ class AdaptiveCount:
         doublings = math.log2(now.count / last.count) if last.count else 1.0
         rise, before, self._rise = gain / doublings, self._rise, gain / doublings
         self._paying = self._worth(rise)
-        if last is self._before_leap:
+        if last == self._before_leap:
             pays = gain >= self.least_gain() * added
         else:
             pays = rise > _ACCELERATING * before
@@ -254,31 +263,6 @@ class AdaptiveCount:
     def least_gain(self) -> float:
         """The gain that its bytes must bring."""
         return self.limits.gain * self.limits.kilobytes
-
-    def state_dict(self) -> dict[str, Any]:
-        """The policy's state, with the PSNR of earlier rounds."""
-        earlier = self._last, self._before_leap
-        rounds = [None if s is None else [s.count, s.done, s.psnr] for s in earlier]
-        return {
-            "limits": dataclasses.asdict(self.limits),
-            "stop_reason": self.stop_reason,
-            "slope": self.slope,
-            "paying": self._paying,
-            "rise": self._rise,
-            "rounds": rounds,
-            "leaps": self._last is self._before_leap,
-        }
-
-    def load_state_dict(self, saved: dict[str, Any]) -> None:
-        """Restore a saved state."""
-        self.limits = GrowthLimits(**saved["limits"])
-        self.stop_reason, self.slope = saved["stop_reason"], saved["slope"]
-        self._paying, self._rise = saved["paying"], saved["rise"]
-        self._last, self._before_leap = (
-            None if r is None else Snapshot.of_old(*r) for r in saved["rounds"]
-        )
-        if saved["leaps"]:
-            self._before_leap = self._last
 
     def _wanted(self, count: int, converged: float) -> float:
         """The least count that a limit allows, which becomes the stop_reason."""

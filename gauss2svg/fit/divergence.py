@@ -7,10 +7,8 @@ undo nearly all progress. docs/decisions/divergence.md has the measurements.
 from __future__ import annotations
 
 import math
-from typing import Any
 
-from gauss2svg.errors import number_within, whole_number
-from gauss2svg.fit.blending import Blending
+from gauss2svg.fit.saved import Saved, checks, number, optional, whole
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
 
@@ -34,7 +32,7 @@ _AGAIN, _CEILING_AGAIN = 3, 0.1
 _GENTLE = 0.25  # of the ceiling, where a finished fit continues
 
 
-class DivergenceGuard:
+class DivergenceGuard(Saved):
     """The best state of a fit so far, and how far its learning rate has been lowered.
 
     `reset` belongs to changes of the problem (another size or number of Gaussians, shared colours),
@@ -42,11 +40,24 @@ class DivergenceGuard:
     share of it that is in use, least the loss of the best state.
     """
 
+    SAVED = checks(
+        rate=number(0, 1),
+        _ceiling=number(0, 1),
+        rollbacks=whole(0, 10**9),
+        least=number(-math.inf, math.inf),
+        _recent=number(-math.inf, math.inf),
+        _since=whole(0, 10**9),
+        _accepted=whole(0, 10**9),
+        _state=optional(State.restored),
+        _shared=optional(SharedColors.restored),
+    )
+
     def __init__(self, learning_rate: float = 1.0) -> None:
         self._usual = min(1 / learning_rate, 1.0)
         self.rate = self._ceiling = 1.0
         self.rollbacks = 0
-        self._best: tuple[State, SharedColors | None] | None = None
+        self._state: State | None = None  # the best one, and its shared colours
+        self._shared: SharedColors | None = None
         self.least = self._recent = math.inf
         self._since = 0  # steps since the best state
         self._accepted = 0  # steps since the last rollback
@@ -54,7 +65,8 @@ class DivergenceGuard:
     def reset(self) -> None:
         """Forget the best state, for later losses are not comparable; steps may grow again."""
         self._ceiling = max(self._ceiling, min(self._ceiling / _CEILING, self._usual))
-        self._best, self.least, self._recent, self._since = None, math.inf, math.inf, 0
+        self._state = self._shared = None
+        self.least, self._recent, self._since = math.inf, math.inf, 0
 
     def begin_gently(self) -> None:
         """Continue with small steps that grow: full ones undo a drawing that is nearly exact."""
@@ -77,7 +89,7 @@ class DivergenceGuard:
         self.rate = min(self.rate * _GROWTH, self._ceiling)
         if loss < self.least:
             self.least, self._since = loss, 0
-            self._best = state.copy(), None if shared is None else shared.copy()
+            self._state, self._shared = state.copy(), None if shared is None else shared.copy()
         return True
 
     def ends_worse(self, loss: float, tolerant: bool) -> bool:
@@ -105,39 +117,6 @@ class DivergenceGuard:
 
     def best(self) -> tuple[State, SharedColors | None] | None:
         """A copy of the best state and its shared colours."""
-        if self._best is None:
+        if self._state is None:
             return None
-        state, shared = self._best
-        return state.copy(), None if shared is None else shared.copy()
-
-    def state_dict(self) -> dict[str, Any]:
-        """The guard's state for a checkpoint."""
-        state, shared = self._best or (None, None)
-        return {
-            "rate": self.rate,
-            "ceiling": self._ceiling,
-            "rollbacks": self.rollbacks,
-            "least": self.least,
-            "recent": self._recent,
-            "since": self._since,
-            "accepted": self._accepted,
-            "state": None if state is None else state.state_dict(),
-            "shared": None if shared is None else shared.state_dict(),
-        }
-
-    def load_state_dict(self, saved: dict[str, Any], blending: Blending) -> None:
-        """Restore a saved state; raises InputError for values out of range."""
-        self.rate = number_within("rate", saved["rate"], 0, 1)
-        self.rollbacks = whole_number("rollbacks", saved["rollbacks"], 0, 10**9)
-        self._ceiling = number_within("ceiling", saved["ceiling"], 0, 1)
-        self.least = number_within("least", saved["least"], -math.inf, math.inf)
-        self._recent = number_within("recent", saved["recent"], -math.inf, math.inf)
-        self._since = whole_number("since", saved["since"], 0, 10**9)
-        self._accepted = whole_number("accepted", saved["accepted"], 0, 10**9)
-        self._best = None
-        if saved["state"] is not None:
-            shared = saved["shared"]
-            self._best = (
-                State.from_state_dict(saved["state"]),
-                None if shared is None else SharedColors.from_state_dict(shared, blending),
-            )
+        return self._state.copy(), None if self._shared is None else self._shared.copy()

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.convert import composited
 from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
+from gauss2svg.fit.saved import Saved, checks, whole
 from gauss2svg.fit.schedule import LARGEST_REDUCTION, reduction, refinement_reduction
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid
@@ -27,13 +29,19 @@ LEAST_OPACITY = 0.02
 _RELOCATION_SHARE = 0.08
 
 
-class Population:
+class Population(Saved):
     """The Gaussians of a fit, in px of the current target, and how their number changes.
 
     pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
     segment_at  finds the segments by which each round's shapes are ordered, or None
     targets     the pixels as targets, where there are some already
     """
+
+    SAVED = checks(
+        state=State.restored,
+        round_index=whole(0, 2**31 - 1),
+        reduction=whole(1, LARGEST_REDUCTION),
+    )
 
     def __init__(
         self,
@@ -43,7 +51,7 @@ class Population:
         targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
-        self.blending = blending(config.fit.blend, config.opaque)
+        self.blending = blending(config.fit.blend, config.opaque, config.fit.learned_falloff)
         self.state = State.empty()
         self.round_index = 0
         # Rounded to 8 bits as in the file, so that the fit makes up for it.
@@ -192,9 +200,11 @@ class Population:
         color = new.color
         if self.blending.additive:
             color = color / self._overlap(new)[:, None]
-        self.state = self.state.append(
-            new.mean, new.factor, opacity, color, raw_beta, self.round_index
-        )
+        added = State.of(
+            new.mean, new.factor, self.round_index,
+            raw_opacity=opacity, color=color, raw_beta=raw_beta,
+        )  # fmt: skip
+        self.state = self.state.append(added)
         if self._order is not None:  # from the start, so that the fit makes up for it
             self.state = self._order.grouped_by_segment(
                 self.state, self.target.width, self.target.height
@@ -206,10 +216,7 @@ class Population:
         New additive Gaussians that overlap share the residual: if each added all of it they would
         overshoot, which attracts more of them, and the fit would diverge.
         """
-        alone = State.empty().append(
-            new.mean, new.factor, np.zeros(len(new.mean)), np.ones((len(new.mean), 3)),
-            np.zeros(len(new.mean)), 0,
-        )  # fmt: skip
+        alone = State.of(new.mean, new.factor, 0, color=np.ones((len(new.mean), 3)))
         target = self.target
         total = target.rendered(alone.splats(np.zeros(3), ADD))[0]
         x, y = np.clip(new.mean.astype(np.intp), 0, [target.width - 1, target.height - 1]).T
@@ -217,20 +224,13 @@ class Population:
 
     def state_dict(self) -> dict[str, Any]:
         """The exact state for a checkpoint."""
-        return {
-            "state": self.state.state_dict(),
-            "round_index": self.round_index,
-            "reduction": self.reduction,
-            "rng": self.rng.bit_generator.state,
-            "home": None if self._order is None else self._order.home,
-        }
+        home = None if self._order is None else self._order.home
+        return {**super().state_dict(), "rng": self.rng.bit_generator.state, "home": home}
 
-    def load_state_dict(self, saved: dict[str, Any]) -> None:
+    def load_state_dict(self, saved: Mapping[str, Any]) -> None:
         """Restore a saved state; raises InputError for values out of range."""
-        self.reduction = whole_number("reduction", saved["reduction"], 1, LARGEST_REDUCTION)
+        super().load_state_dict(saved)
         self.target = self._pyramid.reduced(self.reduction)
-        self.state = State.from_state_dict(saved["state"])
-        self.round_index = whole_number("round_index", saved["round_index"], 0, 2**31 - 1)
         self.rng.bit_generator.state = saved["rng"]
         if self._order is not None:
             home = saved["home"]

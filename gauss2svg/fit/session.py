@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, number_within
 from gauss2svg.fit import adam, schedule
+from gauss2svg.fit.adam import Rates
 from gauss2svg.fit.choices import DEFAULT_LOSS
 from gauss2svg.fit.clock import Clock, Stopwatch
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
@@ -21,12 +21,14 @@ from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population
+from gauss2svg.fit.saved import Saved, as_saved, checks, optional, part
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.stage import FINISHED, GROWING, REFINING, Stage
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import LossAndGradient, TargetPyramid
 from gauss2svg.render.cpu import Splats
-from gauss2svg.scene import Scene
+from gauss2svg.scene import SOFT, Scene
+from gauss2svg.scene.parameters import LEAST_RAW_BETA, PARAMETERS
 
 AsWritten = Callable[[Scene, float], Scene]
 
@@ -47,7 +49,11 @@ _RESUME_AT = 0.6
 _STEPS_AVERAGED = 5  # in the PSNR that a policy sees during refinement
 
 
-class FitSession:
+def _last_errors(name: str, saved: list[Any]) -> deque[float]:
+    return deque((number_within(name, e, 0, math.inf) for e in saved), _STEPS_AVERAGED)
+
+
+class FitSession(Saved):
     """One fit, which can be saved and continued between any two steps.
 
     pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
@@ -60,6 +66,18 @@ class FitSession:
     stop        polled before every step; True ends the fit with its present state
     targets     the pixels as targets of the same tune, where there are some already
     """
+
+    SAVED = checks(
+        population=part,
+        guard=part,
+        clock=part,
+        policy=part,
+        _stage=part,
+        _errors=_last_errors,
+        _shared=optional(SharedColors.restored),
+        pixel_pairs=as_saved,
+        _stopwatch=part,
+    )
 
     def __init__(
         self,
@@ -84,7 +102,7 @@ class FitSession:
         self._as_written = as_written
         self._stage = Stage()
         self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
-        self._rates = self.population.blending.rates
+        self._rates: Rates = self.population.blending.rates
         self._shared: SharedColors | None = None
         self._stopwatch = Stopwatch()
 
@@ -120,8 +138,9 @@ class FitSession:
         """Change the number of Gaussians of a finished fit, and refine them again."""
         with self._stopwatch:
             self.population.densify_or_prune(count)
-            if self.config.fit.learned_falloff:
-                self.state.raw_beta = np.maximum(self.state.raw_beta, adam.LEAST_RAW_BETA)
+            if self.config.fit.learned_falloff:  # exponents are no longer those of a file
+                self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
+                self.state.drawn[:] = SOFT
             self._begin_refining(iterations, _RESUME_AT, adjusting=False)
             self.guard.begin_gently()
             self._refine()
@@ -145,43 +164,17 @@ class FitSession:
             rate=self.config.fit.learning_rate * self.guard.rate,
         )
 
-    def state_dict(self) -> dict[str, Any]:
-        """The exact state between two steps, for a checkpoint.
-
-        Consists of numbers, text, None, arrays, and lists and dictionaries of these.
-        """
-        return {
-            "population": self.population.state_dict(),
-            "guard": self.guard.state_dict(),
-            "clock": self.clock.state_dict(),
-            "policy": self.policy.state_dict(),
-            "stage": dataclasses.asdict(self._stage),
-            "errors": list(self._errors),
-            "shared": None if self._shared is None else self._shared.state_dict(),
-            "pixel_pairs": self.pixel_pairs,
-            "wall_s": self._stopwatch.wall_s,
-            "cpu_s": self._stopwatch.cpu_s,
-        }
-
-    def load_state_dict(self, saved: dict[str, Any]) -> None:
+    def load_state_dict(self, saved: Mapping[str, Any]) -> None:
         """Restore a saved state of the same image, options and policy, which `fit` continues.
 
         Raises InputError, or what plain Python raises, for a damaged state.
         """
-        self.population.load_state_dict(saved["population"])
-        self.guard.load_state_dict(saved["guard"], self.population.blending)
-        self.clock.load_state_dict(saved["clock"])
-        self.policy.load_state_dict(saved["policy"])
-        self._stage = Stage.from_state_dict(saved["stage"])
-        self._errors.extend(number_within("error", e, 0, math.inf) for e in saved["errors"])
-        if saved["shared"] is not None:
-            self._share_colors()
-            self._shared = SharedColors.from_state_dict(saved["shared"], self.population.blending)
+        super().load_state_dict(saved)
+        if self._shared is not None:
+            self._rates = self._shared_rates()
             if len(self._shared.entry) != len(self.state):
                 got = len(self._shared.entry)
                 raise InputError(must_be("colours of a checkpoint", f"{len(self.state)}", got))
-        self.pixel_pairs = saved["pixel_pairs"]
-        self._stopwatch = Stopwatch(saved["wall_s"], saved["cpu_s"])
 
     def _grow(self) -> None:
         """Rounds of new Gaussians, then the full-size target."""
@@ -310,12 +303,13 @@ class FitSession:
             with self.clock.paused():
                 scene = self._as_written(self.scene(), self._recent_psnr())
             population.state = self.state.quantized(scene)
-            self._share_colors()
+            self._rates = self._shared_rates()
+            self._shared = SharedColors.of(self.state, population.blending)
         self.guard.reset()
 
-    def _share_colors(self) -> None:
-        self._rates = dataclasses.replace(self._rates, beta=0.0, color=0.0)
-        self._shared = SharedColors(self.state, self.population.blending)
+    def _shared_rates(self) -> Rates:
+        """The rates where what shapes share is no longer stepped shape by shape."""
+        return {**self._rates, **dict.fromkeys((p.name for p in PARAMETERS if p.shared), 0.0)}
 
     def _snapshot(self, done: float, psnr: Callable[[], float]) -> Snapshot:
         return Snapshot(len(self.state), done, psnr, self.scene)

@@ -6,96 +6,104 @@ win back part of what a palette costs: docs/decisions/adam.md.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.errors import whole_number
 from gauss2svg.fit.adam import FIRST_DECAY, SECOND_DECAY
-from gauss2svg.fit.blending import Blending
+from gauss2svg.fit.blending import Blending, blending
+from gauss2svg.fit.saved import damaged, rows
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats
+from gauss2svg.scene import OVER
 from gauss2svg.scene.nearest import nearest_entry
+from gauss2svg.scene.parameters import STEPPED
 
 # Adam's learning rate; fits from 0.002 to 0.015 end within 0.01 dB.
 _RATE = 0.006
-_APART = 100.0  # distance of a unit of ln beta, beside colours in 0..1: exponents never change
+# Distance of a unit of ln beta, beside colours in 0..1: what is held never changes.
+_APART = 100.0
 _LEAST_MASS = 1e-3  # px; shapes that contribute less keep their colour
 
 
+@dataclass
 class SharedColors:
-    """The distinct pairs of a colour and an exponent in a state, and which one each shape has."""
+    """The distinct pairs of a colour and an exponent in a state, and which one each shape has.
 
-    def __init__(self, state: State, blending: Blending) -> None:
-        self._blending = blending
-        keys = np.column_stack([state.color, state.raw_beta])
+    More exactly the distinct values of all that shapes share by a gradient (Parameter.shared).
+
+    color  (k, 3), with Adam's moments first and second (k, 3)
+    held   (k, m) raw values of the other shared parameters, which never change
+    entry  (n,) index of each shape's
+    age    steps taken
+    least_color, most_color  of each channel
+    """
+
+    color: NDArray[np.float64]
+    held: NDArray[np.float64]
+    first: NDArray[np.float64]
+    second: NDArray[np.float64]
+    entry: NDArray[np.intp]
+    age: int
+    least_color: float
+    most_color: float
+
+    @classmethod
+    def of(cls, state: State, blending: Blending) -> SharedColors:
+        """Those of a state."""
+        keys = np.column_stack([state.color, _held(state)])
         shared, entry = np.unique(keys, axis=0, return_inverse=True)
-        self._color, self._raw_beta = shared[:, :3].copy(), shared[:, 3]
-        self.entry: NDArray[np.intp] = entry.reshape(-1)
-        self._first, self._second = np.zeros_like(self._color), np.zeros_like(self._color)
-        self._age = 0
+        color = shared[:, :3].copy()
+        return cls(
+            color, shared[:, 3:].copy(), np.zeros_like(color), np.zeros_like(color),
+            entry.reshape(-1), 0, blending.least_color, blending.most_color,
+        )  # fmt: skip
 
     def copy(self) -> SharedColors:
         """A copy that shares no array with this one."""
-        return SharedColors.from_state_dict(
-            {name: np.copy(value) for name, value in self.state_dict().items()}, self._blending
-        )
-
-    def state_dict(self) -> dict[str, Any]:
-        """What `from_state_dict` needs, for a checkpoint."""
-        return {
-            "color": self._color,
-            "raw_beta": self._raw_beta,
-            "entry": self.entry,
-            "first": self._first,
-            "second": self._second,
-            "age": self._age,
-        }
+        return copy.deepcopy(self)
 
     @classmethod
-    def from_state_dict(cls, arrays: dict[str, Any], blending: Blending) -> SharedColors:
-        """Those whose state_dict() this is; raises InputError for arrays that cannot be theirs."""
-        count = len(arrays["raw_beta"])
-        for name in ("color", "raw_beta", "first", "second"):
-            shape = (count,) if name == "raw_beta" else (count, 3)
-            array = arrays[name]
-            if array.shape != shape or not np.isfinite(array).all():
-                raise _damaged(name, f"finite {shape}", f"an array {array.shape}")
-        entry = arrays["entry"]
+    def restored(cls, name: str, saved: dict[str, Any]) -> SharedColors:
+        """Those with the values of a checkpoint; raises InputError for values that none have."""
+        usual = vars(cls.of(State.empty(), blending(OVER)))
+        whose = "the checkpoint's shared colours"
+        rows(whose, saved, {key: usual[key] for key in ("color", "held", "first", "second")})
+        entry, count = saved["entry"], len(saved["color"])
         is_index = entry.dtype == np.intp and entry.ndim == 1
         if not is_index or (entry < 0).any() or (entry >= count).any():
-            raise _damaged("entry", f"indices under {count}", f"{entry.dtype} {entry.shape}")
-        whole_number("age", arrays["age"], 0, 10**9)
-        shared = cls(State.empty(), blending)
-        shared._color, shared._raw_beta = arrays["color"], arrays["raw_beta"]
-        shared.entry, shared._age = arrays["entry"], int(arrays["age"])
-        shared._first, shared._second = arrays["first"], arrays["second"]
-        return shared
+            got = f"{entry.dtype} {entry.shape}"
+            raise damaged(f"entry of {whose}", f"indices under {count}", got)
+        whole_number("age", saved["age"], 0, 10**9)
+        return cls(**saved)
 
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
-        """One Adam step by the gradient (n, PARAMETERS), summed over each colour's shapes.
+        """One Adam step by the gradient (n, STEPS), summed over each colour's shapes.
 
         rate is a factor of the learning rate; the new colours are written to state.color.
         """
         columns = gradient[:, COLOR].T
-        count = len(self._color)
+        count = len(self.color)
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
-        self._age += 1
-        self._first += (1 - FIRST_DECAY) * (summed - self._first)
-        self._second += (1 - SECOND_DECAY) * (summed * summed - self._second)
-        first = self._first / (1 - FIRST_DECAY**self._age)
-        second = self._second / (1 - SECOND_DECAY**self._age)
-        moved = self._color - _RATE * rate * first / (np.sqrt(second) + 1e-12)
-        self._color = np.clip(moved, self._blending.least_color, self._blending.most_color)
+        self.age += 1
+        self.first += (1 - FIRST_DECAY) * (summed - self.first)
+        self.second += (1 - SECOND_DECAY) * (summed * summed - self.second)
+        first = self.first / (1 - FIRST_DECAY**self.age)
+        second = self.second / (1 - SECOND_DECAY**self.age)
+        moved = self.color - _RATE * rate * first / (np.sqrt(second) + 1e-12)
+        self.color = np.clip(moved, self.least_color, self.most_color)
         self.assign(state, self.entry)
 
     def assign(self, state: State, entry: NDArray[np.intp]) -> None:
         """Give every shape of the state the shared colour of its entry (n,)."""
         self.entry = entry
-        state.color = self._color[entry]
+        state.color = self.color[entry]
 
     def exchange(
         self,
@@ -129,12 +137,13 @@ class SharedColors:
         """
         divisor = np.maximum(mass, _LEAST_MASS)[:, None]
         best = np.where(mass[:, None] > _LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
-        entries = np.column_stack([self._color, _APART * self._raw_beta])
-        targets = np.column_stack([state.color - best, _APART * state.raw_beta])
+        entries = np.column_stack([self.color, _APART * self.held])
+        targets = np.column_stack([state.color - best, _APART * _held(state)])
         distance, entry = nearest_entry(entries, targets)
         return np.where(distance < _APART * 0.1, entry, self.entry)
 
 
-def _damaged(name: str, needed: str, got: str) -> InputError:
-    name = f"{name} of the checkpoint's shared colours"
-    return InputError(must_be(name, needed, shown(got), "starting the fit again"))
+def _held(state: State) -> NDArray[np.float64]:
+    """(n, m) raw values of the shared parameters besides the colour."""
+    raw = [raw.name for parameter, raw in STEPPED if parameter.shared and raw.name != "color"]
+    return np.column_stack([getattr(state, name) for name in raw])

@@ -5,15 +5,21 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from gauss2svg.errors import InputError, must_be, whole_number
+from gauss2svg.errors import InputError, must_be
+from gauss2svg.fit.saved import Saved, as_saved, checks, whole
 
 GROWING, REFINING, FINISHED = "growing", "refining", "finished"
 
-_ADVICE = "a fit without --resume"
+
+def _known_name(name: str, value: Any) -> str:
+    if value not in (names := (GROWING, REFINING, FINISHED)):
+        needed = f"one of {', '.join(names)}"
+        raise InputError(must_be("stage of a checkpoint", needed, value, "a fit without --resume"))
+    return value
 
 
 @dataclass
-class Stage:
+class Stage(Saved):
     """The stage of a fit, and what is still to be done in it.
 
     name                    GROWING, REFINING or FINISHED
@@ -22,6 +28,16 @@ class Stage:
     pruned, quantized       whether that is done
     """
 
+    SAVED = checks(
+        name=_known_name,
+        index=whole(0, 10**6),
+        begun=as_saved,
+        adjust_at=as_saved,
+        exchange_at=as_saved,
+        pruned=as_saved,
+        quantized=as_saved,
+    )
+
     name: str = GROWING
     index: int = 0
     begun: bool = False
@@ -29,14 +45,3 @@ class Stage:
     exchange_at: list[float] = field(default_factory=list)
     pruned: bool = False
     quantized: bool = False
-
-    @classmethod
-    def from_state_dict(cls, saved: dict[str, Any]) -> Stage:
-        """The saved stage; raises InputError for an unknown name."""
-        stage = cls(**saved)
-        names = (GROWING, REFINING, FINISHED)
-        if stage.name not in names:
-            needed = f"one of {', '.join(names)}"
-            raise InputError(must_be("stage of a checkpoint", needed, stage.name, _ADVICE))
-        whole_number("index", stage.index, 0, 10**6)
-        return stage

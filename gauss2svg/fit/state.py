@@ -9,14 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.render.cpu import Splats
-from gauss2svg.scene import ADD, OVER, RHO_LIMIT, Scene
-from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.fit.saved import damaged, rows
+from gauss2svg.render.cpu import Splats, splats_from
+from gauss2svg.scene import ADD, OVER, RHO_LIMIT, SOFT, Scene
+from gauss2svg.scene.parameters import STEPPED, logistic
 
 FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
-PARAMETERS = 10  # shift along the two whitened axes, three of shape, opacity, r, g, b, ln beta
-COLOR, COLOR_AND_BETA = slice(6, 9), slice(6, 10)
+# Columns of gradients and moments: shift along the two whitened axes and three of shape, which step
+# mean, sigma and rho, then those of each parameter that is stepped number by number.
+GEOMETRY = ("mean", "mean", "sigma", "rho", "sigma")
+_ENDS = np.cumsum([len(GEOMETRY), *(p.width for p, _ in STEPPED)]).tolist()
+COLUMNS = {
+    p.name: slice(end - p.width, end) for (p, _), end in zip(STEPPED, _ENDS[1:], strict=True)
+}
+STEPS = _ENDS[-1]
+COLOR = COLUMNS["color"]
 
 
 @dataclass
@@ -27,9 +34,10 @@ class State:
     factor       (n, 3) entries l11, l21, l22 of the covariance's Cholesky factor, px
     raw_opacity  (n,) logit of the opacity
     color        (n, 3) sRGB, signed with additive blending
-    raw_beta     (n,) ln of the falloff's exponent; at exactly 0 it is fixed: a Gaussian
+    raw_beta     (n,) ln of the falloff's exponent
     round_index  (n,) int32
-    first, second (n, PARAMETERS) Adam's moments; age (n,) steps taken
+    drawn        (n,) int8, how the file draws each, once exponents are those of the file
+    first, second (n, STEPS) Adam's moments; age (n,) steps taken
     """
 
     mean: NDArray[np.float64]
@@ -38,6 +46,7 @@ class State:
     color: NDArray[np.float64]
     raw_beta: NDArray[np.float64]
     round_index: NDArray[np.int32]
+    drawn: NDArray[np.int8]
     first: NDArray[np.float64]
     second: NDArray[np.float64]
     age: NDArray[np.float64]
@@ -45,17 +54,34 @@ class State:
     @classmethod
     def empty(cls) -> State:
         """A state without Gaussians."""
-        wide = np.zeros((0, PARAMETERS))
+        return cls.of(np.zeros((0, 2)), np.zeros((0, 3)), 0)
+
+    @classmethod
+    def of(
+        cls,
+        mean: NDArray[np.float64],
+        factor: NDArray[np.float64],
+        round_index: int,
+        **raw: NDArray[np.float64],
+    ) -> State:
+        """New Gaussians of one round, whose moments are 0.
+
+        raw has raw arrays by name; the others are as gauss2svg.scene.parameters has them at first.
+        """
+        count = len(mean)
+        for parameter, held in STEPPED:
+            raw.setdefault(held.name, np.full(parameter.shape(count), held.first))
+        wide = np.zeros((count, STEPS))
+        # In the layout that the kernels are compiled for.
         return cls(
-            mean=np.zeros((0, 2)),
-            factor=np.zeros((0, 3)),
-            raw_opacity=np.zeros(0),
-            color=np.zeros((0, 3)),
-            raw_beta=np.zeros(0),
-            round_index=np.zeros(0, np.int32),
+            mean=np.array(mean, order="C"),
+            factor=np.array(factor, order="C"),
+            **raw,
+            round_index=np.full(count, round_index, np.int32),
+            drawn=np.full(count, SOFT, np.int8),
             first=wide,
             second=wide.copy(),
-            age=np.zeros(0),
+            age=np.zeros(count),
         )
 
     def __len__(self) -> int:
@@ -63,71 +89,49 @@ class State:
 
     def copy(self) -> State:
         """A copy that shares no array with this one."""
-        return State(**{name: array.copy() for name, array in self.state_dict().items()})
-
-    def state_dict(self) -> dict[str, Any]:
-        """The arrays by name, for a checkpoint."""
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return State(**{name: array.copy() for name, array in vars(self).items()})
 
     @classmethod
-    def from_state_dict(cls, arrays: dict[str, Any]) -> State:
-        """The state whose state_dict() this is; raises InputError for arrays that none has."""
-        count = len(np.atleast_1d(arrays.get("mean", [])))
-        for name, usual in cls.empty().state_dict().items():
-            array = arrays.get(name)
-            shape = (count, *usual.shape[1:])
-            if not isinstance(array, np.ndarray):
-                raise _damaged(name, f"an array {shape}", type(array).__name__)
-            if array.shape != shape or array.dtype != usual.dtype:
-                raise _damaged(name, f"{usual.dtype} {shape}", f"{array.dtype} {array.shape}")
-            if not np.isfinite(array).all():
-                raise _damaged(name, "finite", "infinite or undefined numbers")
-        for name in ("second", "age"):
-            if (arrays[name] < 0).any():
-                raise _damaged(name, "at least 0", f"{arrays[name].min():g}")
-        for name in ("mean", "factor"):
-            most = np.abs(arrays[name]).max(initial=0)
+    def restored(cls, name: str, arrays: dict[str, Any]) -> State:
+        """The state with the arrays of a checkpoint; raises InputError if no state has them."""
+        rows("the checkpoint's shapes", arrays, vars(cls.empty()))
+        for key in ("second", "age"):
+            if (arrays[key] < 0).any():
+                raise damaged(f"the checkpoint's {key}", "at least 0", f"{arrays[key].min():g}")
+        for key in ("mean", "factor"):
+            most = np.abs(arrays[key]).max(initial=0)
             if most > FARTHEST:
-                raise _damaged(name, f"at most {FARTHEST:g}", f"{most:g}")
+                raise damaged(f"the checkpoint's {key}", f"at most {FARTHEST:g}", f"{most:g}")
         if not (arrays["factor"][:, [0, 2]] > 0).all():
-            raise _damaged("factor", "above 0 on the diagonal", "shapes without extent")
+            needed = "above 0 on the diagonal"
+            raise damaged("the checkpoint's factor", needed, "shapes without extent")
         return cls(**arrays)
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
         """The Gaussians that a mask or an index selects; rounds must not decrease."""
-        return State(*(getattr(self, f.name)[index] for f in dataclasses.fields(self)))
+        return State(**{name: array[index] for name, array in vars(self).items()})
 
-    def append(
-        self,
-        mean: NDArray[np.float64],
-        factor: NDArray[np.float64],
-        raw_opacity: NDArray[np.float64],
-        color: NDArray[np.float64],
-        raw_beta: NDArray[np.float64],
-        round_index: int,
-    ) -> State:
-        """The state with new Gaussians on top, whose moments are 0."""
-        count = len(mean)
-        wide = np.zeros((count, PARAMETERS))
-        rounds = np.full(count, round_index, np.int32)
-        new = State(
-            mean, factor, raw_opacity, color, raw_beta, rounds, wide, wide, np.zeros(count)
-        )  # fmt: skip
-        pairs = ((getattr(self, f.name), getattr(new, f.name)) for f in dataclasses.fields(self))
-        return State(*(np.concatenate(pair) for pair in pairs))
+    def append(self, new: State) -> State:
+        """The state with new Gaussians on top."""
+        on_top = vars(new)
+        return State(**{n: np.concatenate([a, on_top[n]]) for n, a in vars(self).items()})
 
     def quantized(self, scene: Scene) -> State:
-        """With a scene's shapes, exponents and colours; resets Adam's moments of the last two."""
+        """With a scene's shapes and what files share; resets Adam's moments of the latter."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         first, second = self.first.copy(), self.second.copy()
-        first[:, COLOR_AND_BETA], second[:, COLOR_AND_BETA] = 0.0, 0.0
+        shared = {}
+        for parameter, raw in STEPPED:
+            if parameter.shared:
+                first[:, COLUMNS[parameter.name]] = second[:, COLUMNS[parameter.name]] = 0.0
+                shared[raw.name] = raw.inverse(getattr(scene, parameter.name).copy())
         return dataclasses.replace(
             self,
             factor=np.stack([l11, l21, l22], axis=1),
-            raw_beta=np.log(scene.betas),
-            color=scene.color.copy(),
+            drawn=scene.drawn.copy(),
             first=first,
             second=second,
+            **shared,
         )
 
     def scaled(self, scale_x: float, scale_y: float) -> State:
@@ -141,45 +145,39 @@ class State:
     def splats(self, background: NDArray[np.float64], blend: str = OVER) -> Splats:
         """The activated Gaussians, as the kernels read them."""
         sigma, rho, whitening = _activate(self.factor)
-        beta = np.exp(self.raw_beta)
-        radius = cut_radius(beta)
-        opacity = 1 / (1 + np.exp(-self.raw_opacity))
-        return Splats(
+        return splats_from(
             self.mean,
             sigma,
             rho,
-            radius,
-            np.column_stack([self.mean, whitening, beta, radius * radius]),
-            np.column_stack([opacity, self.color]),
-            background,
-            blend == ADD,
+            whitening,
+            color=self.color,
+            opacity=logistic(self.raw_opacity),
+            beta=np.exp(self.raw_beta),
+            background=background,
+            additive=blend == ADD,
         )
 
     def scene(
         self, background: NDArray[np.float64], width: float, height: float, blend: str = OVER
     ) -> Scene:
         """The activated Gaussians as a scene."""
-        splats = self.splats(background)
-        over = blend == OVER
+        sigma, rho, _ = _activate(self.factor)
+        activated: dict[str, Any] = {
+            p.name: np.clip(raw.activated(getattr(self, raw.name)), *p.domain(blend))
+            for p, raw in STEPPED
+        }
         return Scene(
             width,
             height,
             mean=self.mean,
-            sigma=splats.sigma,
-            rho=splats.rho,
-            color=np.clip(self.color, 0, 1) if over else self.color,
-            opacity=splats.opacity if over else np.ones(len(self)),
+            sigma=sigma,
+            rho=rho,
             background=background,
             round_index=self.round_index,
             blend=blend,
-            beta=splats.beta,
+            drawn=self.drawn,
+            **activated,
         )
-
-
-def _damaged(name: str, needed: str, got: str) -> InputError:
-    return InputError(
-        must_be(f"the checkpoint's {name}", needed, shown(got), "starting the fit again")
-    )
 
 
 def _activate(

@@ -21,7 +21,7 @@ def drawn_pixels(scene: Scene) -> float:
 
     Of an ellipse counts the share that is on the canvas of its bounding box.
     """
-    half = cut_radius(scene.betas)[:, None] * scene.sigma
+    half = cut_radius(scene.beta)[:, None] * scene.sigma
     size = np.array([scene.width, scene.height])
     low, high = np.clip(scene.mean - half, 0, size), np.clip(scene.mean + half, 0, size)
     return float(np.pi / 4 * (narrowing_of(scene.rho) * np.prod(high - low, axis=1)).sum())

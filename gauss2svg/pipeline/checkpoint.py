@@ -27,7 +27,7 @@ from gauss2svg.version import __version__
 
 ADDITIVE, FIT = "additive", "fit"  # the two fits of a run
 _MOST_BYTES = 2_000_000_000  # some four million Gaussians
-_FORMAT = 2
+_FORMAT = 3
 _ARRAY = "array:"
 # Options that do not change the result, except by arrays whose sizes and hash the identity has.
 _NOT_OF_IDENTITY = NOT_OF_PICTURE | {"segments"}

@@ -48,12 +48,12 @@ def quantize(
     count = max(1, math.ceil(palette * (1 - blurred.mean()))) if palette else len(scene)
     mass, pixels = visible_mass(exact, weight)
     found = best_palette(
-        exact.color[shaded], exact.betas[shaded], mass[shaded], count, color_error * 3 * pixels
+        exact.color[shaded], exact.beta[shaded], mass[shaded], count, color_error * 3 * pixels
     )
-    beta, color = scene.betas.copy(), scene.color.copy()
+    beta, color = scene.beta.copy(), scene.color.copy()
     color[shaded] = found.color[found.entry] / 255
     beta[shaded] = found.beta[found.entry]
-    return with_exponents(exact, beta).replace(color=color)
+    return with_exponents(exact, beta).replace(color=color, drawn=scene.drawn)
 
 
 def _quantize_additive(

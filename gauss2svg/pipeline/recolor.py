@@ -81,7 +81,7 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
     from scipy.sparse import csr_array  # a third of a second, for small files alone
 
     scene = _antialiased(scene)
-    reach = scene.sigma * cut_radius(scene.betas)[:, None]
+    reach = scene.sigma * cut_radius(scene.beta)[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
     high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
     left, whitening = np.ones((height, width)), scene.whitening
@@ -92,7 +92,7 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
         u = np.arange(x0, x1) + 0.5 - scene.mean[k, 0]
         v = np.arange(y0, y1)[:, None] + 0.5 - scene.mean[k, 1]
         w11, w21, w22 = whitening[k]
-        alpha = scene.opacity[k] * profile(np.hypot(w11 * u, w21 * u + w22 * v), scene.betas[k])
+        alpha = scene.opacity[k] * profile(np.hypot(w11 * u, w21 * u + w22 * v), scene.beta[k])
         box = left[y0:y1, x0:x1]
         weight = alpha * box
         shows = weight > _LEAST_WEIGHT
@@ -109,8 +109,8 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
 
 def _antialiased(scene: Scene) -> Scene:
     """The scene with plain ellipses as their pixels' coverage has them, on a canvas in px."""
-    plain = ~np.isin(scene.betas, BETA_CLASSES)
-    beta = scene.betas.copy()
+    plain = ~np.isin(scene.beta, BETA_CLASSES)
+    beta = scene.beta.copy()
     beta[plain] = drawn_beta(scene, plain)
     return with_exponents(scene, beta)
 

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar
+from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar, splats_from
 from gauss2svg.render.domain import check_domain
 from gauss2svg.render.torch_extra import TorchMissingError
 from gauss2svg.scene import whitening_of
-from gauss2svg.scene.falloff import cut_radius
 
 try:
     import torch
@@ -72,10 +71,10 @@ def _splats(*tensors: torch.Tensor) -> Splats:
     mean, sigma, rho, color, opacity, background, beta = (
         tensor.detach().to(torch.float64).numpy() for tensor in tensors
     )
-    radius = cut_radius(beta)
-    shape = np.column_stack([mean, whitening_of(sigma, rho), beta, radius**2])
-    opacity_color = np.column_stack([opacity, color])
-    return Splats(mean, sigma, rho, radius, shape, opacity_color, background)
+    return splats_from(
+        mean, sigma, rho, whitening_of(sigma, rho),
+        color=color, opacity=opacity, beta=beta, background=background,
+    )  # fmt: skip
 
 
 def _by_shape(

@@ -110,23 +110,52 @@ class Splats(NamedTuple):
         return self.shape[:, 5]
 
 
+def splats_from(
+    mean: NDArray[np.float64],
+    sigma: NDArray[np.float64],
+    rho: NDArray[np.float64],
+    whitening: NDArray[np.float64],
+    *,
+    color: NDArray[np.float64],
+    opacity: NDArray[np.float64],
+    beta: NDArray[np.float64],
+    background: NDArray[np.float64],
+    additive: bool = False,
+) -> Splats:
+    """What the kernels read of n Gaussians with these parameters, as in a scene.
+
+    whitening (n, 3) as of gauss2svg.scene.whitening_of.
+    """
+    radius = cut_radius(beta)
+    return Splats(
+        mean,
+        sigma,
+        rho,
+        radius,
+        np.column_stack([mean, whitening, beta, radius * radius]),
+        np.column_stack([opacity, color]),
+        background,
+        additive,
+    )
+
+
 def splats_of(scene: Scene, scale: tuple[float, float] = (1.0, 1.0)) -> Splats:
     """What the kernels read of a scene, scaled along x and y.
 
     The same as for scene.scaled(*scale), but the scaled shapes may leave the domain of scenes.
     """
     # Copies: numba would compile the kernels once more for a scene's read-only arrays.
-    mean, sigma = scene.mean * scale, scene.sigma * scale
-    radius = cut_radius(scene.betas)
-    return Splats(
-        mean,
+    sigma = scene.sigma * scale
+    return splats_from(
+        scene.mean * scale,
         sigma,
         scene.rho.copy(),
-        radius,
-        np.column_stack([mean, whitening_of(sigma, scene.rho), scene.betas, radius**2]),
-        np.concatenate([scene.opacity[:, None], scene.color], axis=1),
-        scene.background.copy(),
-        scene.blend == ADD,
+        whitening_of(sigma, scene.rho),
+        color=scene.color,
+        opacity=scene.opacity,
+        beta=scene.beta,
+        background=scene.background.copy(),
+        additive=scene.blend == ADD,
     )
 
 

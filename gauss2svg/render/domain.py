@@ -6,23 +6,16 @@ import numpy as np
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.render.torch_extra import TorchMissingError
-from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, MOST_SIGNED, RHO_LIMIT
-from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
+from gauss2svg.scene import MOST_SIGNED
+from gauss2svg.scene.parameters import PARAMETERS
 
 try:
     import torch
 except ImportError as error:
     raise TorchMissingError("the differentiable renderer") from error
 
-_DOMAIN = {
-    "mean": (-MOST_MEAN, MOST_MEAN),
-    "sigma": (LEAST_SIGMA, MOST_SIGMA),
-    "rho": (-RHO_LIMIT, RHO_LIMIT),
-    "color": (-MOST_SIGNED, MOST_SIGNED),
-    "opacity": (0.0, 1.0),
-    "background": (-MOST_SIGNED, MOST_SIGNED),
-    "beta": (LEAST_BETA, MOST_BETA),
-}
+_DOMAIN = {parameter.name: (parameter.least, parameter.most) for parameter in PARAMETERS}
+_DOMAIN |= dict.fromkeys(("color", "background"), (-MOST_SIGNED, MOST_SIGNED))
 
 
 def check_domain(**tensors: torch.Tensor) -> None:

@@ -156,7 +156,7 @@ def render_reference(
     scale = np.array([width / scene.width, height / scene.height])
     arrays = (
         scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity,
-        scene.background, scene.betas,
+        scene.background, scene.beta,
     )  # fmt: skip
     mean, sigma, rho, color, opacity, background, beta = (
         torch.tensor(array, dtype=dtype, device=device) for array in arrays

@@ -7,14 +7,19 @@ from typing import TYPE_CHECKING, Any
 from gauss2svg.scene.names import ADD, BLENDS, OVER
 
 if TYPE_CHECKING:
-    from gauss2svg.scene.scene import (
-        LEAST_CANVAS,
+    from gauss2svg.scene.parameters import (
+        BLURRED,
         LEAST_SIGMA,
-        MOST_CANVAS,
         MOST_MEAN,
         MOST_SIGMA,
         MOST_SIGNED,
+        PLAIN,
         RHO_LIMIT,
+        SOFT,
+    )
+    from gauss2svg.scene.scene import (
+        LEAST_CANVAS,
+        MOST_CANVAS,
         Scene,
         narrowing_of,
         peaks_of,
@@ -24,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ADD",
     "BLENDS",
+    "BLURRED",
     "LEAST_CANVAS",
     "LEAST_SIGMA",
     "MOST_CANVAS",
@@ -31,7 +37,9 @@ __all__ = [
     "MOST_SIGMA",
     "MOST_SIGNED",
     "OVER",
+    "PLAIN",
     "RHO_LIMIT",
+    "SOFT",
     "Scene",
     "narrowing_of",
     "peaks_of",
@@ -43,6 +51,6 @@ def __getattr__(name: str) -> Any:
     # Scenes load on first use, with NumPy: options need the names alone.
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from gauss2svg.scene import scene
+    from gauss2svg.scene import parameters, scene
 
-    return getattr(scene, name)
+    return getattr(parameters if hasattr(parameters, name) else scene, name)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import io
-import math
 import os
 from dataclasses import dataclass, field
 from typing import Any, BinaryIO, Self
@@ -12,33 +11,26 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import Gauss2SvgError, InputError, SceneError, must_be, required, shown
+from gauss2svg.errors import (
+    Gauss2SvgError,
+    InputError,
+    SceneError,
+    must_be,
+    required,
+    shown,
+)
 from gauss2svg.files import write_atomically
 from gauss2svg.options import file_name
-from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
+from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.scene.names import ADD, BLENDS, OVER
+from gauss2svg.scene.parameters import PARAMETERS, PLAIN, SOFT, Parameter
 
-# Of a signed colour, in absolute value: larger ones would drown in the rounding of renderers.
-MOST_SIGNED = 100.0
-# The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
-RHO_LIMIT = math.nextafter(1, 0)
-# px. A thinner Gaussian is invisible, as pixels are sampled at their centres. Up to the other ends
-# float64 renderers and float32 gradients stay finite, with a factor of 1000 left for scaling.
-LEAST_SIGMA, MOST_SIGMA = 1e-9, 1e9
-MOST_MEAN = 1e12
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9
 
-_PER_GAUSSIAN = ("mean", "sigma", "rho", "color", "opacity", "beta", "round_index")
-_FORMAT_VERSION = 3
-# Fields that earlier versions lack: shapes were Gaussians, and the background was drawn.
-_LACKING = {1: ("beta", "transparent"), 2: ("transparent",), _FORMAT_VERSION: ()}
-# Advice for values out of range, where clipping would change the image.
-_ADVICE = {
-    "mean": "to drop what lies so far off, or to scale the scene down",
-    "sigma": "to clip it, to scale the scene, or to drop the Gaussian",
-    "rho": "to clip it to RHO_LIMIT",
-    "round_index": "to number the rounds from 0",
-}
+# Versions of scene files that first have a field; the others are in all of them.
+_SINCE = {"transparent": 3} | {parameter.name: parameter.since for parameter in PARAMETERS}
+_FORMAT_VERSION = max(_SINCE.values())
+_FILLED_IN: Any = None  # until the constructor has the number of Gaussians
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,18 +49,22 @@ class Scene:
     color          (n, 3) sRGB in 0..1; signed, up to MOST_SIGNED either way, where blend is "add"
     opacity        (n,) in 0..1; all 1 where blend is "add"
     background     (3,) sRGB in 0..1; where the scene is transparent, the page that shows it
-    round_index    (n,) round of the fit in which each was added, never decreasing
+    round_index    (n,) round of the fit in which each was added, never decreasing; None for all 0
     blend          "over": source-over in sRGB, what every SVG renderer does; "add": the paper's,
                    image = background + sum f(r_k) color_k in any order, clipped to 0..1 at the end
     beta           (n,) exponent of the falloff in LEAST_BETA..MOST_BETA, 1 for a Gaussian: see
                    gauss2svg.scene.falloff; None for all 1, which they are where blend is "add"
+    drawn          (n,) how a file draws each: SOFT by a gradient, or by a plain ellipse where that
+                   looks the same; PLAIN by a plain ellipse at any size; BLURRED as a blurred disc,
+                   in the form "blur"; None for all SOFT
     transparent    whether the background is not part of the image: a file has none, and rendered
                    images have alpha; False where blend is "add"
 
     A signed colour is the contribution of its Gaussian at its mean. The paper uses coefficients of
     normal densities instead: see `densities` and `peaks_of`.
 
-    Arrays are converted to float64 (round_index to int32) and made read-only. Both renderers draw
+    Arrays are converted to the dtypes of gauss2svg.scene.parameters, which declares them and their
+    domains (float64, round_index int32, drawn int8), and made read-only. Both renderers draw
     any scene of this domain with finite gradients; write_svg refuses what a file cannot hold.
     Raises SceneError with the name of the field.
     """
@@ -81,45 +77,27 @@ class Scene:
     color: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 3)))
     opacity: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     background: NDArray[np.float64] = field(default_factory=lambda: np.ones(3))
-    round_index: NDArray[np.int32] | None = None
+    round_index: NDArray[np.int32] = _FILLED_IN
     blend: str = "over"
-    beta: NDArray[np.float64] | None = None
+    beta: NDArray[np.float64] = _FILLED_IN
     transparent: bool = False
+    drawn: NDArray[np.int8] = _FILLED_IN
 
     def __post_init__(self) -> None:
         count = len(np.atleast_1d(self._array("mean", np.float64)))
         for name in ("width", "height"):
             object.__setattr__(self, name, self._side(name))
-        self._freeze("mean", (count, 2), -MOST_MEAN, MOST_MEAN)
-        self._freeze("sigma", (count, 2), LEAST_SIGMA, MOST_SIGMA)
-        self._freeze("rho", (count,), -RHO_LIMIT, RHO_LIMIT)
         if self.blend not in BLENDS:
             raise SceneError(must_be("scene blend", f"one of {', '.join(BLENDS)}", self.blend))
-        low, high = (-MOST_SIGNED, MOST_SIGNED) if self.blend == ADD else (0, 1)
-        self._freeze("color", (count, 3), low, high)
-        self._freeze("opacity", (count,), 0, 1)
-        self._freeze("background", (3,), 0, 1)
-        if self.beta is None:
-            object.__setattr__(self, "beta", np.ones(count))
-        self._freeze("beta", (count,), LEAST_BETA, MOST_BETA)
-        if self.round_index is None:
-            object.__setattr__(self, "round_index", np.zeros(count, np.int32))
-        self._freeze("round_index", (count,), 0, np.inf, np.int32)
-        if count and np.any(np.diff(self.rounds) < 0):
+        for parameter in PARAMETERS:
+            self._freeze_parameter(parameter, count)
+        self._freeze("background", (3,), (0, 1), np.float64, "to clip it")
+        if count and np.any(np.diff(self.round_index) < 0):
             raise SceneError(
                 must_be(
                     "scene round_index",
                     "in painter's order, with later rounds on top",
                     shown("numbers that decrease"),
-                )
-            )
-        if self.blend == ADD and ((self.opacity != 1).any() or (self.betas != 1).any()):
-            raise SceneError(
-                must_be(
-                    "opacity and beta of an additive scene",
-                    "1",
-                    shown("another number"),
-                    "to multiply the colour by the opacity",
                 )
             )
         if not isinstance(self.transparent, bool):
@@ -146,6 +124,7 @@ class Scene:
     def _array(self, name: str, dtype: Any) -> NDArray[Any]:
         """A copy of a field as an array of dtype, if that changes no value."""
         given: ArrayLike = getattr(self, name)
+        most = None if dtype is np.float64 else np.iinfo(dtype).max
         try:
             if np.ma.is_masked(given):  # they have no value
                 raise ValueError("masked ones")
@@ -153,28 +132,41 @@ class Scene:
             if np.iscomplexobj(array):
                 raise ValueError("complex numbers")
             array = np.array(array, dtype=np.float64, order="C")
-            if dtype is not np.float64:
-                within = np.abs(array) <= np.iinfo(dtype).max  # false of nan
+            if most is not None:
+                within = np.abs(array) <= most  # false of nan
                 if not (within & (array == np.round(array))).all():
                     raise ValueError("others")
         except (TypeError, ValueError, OverflowError) as error:
-            real = dtype is np.float64
-            needed = f"an array of {'real' if real else 'whole'} numbers"
-            needed += "" if real else f" up to {np.iinfo(np.int32).max}"
+            needed = f"an array of {'real' if most is None else 'whole'} numbers"
+            needed += "" if most is None else f" up to {most}"
             raise SceneError(must_be(f"scene {name}", needed, shown(error))) from None
         return array.astype(dtype, copy=False)
 
+    def _freeze_parameter(self, parameter: Parameter, count: int) -> None:
+        name, shape, blend = parameter.name, parameter.shape(count), self.blend
+        if getattr(self, name) is None and parameter.default is not None:
+            object.__setattr__(self, name, np.full(shape, parameter.default))
+        self._freeze(name, shape, parameter.domain(blend), parameter.dtype, parameter.advice)
+
     def _freeze(
-        self, name: str, shape: tuple[int, ...], low: float, high: float, dtype: Any = np.float64
+        self,
+        name: str,
+        shape: tuple[int, ...],
+        domain: tuple[float, float],
+        dtype: type[np.generic],
+        advice: str,
     ) -> None:
+        """Make a field a read-only array of this shape and dtype, within its domain."""
         array = self._array(name, dtype)
         if array.shape != shape:
             raise SceneError(must_be(f"scene {name}", f"of shape {shape}", shown(array.shape)))
+        low, high = domain
         bad = ~(np.isfinite(array) & (array >= low) & (array <= high))
         if bad.any():
             at = tuple(int(i) for i in np.argwhere(bad)[0])
             needed = f"finite and in {_bound(low)}..{_bound(high)}"
-            advice = _ADVICE.get(name, "to clip it")
+            if self.blend == ADD and low == high:
+                needed = f"{_bound(low)} in an additive scene"
             raise SceneError(must_be(f"scene {name}{list(at)}", needed, shown(array[at]), advice))
         array.flags.writeable = False
         object.__setattr__(self, name, array)
@@ -186,18 +178,6 @@ class Scene:
     def __len__(self) -> int:
         """Number of Gaussians."""
         return len(self.mean)
-
-    @property
-    def rounds(self) -> NDArray[np.int32]:
-        """(n,) round in which each Gaussian was added."""
-        assert self.round_index is not None  # set on construction
-        return self.round_index
-
-    @property
-    def betas(self) -> NDArray[np.float64]:
-        """(n,) exponent of each shape's falloff."""
-        assert self.beta is not None  # set on construction
-        return self.beta
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -279,7 +259,7 @@ class Scene:
             count = len(self)
             needed = f"a slice, a mask of {count} or indices in {-count}..{count - 1}"
             raise InputError(must_be("index", needed, index))
-        return self.replace(**{name: getattr(self, name)[picked] for name in _PER_GAUSSIAN})
+        return self.replace(**{p.name: getattr(self, p.name)[picked] for p in PARAMETERS})
 
     def concatenate(self, top: Scene) -> Self:
         """The scene with the Gaussians of another composited over it, as later rounds.
@@ -291,10 +271,12 @@ class Scene:
             raise SceneError(must_be("blend of the upper scene", f"{self.blend!r}", top.blend))
         later = 0
         if len(self) and len(top):
-            later = max(0, int(self.rounds[-1]) + 1 - int(top.rounds[0]))
-        joined = {n: np.concatenate([getattr(self, n), getattr(top, n)]) for n in _PER_GAUSSIAN}
-        joined["round_index"] = np.concatenate([self.rounds, top.rounds + later])
-        return self.replace(**joined)
+            later = max(0, int(self.round_index[-1]) + 1 - int(top.round_index[0]))
+        top = top.replace(round_index=top.round_index + later)
+        names = [parameter.name for parameter in PARAMETERS]
+        return self.replace(
+            **{name: np.concatenate([getattr(self, name), getattr(top, name)]) for name in names}
+        )
 
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
         """The same image on a canvas scaled by factor_x and factor_y (> 0; the same if None).
@@ -304,12 +286,11 @@ class Scene:
         scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
         if not (np.isfinite(scale).all() and (scale > 0).all()):
             raise SceneError(must_be("scale factors", "finite and above 0", scale.tolist()))
-        return self.replace(
-            width=self.width * scale[0],
-            height=self.height * scale[1],
-            mean=self.mean * scale,
-            sigma=self.sigma * scale,
-        )
+        followed = {
+            p.name: p.followed(getattr(self, p.name), scale) for p in PARAMETERS if p.followed
+        }
+        width, height = self.width * scale[0], self.height * scale[1]
+        return self.replace(width=width, height=height, **followed)
 
     def save(self, file: str | os.PathLike[str] | BinaryIO) -> None:
         """Write the scene as .npz, without loss; a named file is written atomically.
@@ -333,11 +314,14 @@ class Scene:
         try:
             with np.load(file, allow_pickle=False) as stored:
                 version = int(stored["format_version"])
-                if version not in _LACKING:
-                    needed = f"one of {', '.join(map(str, _LACKING))}"
+                if version not in (known := range(1, _FORMAT_VERSION + 1)):
+                    needed = f"one of {', '.join(map(str, known))}"
                     raise InputError(must_be("format version of a scene file", needed, version))
-                names = {f.name for f in dataclasses.fields(cls)}.difference(_LACKING[version])
+                names = {f.name for f in dataclasses.fields(cls)}
+                names -= {name for name, since in _SINCE.items() if since > version}
                 values = {name: stored[name] for name in names}
+            if version < _SINCE["drawn"] and "beta" in values:  # which said so then
+                values["drawn"] = np.where(values["beta"] == MOST_BETA, PLAIN, SOFT)
             for name in names & {"width", "height", "blend", "transparent"}:
                 if values[name].shape:
                     got = shown(f"shape {values[name].shape}")

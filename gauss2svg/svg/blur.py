@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be
-from gauss2svg.scene import Scene
+from gauss2svg.scene import BLURRED, Scene
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
 from gauss2svg.svg.solid import is_solid
 
@@ -32,7 +32,6 @@ _LEAST_HALF_WIDTH = 1.8
 # exponent (docs/decisions/svg.md).
 _MOST_DIFFERING = 0.08
 _LOG_STEP = 0.04  # of exponents at which differences are cached
-_SAME_BETA = 1e-6
 
 LEAST_RATIO, MOST_RATIO = 0.5, 16.0  # of the ratios that are recognised
 _CLEAR = 3.5  # standard deviations around the disc that a filter region includes
@@ -117,17 +116,17 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     """(n,) index into BLURS of each shape's blur in a form, -1 where it is not blurred.
 
     The blur has the nearest exponent of those that allow the shape's opacity; a shape has none
-    where the two profiles differ too much, or where it is small. A shape that already has the
-    exponent of a blur keeps it, unless its opacity needs another.
+    where the two profiles differ too much, or where it is small. A shape that is blurred already
+    keeps its blur, unless its opacity needs another.
     """
     index = np.full(len(scene), -1)
     if form == GRADIENT or not len(scene):
         return index
-    half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.betas)
+    half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
     large = (half_width >= _LEAST_HALF_WIDTH) & ~is_solid(scene)
     before = drawn_blurs(scene) >= 0
     candidates = large | before
-    beta, opacity = scene.betas[candidates], scene.opacity[candidates]
+    beta, opacity = scene.beta[candidates], scene.opacity[candidates]
     distance = np.abs(np.log(beta[:, None] / [blur.beta for blur in BLURS]))
     full = np.array([blur.peak for blur in BLURS]) * opacity[:, None]
     nearest = np.where(full <= 1 + _OVERFULL, distance, np.inf).argmin(axis=1)
@@ -139,14 +138,9 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
 
 
 def drawn_blurs(scene: Scene) -> NDArray[np.intp]:
-    """(n,) index into BLURS of the one whose exponent a shape has exactly, or -1.
-
-    No exponent of a gradient equals one of a blur, so that it identifies how a quantized shape is
-    drawn.
-    """
-    ratios = scene.betas[:, None] / [blur.beta for blur in BLURS]
-    same = np.abs(ratios - 1) < _SAME_BETA
-    return np.where(same.any(axis=1), same.argmax(axis=1), -1)
+    """(n,) index into BLURS of the one that draws a shape, by its exponent, or -1."""
+    distance = np.abs(np.log(scene.beta[:, None] / [blur.beta for blur in BLURS]))
+    return np.where(scene.drawn == BLURRED, distance.argmin(axis=1), -1)
 
 
 @lru_cache(maxsize=4096)

@@ -180,7 +180,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     blurred = ~solid & (blur >= 0) & (svg_format.form != GRADIENT)
     shaded = ~solid & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
-    keys = np.column_stack([nearest_class(scene.betas), color])
+    keys = np.column_stack([nearest_class(scene.beta), color])
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
     # The shortest ids go to those that are used most.
     uses = np.append(uses, np.bincount(blur[blurred], minlength=len(BLURS)))
@@ -191,17 +191,17 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     fills[shaded] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
     filters = np.full(len(scene), "", dtype=object)
     filters[blurred] = [filter_ids[k] for k in blur[blurred]]
-    radius, opacity = cut_radius(scene.betas), scene.opacity.copy()
-    radius[solid] = solid_radius(scene.betas[solid])
+    radius, opacity = cut_radius(scene.beta), scene.opacity.copy()
+    radius[solid] = solid_radius(scene.beta[solid])
     radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
     opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
-    unit = np.where((scene.betas >= _LARGE_FROM) & shaded, _LARGE, 1)
+    unit = np.where((scene.beta >= _LARGE_FROM) & shaded, _LARGE, 1)
     discs = _Discs(
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
         scene.factor * radius[:, None, None], scene.mean,
     )  # fmt: skip
     fits = writable(scene, radius, svg_format.precision, unit)
-    layers = _layers(discs, fits, scene.rounds, svg_format)
+    layers = _layers(discs, fits, scene.round_index, svg_format)
     drawn = [ellipse for _, ellipses in layers for ellipse in ellipses]
     fills_used, filters_used = {e.fill for e in drawn}, {e.filter for e in drawn}
     return EncodedScene(
@@ -298,8 +298,8 @@ def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) ->
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(n,) radius of each shape's circle, as a multiple of its gradient's, on one decimal."""
     minor = scene.ellipse_axes[0][:, 1]
-    crisp = (scene.betas > 1) & (RIM_WIDTH * minor < _SOFT * scene.betas) & shaded
-    margin = np.where(crisp, _CLEAR_OF_THE_RIM / (minor * cut_radius(scene.betas)), 0.0)
+    crisp = (scene.beta > 1) & (RIM_WIDTH * minor < _SOFT * scene.beta) & shaded
+    margin = np.where(crisp, _CLEAR_OF_THE_RIM / (minor * cut_radius(scene.beta)), 0.0)
     return 1 + np.minimum(np.ceil(10 * margin) / 10, _MOST_MARGIN)
 
 

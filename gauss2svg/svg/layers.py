@@ -35,7 +35,7 @@ def grouped_by_segment(scene: Scene, labels: Labels) -> Scene:
     """
     if labels is None:
         return scene
-    return scene.select(np.lexsort((segment_of(scene, labels), scene.rounds)))
+    return scene.select(np.lexsort((segment_of(scene, labels), scene.round_index)))
 
 
 def runs(values: Sequence[int]) -> Iterator[tuple[int, slice]]:

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, number_within
-from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, RHO_LIMIT, Scene
+from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.arcs import arc_geometry, arc_numbers
 from gauss2svg.svg.encode import check_canvas, writable
 from gauss2svg.svg.runs import colors_together
 from gauss2svg.svg.snap import with_exponents
-from gauss2svg.svg.solid import LEAST_SOLID_BETA, is_solid, solid_beta, solid_radius
+from gauss2svg.svg.solid import LEAST_SOLID_BETA, is_solid, looks_solid, solid_beta, solid_radius
 
 HEX_DIGITS = (3, 6)
 LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
@@ -56,12 +56,12 @@ def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> 
         advice = "--portable, or --markup editable"
         raise InputError(must_be("blend in minimal markup", "'over'", scene.blend, advice))
     check_canvas(scene)
-    kind, solid = nearest_class(scene.betas), _is_solid(scene)
+    kind, solid = nearest_class(scene.beta), _is_solid(scene)
     opacity = np.round(scene.opacity, opacity_decimals)
     while True:
         classes = np.array(BETA_CLASSES)[kind]
-        snapped = with_exponents(scene, np.where(solid, scene.betas, classes))
-        radius = _radius(snapped.betas, solid)
+        snapped = with_exponents(scene, np.where(solid, scene.beta, classes))
+        radius = _radius(snapped.beta, solid)
         numbers = _matrix(snapped, radius, unit)
         numbers[solid] = arc_numbers(snapped.select(solid), radius[solid], unit)
         extent = np.where(solid[:, None], numbers[:, :2], numbers[:, [0, 2]])
@@ -97,10 +97,12 @@ def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Sce
         opacity=shapes.opacity,
         background=color_levels(scene.background, digits) / 255,
         beta=beta,
+        drawn=np.where(solid, PLAIN, SOFT),
     )
     rounded = _placed(rounded, shapes.numbers, _radius(beta, solid), unit, solid)
-    # The crispest exponent where the best would be written as a soft shape: thin ones.
-    beta = np.where(solid & ~_is_solid(rounded), MOST_BETA, beta)
+    # The crispest exponent where the best would look like a soft shape: thin ones.
+    soft = ~looks_solid(rounded) & ~_is_crisp(rounded)
+    beta = np.where(solid & soft, MOST_BETA, beta)
     rounded = rounded.replace(beta=beta)
     return _placed(rounded, shapes.numbers, _radius(beta, solid), unit, solid)
 
@@ -112,10 +114,14 @@ def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
 
 
 def _is_solid(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a plain ellipse draws a shape: nearly its rim, or a wider one."""
-    across = RIM_WIDTH * scene.ellipse_axes[0][:, 0] / scene.betas
-    crisp = (scene.betas >= LEAST_SOLID_BETA) & (across < _CRISP)
-    return is_solid(scene) | crisp | (scene.betas == MOST_BETA)
+    """(n,) whether a plain ellipse draws a shape."""
+    return is_solid(scene) | _is_crisp(scene)
+
+
+def _is_crisp(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) whether a shape has nearly the rim of a plain ellipse, or a narrower one."""
+    across = RIM_WIDTH * scene.ellipse_axes[0][:, 0] / scene.beta
+    return (scene.beta >= LEAST_SOLID_BETA) & (across < _CRISP)
 
 
 def _radius(beta: NDArray[np.float64], solid: NDArray[np.bool_]) -> NDArray[np.float64]:

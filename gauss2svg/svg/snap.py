@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, Scene
+from gauss2svg.scene import ADD, BLURRED, LEAST_SIGMA, MOST_SIGMA, PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class, widening
 from gauss2svg.svg.blur import BLURS, chosen_blurs
 from gauss2svg.svg.solid import is_solid
@@ -23,13 +23,15 @@ def snapped(scene: Scene, form: str) -> Scene:
     blur = chosen_blurs(scene, form)
     blurred = blur >= 0
     shaded = ~is_solid(scene) & ~blurred
-    beta = scene.betas.copy()
+    beta = scene.beta.copy()
     beta[blurred] = [BLURS[k].beta for k in blur[blurred]]
     beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]
-    return with_exponents(scene, beta).replace(color=np.round(scene.color * 255) / 255)
+    drawn = np.where(blurred, BLURRED, np.where(scene.drawn == PLAIN, PLAIN, SOFT))
+    color = np.round(scene.color * 255) / 255
+    return with_exponents(scene, beta).replace(color=color, drawn=drawn)
 
 
 def with_exponents(scene: Scene, beta: np.ndarray) -> Scene:
     """The scene with other exponents (n,), each shape's radius of half height kept."""
-    sigma = scene.sigma * widening(scene.betas, beta)[:, None]
+    sigma = scene.sigma * widening(scene.beta, beta)[:, None]
     return scene.replace(beta=beta, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))

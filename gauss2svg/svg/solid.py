@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.scene import Scene
+from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import MOST_BETA, RIM_WIDTH, cut_radius, profile
 
 # Of the squared mass: a compromise of PSNR and bytes (docs/decisions/svg.md).
@@ -36,14 +36,19 @@ _LIKELY, _STEPS = 0.7, 8  # px; exponents tried on either side
 
 
 def is_solid(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a solid ellipse differs by no more than a small share of squared mass and rim.
+    """(n,) whether a file draws a shape by a solid ellipse: as it says, or as that looks the same.
 
-    This is at the size of the scene's canvas: on a larger one rims are wider.
+    The latter is at the size of the scene's canvas: on a larger one rims are wider.
     """
-    solid = scene.betas >= LEAST_SOLID_BETA
+    return (scene.drawn == PLAIN) | looks_solid(scene)
+
+
+def looks_solid(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) whether an ellipse differs by no more than a small share of squared mass and rim."""
+    solid = scene.beta >= LEAST_SOLID_BETA
     if not solid.any():
         return solid
-    solid[solid] = _strain(scene.ellipse_axes[0][solid], scene.betas[solid]) <= 1
+    solid[solid] = _strain(scene.ellipse_axes[0][solid], scene.beta[solid]) <= 1
     return solid
 
 
@@ -88,7 +93,7 @@ def solid_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def drawn_beta(scene: Scene, solid: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Exponents of the solid ones, a mask (n,), as ellipses of the same area draw them best."""
-    radius = solid_radius(scene.betas[solid])
+    radius = solid_radius(scene.beta[solid])
     return solid_beta(scene.ellipse_axes[0][solid] * radius[:, None])
 
 

@@ -39,10 +39,10 @@ def stroked(scene: Scene) -> list[Stroke]:
     numbers are too large (gauss2svg.svg.encode.writable).
     """
     axes, angle_rad = scene.ellipse_axes
-    radii = axes * half_radius(scene.betas)[:, None]
+    radii = axes * half_radius(scene.beta)[:, None]
     levels = np.round(scene.color * 255).astype(int)
     strokes = []
-    for i in np.flatnonzero(writable(scene, half_radius(scene.betas), 1.0)).tolist():
+    for i in np.flatnonzero(writable(scene, half_radius(scene.beta), 1.0)).tolist():
         rx, ry = (number(v, STROKE_DECIMALS) for v in radii[i])
         if "0" in (rx, ry) or scene.opacity[i] < _LEAST_OPACITY:
             continue
@@ -51,7 +51,7 @@ def stroked(scene: Scene) -> list[Stroke]:
         strokes.append(
             Stroke(
                 index=i,
-                round=int(scene.rounds[i]),
+                round=int(scene.round_index[i]),
                 center=(x, y),
                 radii=(rx, ry),
                 rotation="" if angle == "0" or rx == ry else f"rotate({angle} {x} {y})",

@@ -272,7 +272,7 @@ def _add_layers(
 ) -> None:
     """Add elements in groups, which Inkscape shows as layers; indices are those of their shapes."""
     inkscape = Inkscape(drawing)
-    rounds = scene.rounds[indices].tolist()
+    rounds = scene.round_index[indices].tolist()
     segments = None if labels is None else segment_of(scene, labels)[indices].tolist()
     for index, of_round in runs(rounds):
         key, inside = round_id(index), elements[of_round]

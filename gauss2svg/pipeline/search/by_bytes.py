@@ -25,7 +25,7 @@ from gauss2svg.pipeline.search.outcome import Outcome, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, Writing
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
-from gauss2svg.scene import Scene
+from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
 from gauss2svg.svg.minimal_shapes import HEX_DIGITS
 from gauss2svg.svg.snap import with_exponents
@@ -257,7 +257,7 @@ class ByBytes:
         return int(min(max(by_bytes, 1), self._most, math.prod(self.subject.size)))
 
     def _fit(self, count: int, recipe: Recipe, start: int, starts: int) -> Scene:
-        """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA."""
+        """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA too."""
         options, subject = self._options, self.subject
         config = FitConfig(
             gaussians=count,
@@ -291,18 +291,18 @@ class ByBytes:
         scene = session.scene()
         plain = np.ones(len(scene), bool)  # exponents are stepped as logarithms
         for beta in recipe.exponents:
-            plain &= ~np.isclose(scene.betas, beta)
+            plain &= ~np.isclose(scene.beta, beta)
         width, height = subject.canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
-        scene = with_exponents(scene, np.where(plain, MOST_BETA, scene.betas))
-        return scene.replace(width=width, height=height)
+        scene = with_exponents(scene, np.where(plain, MOST_BETA, scene.beta))
+        return scene.replace(width=width, height=height, drawn=np.where(plain, PLAIN, SOFT))
 
 
 def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
     """The scene with the nearest of these exponents, or that of a plain ellipse."""
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     logs = np.log(classes)
-    nearest = np.abs(np.log(scene.betas)[:, None] - logs).argmin(axis=1)
+    nearest = np.abs(np.log(scene.beta)[:, None] - logs).argmin(axis=1)
     plain = nearest == len(exponents)
     beta = classes[nearest]
     beta[plain] = drawn_beta(scene, plain)

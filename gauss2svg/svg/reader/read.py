@@ -335,6 +335,7 @@ class _Reader:
             background=np.ones(3) if self._background is None else self._background,
             round_index=np.array([number for _, _, number in self._shapes], np.int32),
             beta=beta,
+            drawn=np.array([shape.drawn for shape in shapes], np.int8),
             transparent=self._background is None,
         )
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.scene import BLURRED, PLAIN, SOFT
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg.blur import BLURS, blur_of
 from gauss2svg.svg.reader.affine import Affine, compose
@@ -34,7 +35,7 @@ class Shape:
     """One shape: the circle of `radius` sigmas is `disc` of the unit circle, in canvas px.
 
     beta and radius are None for a solid ellipse, which any crisp enough exponent draws; peak is a
-    factor of its opacity.
+    factor of its opacity, drawn as in a scene.
     """
 
     color: Color
@@ -42,6 +43,7 @@ class Shape:
     beta: float | None
     radius: float | None
     peak: float = 1.0
+    drawn: int = SOFT
 
 
 def read_shape(
@@ -66,9 +68,9 @@ def read_shape(
         deviation = _deviation(blur)
         beta, radius, peak = blurred_profile(edge[0], deviation)
         _check_region(blur, edge, deviation)
-        return Shape(color(fill, "fill"), compose(onto, edge), beta, radius, peak)
+        return Shape(color(fill, "fill"), compose(onto, edge), beta, radius, peak, BLURRED)
     if key is None:
-        return Shape(color(fill, "fill"), compose(onto, edge), None, None)
+        return Shape(color(fill, "fill"), compose(onto, edge), None, None, drawn=PLAIN)
     gradient = gradients.get(key)
     disc = gradient.disc
     if gradient.in_box:
