@@ -18,12 +18,12 @@ from gauss2svg.raster import rasterize, resvg
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius, profile
+from gauss2svg.svg.additive.phases import partial_sums, phases_of
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.levels import whole_stops
-from gauss2svg.svg.phases import partial_sums, phases_of
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.stops import gradient_stops
+from gauss2svg.svg.whole_stops import whole_stops
 from gauss2svg.svg.write import outline_svg, write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -21,12 +21,12 @@ from gauss2svg.raster import rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg import minimal
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.encode import number
+from gauss2svg.svg.element import number
+from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
-from gauss2svg.svg.packing import bytes_by_part
+from gauss2svg.svg.minimal import write as minimal
+from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg, whole_unit
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 

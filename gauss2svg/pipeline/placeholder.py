@@ -18,7 +18,7 @@ from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO
 from gauss2svg.pipeline.small import SmallSearch
-from gauss2svg.svg.encode import hex_color
+from gauss2svg.svg.element import hex_color
 
 DEFAULT_BYTES = 1000
 # Of the photo in px, from which the working picture of at most 384 px is made.

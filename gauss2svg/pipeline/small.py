@@ -32,11 +32,11 @@ from gauss2svg.render.cpu import kernel_lock, splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
-from gauss2svg.svg.minimal_shapes import HEX_DIGITS
-from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg.minimal.shapes import HEX_DIGITS
+from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg, whole_unit
+from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_exponents
-from gauss2svg.svg.solid import drawn_beta
 
 # The longest side of the working picture in px, per square root of the count.
 _SIDE, _SIDE_PER_ROOT = (96, 256), 12.0

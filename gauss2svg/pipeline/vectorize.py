@@ -41,7 +41,7 @@ from gauss2svg.pipeline.search import CAP_FOR_TARGET, TargetSearch
 from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.pipeline.ways import closest, small_outcome
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.encode import LARGEST_NUMBER
+from gauss2svg.svg.limits import LARGEST_NUMBER
 
 # Largest size of the fit per second of a time limit, seconds of it that the start takes, and that
 # are left at least (docs/decisions/time.md).

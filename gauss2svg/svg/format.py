@@ -18,7 +18,7 @@ class SvgFormat(OptionGroup):
     """How a scene is written; an additive one in gradients alone, and without opacities."""
 
     form: Literal["gradient", "blur"] = "gradient"
-    """Form of the shapes that are not solid ellipses: a radial gradient, or, except for small
+    """Form of the shapes that are not plain ellipses: a radial gradient, or, except for small
     ones, a disc under feGaussianBlur."""
 
     markup: Literal["editable", "minimal"] = "editable"

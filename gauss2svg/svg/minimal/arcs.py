@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene import Scene
-from gauss2svg.svg.encode import number
+from gauss2svg.svg.element import number
 
 # Units between radii from which half a degree of tilt moves the far end by half a unit.
 _LONG, _TILT_DECIMALS = 60.0, 1
