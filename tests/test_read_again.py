@@ -136,7 +136,7 @@ def test_an_additive_file_is_drawn_alike_again():
 def test_additive_layers_that_are_moved_or_hidden_are_read_so():
     scene = random_sum(30, 60, 44, 5)
     svg = write_svg(scene)
-    moved = re.sub(r'(<g id="additive-\w+")', r'\1 transform="translate(25 0)"', svg)
+    moved = re.sub(r'( id="additive-\w+")', r'\1 transform="translate(25 0)"', svg)
     moved = moved.replace('x="-10%"', 'x="-30%"').replace('width="120%"', 'width="160%"')
     first, second = read_svg(svg), read_svg(moved)
     np.testing.assert_allclose(second.mean, first.mean + [1, 0])

@@ -57,7 +57,7 @@ class SharedColors:
 
     @classmethod
     def from_state_dict(cls, arrays: dict[str, Any], blending: Blending) -> SharedColors:
-        """Those whose state_dict() this is; raises InputError for arrays that cannot be theirs."""
+        """The colours of a state_dict(); raises InputError for arrays that cannot be theirs."""
         count = len(arrays["raw_beta"])
         for name in ("color", "raw_beta", "first", "second"):
             shape = (count,) if name == "raw_beta" else (count, 3)

@@ -117,7 +117,7 @@ class State:
         return State(*(np.concatenate(pair) for pair in pairs))
 
     def quantized(self, scene: Scene) -> State:
-        """With a scene's shapes, exponents and colours; resets Adam's moments of the last two."""
+        """The state of a scene's shapes, exponents and colours; resets moments of the two."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         first, second = self.first.copy(), self.second.copy()
         first[:, COLOR_AND_BETA], second[:, COLOR_AND_BETA] = 0.0, 0.0

@@ -37,7 +37,7 @@ _SIGNED = 2
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """As stored: color (h, w, 1 or 3) or an image of 8 bits, alpha (h, w)."""
+    """Samples as stored: color (h, w, 1 or 3) or an image of 8 bits, alpha (h, w)."""
 
     color: NDArray[Any] | Image.Image
     alpha: NDArray[Any] | None

@@ -179,6 +179,6 @@ class TimeBudget:
         return _STEP + by_pixels + _STEP_GAUSSIAN * count
 
     def _export_s(self, count: int) -> float:
-        """Of a machine that is slower, not of a picture whose steps are."""
+        """Seconds of the export: those of a slow machine, not of a picture whose steps are slow."""
         machine = max(self._slowness / _SLOW_PICTURE, 1.0)
         return machine * (_EXPORT + _EXPORT_PIXEL * self._measured + _EXPORT_GAUSSIAN * count)

@@ -1,4 +1,4 @@
-"""From a scene to the elements of an editable file, whose document svgwrite writes.
+"""The elements of an editable file, from a scene; svgwrite writes the document around them.
 
 A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with M M^T = R^2 covariance,
 R = cut_radius(beta), draws the same ellipse, because a circle has no direction; the lower

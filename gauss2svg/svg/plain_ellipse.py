@@ -91,7 +91,7 @@ def plain_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def drawn_beta(scene: Scene, plain: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Exponents of the plain ones, a mask (n,), as ellipses of the same area draw them best."""
+    """Exponents of the shapes that are plain, a mask (n,), as ellipses of their area draw best."""
     radius = plain_radius(scene.betas[plain])
     return plain_beta(scene.ellipse_axes[0][plain] * radius[:, None])
 
@@ -109,7 +109,7 @@ def _errors() -> NDArray[np.float64]:
 
 @lru_cache(maxsize=4096)
 def _integrals(beta: float) -> tuple[float, float]:
-    """Of f and of f^2 over the plane, in px^2 at sigma 1 px."""
+    """Integrals of f and of f^2 over the plane, in px^2 at sigma 1 px."""
     r = (np.arange(2000) + 0.5) / 2000 * float(cut_radius(beta))
     value, area = profile(r, beta), 2 * np.pi * r * (r[1] - r[0])
     return float(np.sum(value * area)), float(np.sum(value**2 * area))

@@ -1,4 +1,4 @@
-"""From an additive scene to the elements of an SVG.
+"""The elements of an additive file, from a scene of signed colours.
 
 Under mix-blend-mode: difference a colour s over v gives |v - s|. The canvas holds s_c (P + o_c) for
 a partial sum P, with a scale s_c and an offset o_c of each channel that keep all partial sums in
@@ -200,7 +200,7 @@ def _stops_text(
 
 
 def _label(index: int, count: int, phase: Phase) -> str:
-    """Such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
+    """Label of a phase, such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
     signs = tuple(zip(_CHANNELS, phase.takes, strict=True))
     adds = ", ".join(name for name, taken in signs if not taken)
     takes = ", ".join(name for name, taken in signs if taken)

@@ -8,8 +8,8 @@ at one place the background is .5 and the image .7, the sum with +.3, +.4 and -.
     .8          .5, .2                      -.5
     .3          0                           +.4: .7 is the image, for which there is room
 
-In that order the canvas must hold .3 to .8. In another it would have to hold .5 to 1.2, and all that
-is drawn on it would be rounded more coarsely.
+In that order the canvas must hold .3 to .8. In another it would have to hold .5 to 1.2, and all
+that is drawn on it would be rounded more coarsely.
 
 The room of a Gaussian is looked for at samples: pixels of a grid, and the means of all Gaussians,
 because thin ones peak between pixels. They are sorted by the row of the grid that they lie in, and

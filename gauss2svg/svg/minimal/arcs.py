@@ -67,7 +67,7 @@ def path_data(numbers: NDArray[np.float64]) -> str:
 def _from_start(
     radii: NDArray[np.float64], tilt: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """From each arc's start to the centre of its ellipse, and to its end; both (n, 2) units.
+    """Offsets (n, 2) in units from each arc's start to the centre of its ellipse, and to its end.
 
     The chord that is shorter where the ellipse is mapped onto the unit circle cuts off less; u is
     that chord there, and the centre lies beside its middle (SVG 2, implementation notes, B.2.4).

@@ -35,7 +35,7 @@ from gauss2svg.svg.minimal.shapes import arc_beta
 from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
 from gauss2svg.svg.reader.additive import Differences
 from gauss2svg.svg.reader.affine import Affine, compose, parse_transform
-from gauss2svg.svg.reader.canvas import read_canvas
+from gauss2svg.svg.reader.canvas import misplaced, read_canvas
 from gauss2svg.svg.reader.gradient import HREFS, SVG, Gradients
 from gauss2svg.svg.reader.outline import SHAPES, open_arcs, outline
 from gauss2svg.svg.reader.parse import MOST_BYTES, MOST_ELEMENTS, parse_document
@@ -72,8 +72,6 @@ _UNREAD += ("zoom", "all", "systemLanguage")
 _COVER = re.compile(r"M0 0h(\d+)v(\d+)H0")  # the background of gauss2svg.svg.minimal.write
 _DEEPEST = 100
 _MOST_USES = 3  # of one another: minimal markup writes two
-# What a background may leave free by rounding: px of the canvas, and of a path's units.
-_COVERED, _COVERED_UNITS = 0.01, 0.05
 
 
 def read_svg(
@@ -299,29 +297,14 @@ class _Reader:
             name: length(attributes.get(name, "0"), name, self._user_size[name in ("y", "height")])
             for name in ("x", "y", "width", "height")
         }
-        a, b, c, d, e, f = state.onto
-        x, y = (
-            np.add(sides[start], [0.0, sides[extent]])
-            for start, extent in (("x", "width"), ("y", "height"))
-        )
-        with np.errstate(all="ignore"):
-            across, down = np.sort(a * x + c * y + e), np.sort(b * x + d * y + f)
-        upright = max(abs(b), abs(c)) <= 1e-9 * max(abs(a), abs(d))
-        upright &= bool(np.isfinite([*across, *down]).all())
-        free = max(_COVERED, _COVERED_UNITS * min(abs(a), abs(d))) if is_path else _COVERED
-        if (
-            not upright
-            or max(across[0], down[0]) > free
-            or min(across[1] - self._width, down[1] - self._height) < -free
-            or length(attributes.get("rx", "0"), "rx")
-            or length(attributes.get("ry", "0"), "ry")
-            or attributes.get("filter", "none") != "none"
-        ):
+        covered = misplaced(sides, state.onto, (self._width, self._height), in_units=is_path)
+        round_corners = any(length(attributes.get(name, "0"), name) for name in ("rx", "ry"))
+        if covered or round_corners or attributes.get("filter", "none") != "none":
             raise InputError(
                 must_be(
                     "the background",
                     f"upright over all of the canvas, {self._width:g}x{self._height:g} px",
-                    shown(f"x {across[0]:g}..{across[1]:g}, y {down[0]:g}..{down[1]:g} px"),
+                    shown(covered or "rounded corners or a filter"),
                     "to resize it",
                 )
             )
