@@ -24,18 +24,18 @@ _LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
 class Element:
     """One element: its tag, its attributes in the order of the file, and what is inside it.
 
-    inside  elements, or a text, in which <, > and & become entities; attributes are written as they
-            are, because numbers, colours, ids and path data have none of these
+    inside  None for a tag that closes itself; or elements; or a text, in which <, > and & become
+            entities. Attributes are written as they are: numbers, colours, ids have none of them
     """
 
     tag: str
     attributes: Mapping[str, str] = field(default_factory=dict)
-    inside: Sequence[Element] | str = ()
+    inside: Sequence[Element] | str | None = None
 
     def text(self) -> str:
         """The element as SVG text, without white space between tags."""
         begin, inside = f"<{self.tag}{attributes_text(self.attributes)}", self.inside
-        if not inside:
+        if inside is None:
             return begin + "/>"
         if not isinstance(inside, str):
             return f"{begin}>{''.join([one.text() for one in inside])}</{self.tag}>"
@@ -44,7 +44,7 @@ class Element:
     def get_xml(self) -> ElementTree.Element:
         """The element as svgwrite asks for it, which takes only elements from here."""
         xml = ElementTree.Element(self.tag, dict(self.attributes))
-        xml.extend([one.get_xml() for one in self.inside if isinstance(one, Element)])
+        xml.extend([one.get_xml() for one in self.inside or () if isinstance(one, Element)])
         return xml
 
 

@@ -279,8 +279,7 @@ def _gradients(
         {"fill": f"url(#{ids[key]})"} if key in ids else fill
         for key, fill in zip(keys, fills, strict=True)
     ]
-    sheet = [Element("style", inside="".join(rules))] if rules else []
-    return sheet + definitions, circles, drawn
+    return [Element("style", inside="".join(rules)), *definitions], circles, drawn
 
 
 def _circle(kind: int) -> str:
