@@ -36,7 +36,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +64,8 @@ _MOST_MARGIN = 20.0  # times the gradient's radius: shapes that need more are to
 _SOFT = 1.0
 
 
-class Drawn(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Drawn:
     """One element that is drawn, and the index of its shape in the scene."""
 
     index: int
@@ -125,7 +125,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     fits = np.flatnonzero(writable(scene, radius, svg_format.precision, unit)).tolist()
     circles = ((i, _circle(discs, i, svg_format)) for i in fits)
     shapes = tuple(Drawn(i, circle) for i, circle in circles if circle is not None)
-    used = {value for _, circle in shapes for value in circle.attributes.values()}
+    used = {value for shape in shapes for value in shape.element.attributes.values()}
     gradients = zip(ids, shared, strict=True)
     blurs = zip(filter_ids, BLURS, strict=True)
     return EncodedScene(

@@ -96,8 +96,8 @@ def _of_mask(mask: Any, edge: Affine, gradients: Gradients) -> Gradient:
     inside = list(mask)
     circle = inside[0].attrib if len(inside) == 1 and inside[0].tag == SVG + "circle" else {}
     key = reference(circle.get("fill", ""))
-    same = key is not None and set(circle) == {"r", "fill"} and set(mask.attrib) == {"id"}
-    if not same or outline("circle", circle) != edge:
+    same = set(circle) == {"r", "fill"} and set(mask.attrib) == {"id"}
+    if key is None or not same or outline("circle", circle) != edge:
         got = shown("another mask")
         raise InputError(must_be("its mask", "the same circle, as write_svg writes it", got))
     gradient = gradients.get(key, in_mask=True)
