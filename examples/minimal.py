@@ -23,8 +23,8 @@ from gauss2svg import FitOptions, RendererError, RunOptions, Scene, vectorize
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.raster import rasterize, renderer_version
 from gauss2svg.render import render
-from gauss2svg.svg import minimal
-from gauss2svg.svg.minimal import minimal_rounded, minimal_svg
+from gauss2svg.svg.minimal import write as minimal
+from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg
 
 _WIDTH, _HEIGHT = 768, 512
 _UNIT = 0.04

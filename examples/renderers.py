@@ -44,7 +44,7 @@ from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS, rasterize, renderer_
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.render import render
 from gauss2svg.svg.blur import BLUR, GRADIENT
-from gauss2svg.svg.packing import bytes_by_part
+from gauss2svg.svg.file import bytes_by_part
 
 Pixels = NDArray[np.floating]
 Row = dict[str, Any]  # heading to number, text, or a tuple of numbers

@@ -45,7 +45,7 @@ from gauss2svg.photo.load import load_image
 from gauss2svg.raster import RENDERERS, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius
-from gauss2svg.svg.solid import is_solid
+from gauss2svg.svg.plain_ellipse import is_plain
 
 Pixels = NDArray[np.floating]
 
@@ -105,7 +105,7 @@ def rows_of(beta: float, rims: tuple[float, ...]) -> Iterator[Row]:
             beta=np.full(count, beta),
         )
         length = perimeter * float(np.square(opacity).sum())
-        yield Row(rim, aspect, scene, length, bool(is_solid(scene).all()))
+        yield Row(rim, aspect, scene, length, bool(is_plain(scene).all()))
 
 
 def sheet_of(rows: list[Row]) -> Scene:
@@ -200,7 +200,7 @@ def print_plain(renderers: list[str]) -> None:
             plain[row.aspect, row.rim] += [f"{beta:g}"] if row.plain else []
         for way, forced in (("grad", np.zeros), ("plain", np.ones)):
             decision = forced(len(scene), bool)
-            with patch("gauss2svg.svg.encode.is_solid", return_value=decision):
+            with patch("gauss2svg.svg.encode.is_plain", return_value=decision):
                 svg = write_svg(scene, _EXACT)
             for name in renderers:
                 raster = raster_of(name, svg, scene, 1)
@@ -228,7 +228,7 @@ def print_fits(renderers: list[str]) -> None:
         pixels = load_image(getattr(data, picture)()).pixels
         fitted = fit(pixels, FitConfig(gaussians=_GAUSSIANS, fit=kind)).scene
         scene, svg = quantize(fitted), write_svg(fitted, _WRITTEN)
-        line = f"{picture:10}{kind.falloff:9}{is_solid(scene).sum():>6}"
+        line = f"{picture:10}{kind.falloff:9}{is_plain(scene).sum():>6}"
         models = [(scale, model(scene, scale)) for scale in _SCALES]
         for name in renderers:
             found = (metrics.psnr(raster_of(name, svg, scene, k), truth) for k, truth in models)

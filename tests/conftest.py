@@ -33,7 +33,7 @@ from gauss2svg.scene import Scene
 _KERNELS = ("additive", "cpu", "kernels", "powers", "simd", "tiles", "walk")
 _WITH_KERNELS = [f"render/{name}.py" for name in _KERNELS] + [
     "scene/falloff.py",
-    "svg/room.py",
+    "svg/additive/headroom.py",
     "fit/components.py",
     "photo/entropy.py",
 ]

@@ -15,6 +15,7 @@ from svg_texts import AS_PATH, CIRCLE, document
 
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.write import outline_svg, write_svg
 
 _DATA = Path(__file__).parent / "data"
@@ -90,6 +91,8 @@ def svg_seeds() -> tuple[bytes, ...]:
         "style='width:40px;height:30px' viewBox='0 0 40 30'><style>/* a */ .b { fill: url(#c); "
         "mix-blend-mode: screen }</style><g class='b' transform='translate(1,2) skewX(3)'>"
         f"<image width='9' height='9' xlink:href='{_DOT}'/><use href='#c'/></g></svg>",
+        minimal_svg(scene, 0.5, 3, masked=True),
+        minimal_svg(scene, 0.5, 6, masked=False),
     ]
     files = [text.encode() for text in texts]
     files += [path.read_bytes() for path in sorted(_DATA.glob("*_by_inkscape.svg"))]

@@ -1,4 +1,4 @@
-"""Rules of the source tree: data flows one way, files stay small, svgwrite has one door."""
+"""Rules of the source tree: data flows one way, long files say why, svgwrite has one door."""
 
 import re
 import subprocess
@@ -21,9 +21,10 @@ def test_imports_follow_the_layers():
     assert run.returncode == 0, run.stdout + run.stderr
 
 
-@pytest.mark.parametrize("path", [*SOURCES, *sorted((ROOT / "tests").glob("*.py"))], ids=str)
-def test_no_file_is_longer_than_400_lines(path):
-    assert len(path.read_text().splitlines()) <= 400
+def test_a_file_of_over_500_lines_says_why_at_its_top():
+    for path in [*SOURCES, *(ROOT / "tests").glob("*.py")]:
+        lines = path.read_text().splitlines()
+        assert len(lines) <= 500 or "is long because" in "\n".join(lines[:40]), path
 
 
 @pytest.mark.parametrize(

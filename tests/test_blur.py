@@ -28,9 +28,9 @@ from gauss2svg.svg.blur import (
     drawn_blurs,
 )
 from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import snapped
-from gauss2svg.svg.solid import is_solid
 from gauss2svg.svg.write import write_svg
 
 FORM = st.sampled_from(FORMS)
@@ -109,7 +109,7 @@ def test_quantized_scenes_stay_as_they_are(seed, form, palette):
     scene = quantize(large_scene(20, seed), form, palette)
     again = snapped(scene, form)
     # Save for shapes that got an exponent from the palette which a disc is like.
-    same = (drawn_blurs(again) == drawn_blurs(scene)) | is_solid(scene)
+    same = (drawn_blurs(again) == drawn_blurs(scene)) | is_plain(scene)
     assert same.mean() > 0.7
     for name in ("sigma", "beta", "color"):
         mine, theirs = getattr(again, name)[same], getattr(scene, name)[same]
@@ -128,7 +128,7 @@ def test_blurred_shapes_are_large_and_as_opaque_as_a_disc_can_be(seed):
     assert (half[blurred] >= 1.8).all()
     full = scene.opacity[blurred] * [BLURS[k].peak for k in index[blurred]]
     assert (full <= 1.021).all()
-    assert not (blurred & is_solid(scene)).any()
+    assert not (blurred & is_plain(scene)).any()
 
 
 def one_shape(sigma: float, beta: float, opacity: float) -> Scene:
@@ -169,7 +169,7 @@ def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette
     kept = snapped(quantize(scene, BLUR, palette), BLUR)
     svg = write_svg(kept, SvgFormat(form=BLUR, precision=0.001, opacity_decimals=4))
     used = re.findall(r'filter="url\(#(\w+)\)"', svg)
-    assert len(used) == np.count_nonzero((drawn_blurs(kept) >= 0) & ~is_solid(kept))
+    assert len(used) == np.count_nonzero((drawn_blurs(kept) >= 0) & ~is_plain(kept))
     assert set(used) == set(re.findall(r'<filter[^>]* id="(\w+)"', svg))
     ids = re.findall(r' id="([^"]+)"', svg)
     assert len(set(ids)) == len(ids)
@@ -183,7 +183,7 @@ def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette
 def test_scene_of_blurred_shapes_comes_back_within_the_rounding(seed):
     # Twice: a shape whose first exponent becomes one that a disc draws is blurred as well.
     scene = snapped(snapped(large_scene(25, seed), BLUR), BLUR)
-    scene = scene.select((scene.opacity > 1e-3) & ~is_solid(scene))
+    scene = scene.select((scene.opacity > 1e-3) & ~is_plain(scene))
     svg_format = SvgFormat(form=BLUR, precision=0.001, opacity_decimals=4)
     back = read_svg(write_svg(scene, svg_format))
     np.testing.assert_allclose(back.beta, scene.beta)

@@ -22,7 +22,7 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
 from gauss2svg.scene.parameters import LEAST_RAW_BETA
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.solid import is_solid, solid_radius
+from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
 from gauss2svg.svg.write import write_svg
 
 QUICK = {"iterations": 60}
@@ -124,7 +124,7 @@ def test_rims_stay_as_wide_as_they_must_be_and_exponents_in_their_range():
 def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
     result = vectorize(drawing(), gaussians=40, palette=palette, **QUICK)
     scene = result.scene
-    shaded = ~is_solid(scene)
+    shaded = ~is_plain(scene)
     nearest = np.abs(scene.beta[shaded, None] / np.array(BETA_CLASSES) - 1).min(axis=1)
     assert (nearest < 1e-12).all()
     again = quantize(scene)
@@ -141,9 +141,9 @@ def test_file_draws_the_exponents_and_colours_that_the_scene_has(palette):
 def test_quantization_changes_nothing_but_exponents_extents_and_colours():
     scene = random_scene(60, 120, 90, 7, sigma=(1.0, 20.0))
     once = quantize(scene, palette=12)
-    for name in ("mean", "rho", "opacity", "rounds"):
+    for name in ("mean", "rho", "opacity", "round_index"):
         assert (getattr(once, name) == getattr(scene, name)).all()
-    shaded = ~is_solid(scene)
+    shaded = ~is_plain(scene)
     assert (once.beta[~shaded] == scene.beta[~shaded]).all()
     expected = scene.sigma * widening(scene.beta, once.beta)[:, None]
     np.testing.assert_allclose(once.sigma, expected)
@@ -177,7 +177,7 @@ def test_palette_holds_however_short_the_fit(photo, limits, falloff):
     if falloff == "gaussian":
         assert (result.scene.beta == 1).all()
     classes = np.array(BETA_CLASSES)
-    assert np.isin(result.scene.beta[~is_solid(result.scene)], classes).all()
+    assert np.isin(result.scene.beta[~is_plain(result.scene)], classes).all()
     assert (quantize(result.scene).color == result.scene.color).all()
 
 
@@ -221,7 +221,7 @@ def test_shapes_too_large_to_be_crisp_are_never_plain(beta):
         beta=np.full(60, beta),
     )  # fmt: skip
     width = RIM_WIDTH * sigma[:, 0] / beta
-    assert not is_solid(scene)[width > 1.3].any()
+    assert not is_plain(scene)[width > 1.3].any()
 
 
 def test_shapes_thinner_than_any_pixel_are_left_out_not_refused():
@@ -238,7 +238,7 @@ def test_rims_are_drawn_as_the_model_has_them_at_every_size(renderer, beta):
         minor = rim * beta / RIM_WIDTH
         sigma = [[min(6 * minor, 60), minor]]
         scene = Scene(150, 150, [[75.3, 74.8]], sigma, [0.3], [[0.1, 0.3, 0.2]], [1.0], beta=[beta])
-        if is_solid(scene)[0]:
+        if is_plain(scene)[0]:
             continue
         svg = write_svg(scene, SvgFormat(stops=12, precision=0.001))
         for scale in (1, 2, 4):
@@ -253,7 +253,7 @@ def test_plain_ellipses_are_drawn_as_the_model_is_on_average_over_a_pixel(render
         scene = Scene(
             150, 150, [[75.3, 74.8]], [[sigma, sigma]], [0.0], [[0.1, 0.3, 0.2]], [1.0], beta=[beta]
         )
-        assert is_solid(scene).all()
+        assert is_plain(scene).all()
         svg = write_svg(scene, SvgFormat(precision=0.001))
         assert "radialGradient" not in svg
         exact = render(scene, 1200, 1200).reshape(150, 8, 150, 8, 3).mean(axis=(1, 3))
@@ -265,7 +265,7 @@ def test_plain_ellipses_are_drawn_as_the_model_is_on_average_over_a_pixel(render
 def test_plain_ellipse_covers_what_the_profile_sums_up_to():
     scene = Scene(200, 200, [[100, 100]], [[20, 20]], [0.0], np.zeros((1, 3)), [1.0], beta=[8.0])
     mass = (1 - render(scene)[:, :, 0]).sum()
-    assert np.pi * (20 * solid_radius(np.array([8.0]))[0]) ** 2 == pytest.approx(mass, rel=1e-3)
+    assert np.pi * (20 * plain_radius(np.array([8.0]))[0]) ** 2 == pytest.approx(mass, rel=1e-3)
 
 
 def test_plain_are_crisp_shapes_and_no_others():
@@ -275,7 +275,7 @@ def test_plain_are_crisp_shapes_and_no_others():
             99, 99, np.full((n, 2), 50.0), sigma, np.zeros(n), np.zeros((n, 3)), np.ones(n),
             beta=np.full(n, float(beta)),
         )  # fmt: skip
-        return is_solid(scene).tolist()
+        return is_plain(scene).tolist()
 
     assert plain([[20, 20], [200, 200], [60, 60], [200, 20]], 64) == [True, False, False, False]
     assert plain([[1, 1], [5, 5], [20, 20]], 2) == [False, False, False]

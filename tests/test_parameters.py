@@ -17,7 +17,7 @@ from gauss2svg.render.kernels import MOMENTS
 from gauss2svg.scene import BLURRED, PLAIN, SOFT
 from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.scene.parameters import PARAMETERS, STEPPED, logistic, logit
-from gauss2svg.svg.minimal import minimal_svg
+from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.snap import snapped
 
 

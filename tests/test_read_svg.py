@@ -19,10 +19,10 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.blur import BLURS, FORMS, GRADIENT, drawn_blurs
 from gauss2svg.svg.format import STOP_COUNTS, SvgFormat
+from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.reader.affine import compose, parse_transform
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import snapped
-from gauss2svg.svg.solid import is_solid
 from gauss2svg.svg.stops import gradient_stops
 from gauss2svg.svg.write import write_svg
 
@@ -47,7 +47,7 @@ def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, pa
     scene = drawn(snapped(scene, form), svg_format)
     back = read_svg(write_svg(scene, svg_format))
     scene = snapped(scene, form)
-    solid = is_solid(scene)
+    solid = is_plain(scene)
     blurred = ~solid & (drawn_blurs(scene) >= 0) & (form != GRADIENT)
     np.testing.assert_allclose(back.beta[~solid], scene.beta[~solid], rtol=1e-12)
     step = 0.5 * precision + 1e-9
@@ -79,11 +79,11 @@ def test_scene_read_back_is_drawn_alike(seed):
 def test_plain_ellipses_come_back_as_plain_as_they_were(seed):
     svg_format = SvgFormat(precision=0.01, opacity_decimals=3)
     scene = random_scene(400, 300, 200, seed, (2, 60), (6, 64))
-    scene = snapped(scene.select(is_solid(scene)), GRADIENT)
+    scene = snapped(scene.select(is_plain(scene)), GRADIENT)
     assert len(scene) > 5
     text = write_svg(scene, svg_format)
     back = read_svg(text)
-    assert is_solid(back).all()
+    assert is_plain(back).all()
     assert metrics.psnr(render(back), render(scene)) > 42
     again = write_svg(back, svg_format)
     assert again.count("<circle") == text.count("<circle")

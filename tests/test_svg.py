@@ -16,9 +16,9 @@ from gauss2svg.pipeline.quantize import quantize, visible_mass
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.encode import number, short_id
+from gauss2svg.svg.element import number, short_id
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.solid import is_solid
+from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.write import write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -126,7 +126,7 @@ def test_palette_is_weighted_by_what_shows(monkeypatch):
         lambda c, b, w, *rest: (weights.append(w), real(c, b, w, *rest))[1],
     )
     quantize(scene, palette=20)
-    shaded = ~is_solid(scene)
+    shaded = ~is_plain(scene)
     np.testing.assert_array_equal(weights[0], visible_mass(scene)[0][shaded])
 
 

@@ -20,7 +20,7 @@ from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import BLENDS
-from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.file import file_bytes
 
 from .photos import Pixels, Smoothness, smoothness
 from .settings import Settings

@@ -61,7 +61,7 @@ class PhotoRecord:
         return (self.width or 0) * (self.height or 0)
 
     def line(self) -> dict[str, Any]:
-        """Its line in a record; `skipped` is of a run and not of the photo."""
+        """The photo's line in a record; `skipped` is of a run and not of the photo."""
         return {name: value for name, value in vars(self).items() if name != "skipped"}
 
 
@@ -98,7 +98,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def all_versions() -> dict[str, str]:
-    """The same, and Python's."""
+    """The versions that workers and driver must share, and Python's own."""
     return versions() | {"python": platform.python_version()}
 
 

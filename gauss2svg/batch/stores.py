@@ -250,7 +250,7 @@ class Store:
 
     @contextmanager
     def _putting(self, name: str) -> Iterator[tuple[Any, str]]:
-        """Where to put a file of a store's: it is renamed then if a put is seen half done."""
+        """The path to put a file at: another one, renamed then, if a put is seen half done."""
         with self._writing(name) as (fs, path):
             if _protocols(fs) & _WHOLE_PUT:
                 yield fs, path

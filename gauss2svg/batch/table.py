@@ -56,7 +56,7 @@ class Summary:
 
     @property
     def seconds(self) -> float:
-        """Since it was made."""
+        """Seconds since the summary was made."""
         return time.monotonic() - self._begun
 
     def lines(self) -> Iterator[str]:

@@ -37,7 +37,7 @@ from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.vectorize import vectorize_by
-from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.file import file_bytes
 
 _LONGEST_ERROR = 400  # characters
 # Why a file of one name cannot be written where others can.

@@ -31,7 +31,7 @@ class ScoreAxis:
 
     @property
     def sign(self) -> int:
-        """Of the score, so that more is better."""
+        """Sign that the score is given, so that more is better."""
         return -1 if self.falls else 1
 
     def has(self, value: float | None) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.files import STANDARD_STREAM
-from gauss2svg.svg.packing import check_svg_name, check_type
+from gauss2svg.svg.file import check_svg_name, check_type
 
 _OURS = b"written by gauss2svg"  # of the description of every file
 _HEAD = 65536  # bytes within which it stands

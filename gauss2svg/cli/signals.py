@@ -59,7 +59,7 @@ class Interruption:
         return self.signal is not None
 
     def after_fit(self) -> None:
-        """To be called when what follows a fit begins, in which a signal quits."""
+        """Let a signal quit; called when what follows a fit begins."""
         self._fitting = False
 
     @property
@@ -103,7 +103,7 @@ _before_the_fit: Callable[[int], None] = raise_for
 
 
 def exit_before_fits() -> None:
-    """For the process of a command: signals end it at once until a fit or another command runs."""
+    """Let signals end a command's process at once, until a fit or another command runs."""
     global _before_the_fit
     _before_the_fit = exit_for
     for number in SIGNALS:

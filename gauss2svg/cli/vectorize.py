@@ -135,7 +135,7 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
     from gauss2svg.errors import InputError
     from gauss2svg.files import STANDARD_STREAM, refuse_option_like
     from gauss2svg.scene import ADD
-    from gauss2svg.svg.packing import is_svgz
+    from gauss2svg.svg.file import is_svgz
 
     refuse_option_like(photo, output or "")
     if output is None:
@@ -194,7 +194,7 @@ def _write(result: Any, output: str, files: OutputFiles) -> None:
 
     from gauss2svg.cli.streams import standard_stream
     from gauss2svg.files import STANDARD_STREAM, as_json, as_png, write_all_atomically
-    from gauss2svg.svg.packing import file_bytes, is_svgz
+    from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])
     written: dict[str | os.PathLike[str], bytes] = {}

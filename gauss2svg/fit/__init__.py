@@ -1,1 +1,1 @@
-"""From pixels to a scene."""
+"""The fit: from pixels to a scene."""

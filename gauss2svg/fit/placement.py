@@ -108,7 +108,7 @@ class _Placer:
         self._initial_sigma = blending.initial_sigma
 
     def by_error(self, count: int) -> NewGaussians:
-        """In proportion to the square of the residual as weighted, by stratified sampling."""
+        """New Gaussians by stratified sampling, in proportion to the weighted squared residual."""
         error = np.square(self._residual).sum(axis=0)
         smooth = smoothed(error, min(max(0.5 * self._spacing, 0.5), 4.0))
         if self._target.visible is not None:
@@ -126,7 +126,7 @@ class _Placer:
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
     def by_component(self, count: int) -> NewGaussians:
-        """On the largest connected components of the quantised residual, the rest by error.
+        """New Gaussians on the largest components of the quantised residual, the rest by error.
 
         As in LIVE, but each has the mean colour of its component, and the direction and aspect of
         its second moments. A disc of area A and a Gaussian have the same variance at
@@ -150,7 +150,7 @@ class _Placer:
         return found.filled_up(self.by_error, count)
 
     def as_in_live(self, count: int) -> NewGaussians:
-        """As the paper has it: sigma = sqrt(A / (r s^2)), rho = 0, the rest at random.
+        """New Gaussians as in the paper: sigma = sqrt(A / (r s^2)), rho = 0, the rest at random.
 
         Each colour is that at its component's centre of mass.
         """

@@ -49,7 +49,7 @@ _COSTS = (
 
 @dataclass(frozen=True)
 class Provenance:
-    """How a gallery was svg."""
+    """How a gallery was made."""
 
     title: str
     command: str

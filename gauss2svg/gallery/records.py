@@ -78,7 +78,7 @@ class PhotoResult:
 
 @dataclass(frozen=True)
 class Failure:
-    """A photo that cannot be read, where variant is None, or an SVG that could not be svg."""
+    """A photo that cannot be read, where variant is None, or an SVG that could not be made."""
 
     photo: ListedPhoto
     variant: Variant | None

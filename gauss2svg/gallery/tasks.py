@@ -43,7 +43,7 @@ class Task:
 
     @property
     def label(self) -> str:
-        """Its name in a progress bar."""
+        """The task's name in a progress bar."""
         return self.photo.name + (f", {self.variant.name}" if self.variant else "")
 
     @property

@@ -13,7 +13,7 @@ from gauss2svg.photo.alpha import BLACK, alpha_of, has_alpha, over, stacked
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize_like, renderer_version
 from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene
-from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.file import file_bytes
 
 _LEAST_SIDE_FOR_SSIM = 3
 

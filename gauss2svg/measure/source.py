@@ -45,7 +45,7 @@ def svg_source(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
 
 
 def _read(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
-    """At most one byte more than the limit, so that a longer file is refused; and its name."""
+    """The source's bytes, at most one more than the limit, to refuse longer ones; and its name."""
     if isinstance(source, (bytes, bytearray, memoryview)):
         return bytes(source), "SVG"
     if isinstance(source, (str, os.PathLike)):

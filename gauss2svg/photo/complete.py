@@ -125,7 +125,7 @@ def _jpeg_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
 
 
 def _fax_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
-    """As of a JPEG; libtiff leaves what is missing white."""
+    """Whether the data of a fax strip end early; libtiff leaves what is missing white."""
     numbers = {_WIDTH: width, _HEIGHT: height, 258: 1}
     numbers |= {tag: tags[tag] for tag in _FAX_TAGS if isinstance(tags.get(tag), int)}
     images = [
@@ -153,7 +153,7 @@ def _as_tuple(value: Any) -> tuple[int, ...]:
 
 
 def _lack_of_png(file: bytes, image: Image.Image, _tags: _Tags) -> str:
-    """By the length of its unpacked rows."""
+    """What a PNG lacks, by the length of its unpacked rows."""
     bits, color_type, _, _, interlaced = file[24:29]
     samples = bits * _PNG_CHANNELS.get(color_type, 0)
     width, height = image.size

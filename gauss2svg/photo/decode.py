@@ -41,7 +41,7 @@ _REDUCED_OTHERS, _REDUCED_ALPHA, _REDUCED_16, _REDUCED_PROGRESSIVE = 8, 10, 24, 
 
 @dataclass(frozen=True, eq=False)
 class _Samples:
-    """As stored: color (h, w, 1 or 3) or an image of 8 bits, alpha (h, w)."""
+    """Samples as stored: color (h, w, 1 or 3) or an image of 8 bits, alpha (h, w)."""
 
     color: NDArray[Any] | Image.Image
     alpha: NDArray[Any] | None

@@ -247,7 +247,7 @@ def _tables_of(head: bytes) -> dict[int, _Codes]:
 
 @cache
 def _standard_tables() -> _DHT:
-    """Those of T.81, annex K, which libjpeg uses where a file has none, as of many a webcam."""
+    """Huffman tables of T.81, annex K, which libjpeg uses for a file without, as of webcams."""
     stream = io.BytesIO()
     Image.new("RGB", (8, 8)).save(stream, "JPEG")
     file, tables, place = stream.getvalue(), {}, 0

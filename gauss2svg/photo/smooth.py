@@ -60,7 +60,7 @@ def _summed(
 
 @lru_cache(maxsize=16)
 def _weights(sigma: float, radius: int) -> tuple[float, ...]:
-    """Of the pixel itself and of those to either side, 1 in all."""
+    """Weights of the pixel itself and of those to either side, 1 in all."""
     x = np.arange(-radius, radius + 1)
     weights = np.exp(-0.5 / (sigma * sigma) * x**2)
     return tuple(float(weight) for weight in (weights / weights.sum())[radius:])

@@ -13,7 +13,7 @@ _owned = ContextVar("standard error is the command's own", default=False)
 
 @contextmanager
 def own_standard_error() -> Iterator[None]:
-    """For a command: `stderr_silenced` works inside. A library leaves its host's streams alone."""
+    """Let `stderr_silenced` work inside: a command may silence itself, a library not its host."""
     token = _owned.set(True)
     try:
         yield

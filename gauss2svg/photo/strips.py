@@ -157,7 +157,7 @@ def _unpacked(data: bytes, page: Any, size: int) -> bytes:
 
 
 def _in_order(data: bytes, page: Any) -> bytes:
-    """With the highest bit of each byte first."""
+    """The data with the highest bit of each byte first."""
     if page.tags.valueof(_FILL_ORDER, default=1) != _REVERSED:
         return data
     return data.translate(_OTHER_ORDER)

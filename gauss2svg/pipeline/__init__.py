@@ -1,1 +1,1 @@
-"""From a photo to a measured SVG: options, plan, the search for the goal, report."""
+"""The pipeline from a photo to a measured SVG: options, plan, the search for the goal, report."""

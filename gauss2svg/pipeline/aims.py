@@ -47,7 +47,7 @@ class Aim:
         return self.name == "target_psnr"
 
     def score(self, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
-        """Of a raster against a photo of its shape; with alpha the worse of white and black."""
+        """Score of a raster against a photo of its shape; the worse over white and black."""
         pairs = zip(views(raster), views(photo), strict=True)
         if not self.is_psnr:
             return min(ssimulacra2(*pair) for pair in pairs)

@@ -240,7 +240,7 @@ class Options:
         }
 
     def changed(self, **values: Any) -> Options:
-        """The same with other values of options, by their names."""
+        """These options with other values, by their names."""
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             found = field_named(GROUPS, name)

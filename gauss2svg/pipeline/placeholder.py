@@ -23,7 +23,7 @@ from gauss2svg.pipeline.run import ProgressCallback, Run
 from gauss2svg.pipeline.search.by_bytes import ByBytes
 from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject
-from gauss2svg.svg.encode import hex_color
+from gauss2svg.svg.element import hex_color
 from gauss2svg.svg.format import MINIMAL
 
 DEFAULT_BYTES = 1000

@@ -12,8 +12,8 @@ from gauss2svg.pipeline.palette import best_palette, quantize_signed
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.blur import GRADIENT, drawn_blurs
+from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.snap import snapped, with_exponents
-from gauss2svg.svg.solid import is_solid
 
 # Colours are weighted by their visible mass, on a canvas of at most this side.
 _WEIGHING_SIDE = 768
@@ -42,7 +42,7 @@ def quantize(
         return _quantize_additive(scene, form, palette, color_error, weight)
     exact, scene = scene, snapped(scene, form)
     blurred = (drawn_blurs(scene) >= 0) & (form != GRADIENT)
-    shaded = ~is_solid(exact) & ~blurred
+    shaded = ~is_plain(exact) & ~blurred
     if not shaded.any() or not (palette or color_error):
         return scene
     count = max(1, math.ceil(palette * (1 - blurred.mean()))) if palette else len(scene)

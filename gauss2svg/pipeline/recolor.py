@@ -17,8 +17,8 @@ from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
 from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
+from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_exponents
-from gauss2svg.svg.solid import drawn_beta
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -21,8 +21,8 @@ from gauss2svg.pipeline.search.outcome import Outcome
 from gauss2svg.pipeline.unreached import unreached
 from gauss2svg.scene.names import ADAPTIVE, GAUSSIAN
 from gauss2svg.svg.document import Document
+from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.svg.format import MINIMAL
-from gauss2svg.svg.packing import bytes_by_part
 from gauss2svg.version import __version__
 
 

@@ -16,7 +16,7 @@ from gauss2svg.options import Flag, file_name
 from gauss2svg.pipeline.report import decibels
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.packing import check_svg_name, file_bytes, is_svgz
+from gauss2svg.svg.file import check_svg_name, file_bytes, is_svgz
 from gauss2svg.svg.write import outline_svg
 
 

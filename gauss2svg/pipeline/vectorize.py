@@ -29,7 +29,7 @@ from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.pipeline.sizes import Sizes, sizes_of
 from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.encode import LARGEST_NUMBER
+from gauss2svg.svg.limits import LARGEST_NUMBER
 
 _MOST_REACH = 5  # canvas sides that a shape may extend to: sigma is at most 1, the cut-off is at 3
 

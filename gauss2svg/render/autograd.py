@@ -115,7 +115,7 @@ def fast_composite(
     width: int,
     beta: torch.Tensor | None = None,
 ) -> torch.Tensor:
-    """The same as gauss2svg.render.reference.composite, by the numba kernels.
+    """gauss2svg.render.reference.composite by the numba kernels.
 
     CPU tensors of any floating dtype; the image (height, width, 3) is float64 if all of
     them are, else float32. Gradients flow to every tensor, but only once: a second derivative
@@ -143,7 +143,7 @@ def fast_accumulate(
     height: int,
     width: int,
 ) -> torch.Tensor:
-    """The same as gauss2svg.render.reference.accumulate, by the numba kernels.
+    """gauss2svg.render.reference.accumulate by the numba kernels.
 
     Tensors and gradients as those of fast_composite.
     """

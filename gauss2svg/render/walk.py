@@ -67,7 +67,7 @@ def tile_buffers(most_rows: int, dtype: Any) -> TileBuffers:
 def _errors_of_whole_rows(
     mode, x0, y0, h, color, remaining, background, image, weight, out, gradient
 ):  # fmt: skip
-    """The same as _errors_of_tile, for a tile that no right edge cuts."""
+    """_errors_of_tile of a tile that no right edge cuts."""
     squares = 0.0
     height, width = out.shape[1:]
     for channel in range(3):
@@ -192,7 +192,7 @@ def walk_tiles_additive(
     gaussian, rows, start, order, layers, color, gradient, behind, remaining, inside, columns,
     pair_out, out, loss,
 ):  # fmt: skip
-    """The same by additive blending: opacities are not read, the background is never covered."""
+    """walk_tiles by additive blending: opacities are not read, the background is never covered."""
     height, width = out.shape[1:]
     tile_columns = (width + TILE_WIDTH - 1) // TILE_WIDTH
     alpha = layers[0]

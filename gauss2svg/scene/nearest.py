@@ -41,7 +41,7 @@ def nearest_entry(
 def by_tree(
     entries: NDArray[np.float64], points: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """The same by a KDTree, for many pairs, and where the order of its search decides."""
+    """nearest_entry by a KDTree, for many pairs, and where the order of its search decides."""
     from scipy.spatial import KDTree
 
     distance, entry = KDTree(entries).query(points)

@@ -22,7 +22,7 @@ from gauss2svg.studio.form import options_of
 from gauss2svg.studio.guard import PICTURE_POLICY
 from gauss2svg.studio.jobs import CANCELED, FAILED, Job, Jobs, QueueFullError
 from gauss2svg.studio.lines import lines_of
-from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.file import file_bytes
 
 _MOST_JSON = 64_000  # characters of what is given as JSON
 _ALIVE_S = 15.0  # between two lines of an event stream that has nothing to tell

@@ -155,7 +155,7 @@ class Jobs:
         return max(1, round(self._seconds / self.workers))
 
     def new_folder(self) -> Path:
-        """For the files of a job; its name has nothing of the photo's."""
+        """A folder for the files of a job; its name has nothing of the photo's."""
         path = self.folder / secrets.token_hex(8)
         path.mkdir(parents=True)
         return path

@@ -121,7 +121,7 @@ async def save(upload: Any, path: Path) -> str:
 
 
 def link(source: Path, path: Path) -> None:
-    """The same file under another name; a copy of what may not be linked."""
+    """Give a file another name as well, or a copy where it may not be linked."""
     source = source.resolve()  # not a symbolic link, which may lead nowhere from there
     try:
         os.link(source, path)
@@ -130,6 +130,6 @@ def link(source: Path, path: Path) -> None:
 
 
 def digest_of(path: Path) -> str:
-    """As of `save`."""
+    """SHA-256 of a file, which `save` returns too."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -55,7 +55,7 @@ class Worker:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Id of the worker's process."""
         return self._process.pid
 
     @property

@@ -21,7 +21,7 @@ from gauss2svg.studio.fits import is_zipped, job_named
 from gauss2svg.studio.form import MOST_DRAWN
 from gauss2svg.studio.guard import PICTURE_POLICY
 from gauss2svg.studio.jobs import Job, Jobs
-from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.file import file_bytes
 
 _DRAW_S = 60.0
 Markup = Literal["editable", "minimal"] | None

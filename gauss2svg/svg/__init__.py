@@ -1,1 +1,1 @@
-"""Writing scenes as SVG, and reading them back."""
+"""Writing scenes as SVG by `write.write_svg`, and reading them back by `reader.read.read_svg`."""

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.scene import BLURRED, Scene
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
-from gauss2svg.svg.solid import is_solid
+from gauss2svg.svg.plain_ellipse import is_plain
 
 GRADIENT, BLUR = "gradient", "blur"
 FORMS = (GRADIENT, BLUR)
@@ -123,7 +123,7 @@ def chosen_blurs(scene: Scene, form: str) -> NDArray[np.intp]:
     if form == GRADIENT or not len(scene):
         return index
     half_width = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
-    large = (half_width >= _LEAST_HALF_WIDTH) & ~is_solid(scene)
+    large = (half_width >= _LEAST_HALF_WIDTH) & ~is_plain(scene)
     before = drawn_blurs(scene) >= 0
     candidates = large | before
     beta, opacity = scene.beta[candidates], scene.opacity[candidates]

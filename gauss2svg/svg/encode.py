@@ -1,4 +1,4 @@
-"""From a scene to the numbers and short strings of an SVG; nothing here knows about XML.
+"""The elements of an editable file, from a scene; svgwrite writes the document around them.
 
 A Gaussian is the unit circle under matrix(a b c d e f). Any matrix M with M M^T = R^2 covariance,
 R = cut_radius(beta), draws the same ellipse, because a circle has no direction; the lower
@@ -6,10 +6,26 @@ triangular one has c = 0 and is the shortest to write:
 
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
-The user unit is `precision` px, so that all these are whole numbers. Shapes of one colour and one
-exponent share a gradient. Solid ellipses have none, and the radius of solid_radius(beta); blurred
-discs share filters by exponent. Crisp rims need two more things (docs/decisions/svg.md,
-examples/rims.py):
+The user unit is `precision` px, so that all these are whole numbers. Three shapes at 0.04 px, of
+which 25 are a pixel:
+
+    mean (20, 15) px, sigma (4, 3) px, rho 0.5, orange, opacity 0.8; the exponent 1 has R = 3
+        <circle fill="url(#a)" fill-opacity=".8" r="1" transform="matrix(300 112 0 195 500 375)"/>
+    mean (10, 5), sigma 3, of the same colour and exponent: it shares the gradient
+        <circle fill="url(#a)" r="1" transform="matrix(225 0 0 225 250 125)"/>
+    mean (40, 30), sigma (6, 5), green, of exponent 64, R = 1.43: large and crisp (see below)
+        <circle fill="url(#b)" r="110" transform="matrix(2.15 0 0 1.79 1000 750)"/>
+
+    <radialGradient cx="0" cy="0" fx=".001" gradientUnits="userSpaceOnUse" id="a" r="1">
+      <stop offset=".066" stop-color="#f80" stop-opacity=".99"/> .. <stop offset=".94" ../>
+    <radialGradient cx="0" cy="0" fx=".1" gradientUnits="userSpaceOnUse" id="b" r="100"> ..
+
+Two forms have no gradient: a crisp shape that a plain ellipse draws as well, of the same area, and
+in the form blur a large soft one, a disc under a filter that shapes of its exponent share:
+
+    <circle fill="#084" r="1" transform=".."/> <circle fill="#f80" filter="url(#c)" r="1" ../>
+
+Crisp rims need two more things (docs/decisions/svg.md, examples/rims.py):
 
 - a circle a little larger than its gradient, whose own antialiased edge would clip the rim;
 - from the exponent _LARGE_FROM on a gradient of radius 100 under a matrix of a hundredth, because
@@ -22,163 +38,69 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from gauss2svg.errors import SceneError, must_be, shown
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, RIM_WIDTH, cut_radius, nearest_class
-from gauss2svg.svg.blur import BLURS, GRADIENT, drawn_blurs
+from gauss2svg.svg.blur import BLURS, GRADIENT, Blur, drawn_blurs
+from gauss2svg.svg.element import (
+    Element,
+    hex_color,
+    number,
+    radial_gradient,
+    short_id,
+    with_default,
+)
 from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.limits import check_canvas, writable
+from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
 from gauss2svg.svg.snap import snapped
-from gauss2svg.svg.solid import is_solid, solid_radius
 from gauss2svg.svg.stops import gradient_stops
 
-_DIGITS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
-_SMALLEST_CANVAS = 0.01
 _LARGE_FROM, _LARGE = 16.0, 100  # exponent; radius of its gradients
 _CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge
 _MOST_MARGIN = 20.0  # times the gradient's radius: shapes that need more are too thin to be drawn
 # px of rim across the minor axis above which the edge does little harm (docs/decisions/svg.md).
 _SOFT = 1.0
-# Renderers compute in float32, and resvg panics from about 1e9 on; all six draw numbers up to 1e8
-# within 2.1 levels of 255 (docs/decisions/numbers.md).
-LARGEST_NUMBER = 1e8
-# px. Cairo has 23 bits for whole pixels, and is 47 levels off at 1e7.
-_FARTHEST = 8e6
-# Radii around a shape's mean within which all of it is drawn, because a blur fills up to 2.5 radii
-# around its disc; and px for antialiasing.
-_DRAWN_WITHIN, _EDGE = 4.0, 1.0
 
 
-@dataclass(frozen=True)
-class Gradient:
-    """One radial gradient: its id, radius, colour as #rrggbb, stops as (offset, opacity)."""
-
-    id: str
-    radius: int
-    color: str
-    stops: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class Filter:
-    """One blur of a circle of radius 1: its id, standard deviation, and margin in diameters."""
-
-    id: str
-    deviation: str
-    margin: str
-
-
-@dataclass(frozen=True)
-class Ellipse:
-    """One shape: its fill, a gradient or a colour, the circle's radius, its matrix, its opacity.
-
-    The opacity is "" where it is 1; filter the id of its blur, or ""; index its place in the scene.
-    """
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """One element that is drawn, and the index of its shape in the scene."""
 
     index: int
-    fill: str
-    radius: str
-    matrix: str
-    opacity: str
-    filter: str
+    element: Element
 
 
 @dataclass(frozen=True)
 class EncodedScene:
-    """Everything that the writer puts into elements, as text.
+    """The elements of a file, and the text of its root and background.
 
-    width, height in px; view_width, view_height in user units; background "" where the scene is
-    transparent
+    view         width and height in user units
+    background   colour, "" where the scene is transparent
+    definitions  gradients and filters, those alone that are used
+    shapes       bottom first, round by round
     """
 
-    width: str
-    height: str
-    view_width: str
-    view_height: str
+    view: tuple[str, str]
     background: str
-    gradients: tuple[Gradient, ...]
-    filters: tuple[Filter, ...]
-    layers: tuple[tuple[int, tuple[Ellipse, ...]], ...]
-
-
-def number(value: float, decimals: int) -> str:
-    """Shortest text of a value rounded to some decimals.
-
-    Raises SceneError for NaN and infinity, which renderers draw wrongly or crash on, and for
-    numbers above LARGEST_NUMBER.
-    """
-    if not abs(value) <= LARGEST_NUMBER:
-        raise SceneError(
-            must_be(
-                "a number in an SVG",
-                f"finite and at most {LARGEST_NUMBER:g}",
-                shown(value),
-                "to scale the scene, to drop shapes that lie so far off, or a coarser precision",
-            )
-        )
-    text = f"{value:.{decimals}f}"
-    if "." in text:
-        text = text.rstrip("0").rstrip(".")
-    if text in ("-0", ""):
-        return "0"
-    if text.startswith("0."):
-        return text[1:]
-    if text.startswith("-0."):
-        return "-" + text[2:]
-    return text
-
-
-def check_canvas(scene: Scene) -> None:
-    """Raise SceneError for a canvas that is too small to be written."""
-    if min(scene.width, scene.height) < _SMALLEST_CANVAS:
-        needed = f"at least {_SMALLEST_CANVAS} px a side in an SVG"
-        got = shown(f"{scene.width:g}x{scene.height:g} px")
-        raise SceneError(must_be("canvas", needed, got, "to scale the scene up"))
-
-
-def writable(
-    scene: Scene, radius: ArrayLike, precision: float, unit: ArrayLike = 1
-) -> NDArray[np.bool_]:
-    """(n,) whether each shape's numbers, in user units of `precision` px, fit into a file.
-
-    radius  in sigmas, of the drawn discs, whose matrices are for circles of radius `unit`
-    A shape whose numbers do not fit, or that reaches too far for renderers, can be left out where
-    it lies entirely off the canvas. Raises SceneError for one that may be visible.
-    """
-    extent = np.asarray(radius)[..., None] * scene.sigma
-    offset = np.abs(scene.mean)
-    number = np.maximum(offset, extent / np.asarray(unit)[..., None]).max(axis=1) / precision
-    farthest = (offset + extent).max(axis=1)
-    canvas = np.array([scene.width, scene.height])
-    beyond = np.maximum(-scene.mean, scene.mean - canvas)
-    off = (beyond > _DRAWN_WITHIN * extent + _EDGE).any(axis=1)
-    fits = (number <= LARGEST_NUMBER) & (farthest <= _FARTHEST)
-    lost = ~fits & ~off
-    if lost.any():
-        i = int(lost.argmax())
-        raise SceneError(
-            f"Gaussian {i} must reach at most {_FARTHEST:g} px, with numbers up to "
-            f"{LARGEST_NUMBER:g}; got {farthest[i]:.3g} px and {number[i]:.3g} at a precision of "
-            f"{precision:g} px, for mean {scene.mean[i].tolist()} and sigma "
-            f"{scene.sigma[i].tolist()} px. Try to clip its sigma, to scale the scene down, to "
-            "drop the Gaussian, or a coarser precision"
-        )
-    return fits
+    definitions: tuple[Element, ...]
+    shapes: tuple[Drawn, ...]
 
 
 def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
-    """Numbers of the SVG of a scene; depends on nothing but the two arguments.
+    """Elements of the SVG of a scene; they depend on nothing but the two arguments.
 
     Gaussians whose opacity or extent is written as 0 draw nothing and are left out, as are those
-    off the canvas whose numbers are too large for a file (writable). Raises SceneError for other
-    Gaussians with such numbers, and for such a canvas.
+    off the canvas whose numbers are too large for a file (gauss2svg.svg.limits.writable). Raises
+    SceneError for other Gaussians with such numbers, and for such a canvas.
     """
     check_canvas(scene)
     scene = snapped(scene, svg_format.form)
-    solid, blur = is_solid(scene), drawn_blurs(scene)
-    blurred = ~solid & (blur >= 0) & (svg_format.form != GRADIENT)
-    shaded = ~solid & ~blurred
+    # Each shape is one of three: a plain ellipse, a blurred disc, or shaded by a gradient.
+    plain, blur = is_plain(scene), drawn_blurs(scene)
+    blurred = ~plain & (blur >= 0) & (svg_format.form != GRADIENT)
+    shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.beta), color])
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
@@ -190,9 +112,9 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     fills = np.array([hex_color(c) for c in color], dtype=object)
     fills[shaded] = [f"url(#{ids[k]})" for k in entry.reshape(-1)]
     filters = np.full(len(scene), "", dtype=object)
-    filters[blurred] = [filter_ids[k] for k in blur[blurred]]
+    filters[blurred] = [f"url(#{filter_ids[k]})" for k in blur[blurred]]
     radius, opacity = cut_radius(scene.beta), scene.opacity.copy()
-    radius[solid] = solid_radius(scene.beta[solid])
+    radius[plain] = plain_radius(scene.beta[plain])
     radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
     opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
     unit = np.where((scene.beta >= _LARGE_FROM) & shaded, _LARGE, 1)
@@ -200,28 +122,30 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
         scene.factor * radius[:, None, None], scene.mean,
     )  # fmt: skip
-    fits = writable(scene, radius, svg_format.precision, unit)
-    layers = _layers(discs, fits, scene.round_index, svg_format)
-    drawn = [ellipse for _, ellipses in layers for ellipse in ellipses]
-    fills_used, filters_used = {e.fill for e in drawn}, {e.filter for e in drawn}
+    fits = np.flatnonzero(writable(scene, radius, svg_format.precision, unit)).tolist()
+    circles = ((i, _circle(discs, i, svg_format)) for i in fits)
+    shapes = tuple(Drawn(i, circle) for i, circle in circles if circle is not None)
+    used = {value for shape in shapes for value in shape.element.attributes.values()}
+    gradients = zip(ids, shared, strict=True)
+    blurs = zip(filter_ids, BLURS, strict=True)
     return EncodedScene(
-        width=number(scene.width, 3),
-        height=number(scene.height, 3),
-        view_width=number(scene.width / svg_format.precision, 6),
-        view_height=number(scene.height / svg_format.precision, 6),
+        view=view_of(scene, svg_format.precision),
         background=_background(scene),
-        gradients=tuple(
-            _gradient(name, BETA_CLASSES[key[0]], key[1:], svg_format.stops)
-            for name, key in zip(ids, shared, strict=True)
-            if f"url(#{name})" in fills_used
+        definitions=(
+            *(
+                _gradient(name, BETA_CLASSES[key[0]], key[1:], svg_format.stops)
+                for name, key in gradients
+                if f"url(#{name})" in used
+            ),
+            *(_filter(name, blur) for name, blur in blurs if f"url(#{name})" in used),
         ),
-        filters=tuple(
-            Filter(name, number(blur.deviation, 4), number(blur.margin / 2, 2))
-            for name, blur in zip(filter_ids, BLURS, strict=True)
-            if name in filters_used
-        ),
-        layers=layers,
+        shapes=shapes,
     )
+
+
+def view_of(scene: Scene, precision: float) -> tuple[str, str]:
+    """Width and height of a canvas in user units of `precision` px."""
+    return number(scene.width / precision, 6), number(scene.height / precision, 6)
 
 
 def _background(scene: Scene) -> str:
@@ -234,7 +158,8 @@ def _background(scene: Scene) -> str:
 class _Discs:
     """The circles of n shapes, before they are text.
 
-    fill, filter  (n,) text, "" without a filter
+    fill     (n,) text: a colour, or a gradient's reference
+    filter   (n,) text: a blur's reference, "" without one
     unit     (n,) radius of its gradient; circle (n,) radius of the circle that shows it
     opacity  (n,) in 0..1
     factor   (n, 2, 2) in px, of the circle of radius `unit`; mean (n, 2) in px
@@ -249,29 +174,15 @@ class _Discs:
     mean: NDArray[np.float64]
 
 
-def _layers(
-    discs: _Discs, fits: NDArray[np.bool_], rounds: NDArray[np.int32], svg_format: SvgFormat
-) -> tuple[tuple[int, tuple[Ellipse, ...]], ...]:
-    """Rounds that draw something, with their ellipses."""
-    layers = []
-    for layer in np.unique(rounds).tolist():
-        members = np.flatnonzero((rounds == layer) & fits).tolist()
-        ellipses = (_ellipse(discs, i, svg_format) for i in members)
-        drawn = tuple(ellipse for ellipse in ellipses if ellipse is not None)
-        if drawn:
-            layers.append((layer, drawn))
-    return tuple(layers)
-
-
-def _ellipse(discs: _Discs, i: int, svg_format: SvgFormat) -> Ellipse | None:
+def _circle(discs: _Discs, i: int, svg_format: SvgFormat) -> Element | None:
+    """The i-th shape; None where its opacity or its extent is written as 0."""
     matrix = matrix_text(discs.factor[i], discs.mean[i], svg_format.precision, int(discs.unit[i]))
-    shown = number(discs.opacity[i], svg_format.opacity_decimals)
-    if shown == "0" or not matrix:
+    opacity = number(discs.opacity[i], svg_format.opacity_decimals)
+    if opacity == "0" or not matrix:
         return None
-    return Ellipse(
-        i, discs.fill[i], number(discs.circle[i], 1), matrix,
-        "" if shown == "1" else shown, discs.filter[i],
-    )  # fmt: skip
+    attributes = {"fill": discs.fill[i], **with_default("fill-opacity", opacity, "1")}
+    attributes |= with_default("filter", discs.filter[i], "")
+    return Element("circle", {**attributes, "r": number(discs.circle[i], 1), "transform": matrix})
 
 
 def matrix_text(
@@ -289,10 +200,38 @@ def matrix_text(
     return "" if "0" in (a, d) else f"matrix({a} {b} 0 {d} {e} {f})"
 
 
-def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) -> Gradient:
-    offsets, values = gradient_stops(count, beta)
-    stops = tuple((number(o, 4), number(v, 3)) for o, v in zip(offsets, values, strict=True))
-    return Gradient(name, _LARGE if beta >= _LARGE_FROM else 1, hex_color(color), stops)
+def _gradient(name: str, beta: float, color: NDArray[np.integer], count: int) -> Element:
+    shade, large = hex_color(color), beta >= _LARGE_FROM
+    stops = [
+        Element(
+            "stop",
+            {
+                "offset": number(offset, 4),
+                "stop-color": shade,
+                **with_default("stop-opacity", number(value, 3), "1"),
+            },
+        )
+        for offset, value in zip(*gradient_stops(count, beta), strict=True)
+    ]
+    r, fx = (str(_LARGE), ".1") if large else ("1", ".001")
+    return radial_gradient(name, stops, r, fx)
+
+
+def _filter(name: str, blur: Blur) -> Element:
+    """A blur of a circle of radius 1, in a region of the circle's box with a margin around it."""
+    margin = number(blur.margin / 2, 2)  # in diameters
+    start, size = f"-{margin}", number(1 + 2 * float(margin), 2)
+    attributes = {
+        # The default, linearRGB, rounds colours once more.
+        "color-interpolation-filters": "sRGB",
+        "height": size,
+        "id": name,
+        "width": size,
+        "x": start,
+        "y": start,
+    }
+    deviation = {"in": "SourceGraphic", "stdDeviation": number(blur.deviation, 4)}
+    return Element("filter", attributes, [Element("feGaussianBlur", deviation)])
 
 
 def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -301,20 +240,3 @@ def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
     crisp = (scene.beta > 1) & (RIM_WIDTH * minor < _SOFT * scene.beta) & shaded
     margin = np.where(crisp, _CLEAR_OF_THE_RIM / (minor * cut_radius(scene.beta)), 0.0)
     return 1 + np.minimum(np.ceil(10 * margin) / 10, _MOST_MARGIN)
-
-
-def short_id(index: int) -> str:
-    """The index-th shortest id of letters: a, b, ..., Z, aa, ab, ..."""
-    text = _DIGITS[index % len(_DIGITS)]
-    while index >= len(_DIGITS):
-        index = index // len(_DIGITS) - 1
-        text = _DIGITS[index % len(_DIGITS)] + text
-    return text
-
-
-def hex_color(color: NDArray[np.integer]) -> str:
-    """#rrggbb of three levels 0..255, or #rgb where that is the same."""
-    text = "#" + "".join(f"{int(v):02x}" for v in color)
-    if text[1] == text[2] and text[3] == text[4] and text[5] == text[6]:
-        return "#" + text[1] + text[3] + text[5]
-    return text

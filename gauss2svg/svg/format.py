@@ -15,10 +15,13 @@ STOP_COUNTS = (5, 6, 8, 10, 12)  # of a gradient
 
 @dataclass(frozen=True, kw_only=True)
 class SvgFormat(OptionGroup):
-    """How a scene is written; an additive one in gradients alone, and without opacities."""
+    """How write_svg writes a scene; a run finds it by its SvgOptions, its preset and its limits.
+
+    An additive scene is written in gradients alone, and without opacities.
+    """
 
     form: Literal["gradient", "blur"] = "gradient"
-    """Form of the shapes that are not solid ellipses: a radial gradient, or, except for small
+    """Form of the shapes that are not plain ellipses: a radial gradient, or, except for small
     ones, a disc under feGaussianBlur."""
 
     markup: Literal["editable", "minimal"] = "editable"

@@ -7,14 +7,14 @@ import numpy as np
 from gauss2svg.scene import ADD, BLURRED, LEAST_SIGMA, MOST_SIGMA, PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class, widening
 from gauss2svg.svg.blur import BLURS, chosen_blurs
-from gauss2svg.svg.solid import is_solid
+from gauss2svg.svg.plain_ellipse import is_plain
 
 
 def snapped(scene: Scene, form: str) -> Scene:
     """The scene with exponents and colours as a file of this form has them; `snapped` of it is it.
 
     Exponents become those of BETA_CLASSES, or in the form blur those of blurred discs, and sigma
-    changes with them so that the radius of half height stays. Solid ellipses keep their exponent.
+    changes with them so that the radius of half height stays. Plain ellipses keep their exponent.
     Colours are rounded to 8 bits. Additive scenes are returned as they are: their stops are
     computed from exact colours.
     """
@@ -22,7 +22,7 @@ def snapped(scene: Scene, form: str) -> Scene:
         return scene
     blur = chosen_blurs(scene, form)
     blurred = blur >= 0
-    shaded = ~is_solid(scene) & ~blurred
+    shaded = ~is_plain(scene) & ~blurred
     beta = scene.beta.copy()
     beta[blurred] = [BLURS[k].beta for k in blur[blurred]]
     beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]

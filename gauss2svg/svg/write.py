@@ -1,18 +1,8 @@
-"""The SVG document; the only module that knows svgwrite.
+"""SVG documents: write_svg and outline_svg, the only module that knows svgwrite.
 
-    <radialGradient id=".." gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1" fx=".001">
-      <stop offset=".." stop-color="#.." stop-opacity=".."/> ...
-    <circle r="1" transform="matrix(..)" fill="url(#..)" fill-opacity=".."/>
-
-with radii as in gauss2svg.svg.encode, fill="#.." for a solid ellipse and filter="url(#..)" for a
-blurred one, whose region is one of the bounding box, with the deviation in the circle's own units,
-so that all shapes of an exponent share one filter. The focal offset moves resvg to its accurate
-gradient. Other encodings fail in one renderer or another (docs/decisions/svg.md).
-
-An additive scene is written as differences (gauss2svg.svg.additive):
-
-    <g filter="url(#transfer)"> <rect fill="#.."/>
-      <g> <circle r="1" transform="matrix(..)" fill="url(#..)"/> ... </g> <rect fill="#f00"/> ...
+gauss2svg.svg.encode has the elements of an editable file; those that other encodings would need
+fail in one renderer or another (docs/decisions/svg.md). An additive scene is written as differences
+(gauss2svg.svg.additive.encode).
 
 The root has role="img", by which Chromium gives a screen reader the title as its name and the desc
 as its description, both inline and as a file of its own; aria-labelledby would add nothing.
@@ -20,31 +10,35 @@ as its description, both inline and as a file of its own; aria-labelledby would 
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import svgwrite
 from svgwrite.extensions import Inkscape
 
 from gauss2svg.errors import InputError, instance, must_be, number_within, required
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.svg.additive import Ramp, encode_additive
+from gauss2svg.svg.additive.differences import (
+    ADDITIVE,
+    TRANSFER,
+    cover,
+    difference_sheet,
+    key_of,
+    transfer_filter,
+)
+from gauss2svg.svg.additive.encode import encode_additive
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import Document, round_id
-from gauss2svg.svg.encode import Ellipse, Filter, Gradient, encode, number
+from gauss2svg.svg.element import Element, number
+from gauss2svg.svg.encode import Drawn, encode
 from gauss2svg.svg.format import MINIMAL, SvgFormat
 from gauss2svg.svg.layers import Labels, grouped_by_segment, runs, segment_of
-from gauss2svg.svg.minimal import minimal_svg
-from gauss2svg.svg.minimal_shapes import HEX_DIGITS
+from gauss2svg.svg.minimal.shapes import HEX_DIGITS
+from gauss2svg.svg.minimal.write import minimal_svg
+from gauss2svg.svg.outlines import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, outlines
 from gauss2svg.svg.reader.canvas import CANVAS
-from gauss2svg.svg.strokes import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, Stroke, stroked
 from gauss2svg.version import __version__
-
-_ADDITIVE, _TRANSFER = (
-    "additive",
-    "transfer",
-)  # ids, longer than those of gradients so that they cannot collide
 
 
 def write_svg(
@@ -57,9 +51,9 @@ def write_svg(
     smaller file. With segments shapes are in the order of gauss2svg.svg.layers.grouped_by_segment.
     A transparent scene has no <rect>.
 
-    In minimal markup it is that of gauss2svg.svg.minimal.
+    Minimal markup is that of gauss2svg.svg.minimal.write.
 
-    An additive scene is written as gauss2svg.svg.additive explains: its layers are phases.
+    An additive scene is written as gauss2svg.svg.additive.encode explains: its layers are phases.
     Raises InputError for an additive scene with segments, animation or fragments, for these, such a
     scene and blurs in minimal markup, and for a document whose segments or size depend on a photo.
     """
@@ -77,18 +71,13 @@ def write_svg(
         return _write_additive(scene, svg_format, document)
     scene = grouped_by_segment(scene, document.labels)
     encoded = encode(scene, svg_format)
-    ellipses = [ellipse for _, of_round in encoded.layers for ellipse in of_round]
-    drawing = _root(document, scene, (encoded.view_width, encoded.view_height), len(ellipses))
-    for gradient in encoded.gradients:
-        drawing.defs.add(_gradient(drawing, gradient))
-    for blur in encoded.filters:
-        drawing.defs.add(_filter(drawing, blur))
-    _add_style(drawing, document, [index for index, _ in encoded.layers])
+    drawing = _root(document, scene, encoded.view, len(encoded.shapes))
+    _add_all(drawing.defs, encoded.definitions)
+    _add_style(drawing, document, scene, encoded.shapes)
     if encoded.background:
-        background = drawing.rect(size=("100%", "100%"), fill=encoded.background, id="background")
-        drawing.add(background)
-    circles = [_circle(drawing, ellipse) for ellipse in ellipses]
-    _add_layers(drawing, circles, scene, [ellipse.index for ellipse in ellipses], document.labels)
+        behind = {"fill": encoded.background, "height": "100%", "id": "background"}
+        drawing.add(Element("rect", {**behind, "width": "100%", "x": "0", "y": "0"}))
+    _add_layers(drawing, encoded.shapes, scene, document.labels)
     return _text(drawing)
 
 
@@ -112,13 +101,12 @@ def outline_svg(
         )
     width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
     scene = grouped_by_segment(scene, document.labels)
-    strokes = stroked(scene)
+    shapes = outlines(scene)
     size = number(scene.width, 3), number(scene.height, 3)
-    drawing = _root(document, scene, size, len(strokes))
-    _add_style(drawing, document, [index for index, _ in runs([one.round for one in strokes])])
+    drawing = _root(document, scene, size, len(shapes))
+    _add_style(drawing, document, scene, shapes)
     drawing["fill"], drawing["stroke-width"] = "none", width
-    ellipses = [_outline(drawing, one) for one in strokes]
-    _add_layers(drawing, ellipses, scene, [one.index for one in strokes], document.labels)
+    _add_layers(drawing, shapes, scene, document.labels)
     return _text(drawing)
 
 
@@ -131,43 +119,23 @@ def _write_additive(scene: Scene, svg_format: SvgFormat, document: Document) -> 
         raise _not_for_additive("fragments", "its layers are phases of drawing, not rounds")
     encoded = encode_additive(scene, svg_format)
     count = sum(len(phase.discs) for phase in encoded.phases)
-    drawing = _root(document, scene, (encoded.view_width, encoded.view_height), count)
-    # Two additive drawings inline in one page keep their own transfer.
-    key = f"{zlib.crc32(repr((encoded.transfer, encoded.background)).encode()):08x}"
-    drawing.defs.add(_transfer(drawing, encoded.transfer, f"{_TRANSFER}-{key}"))
-    for ramp in encoded.ramps:
-        drawing.defs.add(_ramp(drawing, ramp))
-    # Under the first rectangle the group is transparent, where a difference draws its source.
-    drawing.add(
-        drawing.style(
-            f"#{_ADDITIVE}-{key} circle,#{_ADDITIVE}-{key} rect{{mix-blend-mode:difference}}"
-        )
-    )
+    drawing = _root(document, scene, encoded.view, count)
+    key = key_of(encoded.transfer, encoded.background)
+    drawing.defs.add(transfer_filter(encoded.transfer, f"{TRANSFER}-{key}"))
+    _add_all(drawing.defs, encoded.ramps)
+    drawing.add(drawing.style(difference_sheet(f"{ADDITIVE}-{key}")))
     inkscape = Inkscape(drawing)
     group = inkscape.layer(
-        label="Additive", id=f"{_ADDITIVE}-{key}", filter=f"url(#{_TRANSFER}-{key})"
+        label="Additive", id=f"{ADDITIVE}-{key}", filter=f"url(#{TRANSFER}-{key})"
     )
-    group.add(_cover(drawing, encoded.background, id="background"))
+    group.add(cover(encoded.background, {"id": "background"}))
     for index, phase in enumerate(encoded.phases):
         if phase.inverted:  # beside the layers, so that one can be hidden without the other
-            group.add(_cover(drawing, phase.inverted))
+            group.add(cover(phase.inverted))
         layer = inkscape.layer(label=phase.label, id=f"phase-{index + 1}")
-        for disc in phase.discs:
-            circle = drawing.circle(r="1", transform=disc.matrix, fill=f"url(#{disc.ramp})")
-            del circle.attribs["cx"], circle.attribs["cy"]
-            layer.add(circle)
-        group.add(layer)
+        group.add(_add_all(layer, phase.discs))
     drawing.add(group)
     return _text(drawing)
-
-
-def _cover(drawing: Any, fill: str, **attributes: str) -> Any:
-    """A rectangle over the canvas and beyond, so that the filter maps opaque pixels only.
-
-    The filter region is extended to whole pixels; a rectangle that ends within a pixel would leave
-    it half inverted, which the filter makes an opaque line along the edge.
-    """
-    return drawing.rect(("-10%", "-10%"), ("120%", "120%"), fill=fill, **attributes)
 
 
 def _not_for_additive(what: str, why: str) -> InputError:
@@ -196,82 +164,17 @@ def _root(document: Document, scene: Scene, view: tuple[str, str], count: int) -
     return drawing
 
 
-def _gradient(drawing: Any, gradient: Gradient) -> Any:
-    element = drawing.radialGradient(
-        center=("0", "0"), r=str(gradient.radius), gradientUnits="userSpaceOnUse",
-        id=gradient.id, debug=False,
-    )  # fmt: skip
-    element["fx"] = ".1" if gradient.radius > 1 else ".001"
-    for offset, opacity in gradient.stops:
-        shown = None if opacity == "1" else opacity
-        element.add_stop_color(offset=offset, color=gradient.color, opacity=shown)
-    return element
-
-
-def _ramp(drawing: Any, ramp: Ramp) -> Any:
-    element = drawing.radialGradient(
-        center=("0", "0"), r="1", gradientUnits="userSpaceOnUse", id=ramp.id, debug=False
-    )
-    for offset, color in ramp.stops:
-        element.add_stop_color(offset=offset, color=color)
-    return element
-
-
-def _transfer(drawing: Any, transfer: Sequence[tuple[str, str]], name: str) -> Any:
-    """The filter that maps channels by slope and intercept, all over the canvas at any size."""
-    element = drawing.filter(
-        start=("0", "0"), size=("100%", "100%"), filterUnits="userSpaceOnUse",
-        id=name, debug=False,
-    )  # fmt: skip
-    element["color-interpolation-filters"] = "sRGB"
-    mapped = element.feComponentTransfer()
-    for channel, (slope, intercept) in zip("RGB", transfer, strict=True):
-        getattr(mapped, f"feFunc{channel}")("linear", slope=slope, intercept=intercept)
-    return element
-
-
-def _filter(drawing: Any, blur: Filter) -> Any:
-    element = drawing.filter(
-        start=(f"-{blur.margin}",) * 2,
-        size=(number(1 + 2 * float(blur.margin), 2),) * 2,
-        id=blur.id,
-        debug=False,
-    )
-    # The default, linearRGB, rounds colours once more.
-    element["color-interpolation-filters"] = "sRGB"
-    element.feGaussianBlur(stdDeviation=blur.deviation)
-    return element
-
-
-def _circle(drawing: Any, ellipse: Ellipse) -> Any:
-    circle = drawing.circle(r=ellipse.radius, transform=ellipse.matrix, fill=ellipse.fill)
-    if ellipse.opacity:
-        circle["fill-opacity"] = ellipse.opacity
-    if ellipse.filter:
-        circle["filter"] = f"url(#{ellipse.filter})"
-    # Centred on the origin by default; cx and cy would only repeat it.
-    del circle.attribs["cx"], circle.attribs["cy"]
-    return circle
-
-
-def _outline(drawing: Any, one: Stroke) -> Any:
-    element = drawing.ellipse(center=one.center, r=one.radii, stroke=one.color)
-    if one.rotation:
-        element["transform"] = one.rotation
-    return element
-
-
-def _add_style(drawing: Any, document: Document, rounds: Sequence[int]) -> None:
-    sheet = document.style(rounds)
+def _add_style(drawing: Any, document: Document, scene: Scene, shapes: Sequence[Drawn]) -> None:
+    drawn = scene.round_index[[shape.index for shape in shapes]]
+    sheet = document.style(np.unique(drawn).tolist())
     if sheet:
         drawing.add(drawing.style(sheet))
 
 
-def _add_layers(
-    drawing: Any, elements: Sequence[Any], scene: Scene, indices: Sequence[int], labels: Labels
-) -> None:
-    """Add elements in groups, which Inkscape shows as layers; indices are those of their shapes."""
+def _add_layers(drawing: Any, shapes: Sequence[Drawn], scene: Scene, labels: Labels) -> None:
+    """Add shapes in groups, by round and segment, which Inkscape shows as layers."""
     inkscape = Inkscape(drawing)
+    elements, indices = [one.element for one in shapes], [one.index for one in shapes]
     rounds = scene.round_index[indices].tolist()
     segments = None if labels is None else segment_of(scene, labels)[indices].tolist()
     for index, of_round in runs(rounds):
@@ -288,7 +191,7 @@ def _add_layers(
         drawing.add(layer)
 
 
-def _add_all(group: Any, elements: Sequence[Any]) -> Any:
+def _add_all(group: Any, elements: Sequence[Element]) -> Any:
     for element in elements:
         group.add(element)
     return group

@@ -27,9 +27,9 @@ from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
-from gauss2svg.svg.minimal_shapes import HEX_DIGITS
+from gauss2svg.svg.minimal.shapes import HEX_DIGITS
+from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_exponents
-from gauss2svg.svg.solid import drawn_beta
 
 
 @dataclass(frozen=True)

@@ -21,13 +21,12 @@ from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
+from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.format import MINIMAL, SvgFormat
 from gauss2svg.svg.layers import grouped_by_segment
-from gauss2svg.svg.minimal import minimal_svg
-from gauss2svg.svg.minimal_shapes import HEX_DIGITS
-from gauss2svg.svg.minimal_text import MOST_MASKED
-from gauss2svg.svg.packing import file_bytes
-from gauss2svg.svg.solid import is_solid
+from gauss2svg.svg.minimal.shapes import HEX_DIGITS
+from gauss2svg.svg.minimal.write import MOST_MASKED, minimal_svg
+from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.write import write_svg
 
 # Soft shapes that a fit aims at where as many are drawn under masks: a few solid ones may become
@@ -129,7 +128,7 @@ class Exporter:
 
         if written.markup != MINIMAL:
             return each(self._written(quantized, written))
-        most = _MASKED * len(scene) / max(np.count_nonzero(~is_solid(quantized)), 1)
+        most = _MASKED * len(scene) / max(np.count_nonzero(~is_plain(quantized)), 1)
         under_masks = each(minimal(masked=True))
         if room / under_masks <= most:
             return under_masks

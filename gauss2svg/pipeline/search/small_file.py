@@ -24,9 +24,9 @@ from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
-from gauss2svg.svg.minimal import minimal_rounded, minimal_svg, whole_unit
-from gauss2svg.svg.minimal_shapes import HEX_DIGITS
-from gauss2svg.svg.packing import file_bytes
+from gauss2svg.svg.file import file_bytes
+from gauss2svg.svg.minimal.shapes import HEX_DIGITS
+from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg, whole_unit
 
 EXACT = (0.5 / 255) ** 2  # mean squared error under which no level of 8 bits is wrong
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.scene import LEAST_CANVAS, MOST_CANVAS
 from gauss2svg.svg.reader.affine import Affine
@@ -16,6 +18,8 @@ from gauss2svg.svg.reader.values import length, numbers, view_box
 # The canvas in px, whatever the physical size that width and height say.
 CANVAS = "data-canvas"
 _PROPORTIONS = 1e-3  # by which the viewBox may differ from those of the canvas: rounding
+# What a background may leave free by rounding: px of the canvas, and of a path's units.
+_COVERED, _COVERED_UNITS = 0.01, 0.05
 _ALIGNED = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
 
 
@@ -82,3 +86,26 @@ def _fitted(
         for part, side, extent in zip(parts, size, box, strict=True)
     )
     return scale, scale, left, top
+
+
+def misplaced(
+    sides: Mapping[str, float], onto: Affine, canvas: tuple[float, float], in_units: bool
+) -> str:
+    """Where a rectangle lies that is not upright over all of a canvas in px; "" where it is.
+
+    sides     its x, y, width and height; onto the map of its user space to px
+    in_units  whether its sides were rounded to whole units, as those of minimal markup are
+    """
+    a, b, c, d, e, f = onto
+    x, y = np.add(sides["x"], [0, sides["width"]]), np.add(sides["y"], [0, sides["height"]])
+    with np.errstate(all="ignore"):
+        across, down = np.sort(a * x + c * y + e), np.sort(b * x + d * y + f)
+    upright = max(abs(b), abs(c)) <= 1e-9 * max(abs(a), abs(d))
+    free = max(_COVERED, _COVERED_UNITS * min(abs(a), abs(d))) if in_units else _COVERED
+    covers = (
+        upright
+        and bool(np.isfinite([*across, *down]).all())
+        and max(across[0], down[0]) <= free
+        and min(across[1] - canvas[0], down[1] - canvas[1]) >= -free
+    )
+    return "" if covers else f"x {across[0]:g}..{across[1]:g}, y {down[0]:g}..{down[1]:g} px"

@@ -5,28 +5,35 @@ The exponent is that of BETA_CLASSES whose profile the polygon of the stops is n
     min over beta of  sqrt(integral (stops(x) - f(x R))^2 2 x dx),  R = cut_radius(beta), x in 0..1,
 
 whatever the number of stops; tests/test_stops.py has the margins. Attributes and stops are
-inherited along a chain of references, as in SVG 2: an element's own come first.
+inherited along a chain of references, as in SVG 2: an element's own come first. The stops of
+minimal markup have their opacities in a style sheet, or are greys of a mask, whose luminance is the
+falloff; those of additive files are opaque colours (gauss2svg.svg.reader.additive).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
+from gauss2svg.svg.minimal.write import MASK_STOPS
 from gauss2svg.svg.reader.affine import IDENTITY, Affine, compose, parse_transform
 from gauss2svg.svg.reader.values import Color, color, declarations, length, quoted, share
+from gauss2svg.svg.whole_stops import grey_stops
 
 SVG = "{http://www.w3.org/2000/svg}"
+_STOP = SVG + "stop"
 _RADIAL, _LINEAR = SVG + "radialGradient", SVG + "linearGradient"
-_HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
+HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 _GEOMETRY = ("cx", "cy", "r", "fx", "fy", "fr")
 _COMMON = ("gradientUnits", "gradientTransform", "spreadMethod")
 _SAMPLES = 512
@@ -54,21 +61,53 @@ class Gradient:
     in_box: bool
 
 
+class Stop(NamedTuple):
+    """One stop: its offset and opacity in 0..1, and its colour as it is written."""
+
+    offset: float
+    opacity: float
+    color: str
+
+
 class Gradients:
-    """The radial gradients of a document by id, each read once, when it is asked for."""
+    """The radial gradients of a document by id, each read once, when it is asked for.
 
-    def __init__(self, by_id: Mapping[str, Any]) -> None:
-        self._by_id = by_id
-        self._read: dict[str, Gradient] = {}
+    opacities  of stops, by the id that their gradient refers to: rules.stop_opacities
+    """
 
-    def get(self, key: str) -> Gradient:
-        """The gradient of an id; raises InputError if write_svg would not write it."""
-        if key not in self._read:
-            try:
-                self._read[key] = self._gradient(key)
-            except InputError as error:
-                raise InputError(f"its gradient {quoted(key)}: {error}") from None
-        return self._read[key]
+    def __init__(
+        self, by_id: Mapping[str, Any], opacities: Mapping[str, Sequence[str]] | None = None
+    ) -> None:
+        self._by_id, self._opacities = by_id, opacities or {}
+        self._read: dict[tuple[str, bool], Gradient] = {}
+
+    def get(self, key: str, in_mask: bool = False) -> Gradient:
+        """The gradient of an id; raises InputError if write_svg would not write it.
+
+        in_mask  whether its greys are what a mask lets through
+        """
+        if (key, in_mask) not in self._read:
+            stops, disc, in_box = self.parts(key)
+            with _naming(key):
+                shade, peak, beta = _of_mask(stops) if in_mask else _of_one_color(stops)
+            self._read[key, in_mask] = Gradient(shade, peak, beta, disc, in_box)
+        return self._read[key, in_mask]
+
+    def parts(self, key: str) -> tuple[list[Stop], Affine, bool]:
+        """Stops of any colours, disc and in_box of the gradient of an id."""
+        with _naming(key):
+            chain = list(self._chain(key))
+            if chain[0].tag != _RADIAL:
+                raise InputError(must_be("it", "a radialGradient", shown("a linear one")))
+            found: dict[str, str] = {}
+            for element in chain:
+                names = _COMMON + (_GEOMETRY if element.tag == _RADIAL else ())
+                for name in names:
+                    if element.get(name) is not None:
+                        found.setdefault(name, element.get(name))
+            owner = next((e for e in chain if e.find(_STOP) is not None), chain[-1])
+            opacities = self._opacities.get(owner.get("href", "").removeprefix("#"), ())
+            return (_stops(owner, opacities), *_disc(found))
 
     def _chain(self, key: str) -> Iterator[Any]:
         seen: set[str] = set()
@@ -86,22 +125,7 @@ class Gradients:
                 raise InputError(must_be("its reference", "to a radialGradient with stops", got))
             seen.add(key)
             yield element
-            key = next((element.get(h, "") for h in _HREFS if element.get(h)), "").removeprefix("#")
-
-    def _gradient(self, key: str) -> Gradient:
-        chain = list(self._chain(key))
-        if chain[0].tag != _RADIAL:
-            raise InputError(must_be("it", "a radialGradient", shown("a linear one")))
-        found: dict[str, str] = {}
-        for element in chain:
-            names = _COMMON + (_GEOMETRY if element.tag == _RADIAL else ())
-            for name in names:
-                if element.get(name) is not None:
-                    found.setdefault(name, element.get(name))
-        stops = next((s for s in (e.findall(SVG + "stop") for e in chain) if s), [])
-        shade, peak, beta = _read_stops(stops)
-        disc, in_box = _disc(found)
-        return Gradient(shade, peak, beta, disc, in_box)
+            key = next((element.get(h, "") for h in HREFS if element.get(h)), "").removeprefix("#")
 
 
 def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
@@ -126,20 +150,51 @@ def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
     return compose(onto, (r, 0.0, 0.0, r, cx, cy)), in_box
 
 
-def _read_stops(stops: list[Any]) -> tuple[Color, float, float]:
-    """Colour, centre opacity and exponent; raises InputError if no exponent has such stops."""
-    colors: set[str] = set()
-    polygon: list[tuple[float, float]] = []
-    for stop in stops:
-        own: dict[str, str] = {**stop.attrib, **declarations(stop.get("style", ""))}
-        colors.add(own.get("stop-color", "black").lower())
+def _stops(owner: Any, opacities: Sequence[str]) -> list[Stop]:
+    """The stops inside a gradient; a style sheet may give their opacities and currentColor."""
+    current = {**owner.attrib, **declarations(owner.get("style", ""))}.get("color", "")
+    stops = []
+    for k, stop in enumerate(owner.findall(_STOP)):
+        sheet = {}
+        if opacities:
+            of_stop = opacities[min(k, len(opacities) - 1)]
+            sheet = {"stop-color": "currentColor", "stop-opacity": of_stop}
+        own: dict[str, str] = {**stop.attrib, **sheet, **declarations(stop.get("style", ""))}
+        shade = own.get("stop-color", "black")
         opacity = share(own.get("stop-opacity", "1"), "stop-opacity")
-        polygon.append((share(own.get("offset", "0"), "offset"), opacity))
-    shades = {color(text, "stop-color") for text in colors}
+        offset = share(own.get("offset", "0"), "offset")
+        stops.append(Stop(offset, opacity, current if shade == "currentColor" else shade))
+    return stops
+
+
+def _of_one_color(stops: list[Stop]) -> tuple[Color, float, float]:
+    """Colour, centre opacity and exponent; raises InputError if no exponent has such stops."""
+    shades = {color(text, "stop-color") for text in {stop.color.lower() for stop in stops}}
     if len(shades) != 1:
         raise InputError(must_be("its stops", "of one colour", shown(f"{len(shades)} colours")))
-    peak, beta = _exponent(tuple(polygon))
+    peak, beta = _exponent(tuple(stop[:2] for stop in stops))
     return shades.pop(), peak, beta
+
+
+def _of_mask(stops: list[Stop]) -> tuple[Color, float, float]:
+    """White, 1 and the exponent that minimal markup writes with such greys."""
+    greys = tuple((stop.offset, *color(stop.color, "stop-color")) for stop in stops)
+    beta = _grey_exponents().get(tuple((o, round(255 * red)) for o, red, _, _ in greys))
+    grey = all(red == green == blue for _, red, green, blue in greys)
+    if beta is None or not grey or any(stop.opacity != 1 for stop in stops):
+        raise InputError(must_be("its stops", "greys of minimal markup", shown("others")))
+    return (1.0, 1.0, 1.0), 1.0, beta
+
+
+@lru_cache(maxsize=1)
+def _grey_exponents() -> dict[tuple[tuple[float, int], ...], float]:
+    """Exponents by the offsets and levels that stand for them in masks."""
+    found = {}
+    for count, beta in product(MASK_STOPS, BETA_CLASSES):
+        offsets, greys = grey_stops(count, beta)
+        levels = (17 * greys).tolist()
+        found[tuple(zip(np.round(offsets, 3).tolist(), levels, strict=True))] = beta
+    return found
 
 
 @lru_cache(maxsize=64)
@@ -176,3 +231,12 @@ def _radii() -> NDArray[np.float64]:
 def _profiles() -> NDArray[np.floating]:
     """(classes, samples) each exponent's profile over the disc."""
     return np.stack([profile(_radii() * cut_radius(beta), beta) for beta in BETA_CLASSES])
+
+
+@contextmanager
+def _naming(key: str) -> Iterator[None]:
+    """Put the gradient before the message of an InputError."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"its gradient {quoted(key)}: {error}") from None

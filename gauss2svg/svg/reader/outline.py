@@ -1,7 +1,8 @@
 """Circles, ellipses and paths of arcs, as the affine map of the unit circle onto them.
 
 Inkscape makes an ellipse of a circle that is moved by itself, and a path of arcs of one that is
-converted ("Object to Path"), whose arcs it keeps through every later transform.
+converted ("Object to Path"), whose arcs it keeps through every later transform. Minimal markup
+writes many ellipses of one colour as open arcs of one path.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ _MOVE = re.compile(rf"\s*([Mm]){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEP
 _ARC = re.compile(
     rf"([Aa]?){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER})"
     rf"{_SEPARATOR}([01]){_SEPARATOR}([01]){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}"
+)
+_OPEN_ARC = re.compile(
+    rf"([Mm])({NUMBER}){_SEPARATOR}({NUMBER})a({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER})"
+    r" 10(1 0|0 1)"
 )
 # Of the radius: editors write 8 digits, which move the ends of a thin arc by as much.
 _TOLERANCE = 0.01
@@ -40,6 +45,47 @@ def outline(tag: str, attributes: Mapping[str, str]) -> Affine:
         raise InputError(must_be("radii", "0 or more", shown(f"{rx:g} and {ry:g}")))
     cx, cy = (length(attributes.get(name, "0"), name) for name in ("cx", "cy"))
     return rx, 0.0, 0.0, ry, cx, cy
+
+
+def open_arcs(data: str) -> list[Affine]:
+    """The ellipses of a path of gauss2svg.svg.minimal.arcs; none for any other path.
+
+    Each arc goes round its ellipse but for a chord of one unit, to the right or down.
+    """
+    found, at, x, y = [], 0, 0.0, 0.0
+    while arc := _OPEN_ARC.match(data, at):
+        left, top, rx, ry, tilt = (float(arc[k]) for k in (2, 3, 4, 5, 6))
+        x, y = (x + left, y + top) if arc[1] == "m" else (left, top)
+        across, down = (1.0, 0.0) if arc[7] == "1 0" else (0.0, 1.0)
+        ellipse = _round_chord((rx, ry), math.radians(tilt), (x, y), (across, down))
+        if ellipse is None:
+            return []
+        found.append(ellipse)
+        x, y, at = x + across, y + down, arc.end()
+    return found if at == len(data) else []
+
+
+def _round_chord(
+    radii: tuple[float, float],
+    tilt_rad: float,
+    start: tuple[float, float],
+    chord: tuple[float, float],
+) -> Affine | None:
+    """The ellipse of the large arc against the clock over a chord (SVG 2, B.2.4); None without."""
+    (rx, ry), (across, down) = radii, chord
+    if not (math.isfinite(rx + ry + tilt_rad + start[0] + start[1]) and min(rx, ry) > 0):
+        return None
+    cos, sin = math.cos(tilt_rad), math.sin(tilt_rad)
+    # The chord where the ellipse is the unit circle, and the middle's distance from its centre.
+    u, v = (cos * across + sin * down) / rx, (cos * down - sin * across) / ry
+    size = math.hypot(u, v)
+    if not 0 < size < 2:
+        return None
+    height = math.sqrt(1 - size * size / 4) / size
+    p, q = -height * v * rx, height * u * ry
+    x = start[0] + across / 2 + cos * p - sin * q
+    y = start[1] + down / 2 + sin * p + cos * q
+    return rx * cos, rx * sin, -ry * sin, ry * cos, x, y
 
 
 def _of_arcs(data: str) -> Affine:

@@ -1,4 +1,8 @@
-"""Scenes read back from SVG files: those of write_svg, also after an editor.
+"""Scenes read back from SVG files: all that write_svg writes, also after an editor.
+
+Editable files are groups of circles; minimal ones uses of masked circles, circles whose stops have
+their opacities in a style sheet, and paths of arcs; additive ones differences, which
+gauss2svg.svg.reader.additive adds up. One walk reads them all, by what their elements are.
 
 What Inkscape 1.2 changes when it saves a file (tests/data has one, before and after):
 
@@ -26,21 +30,30 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.scene import LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, RHO_LIMIT, Scene
+from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, OVER, RHO_LIMIT, Scene
+from gauss2svg.svg.minimal.shapes import arc_beta
+from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
+from gauss2svg.svg.reader.additive import Differences
 from gauss2svg.svg.reader.affine import Affine, compose, parse_transform
-from gauss2svg.svg.reader.canvas import read_canvas
-from gauss2svg.svg.reader.gradient import SVG, Gradients
-from gauss2svg.svg.reader.outline import SHAPES
+from gauss2svg.svg.reader.canvas import misplaced, read_canvas
+from gauss2svg.svg.reader.gradient import HREFS, SVG, Gradients
+from gauss2svg.svg.reader.outline import SHAPES, open_arcs, outline
 from gauss2svg.svg.reader.parse import MOST_BYTES, MOST_ELEMENTS, parse_document
-from gauss2svg.svg.reader.rules import check_animation, check_sheet, check_smil
+from gauss2svg.svg.reader.rules import (
+    check_animation,
+    check_sheet,
+    check_smil,
+    difference_group,
+    stop_opacities,
+)
 from gauss2svg.svg.reader.shape import Shape, read_shape
 from gauss2svg.svg.reader.values import color, declarations, length, reference, share
-from gauss2svg.svg.solid import solid_beta, solid_radius
 
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
 # Elements that draw nothing themselves; check_smil makes sure that animation ends as written.
 _SILENT = {"title", "desc", "metadata", "defs", "linearGradient", "radialGradient", "filter"}
+_SILENT |= {"mask"}
 _ANIMATIONS = {"animate", "animateTransform", "animateMotion", "animateColor", "set", "discard"}
 _SILENT |= _ANIMATIONS | {"style"}  # all of which are checked before anything else
 _EVERYWHERE = {SVG + tag for tag in (*_ANIMATIONS, "style")}
@@ -56,10 +69,9 @@ _EFFECTS = {"stroke": "none", "mask": "none", "clip-path": "none", "mix-blend-mo
 # Attributes and properties that move, hide or change a shape; files with them are refused.
 _UNREAD = ("transform-origin", "transform-box", "translate", "rotate", "scale", "offset-path")
 _UNREAD += ("zoom", "all", "systemLanguage")
-_ADDITIVE = re.compile(r"mix-blend-mode\s*:\s*difference")  # in write_svg's style sheets
-_MINIMAL = re.compile(r"M0 0h\d+v\d+H0")  # the background of gauss2svg.svg.minimal
+_COVER = re.compile(r"M0 0h(\d+)v(\d+)H0")  # the background of gauss2svg.svg.minimal.write
 _DEEPEST = 100
-_COVERED = 0.01  # px of the canvas that a background may leave free by rounding
+_MOST_USES = 3  # of one another: minimal markup writes two
 
 
 def read_svg(
@@ -74,9 +86,9 @@ def read_svg(
 
     A shape's covariance is (M / R)(M / R)^T, M being the linear part of all transforms down to
     the unit circle of its gradient and R = cut_radius(beta); its exponent is the one of
-    BETA_CLASSES that has such stops. A solid ellipse gets the exponent that it draws best
-    (gauss2svg.svg.solid.solid_beta). Rounds come from the labels and ids of groups ("Round 3:
-    ..", "round-3"), never decreasing: a round under an earlier one is counted as that one, a
+    BETA_CLASSES that has such stops. A plain ellipse gets the exponent that it draws best
+    (gauss2svg.svg.plain_ellipse.plain_beta). Rounds come from the labels and ids of groups ("Round
+    3: ..", "round-3"), never decreasing: a round under an earlier one is counted as that one, a
     group at the top level without either as a round of its own. Numbers are as exact as the file.
 
     source       a path (.svg, .svgz), text, or bytes
@@ -85,25 +97,20 @@ def read_svg(
     skip_hidden  skip hidden shapes and layers instead of refusing the file
     max_bytes, max_elements  limits of the gunzipped file; raise them for a file that you trust
 
+    A minimal file has one round, and a scene in its own units where it has no size in px. An
+    additive file has the means and the background of its scene; the colours and the sigmas are
+    those of the Gaussians that its whole levels are nearest to, in the order in which they are
+    drawn, without rounds.
+
     Animation and the rule for fragments are skipped. Raises InputError with the element's name for
-    everything that a scene cannot hold: texts, images, other paths, strokes, masks, clips, several
-    shapes under one group opacity; and for the file of an additive scene.
+    everything that a scene cannot hold: texts, images, other paths, strokes, other masks, clips,
+    several shapes under one group opacity.
     """
     root = parse_document(source, max_bytes, max_elements)
     if root.tag != SVG + "svg":
         got = shown(f"<{_bare(root.tag)[:40]}>")
         raise InputError(must_be("the document", "an <svg> in the namespace of SVG", got))
-    if any(_ADDITIVE.search("".join(sheet.itertext())) for sheet in root.iter(SVG + "style")):
-        raise InputError(
-            "the SVG must be alpha-composited; got an additive one, drawn as differences, which "
-            "cannot be read back. Try to keep its scene by --save-scene or Scene.save"
-        )
-    if any(_MINIMAL.fullmatch(path.get("d", "")) for path in root.iter(SVG + "path")):
-        raise InputError(
-            "the SVG must be in editable markup; got minimal markup, which cannot be read back. "
-            "Try to keep its scene by --save-scene or Scene.save, or --markup editable"
-        )
-    reader = _Reader(root, background, skip_hidden)
+    reader = _Reader(root, background, skip_hidden, max_elements)
     reader.walk_root()
     return reader.scene()
 
@@ -119,25 +126,35 @@ class _State:
     opacity: float = 1.0
     round: int = 0
     depth: int = 0
+    uses: int = 0
+    is_added: bool = False
 
 
 class _Reader:
-    def __init__(self, root: Any, background: ArrayLike | None, skip_hidden: bool) -> None:
-        self._root, self._skip_hidden = root, skip_hidden
+    def __init__(
+        self, root: Any, background: ArrayLike | None, skip_hidden: bool, most_shapes: int
+    ) -> None:
+        self._root, self._skip_hidden, self._most_shapes = root, skip_hidden, most_shapes
         self._by_id: dict[str, Any] = {}
+        opacities: dict[str, list[str]] = {}
+        added: set[str] = set()
         for element in root.iter():
             key = element.get("id")
             if key is not None:
                 self._by_id.setdefault(key, element)
             if isinstance(element.tag, str) and element.tag in _EVERYWHERE:
                 with _naming(element):
-                    _check_rules(element)
-        self._gradients = Gradients(self._by_id)
+                    _read_rules(element, opacities, added)
+        self._gradients = Gradients(self._by_id, opacities)
+        if len(added) > 1:
+            raise InputError(must_be("the SVG", "one drawing", shown("several additive ones")))
+        self._sum = Differences(added.pop(), self._by_id, self._gradients) if added else None
         with _naming(root):
             self._width, self._height, onto, self._user_size = read_canvas(root.attrib)
         self._state = _State(onto)
         self._background = None if background is None else np.asarray(background, np.float64)
         self._shapes: list[tuple[Shape, float, int]] = []
+        self._arcs: list[bool] = []  # whether a plain ellipse is one of a path of arcs
         self._backgrounds = 0
         self._elements: list[Any] = []
 
@@ -156,11 +173,11 @@ class _Reader:
         if tag in _SILENT:
             return
         with _naming(element):
-            if tag not in SHAPES and tag not in ("g", "rect"):
+            if tag not in SHAPES and tag not in ("g", "rect", "use"):
                 advice = "to delete it" + _ADVICE.get(tag, "")
                 raise InputError(must_be("elements", "ellipses alone", shown(tag), advice))
-            state, attributes = self._inherit(element.attrib, parent)
-            hidden = tag != "g" and state.visibility != "visible"
+            state, attributes = self._inherit(element.attrib, parent, may_mask=tag == "circle")
+            hidden = tag not in ("g", "use") and state.visibility != "visible"
             if hidden or _is_undisplayed(attributes):
                 if self._skip_hidden:
                     return
@@ -168,14 +185,42 @@ class _Reader:
                     "shapes must be visible; got a hidden one. Try to show it, to delete it, or "
                     "read_svg(.., skip_hidden=True), which leaves it out"
                 )
+            inside = state
             if tag == "rect":
                 self._rectangle(attributes, state)
+            elif tag == "path" and (cover := _COVER.fullmatch(attributes.get("d", ""))):
+                sides = {"width": cover[1], "height": cover[2]}
+                self._rectangle({**attributes, "x": "0", "y": "0", **sides}, state, is_path=True)
+            elif tag == "use":
+                element, inside = self._used(attributes, state)
             elif tag != "g":
-                self._ellipse(element, tag, attributes, state)
+                self._ellipses(element, tag, attributes, state)
         if tag == "g":
             self._group(element, attributes, state)
+        elif tag == "use":
+            self._visit(element, inside)
 
-    def _inherit(self, own: dict[str, str], parent: _State) -> tuple[_State, dict[str, str]]:
+    def _used(self, attributes: dict[str, str], state: _State) -> tuple[Any, _State]:
+        """The circle that a use of minimal markup draws, or another use, and its state."""
+        key = next((attributes[h] for h in HREFS if h in attributes), "")
+        target = self._by_id.get(key.removeprefix("#"))
+        if target is None or target.tag not in (SVG + "circle", SVG + "use"):
+            raise InputError(
+                must_be("its reference", "to a circle", key, "to delete it" + _ADVICE["use"])
+            )
+        if state.uses == _MOST_USES:
+            needed = f"used through at most {_MOST_USES} others"
+            raise InputError(must_be("a circle", needed, shown("more"), "to unlink the clone"))
+        if attributes.get("filter", "none") != "none":
+            got = attributes["filter"]
+            raise InputError(must_be("filter of a use", "none", got, "to remove it"))
+        x, y = (length(attributes.get(name, "0"), name) for name in ("x", "y"))
+        onto = compose(state.onto, (1.0, 0.0, 0.0, 1.0, x, y))
+        return target, replace(state, onto=onto, uses=state.uses + 1)
+
+    def _inherit(
+        self, own: dict[str, str], parent: _State, may_mask: bool = False
+    ) -> tuple[_State, dict[str, str]]:
         """The state under an element, and its attributes overridden by those of its style.
 
         Raises InputError for effects that a scene cannot hold.
@@ -193,6 +238,8 @@ class _Reader:
             if name in attributes:
                 raise InputError(must_be(f"its {name}", "absent", attributes[name], "to remove it"))
         for name, harmless in _EFFECTS.items():
+            if name == "mask" and may_mask:
+                continue
             if attributes.get(name, harmless).lower() not in (harmless, "inherit"):
                 raise InputError(must_be(f"its {name}", harmless, attributes[name], "to remove it"))
         changes: dict[str, Any] = {
@@ -211,11 +258,15 @@ class _Reader:
             if state.depth > _DEEPEST:
                 needed = f"nested at most {_DEEPEST} deep"
                 raise InputError(must_be("groups", needed, shown("more"), "to ungroup them"))
-            if attributes.get("filter", "none") != "none":
+            if self._sum is not None and element.get("id") == self._sum.group:
+                self._sum.begin(attributes)
+                state = replace(state, is_added=True)
+            elif attributes.get("filter", "none") != "none":
                 got, advice = attributes["filter"], "to remove it"
                 raise InputError(must_be("filter of a group", "none", got, advice))
             number = _round_of(element)
-            if number is None and state.depth == 1:
+            # A group of nothing but a fill is minimal markup's, which has no rounds.
+            if number is None and state.depth == 1 and set(element.attrib) != {"fill"}:
                 number = self._shapes[-1][2] + 1 if self._shapes else 0
             inside = replace(state, depth=state.depth + 1)
             if number is not None:
@@ -236,9 +287,9 @@ class _Reader:
                     )
                 )
 
-    def _rectangle(self, attributes: dict[str, str], state: _State) -> None:
+    def _rectangle(self, attributes: dict[str, str], state: _State, is_path: bool = False) -> None:
         """Use a rectangle that covers the canvas under all shapes as the background."""
-        if self._shapes:
+        if self._shapes and not state.is_added:
             raise InputError(
                 "a rectangle must be the background; got one over shapes. Try to delete it"
             )
@@ -246,28 +297,14 @@ class _Reader:
             name: length(attributes.get(name, "0"), name, self._user_size[name in ("y", "height")])
             for name in ("x", "y", "width", "height")
         }
-        a, b, c, d, e, f = state.onto
-        x, y = (
-            np.add(sides[start], [0.0, sides[extent]])
-            for start, extent in (("x", "width"), ("y", "height"))
-        )
-        with np.errstate(all="ignore"):
-            across, down = np.sort(a * x + c * y + e), np.sort(b * x + d * y + f)
-        upright = max(abs(b), abs(c)) <= 1e-9 * max(abs(a), abs(d))
-        upright &= bool(np.isfinite([*across, *down]).all())
-        if (
-            not upright
-            or max(across[0], down[0]) > _COVERED
-            or min(across[1] - self._width, down[1] - self._height) < -_COVERED
-            or length(attributes.get("rx", "0"), "rx")
-            or length(attributes.get("ry", "0"), "ry")
-            or attributes.get("filter", "none") != "none"
-        ):
+        covered = misplaced(sides, state.onto, (self._width, self._height), in_units=is_path)
+        round_corners = any(length(attributes.get(name, "0"), name) for name in ("rx", "ry"))
+        if covered or round_corners or attributes.get("filter", "none") != "none":
             raise InputError(
                 must_be(
                     "the background",
                     f"upright over all of the canvas, {self._width:g}x{self._height:g} px",
-                    shown(f"x {across[0]:g}..{across[1]:g}, y {down[0]:g}..{down[1]:g} px"),
+                    shown(covered or "rounded corners or a filter"),
                     "to resize it",
                 )
             )
@@ -276,6 +313,10 @@ class _Reader:
         self._backgrounds += 1
         paint = np.array(color(state.fill, "fill"))
         alpha = state.opacity * share(state.fill_opacity, "fill-opacity")
+        if self._sum is not None:
+            self._check_added(state, alpha)
+            self._sum.cover(color(state.fill, "fill"), len(self._shapes))
+            return
         if alpha < 1 and self._background is None:
             raise InputError(
                 must_be(
@@ -288,19 +329,52 @@ class _Reader:
         under = 0.0 if self._background is None else self._background
         self._background = alpha * paint + (1 - alpha) * under
 
-    def _ellipse(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
-        blur = None
-        if attributes.get("filter", "none") != "none":
-            blur = self._by_id.get(reference(attributes["filter"]) or "")
-            if blur is None or blur.tag != SVG + "filter":
-                got, advice = attributes["filter"], "to remove it"
-                raise InputError(must_be("its filter", "in the file", got, advice))
-        shape = read_shape(tag, attributes, state.fill, state.onto, self._gradients, blur)
-        # A blurred disc may be slightly less opaque than its profile, never more.
-        opacity = min(1.0, state.opacity * shape.peak * share(state.fill_opacity, "fill-opacity"))
+    def _ellipses(self, element: Any, tag: str, attributes: dict[str, str], state: _State) -> None:
+        """Add the shapes of an element: several where it is a path of minimal markup."""
+        blur, mask = (self._referred(attributes, name) for name in ("filter", "mask"))
+        if blur is not None and mask is not None:
+            raise InputError(must_be("its mask", "none under a filter", attributes["mask"]))
+        arcs = open_arcs(attributes.get("d", "")) if tag == "path" else []
+        edges = arcs or [outline(tag, attributes)]
+        alpha = state.opacity * share(state.fill_opacity, "fill-opacity")
+        if len(edges) > 1 and (alpha < 1 or blur is not None or reference(state.fill) is not None):
+            needed = "opaque and of one colour"
+            raise InputError(must_be("ellipses of one path", needed, shown("another fill")))
+        if len(self._shapes) + len(edges) > self._most_shapes:
+            needed, advice = f"of at most {self._most_shapes} shapes", "a larger max_elements"
+            raise InputError(must_be("the SVG", needed, shown("more"), f"{advice} if you trust it"))
         last = self._shapes[-1][2] if self._shapes else 0
-        self._shapes.append((shape, opacity, max(last, state.round)))
-        self._elements.append(element)
+        for edge in edges:
+            if self._sum is not None:
+                self._check_added(state, alpha)
+                if blur is not None or mask is not None:
+                    got = shown("another")
+                    raise InputError(must_be("a shape of an additive file", "a gradient", got))
+                shape = self._sum.shape(edge, state.fill, state.onto)
+            else:
+                shape = read_shape(edge, state.fill, state.onto, self._gradients, blur, mask)
+            # A blurred disc may be slightly less opaque than its profile, never more.
+            opacity = min(1.0, alpha * shape.peak)
+            self._shapes.append((shape, opacity, max(last, state.round)))
+            self._arcs.append(bool(arcs) and shape.beta is None)
+            self._elements.append(element)
+
+    def _check_added(self, state: _State, alpha: float) -> None:
+        """Raise InputError for what is not drawn as a difference in an additive file."""
+        if not state.is_added or alpha != 1:
+            needed = "opaque and in the group of differences"
+            raise InputError(must_be("shapes of an additive file", needed, shown("another")))
+
+    def _referred(self, attributes: dict[str, str], name: str) -> Any | None:
+        """The filter or mask that an element refers to; raises InputError where it is missing."""
+        if attributes.get(name, "none").lower() in ("none", "inherit"):
+            return None
+        found = self._by_id.get(reference(attributes[name]) or "")
+        if found is None or found.tag != SVG + name:
+            raise InputError(
+                must_be(f"its {name}", "in the file", attributes[name], "to remove it")
+            )
+        return found
 
     def scene(self) -> Scene:
         shapes = [shape for shape, _, _ in self._shapes]
@@ -315,28 +389,37 @@ class _Reader:
         self._refuse(~drawn, "its extent must be above 0 and finite")
         beta = np.array([shape.beta or 0.0 for shape in shapes])
         radius = np.array([shape.radius or 0.0 for shape in shapes])
-        solid = np.array([shape.beta is None for shape in shapes], bool)
-        beta[solid] = solid_beta(np.linalg.svd(rows[solid], compute_uv=False))
-        radius[solid] = solid_radius(beta[solid])
+        plain, arcs = (
+            np.array([shape.beta is None for shape in shapes], bool),
+            np.array(self._arcs, bool),
+        )
+        for which, best in ((plain & ~arcs, plain_beta), (plain & arcs, arc_beta)):
+            beta[which] = best(np.linalg.svd(rows[which], compute_uv=False))
+        radius[plain] = plain_radius(beta[plain])
         sigma = extent / radius[:, None]
         thin, wide = sigma.min(axis=1) < LEAST_SIGMA, sigma.max(axis=1) > MOST_SIGMA
         far = np.abs(disc[:, 2]).max(axis=1) > MOST_MEAN
         self._refuse(thin, f"its sigma must be at least {LEAST_SIGMA:g} px")
         self._refuse(wide, f"its sigma must be at most {MOST_SIGMA:g} px")
         self._refuse(far, f"its centre must be within {MOST_MEAN:g} px of the origin")
+        paint = np.array([shape.color for shape in shapes]).reshape(-1, 3)
+        background = np.ones(3) if self._background is None else self._background
+        if self._sum is not None:
+            paint, background = self._sum.colors(paint)
         return Scene(
             self._width,
             self._height,
             mean=disc[:, 2],
             sigma=sigma,
             rho=rho,
-            color=np.array([shape.color for shape in shapes]).reshape(-1, 3),
+            color=paint,
             opacity=np.array([opacity for _, opacity, _ in self._shapes]),
-            background=np.ones(3) if self._background is None else self._background,
+            background=background,
             round_index=np.array([number for _, _, number in self._shapes], np.int32),
+            blend=OVER if self._sum is None else ADD,
             beta=beta,
             drawn=np.array([shape.drawn for shape in shapes], np.int8),
-            transparent=self._background is None,
+            transparent=self._sum is None and self._background is None,
         )
 
     def _refuse(self, bad: NDArray[np.bool_], why: str) -> None:
@@ -360,13 +443,22 @@ def _round_of(group: Any) -> int | None:
     return int(match[1]) - 1
 
 
-def _check_rules(element: Any) -> None:
-    """Raise InputError for a style sheet or an animation that changes what is read."""
+def _read_rules(element: Any, opacities: dict[str, list[str]], added: set[str]) -> None:
+    """Add what the style sheets of minimal and additive files say.
+
+    Raises InputError for other sheets, and for an animation, that changes what is read.
+    """
     tag = element.tag[len(SVG) :]
-    if tag == "style":
-        check_sheet("".join(element.itertext()))
-    else:
+    if tag != "style":
         check_smil(tag, element.attrib)
+        return
+    sheet = "".join(element.itertext())
+    found, group = stop_opacities(sheet), difference_group(sheet)
+    opacities.update(found)
+    if group is not None:
+        added.add(group)
+    elif not found:
+        check_sheet(sheet)
 
 
 def _is_undisplayed(attributes: dict[str, str]) -> bool:

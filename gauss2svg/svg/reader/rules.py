@@ -1,13 +1,20 @@
-"""Style sheets and animation: refused unless the SVG ends as its elements say."""
+"""Style sheets and animation: refused unless the SVG ends as its elements say.
+
+Two sheets of gauss2svg say more than its elements: that of minimal markup has the opacities of
+stops, and that of an additive file draws a group as differences. They are read as they are written.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
 import tinycss2
 
 from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.svg.additive.differences import ADDITIVE, difference_sheet
+from gauss2svg.svg.reader.values import NUMBER
 
 # Characters: write_svg writes a few thousand, and tokenising hostile ones takes up to 5 us each.
 _LONGEST_SHEET = 100_000
@@ -15,8 +22,35 @@ _LONGEST_SHEET = 100_000
 _UP_TO_TARGET = "svg>g:target~g"
 # After these a shape stays as the animation leaves it, or is never as it is written.
 _LASTING = ("forwards", "both", "infinite", "paused")
+_STOP_RULE = re.compile(
+    rf'\[href="#([A-Za-z]+)"\] (stop(?:\+stop)*+)\{{'
+    rf"(stop-color:currentColor;)?stop-opacity:({NUMBER})\}}"
+)
+_DIFFERENCES = re.compile(rf"#({ADDITIVE}-[0-9a-f]{{8}}) ")
 _NEEDED = "animation only, without escapes"
 _ADVICE = "to write what it sets into the elements"
+
+
+def stop_opacities(text: str) -> dict[str, list[str]]:
+    """Opacities of stops by the id of what their gradient refers to; none for any other sheet.
+
+    The k-th rule of an id is for the k-th stop and, if it is the last one, for all that follow.
+    """
+    found: dict[str, list[str]] = {}
+    at = 0
+    while rule := _STOP_RULE.match(text, at):
+        stops = found.setdefault(rule[1], [])
+        if rule[2].count("stop") != len(stops) + 1 or bool(rule[3]) == bool(stops):
+            return {}
+        stops.append(rule[4])
+        at = rule.end()
+    return found if at == len(text) else {}
+
+
+def difference_group(text: str) -> str | None:
+    """Id of the group that an additive file's sheet draws as differences; None for any other."""
+    match = _DIFFERENCES.match(text)
+    return match[1] if match and difference_sheet(match[1]) == text else None
 
 
 def check_sheet(text: str) -> None:

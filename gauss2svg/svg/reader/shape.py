@@ -1,13 +1,12 @@
 """One shape of a file: its colour, exponent and opacity, and the ellipse of a known radius of it.
 
-Three forms are read, distinguished by what fills them: a gradient, a solid colour, and a solid
-colour under a blur.
+Four forms are read, distinguished by what fills them: a gradient, a plain colour, a plain colour
+under a blur, and one under a mask of minimal markup.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,7 +33,7 @@ _CLIPPED = 0.05  # canvas px of a gradient that rounding may cut off
 class Shape:
     """One shape: the circle of `radius` sigmas is `disc` of the unit circle, in canvas px.
 
-    beta and radius are None for a solid ellipse, which any crisp enough exponent draws; peak is a
+    beta and radius are None for a plain ellipse, which any crisp enough exponent draws; peak is a
     factor of its opacity, drawn as in a scene.
     """
 
@@ -47,46 +46,71 @@ class Shape:
 
 
 def read_shape(
-    tag: str,
-    attributes: Mapping[str, str],
+    edge: Affine,
     fill: str,
     onto: Affine,
     gradients: Gradients,
-    blur: Any | None,
+    blur: Any | None = None,
+    mask: Any | None = None,
 ) -> Shape:
-    """The shape of a circle, ellipse or path that `onto` maps to canvas px.
+    """The shape of an ellipse, the map `edge` of the unit circle, that `onto` maps to canvas px.
 
-    attributes include those of its style; blur is the filter element that it refers to.
+    blur and mask are the elements that it refers to.
     Raises InputError for a shape that write_svg would not write.
     """
-    edge = outline(tag, attributes)
     key = reference(fill)
     if blur is not None:
-        if key is not None or edge[0] != edge[3] or edge[1] or edge[2]:
+        if key is not None or not _is_circle(edge):
             needed = "a circle of one colour, as it is blurred"
-            raise InputError(must_be("it", needed, shown(tag), "to remove its filter"))
+            raise InputError(must_be("it", needed, shown("another"), "to remove its filter"))
         deviation = _deviation(blur)
         beta, radius, peak = blurred_profile(edge[0], deviation)
         _check_region(blur, edge, deviation)
         return Shape(color(fill, "fill"), compose(onto, edge), beta, radius, peak, BLURRED)
+    if mask is not None:
+        gradient = _of_mask(mask, edge, gradients)
+        check_cover(compose(onto, edge), compose(onto, gradient.disc))
+        return _shaded(gradient, compose(onto, gradient.disc), color(fill, "fill"))
     if key is None:
         return Shape(color(fill, "fill"), compose(onto, edge), None, None, drawn=PLAIN)
     gradient = gradients.get(key)
-    disc = gradient.disc
-    if gradient.in_box:
-        if edge[1] or edge[2]:
-            got = shown("a tilted bounding box")
-            raise InputError(must_be("units of its gradient", "userSpaceOnUse", got))
-        rx, _, _, ry, cx, cy = edge
-        disc = compose((2 * rx, 0.0, 0.0, 2 * ry, cx - rx, cy - ry), disc)
+    disc = in_user_space(gradient.disc, edge) if gradient.in_box else gradient.disc
     disc, edge = compose(onto, disc), compose(onto, edge)
-    _check_cover(edge, disc)
-    return _shaded(gradient, disc)
+    check_cover(edge, disc)
+    return _shaded(gradient, disc, gradient.color)
 
 
-def _shaded(gradient: Gradient, disc: Affine) -> Shape:
+def in_user_space(disc: Affine, edge: Affine) -> Affine:
+    """A disc in the bounding box of an upright ellipse; raises InputError for a tilted one."""
+    if edge[1] or edge[2]:
+        got = shown("a tilted bounding box")
+        raise InputError(must_be("units of its gradient", "userSpaceOnUse", got))
+    rx, _, _, ry, cx, cy = edge
+    return compose((2 * rx, 0.0, 0.0, 2 * ry, cx - rx, cy - ry), disc)
+
+
+def _is_circle(edge: Affine) -> bool:
+    return edge[0] == edge[3] and not edge[1] and not edge[2]
+
+
+def _of_mask(mask: Any, edge: Affine, gradients: Gradients) -> Gradient:
+    """The falloff of a mask that is one circle, the same as what is under it."""
+    inside = list(mask)
+    circle = inside[0].attrib if len(inside) == 1 and inside[0].tag == SVG + "circle" else {}
+    key = reference(circle.get("fill", ""))
+    same = set(circle) == {"r", "fill"} and set(mask.attrib) == {"id"}
+    if key is None or not same or outline("circle", circle) != edge:
+        got = shown("another mask")
+        raise InputError(must_be("its mask", "the same circle, as write_svg writes it", got))
+    gradient = gradients.get(key, in_mask=True)
+    if gradient.in_box:
+        raise InputError(must_be("units of its gradient", "userSpaceOnUse", shown("its box")))
+    return gradient
+
+
+def _shaded(gradient: Gradient, disc: Affine, paint: Color) -> Shape:
     radius = float(cut_radius(gradient.beta))
-    return Shape(gradient.color, disc, gradient.beta, radius, gradient.peak)
+    return Shape(paint, disc, gradient.beta, radius, gradient.peak)
 
 
 def blurred_profile(radius: float, deviation: float) -> tuple[float, float, float]:
@@ -153,7 +177,7 @@ def _check_region(blur: Any, edge: Affine, deviation: float) -> None:
             )
 
 
-def _check_cover(edge: Affine, disc: Affine) -> None:
+def check_cover(edge: Affine, disc: Affine) -> None:
     """Raise InputError unless an ellipse shows all of its gradient, which ends inside of it."""
     a, b, c, d, e, f = edge
     determinant = a * d - b * c

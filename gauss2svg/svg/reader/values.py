@@ -42,7 +42,7 @@ def pixels_of(text: str, whole: float | None = None) -> float | None:
 
 
 def length(text: str, name: str, whole: float | None = None) -> float:
-    """As pixels_of, but raises InputError for anything but a finite absolute length."""
+    """pixels_of a finite absolute length; raises InputError for anything else."""
     pixels = pixels_of(text, whole)
     if pixels is None or not math.isfinite(pixels):
         raise InputError(

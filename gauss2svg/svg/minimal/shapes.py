@@ -11,11 +11,16 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, must_be, number_within
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, cut_radius, nearest_class
-from gauss2svg.svg.arcs import arc_geometry, arc_numbers
-from gauss2svg.svg.encode import check_canvas, writable
-from gauss2svg.svg.runs import colors_together
+from gauss2svg.svg.limits import check_canvas, writable
+from gauss2svg.svg.minimal.arcs import arc_geometry, arc_numbers
+from gauss2svg.svg.minimal.paint_order import colors_together
+from gauss2svg.svg.plain_ellipse import (
+    LEAST_PLAIN_BETA,
+    looks_plain,
+    plain_beta,
+    plain_radius,
+)
 from gauss2svg.svg.snap import with_exponents
-from gauss2svg.svg.solid import LEAST_SOLID_BETA, is_solid, looks_solid, solid_beta, solid_radius
 
 HEX_DIGITS = (3, 6)
 LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
@@ -31,7 +36,7 @@ class Shapes:
     index    (n,) of the shape in its scene
     falloff  (n,) index into BETA_CLASSES, -1 for a plain ellipse
     numbers  (n, 5) whole a b d e f: matrix(a b 0 d e f) of the circle of radius 1; of a plain
-             ellipse those of gauss2svg.svg.arcs
+             ellipse those of gauss2svg.svg.minimal.arcs
     levels   (n, 3) of colour, in 0..255
     opacity  (n,) in 0..1
     """
@@ -56,25 +61,27 @@ def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> 
         advice = "--portable, or --markup editable"
         raise InputError(must_be("blend in minimal markup", "'over'", scene.blend, advice))
     check_canvas(scene)
-    kind, solid = nearest_class(scene.beta), _is_solid(scene)
+    kind = nearest_class(scene.beta)
+    plain = (scene.drawn == PLAIN) | _is_arc(scene.ellipse_axes[0], scene.beta)
     opacity = np.round(scene.opacity, opacity_decimals)
     while True:
         classes = np.array(BETA_CLASSES)[kind]
-        snapped = with_exponents(scene, np.where(solid, scene.beta, classes))
-        radius = _radius(snapped.beta, solid)
+        snapped = with_exponents(scene, np.where(plain, scene.beta, classes))
+        radius = _radius(snapped.beta, plain)
         numbers = _matrix(snapped, radius, unit)
-        numbers[solid] = arc_numbers(snapped.select(solid), radius[solid], unit)
-        extent = np.where(solid[:, None], numbers[:, :2], numbers[:, [0, 2]])
+        numbers[plain] = arc_numbers(snapped.select(plain), radius[plain], unit)
+        extent = np.where(plain[:, None], numbers[:, :2], numbers[:, [0, 2]])
         drawn = writable(snapped, radius, unit) & (extent > 0).all(axis=1) & (opacity > 0)
-        # Shapes that are solid only as they are rounded, so that a rounded scene stays as it is.
-        soft = np.flatnonzero(drawn & ~solid)
-        more = soft[_is_solid(_placed(snapped.select(soft), numbers[soft], radius[soft], unit))]
+        # Shapes that are plain only as they are rounded, so that a rounded scene stays as it is.
+        soft = np.flatnonzero(drawn & ~plain)
+        placed = _placed(snapped.select(soft), numbers[soft], radius[soft], unit)
+        more = soft[_is_arc(placed.ellipse_axes[0], placed.beta)]
         if not len(more):
             break
-        solid[more] = True
+        plain[more] = True
     index = np.flatnonzero(drawn)
     levels = color_levels(scene.color[index], digits)
-    falloff = np.where(solid, -1, kind)[index]
+    falloff = np.where(plain, -1, kind)[index]
     shapes = Shapes(index, falloff, numbers[index], levels, opacity[index])
     if (falloff >= 0).all():
         return shapes
@@ -86,10 +93,9 @@ def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> 
 
 def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Scene:
     """The scene of these shapes of it."""
-    solid = shapes.falloff < 0
+    plain = shapes.falloff < 0
     beta = np.array([*BETA_CLASSES, 1.0])[shapes.falloff]
-    radii = np.sort(unit * shapes.numbers[solid, :2], axis=1)[:, ::-1]
-    beta[solid] = solid_beta(radii)
+    beta[plain] = arc_beta(np.sort(unit * shapes.numbers[plain, :2], axis=1)[:, ::-1])
     # A minimal file has no layers, and its painter's order is not that of the rounds.
     one_round = scene.replace(round_index=np.zeros_like(scene.round_index))
     rounded = one_round.select(shapes.index).replace(
@@ -97,14 +103,20 @@ def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Sce
         opacity=shapes.opacity,
         background=color_levels(scene.background, digits) / 255,
         beta=beta,
-        drawn=np.where(solid, PLAIN, SOFT),
+        drawn=np.where(plain, PLAIN, SOFT),
     )
-    rounded = _placed(rounded, shapes.numbers, _radius(beta, solid), unit, solid)
-    # The crispest exponent where the best would look like a soft shape: thin ones.
-    soft = ~looks_solid(rounded) & ~_is_crisp(rounded)
-    beta = np.where(solid & soft, MOST_BETA, beta)
-    rounded = rounded.replace(beta=beta)
-    return _placed(rounded, shapes.numbers, _radius(beta, solid), unit, solid)
+    return _placed(rounded, shapes.numbers, _radius(beta, plain), unit, plain)
+
+
+def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) exponents of arcs round ellipses of semi_axes (n, 2) px, larger first.
+
+    That which a plain ellipse draws best, or the crispest where a shape of the best one would be
+    written as a soft shape: a thin one.
+    """
+    beta = plain_beta(semi_axes)
+    axes = semi_axes / plain_radius(beta)[:, None]
+    return np.where(_is_arc(axes, beta), beta, MOST_BETA)
 
 
 def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
@@ -113,21 +125,17 @@ def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
     return np.round(color * most).astype(np.intp) * (255 // most)
 
 
-def _is_solid(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a plain ellipse draws a shape."""
-    return is_solid(scene) | _is_crisp(scene)
+def _is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) whether an arc draws shapes of such one-sigma axes: nearly their rim, or a wider one."""
+    across = RIM_WIDTH * axes[:, 0] / beta
+    crisp = (beta >= LEAST_PLAIN_BETA) & (across < _CRISP)
+    return looks_plain(axes, beta) | crisp
 
 
-def _is_crisp(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a shape has nearly the rim of a plain ellipse, or a narrower one."""
-    across = RIM_WIDTH * scene.ellipse_axes[0][:, 0] / scene.beta
-    return (scene.beta >= LEAST_SOLID_BETA) & (across < _CRISP)
-
-
-def _radius(beta: NDArray[np.float64], solid: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.float64]:
     """(n,) radius in sigmas of the circle that is drawn."""
     radius = cut_radius(beta)
-    radius[solid] = solid_radius(beta[solid])
+    radius[plain] = plain_radius(beta[plain])
     return radius
 
 
@@ -139,11 +147,11 @@ def _matrix(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[n
 
 
 def _geometry(
-    numbers: NDArray[np.float64], solid: NDArray[np.bool_]
+    numbers: NDArray[np.float64], plain: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centres (n, 2) and factors (n, 3) of what is drawn, in units."""
     mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
-    mean[solid], factor[solid] = arc_geometry(numbers[solid])
+    mean[plain], factor[plain] = arc_geometry(numbers[plain])
     return mean, factor
 
 
@@ -152,10 +160,10 @@ def _placed(
     numbers: NDArray[np.float64],
     radius: NDArray[np.float64],
     unit: float,
-    solid: NDArray[np.bool_] | None = None,
+    plain: NDArray[np.bool_] | None = None,
 ) -> Scene:
-    """The scene with the geometry of such numbers; solid is where they are of arcs."""
-    mean, factor = _geometry(numbers, np.zeros(len(scene), bool) if solid is None else solid)
+    """The scene with the geometry of such numbers; plain is where they are of arcs."""
+    mean, factor = _geometry(numbers, np.zeros(len(scene), bool) if plain is None else plain)
     a, b, d = unit * factor.T
     sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
     return scene.replace(

@@ -1,8 +1,20 @@
-"""Samples of a canvas on which Gaussians are added one by one, each where there is room for it.
+"""Headroom: the order in which Gaussians are added to a canvas that holds a limited range.
 
-A sample is a pixel of a grid or the mean of a Gaussian, because thin ones peak between pixels.
-Samples are sorted by the row of the grid that they lie in, and by x within it. Kernels walk the
-samples of a Gaussian and store nothing per Gaussian, so that memory is that of the samples.
+A canvas holds values from low to high, at least those of the background and of the image. Say that
+at one place the background is .5 and the image .7, the sum with +.3, +.4 and -.5:
+
+    total   room that +.3, +.4, -.5 lack    drawn
+    .5      .1, .2, .5                      +.3: none has room, and it lacks least
+    .8          .5, .2                      -.5
+    .3          0                           +.4: .7 is the image, for which there is room
+
+In that order the canvas must hold .3 to .8. In another it would have to hold .5 to 1.2, and all
+that is drawn on it would be rounded more coarsely.
+
+The room of a Gaussian is looked for at samples: pixels of a grid, and the means of all Gaussians,
+because thin ones peak between pixels. They are sorted by the row of the grid that they lie in, and
+by x within it. Kernels walk the samples of a Gaussian and store nothing per Gaussian, so that
+memory is that of the samples.
 """
 
 from __future__ import annotations

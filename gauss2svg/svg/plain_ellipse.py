@@ -1,4 +1,4 @@
-"""Shapes that a solid ellipse, without a gradient, draws as well.
+"""Shapes that a plain ellipse, without a gradient, draws as well.
 
 A renderer draws the edge of a filled ellipse by the coverage of each pixel: a ramp one pixel wide.
 A crisp rim of the falloff looks the same where it is about that wide,
@@ -27,39 +27,42 @@ _LARGEST_ERROR = 0.003
 # discs would become visibly crisper.
 _LARGEST_ON_RIM = 0.013
 # Profiles of smaller exponents have no flat top.
-LEAST_SOLID_BETA = 3.0
+LEAST_PLAIN_BETA = 3.0
 _DIRECTIONS = 16  # in one quadrant; the others mirror it
 _WIDTHS = np.geomspace(0.05, 8, 48)  # px
-# Exponents that solid_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
-_GRID = tuple(np.round(np.geomspace(LEAST_SOLID_BETA, MOST_BETA, 78), 2).tolist())
+# Exponents that plain_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
+_GRID = tuple(np.round(np.geomspace(LEAST_PLAIN_BETA, MOST_BETA, 78), 2).tolist())
 _LIKELY, _STEPS = 0.7, 8  # px; exponents tried on either side
 
 
-def is_solid(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether a file draws a shape by a solid ellipse: as it says, or as that looks the same.
+def is_plain(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) whether a file draws a shape by a plain ellipse: as it says, or as that looks the same.
 
     The latter is at the size of the scene's canvas: on a larger one rims are wider.
     """
-    return (scene.drawn == PLAIN) | looks_solid(scene)
+    return (scene.drawn == PLAIN) | looks_plain(scene.ellipse_axes[0], scene.beta)
 
 
-def looks_solid(scene: Scene) -> NDArray[np.bool_]:
-    """(n,) whether an ellipse differs by no more than a small share of squared mass and rim."""
-    solid = scene.beta >= LEAST_SOLID_BETA
-    if not solid.any():
-        return solid
-    solid[solid] = _strain(scene.ellipse_axes[0][solid], scene.beta[solid]) <= 1
-    return solid
+def looks_plain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) whether an ellipse differs by no more than a small share of squared mass and rim.
+
+    axes  (n, 2) one-sigma semi-axes in px, larger first
+    beta  (n,) exponents
+    """
+    plain = beta >= LEAST_PLAIN_BETA
+    if plain.any():
+        plain[plain] = _strain(axes[plain], beta[plain]) <= 1
+    return plain
 
 
-def solid_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) exponent whose profile a solid ellipse of semi_axes (n, 2) px, larger first, draws best.
+def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) exponent whose profile a plain ellipse of semi_axes (n, 2) px, larger first, draws best.
 
-    Its error by the measure of is_solid is smallest, so that a shape written as a solid ellipse is
-    solid again. From about 180 px on, at the largest exponent, the profile's rim is softer than
+    Its error by the measure of is_plain is smallest, so that a shape written as a plain ellipse is
+    plain again. From about 180 px on, at the largest exponent, the profile's rim is softer than
     the ellipse's.
     """
-    grade = solid_radius(np.array(_GRID))
+    grade = plain_radius(np.array(_GRID))
     # Where the rim across the minor axis is so wide; the best is a few steps from it.
     guess = np.searchsorted(_LIKELY / RIM_WIDTH * np.array(_GRID) * grade, semi_axes[:, 1])
     best = np.full(len(semi_axes), np.inf)
@@ -74,7 +77,7 @@ def solid_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) squared error of solid ellipses as a multiple of the largest one allowed."""
+    """(n,) squared error of plain ellipses as a multiple of the largest one allowed."""
     angle_rad = (np.arange(_DIRECTIONS) + 0.5) * (0.5 * np.pi / _DIRECTIONS)
     along, across = np.cos(angle_rad), np.sin(angle_rad)
     growth = np.hypot(along / axes[:, :1], across / axes[:, 1:])
@@ -86,15 +89,15 @@ def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.
     return error / np.minimum(_LARGEST_ERROR * squared_mass, _LARGEST_ON_RIM * length.sum(axis=1))
 
 
-def solid_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
+def plain_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) radii in sigmas of ellipses that cover what profiles of exponents (n,) sum up to."""
     return np.sqrt([_integrals(b)[0] / np.pi for b in np.round(beta, 2)])
 
 
-def drawn_beta(scene: Scene, solid: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Exponents of the solid ones, a mask (n,), as ellipses of the same area draw them best."""
-    radius = solid_radius(scene.beta[solid])
-    return solid_beta(scene.ellipse_axes[0][solid] * radius[:, None])
+def drawn_beta(scene: Scene, plain: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Exponents of the shapes that are plain, a mask (n,), as ellipses of their area draw best."""
+    radius = plain_radius(scene.beta[plain])
+    return plain_beta(scene.ellipse_axes[0][plain] * radius[:, None])
 
 
 @lru_cache(maxsize=1)
@@ -110,7 +113,7 @@ def _errors() -> NDArray[np.float64]:
 
 @lru_cache(maxsize=4096)
 def _integrals(beta: float) -> tuple[float, float]:
-    """Of f and of f^2 over the plane, in px^2 at sigma 1 px."""
+    """Integrals of f and of f^2 over the plane, in px^2 at sigma 1 px."""
     r = (np.arange(2000) + 0.5) / 2000 * float(cut_radius(beta))
     value, area = profile(r, beta), 2 * np.pi * r * (r[1] - r[0])
     return float(np.sum(value * area)), float(np.sum(value**2 * area))

@@ -1,4 +1,4 @@
-"""From an additive scene to the numbers and short strings of an SVG.
+"""The elements of an additive file, from a scene of signed colours.
 
 Under mix-blend-mode: difference a colour s over v gives |v - s|. The canvas holds s_c (P + o_c) for
 a partial sum P, with a scale s_c and an offset o_c of each channel that keep all partial sums in
@@ -11,9 +11,22 @@ which changes nothing. A filter on the whole group maps the canvas back,
 with v_0 the background as it is written, so that its rounding shifts nothing; values outside 0..1
 are clipped, as those of the scene are.
 
-Every layer rounds to 8 bits, so that a larger s_c is more accurate: gauss2svg.svg.phases finds the
-order that allows it, gauss2svg.svg.levels stops with little rounding. A focal offset changes
-nothing here (docs/decisions/svg.md).
+Three grey Gaussians of +.3, +.4 and -.5 at one place, on .5, in the order in which there is most
+room for them (gauss2svg.svg.additive.headroom): sums from .3 to .8, so that 1 / s is .5, and .51
+with a margin. The canvas begins inverted, as the first one adds:
+
+    drawn                      sum at the mean      canvas
+    rect #999, the background  .5                   .6
+    circle, .3 s = .588        .8                   .012   |.6 - .588|
+    rect #fff                                       .988   inverted back
+    circle, .5 s = .980        .3                   .008   |.988 - .980|
+    rect #fff                                       .992   inverted again
+    circle, .4 s = .784        .7                   .208   |.992 - .784|
+    filter                     .7 = .807 - .51 * .208
+
+Every layer rounds to 8 bits, so that a larger s_c is more accurate: gauss2svg.svg.additive.phases
+finds the order that allows it, gauss2svg.svg.whole_stops stops with little rounding. A focal offset
+changes nothing here (docs/decisions/svg.md).
 """
 
 from __future__ import annotations
@@ -26,36 +39,19 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.svg.additive.differences import HALF_WAY, WHITE, Transfer
+from gauss2svg.svg.additive.phases import Phase, canvas_of, partial_sums, phases_of
 from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.encode import check_canvas, hex_color, matrix_text, number, short_id, writable
+from gauss2svg.svg.element import Element, hex_color, number, radial_gradient, short_id
+from gauss2svg.svg.encode import matrix_text, view_of
 from gauss2svg.svg.format import SvgFormat
-from gauss2svg.svg.levels import whole_stops
-from gauss2svg.svg.phases import Phase, canvas_of, partial_sums, phases_of
+from gauss2svg.svg.limits import check_canvas, writable
+from gauss2svg.svg.whole_stops import whole_stops
 
-_WHITE = 255
 _MARGIN = 0.01  # of the span of partial sums, at either end, for the rounding of layers
 _LEAST_SPAN = 0.1  # less would only magnify the rounding of renderers
-# Levels of 255 that are added in the end: resvg and Chromium truncate a filter's result to whole
-# levels (bias -0.5 levels), the others round.
-_HALF_WAY = 0.25
 _CHANNELS = ("red", "green", "blue")
 _TRANSFER_DECIMALS = 5
-
-
-@dataclass(frozen=True)
-class Ramp:
-    """A radial gradient of radius 1: its id, stops as (offset, opaque colour)."""
-
-    id: str
-    stops: tuple[tuple[str, str], ...]
-
-
-@dataclass(frozen=True)
-class Disc:
-    """A circle of radius 1: the id of its gradient, its matrix."""
-
-    ramp: str
-    matrix: str
 
 
 @dataclass(frozen=True)
@@ -63,36 +59,35 @@ class DrawnPhase:
     """Circles that add to some channels and subtract from the others, after inverting some.
 
     inverted  the colour that inverts channels, "" where none is
-    label   what they do, in words
+    label     what they do, in words
     """
 
     inverted: str
     label: str
-    discs: tuple[Disc, ...]
+    discs: tuple[Element, ...]
 
 
 @dataclass(frozen=True)
 class EncodedAdditive:
-    """Everything that the writer puts into elements, as text.
+    """The elements of an additive file, and the text of its root, rectangles and filter.
 
-    view_width, view_height  in user units
-    background               initial colour of the canvas
-    transfer                 final slope and intercept of red, green and blue
+    view        width and height in user units
+    background  initial colour of the canvas
+    transfer    final slope and intercept of red, green and blue
     """
 
-    view_width: str
-    view_height: str
+    view: tuple[str, str]
     background: str
-    transfer: tuple[tuple[str, str], ...]
-    ramps: tuple[Ramp, ...]
+    transfer: Transfer
+    ramps: tuple[Element, ...]
     phases: tuple[DrawnPhase, ...]
 
 
 def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
-    """Numbers of the SVG of an additive scene; depends on nothing but the two arguments.
+    """Elements of the SVG of an additive scene; they depend on nothing but the two arguments.
 
     Gaussians whose extent is written as 0 or whose colour as black are left out, as are those off
-    the canvas whose numbers are too large (gauss2svg.svg.encode.writable, which raises SceneError
+    the canvas whose numbers are too large (gauss2svg.svg.limits.writable, which raises SceneError
     for others). Raises InputError for a form other than gradients.
     """
     check_canvas(scene)
@@ -110,7 +105,7 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
     span = np.maximum((1 + 2 * _MARGIN) * (high - low), np.maximum(largest, _LEAST_SPAN))
     middle = 0.5 * (low + high)
-    scale = _WHITE / span  # levels of the canvas for 1 of the picture
+    scale = WHITE / span  # levels of the canvas for 1 of the picture
     begin = np.round(scale * (scene.background - middle + 0.5 * span))
     shapes = _Shapes(scene, scale, svg_format)
 
@@ -124,17 +119,16 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
         if not drawn:
             first = inverted = needed
         turn = needed ^ inverted
-        color = hex_color(np.where(turn, _WHITE, 0)) if turn.any() else ""
+        color = hex_color(np.where(turn, WHITE, 0)) if turn.any() else ""
         drawn.append(DrawnPhase(color, _label(len(drawn), len(discs), phase), discs))
         inverted = needed
 
     slope = np.where(inverted, -1, 1) * span
-    level = np.where(inverted, _WHITE - begin, begin) / _WHITE
-    intercept = scene.background - slope * level + _HALF_WAY / _WHITE
+    level = np.where(inverted, WHITE - begin, begin) / WHITE
+    intercept = scene.background - slope * level + HALF_WAY / WHITE
     return EncodedAdditive(
-        view_width=number(scene.width / svg_format.precision, 6),
-        view_height=number(scene.height / svg_format.precision, 6),
-        background=hex_color(np.where(first, _WHITE - begin, begin).astype(int)),
+        view=view_of(scene, svg_format.precision),
+        background=hex_color(np.where(first, WHITE - begin, begin).astype(int)),
         transfer=tuple(
             (number(a, _TRANSFER_DECIMALS), number(b, _TRANSFER_DECIMALS))
             for a, b in zip(slope, intercept, strict=True)
@@ -172,18 +166,28 @@ class _Shapes:
         ]
         self._ids: dict[tuple[tuple[str, str], ...], str] = {}
 
-    def drawn(self, phase: Phase) -> tuple[Disc, ...]:
+    def drawn(self, phase: Phase) -> tuple[Element, ...]:
         """Circles of a phase; Gaussians of no extent or colour are none."""
         shown = ((i, self._stops[self._entry[i]]) for i in phase.index.tolist())
         return tuple(
-            Disc(self._ids.setdefault(stops, short_id(len(self._ids))), self._matrices[i])
+            _circle(self._ids.setdefault(stops, short_id(len(self._ids))), self._matrices[i])
             for i, stops in shown
             if stops and self._matrices[i]
         )
 
-    def ramps(self) -> tuple[Ramp, ...]:
+    def ramps(self) -> tuple[Element, ...]:
         """Gradients of all that was drawn."""
-        return tuple(Ramp(name, stops) for stops, name in self._ids.items())
+        return tuple(
+            radial_gradient(
+                name,
+                [Element("stop", {"offset": at, "stop-color": shade}) for at, shade in stops],
+            )
+            for stops, name in self._ids.items()
+        )
+
+
+def _circle(ramp: str, matrix: str) -> Element:
+    return Element("circle", {"fill": f"url(#{ramp})", "r": "1", "transform": matrix})
 
 
 def _stops_text(
@@ -196,7 +200,7 @@ def _stops_text(
 
 
 def _label(index: int, count: int, phase: Phase) -> str:
-    """Such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
+    """Label of a phase, such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
     signs = tuple(zip(_CHANNELS, phase.takes, strict=True))
     adds = ", ".join(name for name, taken in signs if not taken)
     takes = ", ".join(name for name, taken in signs if taken)

@@ -6,9 +6,9 @@ other in the order of a Gray code, so that one channel is inverted at a time. Ad
 commutative: a Gaussian is drawn once the canvas has room for it, and until then waits for a later
 tour through the patterns. Where all wait for each other, the one that lacks least room is drawn.
 
-Room is checked between the pixels as well (gauss2svg.svg.room), so that a file can be drawn at any
-size. Values that are clipped in the end may fold on the canvas, which allows a larger scale
-(docs/decisions/svg.md).
+Room is checked between the pixels as well (gauss2svg.svg.additive.headroom), so that a file can be
+drawn at any size. Values that are clipped in the end may fold on the canvas, which allows a larger
+scale (docs/decisions/svg.md).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene import Scene
-from gauss2svg.svg.room import Samples, add_all, order_of, range_of, samples_of
+from gauss2svg.svg.additive.headroom import Samples, add_all, order_of, range_of, samples_of
 
 _SPARE = 0.02  # of a channel, at either end: fewer Gaussians wait for each other
 _EQUAL = 1e-3
@@ -38,7 +38,7 @@ class Phase:
 class Canvas(NamedTuple):
     """Samples of a canvas, the image there (m, 3), and its lowest and highest value (3,).
 
-    See gauss2svg.svg.room.range_of.
+    See gauss2svg.svg.additive.headroom.range_of.
     """
 
     samples: Samples
@@ -77,8 +77,8 @@ def partial_sums(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lowest and highest value (3,) of each channel that the phases' canvas must hold.
 
-    They include the image (gauss2svg.svg.room.range_of) and all partial sums between and within
-    phases, except values of a sample that equal its image. canvas as in phases_of.
+    They include the image (gauss2svg.svg.additive.headroom.range_of) and all partial sums between
+    and within phases, except values of a sample that equal its image. canvas as in phases_of.
     """
     samples, picture, low, high = canvas or canvas_of(scene)
     lowest = np.tile(scene.background.astype(np.float32), (len(samples.place), 1))

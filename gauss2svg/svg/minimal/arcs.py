@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene import Scene
-from gauss2svg.svg.encode import number
+from gauss2svg.svg.element import number
 
 # Units between radii from which half a degree of tilt moves the far end by half a unit.
 _LONG, _TILT_DECIMALS = 60.0, 1
@@ -67,7 +67,7 @@ def path_data(numbers: NDArray[np.float64]) -> str:
 def _from_start(
     radii: NDArray[np.float64], tilt: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """From each arc's start to the centre of its ellipse, and to its end; both (n, 2) units.
+    """Offsets (n, 2) in units from each arc's start to the centre of its ellipse, and to its end.
 
     The chord that is shorter where the ellipse is mapped onto the unit circle cuts off less; u is
     that chord there, and the centre lies beside its middle (SVG 2, implementation notes, B.2.4).

@@ -1,4 +1,4 @@
-"""From the text of an SVG to the bytes of its file, gzipped or not, and their breakdown."""
+"""The file of an SVG: its name, its bytes, gzipped or not, and what parts they are of."""
 
 from __future__ import annotations
 

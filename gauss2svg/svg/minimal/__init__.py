@@ -1,0 +1,1 @@
+"""Minimal markup: SVG with nothing that does not draw, in whole numbers."""

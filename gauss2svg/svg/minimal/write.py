@@ -1,0 +1,335 @@
+"""SVG text with nothing that does not draw: small files, and shorter large ones.
+
+    <svg xmlns=".." viewBox="0 0 64 43"><defs> falloffs </defs><path fill="#abc" d="M0 0h64v43H0"/>
+    <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg>
+
+Coordinates are whole numbers of user units (gauss2svg.svg.minimal.shapes). Up to MOST_MASKED soft
+shapes share one masked circle for each exponent, so that a colour costs a few bytes; the stops of
+its mask are greys, whose luminance is the falloff. Crisp shapes are arcs of a path, below round an
+ellipse of 8 by 7 units (gauss2svg.svg.minimal.arcs). Two soft shapes of one colour and opacity, and
+a crisp one, in units of a pixel:
+
+    <radialGradient id="c" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1">
+      <stop offset=".08" stop-color="#fff"/><stop offset=".63" stop-color="#222"/> ..
+    <mask id="b"><circle r="1" fill="url(#c)"/></mask>  the falloff of the exponent 1
+    <circle id="a" r="1" mask="url(#b)"/>               a shape of that exponent, of any colour
+    <use id="d" href="#a" fill="#f80" opacity=".5"/>    what shapes have in common, if shorter
+    <path fill="#084" d="M40 23a8 7 0 101 0"/>
+    <use href="#d" transform="matrix(9 0 0 9 10 5)"/>
+    <use href="#d" transform="matrix(12 4 0 8 20 15)"/>
+
+Of more soft shapes renderers round every mask to 8 bits and take long, so that each colour has a
+gradient. It takes its geometry from one of its exponent, and the opacities of its stops from a
+style sheet, where each rule holds from its stop on:
+
+    <style>[href="#a"] stop{stop-color:currentColor;stop-opacity:.99}[href="#a"] stop+stop{..}..
+    <radialGradient id="a" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1" fx=".001"/>
+    <radialGradient id="b" href="#a" color="#f80"><stop offset=".066"/><stop offset=".18"/> ..
+    <circle r="1" fill="url(#b)" fill-opacity=".5" transform="matrix(12 4 0 8 20 15)"/>
+
+docs/decisions/minimal.md has the figures.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError, instance
+from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.svg.document import DEFAULT_TITLE, Document
+from gauss2svg.svg.element import (
+    Element,
+    attributes_text,
+    hex_color,
+    number,
+    short_id,
+    with_default,
+)
+from gauss2svg.svg.format import STOP_COUNTS
+from gauss2svg.svg.minimal.arcs import path_data
+from gauss2svg.svg.minimal.shapes import (
+    OPACITY_DECIMALS,
+    Shapes,
+    color_levels,
+    rounded_scene,
+    shapes_of,
+)
+from gauss2svg.svg.stops import gradient_stops
+from gauss2svg.svg.whole_stops import grey_stops
+
+# docs/decisions/minimal.md has what more masks cost, and what two stops more are worth.
+MOST_MASKED = 500
+MASK_STOPS, _MANY = (3, 5), 60  # of few soft shapes, and from so many on
+# Without userSpaceOnUse librsvg 2.54 loses shapes under a rotation.
+_UNIT_DISC = {"gradientUnits": "userSpaceOnUse", "cx": "0", "cy": "0", "r": "1"}
+# The circle of an exponent from this one on is larger than its gradient, whose rim its own edge
+# would clip (gauss2svg.svg.encode).
+_CLIPPED_FROM, _CLEAR = 6.0, "1.1"
+# Largest error of a side of the view box, in user units and in px, where the file has a size.
+_VIEW_ERROR, _VIEW_ERROR_PX = 0.02, 0.25
+_WHOLE = 1e-9  # relative error of a side that is a whole number of units
+
+
+def minimal_svg(
+    scene: Scene,
+    unit: float,
+    digits: int = 3,
+    document: Document | None = None,
+    *,
+    opacity_decimals: int = OPACITY_DECIMALS,
+    stops: int = STOP_COUNTS[0],
+    masked: bool | None = None,
+) -> str:
+    """The shortest SVG of a scene, of which coordinates are whole numbers of units.
+
+    unit    px of the canvas, LEAST_UNIT..MOST_UNIT
+    digits  of colours, 3 or 6
+    stops   of a gradient, one of STOP_COUNTS
+    masked  whether soft shapes are drawn under masks, not by gradients; None: up to MOST_MASKED
+    What it draws is minimal_rounded(scene, unit, digits): shapes whose extent or opacity is written
+    as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
+    otherwise the file has no names, and a size only where a unit is less than a pixel or a side is
+    no whole number of units: resvg rounds the sides of a view box for its size, and with them the
+    proportions. Raises InputError for an additive scene, and for layers (segments, animation,
+    fragments).
+    """
+    document = instance(document, "document", Document)
+    refuse_layers(document)
+    shapes = shapes_of(scene, unit, digits, opacity_decimals)
+    width, height = (_view(side, unit) for side in (scene.width, scene.height))
+    cover = []
+    if not scene.transparent:
+        across, down = (number(math.ceil(float(side)), 0) for side in (width, height))
+        fill = _fill(color_levels(scene.background, digits))
+        cover = [Element("path", {**fill, "d": f"M0 0h{across}v{down}H0"})]
+    if masked is None:
+        masked = int(np.count_nonzero(shapes.falloff >= 0)) <= MOST_MASKED
+    definitions, drawn = _drawing(shapes, opacity_decimals, None if masked else stops)
+    named = _names(document)
+    attributes = {
+        "xmlns": "http://www.w3.org/2000/svg",
+        **_presented(document, scene, unit),
+        **({"role": "img"} if named else {}),
+        "viewBox": f"0 0 {width} {height}",
+    }
+    defs = [Element("defs", inside=definitions)] if definitions else []
+    return Element("svg", attributes, [*named, *defs, *cover, *drawn]).text()
+
+
+def minimal_rounded(
+    scene: Scene, unit: float, digits: int = 3, *, opacity_decimals: int = OPACITY_DECIMALS
+) -> Scene:
+    """The scene as the file of minimal_svg has it, without the shapes that it leaves out.
+
+    Means, extents, colours, opacities and exponents are those of the file; a plain ellipse has the
+    exponent whose profile it draws best. Arguments and errors are those of minimal_svg.
+    """
+    return rounded_scene(scene, shapes_of(scene, unit, digits, opacity_decimals), unit, digits)
+
+
+def refuse_layers(document: Document) -> None:
+    """Raise InputError for a document whose layers a minimal file does not have."""
+    for name in document.layered:
+        raise InputError(
+            f"{name} must not be given with minimal markup, which has no layers. Try --markup "
+            "editable"
+        )
+
+
+def whole_unit(width: int, height: int, about: float = 0) -> float:
+    """The unit in px of which both sides are whole numbers, about so many along the longer one.
+
+    As few as there are for 0. The larger their common divisor, the nearer it gets.
+    """
+    longer = max(width, height)
+    fewest = longer // math.gcd(width, height)
+    return longer / (fewest * max(1, round(about / fewest)))
+
+
+def _view(side: float, unit: float) -> str:
+    """A side of the view box with the fewest decimals."""
+    units = side / unit
+    error = min(_VIEW_ERROR * min(1.0, units), _VIEW_ERROR_PX / unit)
+    return next(
+        text
+        for text in (number(units, decimals) for decimals in range(11))
+        if abs(float(text) - units) <= error
+    )
+
+
+def _is_whole(units: float) -> bool:
+    return units >= 0.5 and abs(units - round(units)) <= _WHOLE * units
+
+
+def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str]:
+    """Attributes of the root that say how large the picture is, where the view box does not."""
+    sides = document.sides(scene.width, scene.height)
+    canvas = scene.width / unit, scene.height / unit
+    # Without them the file's size would be that of its numbers, and these rounded.
+    if sides is None and (unit < 1 or not all(map(_is_whole, canvas))):
+        sides = number(scene.width, 3), number(scene.height, 3)
+    size = {} if sides is None else {"width": sides[0], "height": sides[1]}
+    return size | ({"preserveAspectRatio": document.aspect} if document.aspect else {})
+
+
+def _names(document: Document) -> list[Element]:
+    title = [] if document.title == DEFAULT_TITLE else [Element("title", inside=document.title)]
+    return title + ([Element("desc", inside=document.alt)] if document.alt else [])
+
+
+def _drawing(
+    shapes: Shapes, opacity_decimals: int, stops: int | None
+) -> tuple[list[Element], list[Element]]:
+    """Definitions, and all shapes; stops is None for masks, or the number of a gradient's."""
+    name = "opacity" if stops is None else "fill-opacity"
+    opacity = [with_default(name, number(o, opacity_decimals), "1") for o in shapes.opacity]
+    fills = [_fill(levels) for levels in shapes.levels]
+    if stops is None:
+        definitions, kinds = _masked(shapes)
+    else:
+        definitions, kinds, fills = _gradients(shapes, fills, stops)
+    # Opaque ellipses of one colour are one path; of others each is blended by itself.
+    path_of: list[object] = [
+        i if falloff >= 0 or opacity[i] else fills[i].get("fill", "")
+        for i, falloff in enumerate(shapes.falloff.tolist())
+    ]
+    elements = []
+    for _, run in groupby(range(len(path_of)), lambda i: path_of[i]):
+        index = list(run)
+        i = index[0]
+        color = {**fills[i], **opacity[i]}
+        if shapes.falloff[i] < 0:
+            elements.append(Element("path", {**color, "d": path_data(shapes.numbers[index])}))
+        else:
+            soft = kinds[int(shapes.falloff[i])]
+            place = {"transform": _matrix(shapes.numbers[i])}
+            elements.append(Element(soft.tag, {**soft.attributes, **color, **place}))
+    if stops is None:
+        templates, elements = _shared(elements, 3 * len(kinds))
+        definitions += templates
+    return definitions, _grouped(elements)
+
+
+def _fill(levels: NDArray[np.intp], name: str = "fill") -> dict[str, str]:
+    """The attribute of a colour in levels (3,) of 255; black is the default."""
+    return with_default(name, hex_color(levels), "#000")
+
+
+def _kinds(shapes: Shapes) -> list[int]:
+    """Exponents of the soft shapes, those that are used most first."""
+    kinds, uses = np.unique(shapes.falloff[shapes.falloff >= 0], return_counts=True)
+    return kinds[np.argsort(-uses, kind="stable")].tolist()
+
+
+def _masked(shapes: Shapes) -> tuple[list[Element], dict[int, Element]]:
+    """A masked circle for each exponent, of the first ids, and what uses it, by exponent."""
+    kinds = _kinds(shapes)
+    count = MASK_STOPS[int(np.count_nonzero(shapes.falloff >= 0) >= _MANY)]
+    uses, definitions = {}, []
+    for k, kind in enumerate(kinds):
+        name, mask, ramp = (short_id(k + part * len(kinds)) for part in range(3))
+        uses[kind] = Element("use", {"href": f"#{name}"})
+        stops = [
+            Element("stop", {"offset": number(o, 3), **_fill(np.full(3, 17 * grey), "stop-color")})
+            for o, grey in zip(*grey_stops(count, BETA_CLASSES[kind]), strict=True)
+        ]
+        r = {"r": _circle(kind)}
+        disc = {"href": f"#{short_id(2 * len(kinds))}"} if k else _UNIT_DISC  # of the first
+        definitions += [
+            Element("radialGradient", {"id": ramp, **disc}, stops),
+            Element("mask", {"id": mask}, [Element("circle", {**r, "fill": f"url(#{ramp})"})]),
+            Element("circle", {"id": name, **r, "mask": f"url(#{mask})"}),
+        ]
+    return definitions, uses
+
+
+def _gradients(
+    shapes: Shapes, fills: list[dict[str, str]], stops: int
+) -> tuple[list[Element], dict[int, Element], list[dict[str, str]]]:
+    """A gradient for each exponent and colour; circles by exponent, fills of all shapes."""
+    kinds = _kinds(shapes)
+    circles = {kind: Element("circle", {"r": _circle(kind)}) for kind in kinds}
+    rules, definitions, first, ramps = [], [], {}, {}
+    for k, kind in enumerate(kinds):
+        name = first[kind] = short_id(k)
+        offsets, values = gradient_stops(stops, BETA_CLASSES[kind])
+        for at, value in enumerate(values):
+            color = "" if at else "stop-color:currentColor;"
+            stop = "+".join(["stop"] * (at + 1))
+            rules.append(f'[href="#{name}"] {stop}{{{color}stop-opacity:{number(value, 3)}}}')
+        # fx moves resvg to its accurate gradient.
+        definitions.append(Element("radialGradient", {"id": name, **_UNIT_DISC, "fx": ".001"}))
+        ramps[kind] = [Element("stop", {"offset": number(o, 4)}) for o in offsets]
+    colors = [fill.get("fill", "#000") for fill in fills]
+    keys = list(zip(shapes.falloff.tolist(), colors, strict=True))
+    ids = {}
+    for k, (key, _) in enumerate(Counter(key for key in keys if key[0] >= 0).most_common()):
+        kind, color = key
+        ids[key] = name = short_id(len(kinds) + k)
+        attributes = {"id": name, "href": f"#{first[kind]}", "color": color}
+        definitions.append(Element("radialGradient", attributes, ramps[kind]))
+    drawn = [
+        {"fill": f"url(#{ids[key]})"} if key in ids else fill
+        for key, fill in zip(keys, fills, strict=True)
+    ]
+    return [Element("style", inside="".join(rules)), *definitions], circles, drawn
+
+
+def _circle(kind: int) -> str:
+    return _CLEAR if BETA_CLASSES[kind] >= _CLIPPED_FROM else "1"
+
+
+def _matrix(numbers: NDArray[np.float64]) -> str:
+    a, b, d, e, f = (number(v, 0) for v in numbers)
+    return f"matrix({a} {b} 0 {d} {e} {f})".replace(" -", "-")
+
+
+def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Element]]:
+    """Definitions of common fills and opacities where these make the file shorter.
+
+    used  how many ids there are already
+    """
+    definitions = []
+    for names in (("fill", "opacity"), ("opacity",)):
+        ids = {}
+        keys = [tuple(e.attributes.get(name, "") for name in ("href", *names)) for e in elements]
+        for key, uses in Counter(keys).most_common():
+            href, values = key[0], zip(names, key[1:], strict=True)
+            common = {name: value for name, value in values if value}
+            name = short_id(used + len(definitions))
+            definition = Element("use", {"id": name, "href": href, **common})
+            shorter = len(attributes_text(common)) + len(href) - len(f"#{name}")
+            if href and common and uses * shorter > len(definition.text()):
+                ids[key] = name
+                definitions.append(definition)
+        elements = [
+            Element(e.tag, {"href": f"#{ids[key]}", **_without(e.attributes, "href", *names)})
+            if key in ids
+            else e
+            for e, key in zip(elements, keys, strict=True)
+        ]
+    return definitions, elements
+
+
+def _grouped(elements: list[Element]) -> list[Element]:
+    """All elements, consecutive ones of one fill in a group where that is shorter."""
+    found = []
+    for fill, run in groupby(elements, key=lambda e: e.attributes.get("fill")):
+        inside, group = list(run), {} if fill is None else {"fill": fill}
+        if len(attributes_text(group)) * (len(inside) - 1) > len("<g></g>"):
+            bare = [Element(e.tag, _without(e.attributes, "fill")) for e in inside]
+            found.append(Element("g", group, bare))
+        else:
+            found += inside
+    return found
+
+
+def _without(attributes: Mapping[str, str], *names: str) -> dict[str, str]:
+    return {name: value for name, value in attributes.items() if name not in names}
