@@ -2,10 +2,12 @@
 
     python examples/batch_scale.py 10000 100000 1000000
 
-For each number: a list of that many photos, a `dask scheduler` and two workers, which answer for a
-photo at once; then the same command again, which skips all of them. All else is as it is for
-photos: the list, its index, shards, records, the table. Prints seconds and the largest resident
-memory of driver and scheduler.
+For each number: a list of that many files of a few bytes, a `dask scheduler` and two workers, which
+answer for each at once, for its SVG is there already; then the same command again, of which the
+driver skips all. With `--touched` a third one follows, after every file was given another date:
+workers read them all and skip them by their bytes. All else is as it is for photos: the list, its
+index, shards, records, the table. Prints seconds, and CPU seconds and the largest
+resident memory of driver and scheduler.
 """
 
 from __future__ import annotations
@@ -13,32 +15,30 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import psutil
 
+from gauss2svg.batch.records import STATE
+
 _STAND_IN = '''
-"""Loaded by workers: photos of a list that do not exist, answered for at once."""
+"""Loaded by workers: in place of vectorising a photo and writing its SVG."""
 from gauss2svg.batch import work
-from gauss2svg.batch.records import PhotoRecord, all_versions
-_VERSIONS = all_versions()
 
-def stand_in(job, options, photo, begin):
-    if photo.prior is not None:
-        return PhotoRecord(**photo.prior.line(), skipped=True)
-    begin()
-    return PhotoRecord(
-        input=photo.path, output=photo.output, options=job.identity, stamp="1 1",
-        sha256="0" * 64, width=768, height=512, gaussians=5000, psnr_svg=32.125, bytes=150_000,
-        seconds=1.5, versions=_VERSIONS,
-    )
+def stand_in(job, options, photo):
+    return {
+        "width": 768, "height": 512, "gaussians": 5000, "psnr_svg": 32.125, "unreached": [],
+        "bytes": 6,
+    }
 
-work.vectorize_photo = stand_in
+work._vectorized = stand_in
 '''
 _POLL_S = 0.2
 
@@ -52,9 +52,15 @@ def start(*command: str) -> subprocess.Popen[bytes]:
     )
 
 
-def measured(command: list[str], watched: psutil.Process) -> tuple[float, float, float]:
-    """Seconds of a command, and the largest memory in MB of it and of a watched process."""
-    begun = time.perf_counter()
+def cpu_s() -> float:
+    """CPU seconds of all processes that were waited for."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def measured(command: list[str], watched: psutil.Process) -> tuple[float, float, float, float]:
+    """Seconds and CPU seconds of a command; largest MB of it and of a watched process."""
+    begun, used = time.perf_counter(), cpu_s()
     driver = start(*command)
     largest = [0, 0]
     while driver.poll() is None:
@@ -64,15 +70,26 @@ def measured(command: list[str], watched: psutil.Process) -> tuple[float, float,
         time.sleep(_POLL_S)
     if driver.returncode:
         raise SystemExit(f"the command ended with status {driver.returncode}")
-    return time.perf_counter() - begun, largest[0] / 1e6, largest[1] / 1e6
+    return time.perf_counter() - begun, cpu_s() - used, largest[0] / 1e6, largest[1] / 1e6
 
 
-def scale(count: int, folder: Path) -> None:
-    """Print a row of the first run and one of the second."""
+def photos(count: int, folder: Path) -> Iterator[Path]:
+    """The names of so many photos, a thousand in a folder."""
+    for number in range(count):
+        yield folder / f"{number // 1000:06}/{number % 1000:03}.jpg"
+
+
+def scale(count: int, folder: Path, runs: list[str]) -> None:
+    """Print a row of each run."""
     (folder / "preload.py").write_text(_STAND_IN)
     with (folder / "list.txt").open("w") as stream:
-        for number in range(count):
-            stream.write(f"/photos/{number // 1000:06}/{number % 1000:03}.jpg\n")
+        for photo in photos(count, folder / "photos"):
+            stream.write(f"{photo}\n")
+            svg = folder / "out" / photo.relative_to(photo.anchor).with_suffix(".svg")
+            for path in (photo, svg):
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(b"<svg/>")
+    os.sync()  # or the first record would wait for all of these
     where = folder / "scheduler.json"
     local = ("--no-dashboard", "--scheduler-file", str(where))
     scheduler = start(
@@ -92,12 +109,16 @@ def scale(count: int, folder: Path) -> None:
         watched = psutil.Process(scheduler.pid)
         command = ["gauss2svg", "batch", str(folder / "list.txt"), "-o", str(folder / "out")]
         command += ["--scheduler", address, "--quiet"]
-        for run in ("first", "second"):
-            seconds, driver, held = measured(command, watched)
-            size = sum(p.stat().st_size for p in (folder / "out").rglob("*") if p.is_file())
+        for run in runs:
+            if run == "touched":
+                for photo in photos(count, folder / "photos"):
+                    os.utime(photo, ns=(1, 1))
+            seconds, used, driver, held = measured(command, watched)
+            kept = (folder / "out" / STATE).rglob("*")
+            size = sum(path.stat().st_size for path in kept if path.is_file())
             print(
-                f"| {count:,} | {run} | {seconds:.1f} | {count / seconds:,.0f} | {driver:.0f} | "
-                f"{held:.0f} | {size / 1e6:.0f} |",
+                f"| {count:,} | {run} | {seconds:.1f} | {used:.1f} | {count / seconds:,.0f} | "
+                f"{driver:.0f} | {held:.0f} | {size / 1e6:.0f} |",
                 flush=True,
             )
     finally:
@@ -110,11 +131,15 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("counts", nargs="*", type=int, default=[10_000, 100_000, 1_000_000])
-    print("| photos | run | s | photos a second | driver MB | scheduler MB | records, tables MB |")
-    print("|---|---|---|---|---|---|---|")
-    for count in parser.parse_args().counts:
+    parser.add_argument("--touched", action="store_true", help="also a run in which workers read")
+    names = ["photos", "run", "s", "driver's CPU s", "photos a second", "driver MB"]
+    names += ["scheduler MB", "records, tables MB"]
+    print(f"| {' | '.join(names)} |\n|{'---|' * len(names)}")
+    given = parser.parse_args()
+    runs = ["first", "second", *(["touched"] if given.touched else [])]
+    for count in given.counts:
         with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
-            scale(count, Path(folder))
+            scale(count, Path(folder), runs)
 
 
 if __name__ == "__main__":

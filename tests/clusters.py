@@ -19,6 +19,7 @@ from distributed import Client
 import gauss2svg
 from gauss2svg.cli.main import main
 
+NOBODY = "tcp://127.0.0.1:9"  # a scheduler that does not answer
 _ROOT = os.fspath(Path(gauss2svg.__file__).parents[1])
 # Loaded by workers: photos take a while, so that there is a middle, and some kill them.
 _PRELOAD = """

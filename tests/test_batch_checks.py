@@ -220,8 +220,9 @@ RECORD = {
     ],
 )  # fmt: skip
 def test_line_of_a_record_whose_entries_are_of_other_types_is_none(edited):
-    assert record_of(json.dumps(RECORD)) is not None
-    assert record_of(json.dumps(RECORD | edited)) is None
+    for whole in (RECORD, RECORD | {"input": "/\udcff.png"}):  # a name that is no valid Unicode
+        assert record_of(json.dumps(whole)) is not None
+        assert record_of(json.dumps(whole | edited)) is None
 
 
 def test_edited_records_are_ignored(dask_client, photos, tmp_path):

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 
 import pytest
 from batches import left_parts, lines, outputs, save_photos, tiny
-from clusters import Cluster, batch, batch_here, ended, preload, under_way, wait_for
+from clusters import NOBODY, Cluster, batch, batch_here, ended, preload, under_way, wait_for
 
 from gauss2svg.pipeline.vectorize import vectorize_by
 
@@ -93,6 +93,8 @@ def test_driver_that_is_killed_is_followed_by_one_that_goes_on(
     assert batch_here(*command) == 0
     assert skipped(said()[1]) >= 4  # of 6, two may be in flight
     check(out, quiet, 4)
+    assert batch_here(photos, "-o", out, "--scheduler", NOBODY) == 0
+    assert skipped(said()[0]) == COUNT
 
 
 def test_photos_that_exhaust_memory_or_crash_are_isolated(cluster, quiet, tmp_path, said):
@@ -107,7 +109,7 @@ def test_photos_that_exhaust_memory_or_crash_are_isolated(cluster, quiet, tmp_pa
     assert all(one["error"].startswith("2 workers died at it, alone") for one in records)
     said()
     assert batch_here(*command) == 1  # they are not tried again unasked
-    assert f"0 done, {len(good)} skipped, 2 failed" in said()[1]
+    assert f"0 done, {len(good)} skipped, 2 failed" in said()[0]
 
 
 def test_scheduler_that_is_killed_ends_the_driver_and_loses_nothing(

@@ -1,8 +1,10 @@
 """What a batch reads and how outputs are named; what it refuses, in one line, before it runs."""
 
 import io
+import itertools
 import os
 import sys
+from pathlib import PurePosixPath
 
 import pytest
 from batches import save_photo, save_photos
@@ -66,6 +68,13 @@ def test_links_to_folders_are_not_followed(folder):
 def test_glob_is_relative_to_its_part_without_wildcards(folder):
     assert names("in/*.jpg", "in/b/*") == ["a", "c"]
     assert names("in/**/*.jp*g") == ["a", "b/d/e"]
+
+
+def test_suffix_of_a_name_is_what_pathlib_says():
+    names = map("".join, itertools.product("a./", repeat=5))
+    for name in (n.rstrip("/") for n in names if n[0] != "/"):
+        if not name.endswith("."):  # of which versions of Python differ
+            assert inputs._stem(name) == os.fspath(PurePosixPath(name).with_suffix(""))
 
 
 def test_photo_keeps_its_last_part_whatever_its_suffix(folder):

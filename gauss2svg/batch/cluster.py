@@ -15,7 +15,8 @@ from distributed import Client, LocalCluster
 from distributed.security import Security
 from numba.core import config
 
-from gauss2svg.batch.work import Job, cannot_run, check_worker
+from gauss2svg.batch.job import Job
+from gauss2svg.batch.work import cannot_run, check_worker
 from gauss2svg.errors import ClusterError, Gauss2SvgError, must_be
 from gauss2svg.pipeline.kernels import compile_kernels
 

@@ -14,10 +14,11 @@ from itertools import count
 from distributed import Client, KilledWorker
 
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions, limits_of
+from gauss2svg.batch.job import BatchPhoto, Job
+from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions
 from gauss2svg.batch.stores import stamp_of
 from gauss2svg.batch.tasks import answers
-from gauss2svg.batch.work import Answer, BatchPhoto, Job, Shard, cannot_run, work
+from gauss2svg.batch.work import Answer, Shard, cannot_run, work
 from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError
 
 MOST_PHOTOS = 500  # of a shard: Dask is made for up to 100 000 tasks
@@ -33,7 +34,7 @@ _MOST_LOSSES = 20
 
 
 class Driver:
-    """Works on all photos of an index by the workers of a client."""
+    """Works on the photos of an index that have no record yet, by the workers of a client."""
 
     def __init__(
         self,
@@ -53,7 +54,7 @@ class Driver:
         self._is_ending = False  # whether all photos were handed out once
 
     def records(self) -> Iterator[PhotoRecord]:
-        """What becomes of every photo, as it is known.
+        """What becomes of each of them, as it is known.
 
         Raises OutputError where outputs cannot be written, ClusterError where the scheduler is gone
         or a worker has other versions.
@@ -92,7 +93,7 @@ class Driver:
     def _shards(self) -> Iterator[Shard]:
         """The index in shards by number and size of photos; few photos in small ones."""
         workers = max(1, self._workers())
-        most = min(MOST_PHOTOS, max(1, self._index.count // (workers * _SHARDS_A_WORKER)))
+        most = min(MOST_PHOTOS, max(1, self._index.left // (workers * _SHARDS_A_WORKER)))
         photos: list[BatchPhoto] = []
         size = 0
         for path, output, bytes_, prior in self._index.photos():
@@ -152,7 +153,7 @@ class Driver:
             output=photo.output,
             stamp=stamp,
             options=self._job.identity,
-            limits=limits_of(self._job.options),
+            limits=self._job.limits,
             error=f"{_MOST_DEATHS} workers died at it, alone; was there enough memory? "
             "Try --max-size or --retry-failed on workers with more",
             versions=all_versions(),

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from msgspec.structs import asdict, replace
+
 from gauss2svg.batch.inputs import Source
 from gauss2svg.batch.records import STATE, PhotoRecord, record_of
 from gauss2svg.batch.stores import is_contained, is_url
@@ -17,10 +19,23 @@ from gauss2svg.errors import InputError, OutputError, must_be, shown
 _CACHE_KIB = 16_384  # little beside a worker; pages of the index beyond it are on the disk
 _TABLES = """
 CREATE TABLE photo (
-    key BLOB PRIMARY KEY, path BLOB, output BLOB, size INTEGER, prior TEXT
+    key BLOB PRIMARY KEY, path BLOB, output BLOB, size INTEGER, prior BLOB
 ) WITHOUT ROWID;
 CREATE TABLE record (key BLOB PRIMARY KEY, line TEXT) WITHOUT ROWID;
 """
+_LEFT = "WHERE key NOT IN (SELECT key FROM record)"
+# Without a line of its own a record is the earlier one.
+_RECORDS = "SELECT line, prior FROM record LEFT JOIN photo USING (key) ORDER BY record.key"
+
+
+@contextmanager
+def _on_disk() -> Iterator[None]:
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        raise OutputError(
+            f"cannot write the index of the photos: {error}. Try TMPDIR=/a/larger/disk"
+        ) from error
 
 
 class PhotoIndex:
@@ -48,6 +63,7 @@ class PhotoIndex:
     def _key(self, output: str) -> bytes:
         return _bytes(output.casefold() if self._folds_case else output)
 
+    @_on_disk()
     def add(self, sources: Iterable[Source], suffix: str) -> None:
         """Add photos; a photo counts once.
 
@@ -65,10 +81,9 @@ class PhotoIndex:
             if not is_url(path):  # workers may have another current folder
                 path = os.path.abspath(path)
             row = (self._key(output), _bytes(path), _bytes(output), size)
-            with _on_disk():
-                if self._base.execute(insert, row).rowcount:
-                    self.count += 1
-                    continue
+            if self._base.execute(insert, row).rowcount:
+                self.count += 1
+                continue
             ((other,),) = self._rows("SELECT path FROM photo WHERE key = ?", row[:1])
             if other != row[1]:
                 got = shown(f"{_text(other)} and {path}, which would both write {output}")
@@ -77,53 +92,59 @@ class PhotoIndex:
                     "for each with an output folder of its own"
                 )
 
+    @_on_disk()
     def add_prior(self, lines: Iterable[bytes]) -> None:
         """Add lines of earlier runs' records, oldest first."""
-        for line in lines:
-            record = record_of(line)
-            if record is not None:
-                row = (json.dumps(record.line()), self._key(record.output))
-                with _on_disk():
-                    self._base.execute("UPDATE photo SET prior = ? WHERE key = ?", row)
+        records = ((line, record_of(line)) for line in lines)
+        rows = ((line, self._key(one.output)) for line, one in records if one is not None)
+        self._base.executemany("UPDATE photo SET prior = ? WHERE key = ?", rows)
 
+    @_on_disk()
     def add_record(self, record: PhotoRecord) -> None:
         """Add what became of a photo."""
-        row = (self._key(record.output), json.dumps(vars(record)))
-        with _on_disk():
-            self._base.execute("INSERT OR REPLACE INTO record VALUES (?, ?)", row)
+        row = (self._key(record.output), json.dumps(asdict(record)))
+        self._base.execute("INSERT OR REPLACE INTO record VALUES (?, ?)", row)
 
-    def photos(self) -> Iterator[tuple[str, str, int | None, PhotoRecord | None]]:
-        """(path, output, bytes, earlier record) of every photo, by output."""
-        select = "SELECT path, output, size, prior FROM photo ORDER BY key"
+    @_on_disk()
+    def keep(self, outputs: Iterable[str]) -> None:
+        """Add that photos are as an earlier run left them."""
+        rows = ((self._key(output),) for output in outputs)
+        self._base.executemany("INSERT INTO record (key) VALUES (?)", rows)
+
+    @property
+    def left(self) -> int:
+        """Number of photos of which it is not known yet what becomes of them."""
+        ((known,),) = self._rows("SELECT count(*) FROM record")
+        return self.count - known
+
+    def photos(
+        self, known: bool = False
+    ) -> Iterator[tuple[str, str, int | None, PhotoRecord | None]]:
+        """(path, output, bytes, earlier record) of every photo that is left, by output.
+
+        known  of those alone that have an earlier record
+        """
+        where = f"{_LEFT} AND prior IS NOT NULL" if known else _LEFT
+        select = f"SELECT path, output, size, prior FROM photo {where} ORDER BY key"
         for path, output, size, prior in self._rows(select):
             yield _text(path), _text(output), size, None if prior is None else record_of(prior)
 
     def records(self) -> Iterator[PhotoRecord]:
         """What became of every photo, by output."""
-        for (line,) in self._rows("SELECT line FROM record ORDER BY key"):
-            record = record_of(line)
+        for line, prior in self._rows(_RECORDS):
+            record = record_of(prior if line is None else line)
             assert record is not None
-            yield record
+            yield replace(record, skipped=True) if line is None else record
 
     def largest(self, most: int) -> list[str]:
-        """The paths of the largest files; where sizes are not known, of the first ones."""
-        select = "SELECT path FROM photo ORDER BY size DESC LIMIT ?"
+        """The paths of the largest files that are left; of the first where no size is known."""
+        select = f"SELECT path FROM photo {_LEFT} ORDER BY size DESC LIMIT ?"
         return [_text(path) for (path,) in self._rows(select, (most,))]
 
     def _rows(self, select: str, values: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         with _on_disk():
             rows = self._base.execute(select, values)
             yield from iter(rows.fetchone, None)  # of the cursor itself it would close that
-
-
-@contextmanager
-def _on_disk() -> Iterator[None]:
-    try:
-        yield
-    except sqlite3.OperationalError as error:
-        raise OutputError(
-            f"cannot write the index of the photos: {error}. Try TMPDIR=/a/larger/disk"
-        ) from error
 
 
 def _bytes(text: str) -> bytes:

@@ -6,7 +6,6 @@ import codecs
 import os
 import sys
 from collections.abc import Iterable, Iterator
-from pathlib import PurePosixPath
 from typing import Any, NamedTuple
 
 from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, lines_of, reason_of
@@ -93,7 +92,11 @@ def _is_file(path: str) -> bool:
 
 def _stem(name: str) -> str:
     """A name without its suffix, as files of any system take it."""
-    return os.fspath(PurePosixPath(name).with_suffix("")) if PurePosixPath(name).name else name
+    parts = [part for part in name.split("/") if part not in ("", ".")] or [name]
+    dot = parts[-1].rfind(".")
+    if 0 < dot < len(parts[-1]) - 1:  # neither hidden nor at the end
+        parts[-1] = parts[-1][:dot]
+    return "/".join(parts)
 
 
 def _listed(lines: Iterable[bytes]) -> Iterator[Source]:

@@ -7,12 +7,13 @@ import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from itertools import islice
 from typing import TYPE_CHECKING
 
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import folder_of, photos_of
+from gauss2svg.batch.job import BatchPhoto, Job, unchanged
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import (
     FOLDER,
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _SAMPLE = 16  # photos, the largest files, by which memory is estimated
+_COMPARED = 500  # photos at once
 _READERS = 16  # threads that read records, which on a store is mostly waiting
 _STALE_S = 60.0  # by then a live worker has written its part, which takes moments
 
@@ -60,23 +62,21 @@ def vectorize_many(
     batch    BatchOptions(workers=4), (scheduler="tcp://host:8786"), (retry_failed=True)
     client   of a cluster with one thread for each worker; None: as `batch` says
 
-    What an earlier run has done is skipped. A bad photo is a record with an error. A script that
-    calls this without a client must guard its main part by `if __name__ == "__main__":`, for the
-    workers are spawned. Raises InputError for bad arguments, before anything runs; OutputError
-    where nothing can be written; ClusterError for workers that are of other versions or gone.
+    What an earlier run has done is skipped; where that is all, no cluster is needed. A bad photo is
+    a record with an error. A script that calls this without a client must guard its main part by
+    `if __name__ == "__main__":`, for the workers are spawned. Raises InputError for bad arguments,
+    before anything runs; OutputError where nothing can be written; ClusterError for workers that
+    are of other versions or gone.
     """
     made = Batch(sources, output, options, batch)
 
     def records() -> Iterator[PhotoRecord]:
-        from gauss2svg.batch.table import write_table
-
         with made:
-            if client is not None:
-                yield from made.records(client)
-            else:
-                with made.connected() as own:
-                    yield from made.records(own)
-            write_table(made.store, made.index)
+            yield from made.unchanged()
+            if made.index.left:
+                with made.connected() if client is None else nullcontext(client) as found:
+                    yield from made.records(found)
+            made.finish()
 
     return records()
 
@@ -151,38 +151,55 @@ class Batch:
         workers = self.batch.workers
         if workers is None:
             most = allowed(None) // self._estimate()
-            workers = max(1, min(cores() // (threads or 1), most, self.index.count))
+            workers = max(1, min(cores() // (threads or 1), most, self.index.left))
         return workers, threads or max(1, cores() // workers), free_bytes() // workers
+
+    def unchanged(self) -> Iterator[PhotoRecord]:
+        """The records of photos that are as an earlier run left them; these need no worker."""
+        job, photos = self._job(), self.index.photos(known=True)
+        while some := list(islice(photos, _COMPARED)):
+            found = (unchanged(job, BatchPhoto(path, out, prior)) for path, out, _, prior in some)
+            records = [record for record in found if record is not None]
+            self.index.keep(record.output for record in records)
+            yield from records
 
     def records(
         self, client: Client, waiting: Callable[[], None] = lambda: None
     ) -> Iterator[PhotoRecord]:
-        """What becomes of every photo, as it is known; raises ClusterError and OutputError.
+        """What becomes of all other photos, as it is known; raises ClusterError and OutputError.
 
         waiting  called about each second in which there is no worker
         """
         from gauss2svg.batch.cluster import check_workers, counter
         from gauss2svg.batch.drive import Driver
-        from gauss2svg.batch.work import Job
 
         if self.options.run.threads is None:
             self.options = self.options.changed(threads=1)
-        needed, identity = versions(), identity_of(self.options)
-        self.store.write(
-            f"{STATE}/options-{identity}.json", as_json({**needed, "options": self.options.flat()})
-        )
         folder = self.store.read(FOLDER)
         if not folder:
             folder = secrets.token_hex(16).encode()
             self.store.write(FOLDER, folder)
-        job = Job(self.options, self.store, needed, identity, folder, self.batch.retry_failed)
+        job = self._job(folder)
+        written = as_json({**job.versions, "options": self.options.flat()})
+        self.store.write(f"{STATE}/options-{job.identity}.json", written)
         check_workers(client, job)
         workers = counter(client)
         idle = lambda: None if workers() else waiting()  # noqa: E731
         for record in Driver(client, job, self.index, workers, idle).records():
             self.index.add_record(record)
             yield record
+
+    def finish(self) -> list[str]:
+        """Write the table of all photos and remove unfinished files; returns its files' names."""
+        from gauss2svg.batch.table import write_table
+
         self.store.sweep(time.time() - _STALE_S)
+        return write_table(self.store, self.index)
+
+    def _job(self, folder: bytes | None = None) -> Job:
+        identity = identity_of(self.options)
+        failed = self.batch.retry_failed
+        return Job(self.options, self.store, versions(), identity, folder, failed)
 
     def _folds_case(self) -> bool:
         if not self.store.is_local:

@@ -6,11 +6,11 @@ import hashlib
 import json
 import platform
 import time
-from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
-from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any
+
+import msgspec
 
 from gauss2svg.batch.stores import Store
 from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
@@ -23,10 +23,10 @@ _WORKING = {"working": True}  # the last line of a shard that is worked on, or w
 _SHARE = 0.05  # of a worker's time, for writing records
 # Options that change neither a picture nor whether there is one.
 _NOT_OF_LIMITS = frozenset({"threads", "checkpoint_every"})
+_Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # as a table holds it
 
 
-@dataclass(frozen=True, kw_only=True)
-class PhotoRecord:
+class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What became of a photo.
 
     input      path or URL; stamp: what its file system says of it; sha256: of its bytes
@@ -44,15 +44,15 @@ class PhotoRecord:
     limits: str = ""
     stamp: str = ""
     sha256: str = ""
-    width: int | None = None
-    height: int | None = None
-    gaussians: int | None = None
+    width: _Whole | None = None
+    height: _Whole | None = None
+    gaussians: _Whole | None = None
     psnr_svg: float | None = None
-    bytes: int | None = None
+    bytes: _Whole | None = None
     seconds: float | None = None
     error: str | None = None
-    unreached: list[str] = field(default_factory=list)
-    versions: dict[str, str] = field(default_factory=dict)
+    unreached: list[str] = []
+    versions: dict[str, str] = {}
     skipped: bool = False
 
     @property
@@ -62,32 +62,24 @@ class PhotoRecord:
 
     def line(self) -> dict[str, Any]:
         """The photo's line in a record; `skipped` is of a run and not of the photo."""
-        return {name: value for name, value in vars(self).items() if name != "skipped"}
+        found = msgspec.structs.asdict(self)
+        del found["skipped"]
+        return found
 
 
-_KINDS = get_type_hints(PhotoRecord)
+_LINES = msgspec.json.Decoder(PhotoRecord)
 
 
 def record_of(line: str | bytes) -> PhotoRecord | None:
     """The record in a line of JSON; None for any other line, such as one that was cut."""
     try:
-        record = PhotoRecord(**json.loads(line))
-    except (ValueError, TypeError, RecursionError):
+        return _LINES.decode(line)
+    except (msgspec.DecodeError, RecursionError):
+        pass
+    try:  # names that are no valid Unicode are valid in Python's JSON alone
+        return msgspec.convert(json.loads(line), PhotoRecord)
+    except (msgspec.ValidationError, ValueError, RecursionError):
         return None
-    return record if all(_is(v, _KINDS[name]) for name, v in vars(record).items()) else None
-
-
-def _is(value: Any, kind: Any) -> bool:
-    """Whether a value of JSON is of the kind of a field; whole numbers are those of a table."""
-    if isinstance(kind, UnionType):
-        return any(_is(value, one) for one in get_args(kind))
-    if get_origin(kind) is list:
-        return type(value) is list and all(type(one) is str for one in value)
-    if get_origin(kind) is dict:
-        return type(value) is dict and all(type(one) is str for one in value.values())
-    if kind is int:
-        return type(value) is int and 0 <= value < 2**63
-    return type(value) in ((int, float) if kind is float else (kind,))
 
 
 def versions() -> dict[str, str]:

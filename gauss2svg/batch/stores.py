@@ -193,7 +193,7 @@ class Store:
         """Bytes of a file; None where there is none."""
         try:
             if self.is_local:
-                return Path(self.root, name).stat().st_size
+                return os.stat(self.path(name)).st_size
             fs, path = filesystem(self.path(name))
             return fs.info(path)["size"]
         except (FileNotFoundError, NotADirectoryError):

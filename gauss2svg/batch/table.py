@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import json
 import os
 import re
@@ -11,9 +10,12 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 from typing import Any
+
+from msgspec.structs import astuple
 
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.records import PARTS, STATE, PhotoRecord
@@ -23,7 +25,7 @@ from gauss2svg.errors import OutputError
 from gauss2svg.files import as_cell
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
-_COLUMNS = [field.name for field in dataclasses.fields(PhotoRecord)]
+_COLUMNS = PhotoRecord.__struct_fields__
 _ROWS = 10_000  # of Parquet that are held at once
 _MOST_REASONS = 1000  # of failures that are distinguished
 
@@ -50,9 +52,14 @@ class Summary:
             self.pixels += record.pixels
 
     @property
+    def worked(self) -> int:
+        """Photos so far that are not skipped."""
+        return self.done + self.failed
+
+    @property
     def total(self) -> int:
         """Photos so far."""
-        return self.done + self.skipped + self.failed
+        return self.worked + self.skipped
 
     @property
     def seconds(self) -> float:
@@ -126,14 +133,17 @@ def _csv(path: Path, records: Iterable[PhotoRecord]) -> None:
     with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
         writer = csv.writer(stream)  # whose own line ends have names with either character quoted
         writer.writerow(_COLUMNS)
-        writer.writerows(map(as_cell, _row(record).values()) for record in records)
+        writer.writerows(map(as_cell, _row(record)) for record in records)
 
 
-def _row(record: PhotoRecord) -> dict[str, Any]:
-    return {name: getattr(record, name) for name in _COLUMNS} | {
-        "unreached": "; ".join(record.unreached),
-        "versions": json.dumps(record.versions),
-    }
+def _row(record: PhotoRecord) -> list[Any]:
+    *values, unreached, versions, skipped = astuple(record)
+    return [*values, "; ".join(unreached), _json(tuple(versions.items())), skipped]
+
+
+@lru_cache  # of all photos of a run they are the same
+def _json(items: tuple[tuple[str, str], ...]) -> str:
+    return json.dumps(dict(items))
 
 
 def _parquet(path: Path, records: Iterable[PhotoRecord]) -> None:
@@ -147,13 +157,16 @@ def _parquet(path: Path, records: Iterable[PhotoRecord]) -> None:
     schema = pa.schema([(name, kinds.get(name, pa.string())) for name in _COLUMNS])
     rows = map(_row, records)
     with parquet.ParquetWriter(path, schema) as writer:
-        while block := [_unicode(row) for row in islice(rows, _ROWS)]:
-            writer.write_table(pa.Table.from_pylist(block, schema))
+        while block := list(islice(rows, _ROWS)):
+            arrays = list(map(_array, zip(*block, strict=True), schema.types))
+            writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
 
 
-def _unicode(row: dict[str, Any]) -> dict[str, Any]:
-    """A row whose names are Unicode, which those of files need not be."""
-    return {
-        name: value.encode(errors="backslashreplace").decode() if isinstance(value, str) else value
-        for name, value in row.items()
-    }
+def _array(column: tuple[Any, ...], kind: Any) -> Any:
+    import pyarrow as pa
+
+    try:
+        return pa.array(column, kind)
+    except UnicodeEncodeError:  # names of files need not be Unicode
+        texts = [one and one.encode(errors="backslashreplace").decode() for one in column]
+        return pa.array(texts, kind)

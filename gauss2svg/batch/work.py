@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import errno
 import hashlib
 import os
@@ -13,14 +12,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from gauss2svg.batch.records import (
-    FOLDER,
-    PhotoRecord,
-    ShardRecord,
-    all_versions,
-    limits_of,
-    versions,
-)
+from gauss2svg.batch.job import BatchPhoto, Job, kept
+from gauss2svg.batch.records import FOLDER, PhotoRecord, ShardRecord, all_versions, versions
 from gauss2svg.batch.stores import Store, is_url, opened, reason_of, stamp_of
 from gauss2svg.errors import (
     ClusterError,
@@ -52,15 +45,6 @@ _checked: set[tuple[Store, bytes | None]] = set()
 
 
 @dataclass(frozen=True)
-class BatchPhoto:
-    """A photo of a shard: its path or URL, its output's name, and what an earlier run recorded."""
-
-    path: str
-    output: str
-    prior: PhotoRecord | None = None
-
-
-@dataclass(frozen=True)
 class Shard:
     """Photos that one task works on, and the key of their record.
 
@@ -73,21 +57,6 @@ class Shard:
     deaths: int = 0
     refusals: int = 0
     losses: int = 0
-
-
-@dataclass(frozen=True)
-class Job:
-    """What all shards share.
-
-    identity  of the options; folder: content of FOLDER, by which workers know the output folder
-    """
-
-    options: Options
-    store: Store
-    versions: dict[str, str]
-    identity: str
-    folder: bytes | None = None
-    retry_failed: bool = False
 
 
 @dataclass(frozen=True)
@@ -185,18 +154,16 @@ def vectorize_photo(
 
     begin  called before anything at which a worker may die
     """
-    begun, identity = time.perf_counter(), job.identity
+    begun = time.perf_counter()
     stamp = digest = ""
     made: dict[str, Any]
     try:
         stamp = stamp_of(photo.path)
-        prior = _usable(job, photo)
-        is_same = prior is not None and prior.input == photo.path and stamp == prior.stamp != ""
-        if not is_same:
-            digest = _digest(photo.path)
-            is_same = prior is not None and digest == prior.sha256
-        if prior is not None and is_same:
-            return dataclasses.replace(prior, input=photo.path, stamp=stamp, skipped=True)
+        if (record := kept(job, photo, stamp)) is not None:
+            return record
+        digest = _digest(photo.path)
+        if (record := kept(job, photo, stamp, digest)) is not None:
+            return record
         begin()
         made = _vectorized(job, options, photo)
     except OutputError as error:
@@ -211,22 +178,11 @@ def vectorize_photo(
         made = {"error": f"{type(error).__name__}: {error}"}
     if "error" in made:
         made["error"] = " ".join(made["error"].split())[:_LONGEST_ERROR]
-        made["limits"] = limits_of(job.options)
+        made["limits"] = job.limits
     return PhotoRecord(
-        input=photo.path, output=photo.output, options=identity, stamp=stamp, sha256=digest,
+        input=photo.path, output=photo.output, options=job.identity, stamp=stamp, sha256=digest,
         seconds=round(time.perf_counter() - begun, 3), versions=all_versions(), **made,
     )  # fmt: skip
-
-
-def _usable(job: Job, photo: BatchPhoto) -> PhotoRecord | None:
-    """The earlier record, if it is of these options and its output is there."""
-    prior = photo.prior
-    if prior is None or prior.options != job.identity:
-        return None
-    if prior.error is not None:
-        is_same = prior.input == photo.path and prior.limits == limits_of(job.options)
-        return prior if is_same and not job.retry_failed else None
-    return prior if job.store.size(photo.output) == prior.bytes else None
 
 
 def _digest(path: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -60,18 +61,16 @@ def batch_command(
 ) -> int:
     """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
     from gauss2svg.batch.many import Batch
-    from gauss2svg.batch.table import Summary, write_table
+    from gauss2svg.batch.table import Summary
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.files import refuse_option_like
 
     refuse_option_like(*photos, output)
     given = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
     with Batch(photos, output, given, batch) as made:
-        with counting_bar(quiet) as update, made.connected() as client:
-            if not quiet:
-                _print(f"Dask's dashboard: {client.dashboard_link}")
-            summary = Summary()
-            update("", 0, made.index.count)
+        with counting_bar(quiet) as update:
+            summary, count = Summary(), made.index.count
+            update("", 0, count)
             shown, has_waited = 0.0, False
 
             def waiting() -> None:
@@ -81,12 +80,23 @@ def batch_command(
                     _print(f"no workers at {batch.scheduler} yet; waiting for them")
                 has_waited = True
 
-            for record in made.records(client, waiting):
-                summary.add(record)
-                if summary.seconds - shown > _SHOW_S:
-                    shown = summary.seconds
-                    update(_state(summary, made.index.count), summary.total, made.index.count)
-        tables = write_table(made.store, made.index)
+            def add(records: Iterable[Any]) -> None:
+                nonlocal shown
+                begun, before = summary.seconds, summary.worked
+                for record in records:
+                    summary.add(record)
+                    if summary.seconds - shown > _SHOW_S:
+                        shown = summary.seconds
+                        rate = (summary.worked - before) / max(shown - begun, _SHOW_S)
+                        update(_state(summary, rate, count), summary.total, count)
+
+            add(made.unchanged())
+            if made.index.left:
+                with made.connected() as client:
+                    if not quiet:
+                        _print(f"Dask's dashboard: {client.dashboard_link}")
+                    add(made.records(client, waiting))
+        tables = made.finish()
     if not quiet:
         for line in summary.lines():
             _print(line)
@@ -96,10 +106,8 @@ def batch_command(
     return STATUS_SOME_FAILED if summary.failed else 0
 
 
-def _state(summary: Any, count: int) -> str:
+def _state(summary: Any, rate: float, count: int) -> str:
     """Photos a second, failures and time left."""
-    worked = summary.total - summary.skipped
-    rate = worked / summary.seconds
     left = (count - summary.total) / rate if rate else 0.0
     hours, minutes = divmod(round(left / 60), 60)
     time_left = f"{hours} h {minutes} min" if hours else f"{minutes} min"
