@@ -96,6 +96,9 @@ def plot(found: dict[str, Rows], path: Path) -> None:
                     )  # fmt: skip
             if name in ("seconds", "bytes"):
                 axes.set_xscale("log")
+            if name == "seconds":
+                axes.set_xticks(x := [1, 2, 4, 8, 16, 32], [str(second) for second in x])
+                axes.minorticks_off()
             axes.set_xlabel(f"{_SHOWN[name]}, {kind}")
             axes.set_ylabel("SSIMULACRA2" if name == "ssimulacra2" else "dB")
     figure.savefig(path, dpi=100, pil_kwargs={"quality": 60} if path.suffix == ".webp" else {})

@@ -178,8 +178,8 @@ def test_centres_that_leave_their_segment_go_back_no_further_than_they_came():
         n = len(mean)
         ones, wide = np.ones(n), np.zeros((n, 10))
         return State(
-            mean, np.ones((n, 3)), ones, np.ones((n, 3)), ones, np.zeros(n, np.int32), wide, wide,
-            ones,
+            mean, np.ones((n, 3)), ones, np.ones((n, 3)), ones, np.zeros(n, np.int32),
+            np.zeros(n, np.int8), wide, wide, ones,
         )  # fmt: skip
 
     order = SegmentOrder(below)
