@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.bench.rows import TOOL
-from gauss2svg.errors import Gauss2SvgError, InputError, must_be, shown
+from gauss2svg.errors import Gauss2SvgError, InputError, quoted
 from gauss2svg.options import Field, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
@@ -60,8 +60,10 @@ def values_of(axis: Field) -> tuple[Any, ...]:
     """The default values of an axis; raises InputError for an axis without."""
     values = VALUES.get(axis.name, axis.choices)
     if not values:
-        advice = f"--axis {axis.name}=VALUE,VALUE"
-        raise InputError(must_be(f"axis {axis.name}", "given with values", shown("none"), advice))
+        raise InputError(
+            f"axis {axis.name} must be given with values; got none. Try --axis "
+            f"{axis.name}=VALUE,VALUE"
+        )
     return values
 
 
@@ -80,8 +82,9 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     for text in texts:
         name, values = parse_axis(text)
         if name in axes:
-            needed, advice = "given once", f"--axis {name}=VALUE,VALUE"
-            raise InputError(must_be(f"axis {name}", needed, shown("two"), advice))
+            raise InputError(
+                f"axis {name} must be given once; got two. Try --axis {name}=VALUE,VALUE"
+            )
         axes[name] = values
     return axes
 
@@ -98,7 +101,7 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         for name, values in grid.items():
             axis = _axis(name)
             if isinstance(values, str) or not values:
-                raise InputError(must_be(f"axis {name}", "a sequence of values", values))
+                raise InputError(f"axis {name} must be a sequence of values; got {quoted(values)}")
             columns.append([(axis.name, _checked(axis.normalized, v)) for v in values])
         found |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
     for settings in found:
@@ -119,7 +122,7 @@ def _checked(check: Callable[[Any], Any], value: Any) -> Any:
 def _axis(name: str) -> Field:
     option = name.replace("-", "_")
     if option not in AXES:
-        raise InputError(must_be("axis", f"one of {', '.join(AXES)}", name))
+        raise InputError(f"axis must be one of {', '.join(AXES)}; got {quoted(name)}")
     return AXES[option]
 
 

@@ -87,10 +87,12 @@ def _words(text: str) -> list[str]:
 
 
 def _whole(word: str) -> int:
-    from gauss2svg.errors import InputError, must_be
+    from gauss2svg.errors import InputError, quoted
 
     if not re.fullmatch("[0-9]{1,18}", word):
-        raise InputError(must_be("counts", "whole numbers separated by commas", word, "500,2000"))
+        raise InputError(
+            f"counts must be whole numbers separated by commas; got {quoted(word)}. Try 500,2000"
+        )
     return int(word)
 
 

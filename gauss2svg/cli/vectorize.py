@@ -100,7 +100,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 def _one_photo(photos: tuple[str, ...]) -> str:
     from difflib import get_close_matches
 
-    from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.errors import InputError, brief
     from gauss2svg.files import expanded
     from gauss2svg.pipeline.options import option_names
 
@@ -110,11 +110,12 @@ def _one_photo(photos: tuple[str, ...]) -> str:
             known = [f"--{option.replace('_', '-')}" for option in option_names()]
             close = get_close_matches(name, known, 1)
             advice = close[0] if close else f"./{name} for a file of that name, or --help-all"
-            raise InputError(must_be(name, "an option", shown("an unknown one"), advice))
+            raise InputError(f"{name} must be an option; got an unknown one. Try {advice}")
     if len(photos) != 1:
-        got = shown(", ".join(photos) or "none")
-        advice = "gauss2svg batch" if photos else "gauss2svg --help"
-        raise InputError(must_be("the photo", "one file", got, advice))
+        got, advice = brief(", ".join(photos)), "gauss2svg batch"
+        if not photos:
+            got, advice = "none", "gauss2svg --help"
+        raise InputError(f"the photo must be one file; got {got}. Try {advice}")
     return photos[0]
 
 

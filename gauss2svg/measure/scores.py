@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.measure.drawing import import_path
 from gauss2svg.measure.memory import SHARE, free_bytes
 from gauss2svg.photo.alpha import views
@@ -140,9 +140,10 @@ def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> flo
     _check(image, photo)
     height, width = image.shape[:2]
     if min(height, width) < LEAST_SIDE_FOR_SSIMULACRA2:
-        needed = f"at least {LEAST_SIDE_FOR_SSIMULACRA2} px a side"
-        got = shown(f"{width}x{height} px")
-        raise InputError(must_be("an image for SSIMULACRA2", needed, got, "SSIM"))
+        raise InputError(
+            f"an image for SSIMULACRA2 must be at least {LEAST_SIDE_FOR_SSIMULACRA2} px a side; "
+            f"got {width}x{height} px. Try SSIM"
+        )
     try:
         from ssimulacra2 import compute_ssimulacra2
     except ImportError as error:
@@ -235,8 +236,9 @@ _METRICS = (
 
 def _check(image: NDArray[np.floating], photo: NDArray[np.floating]) -> None:
     if image.shape != photo.shape or image.ndim != 3:
-        got = shown(f"{image.shape} and {photo.shape}")
-        raise InputError(must_be("two images", "of one shape (h, w, channels)", got))
+        raise InputError(
+            f"two images must be of one shape (h, w, channels); got {image.shape} and {photo.shape}"
+        )
 
 
 def _eight_bits(image: NDArray[np.floating]) -> NDArray[np.uint8]:

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 from PIL import Image, ImageFile, features
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, brief
 from gauss2svg.photo.complete import help_of_jpeg, lack_of
 from gauss2svg.photo.jpeg import with_height
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
@@ -90,9 +90,10 @@ def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFi
     start = file.read(4 * _PREFIX_BYTES)
     kind, other = _format_of(start), _other(start)
     if kind is None or other == _RAW:
-        needed = f"a supported image ({', '.join(_decodable())})"
-        got = shown(other or "an unknown format")
-        raise InputError(must_be(name, needed, got, "converting it"))
+        raise InputError(
+            f"{name} must be a supported image ({', '.join(_decodable())}); got "
+            f"{other or 'an unknown format'}. Try converting it"
+        )
     file.seek(0)
     try:
         image = Image.OPEN[kind][0](with_height(file) if kind == "JPEG" else file, "")
@@ -108,8 +109,10 @@ def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFi
         raise _too_large("", name, max_pixels, int(count[0])) from error
     except Exception as error:  # hostile bytes make decoders raise anything
         if kind == "TIFF" and isinstance(error, SyntaxError):
-            got = shown(f"one that is not: {error}")
-            raise UnreadTiffError(must_be(name, "readable", got, "saving it as PNG")) from error
+            raise UnreadTiffError(
+                f"{name} must be readable; got one that is not: {brief(error)}. Try saving it "
+                "as PNG"
+            ) from error
         raise broken(name, error) from error
 
 
@@ -139,7 +142,7 @@ def check_size(size: tuple[int, int], name: str, max_pixels: int) -> None:
     """Raise InputError for a size (width, height) of no pixel, or of more than max_pixels."""
     width, height = size
     if width < 1 or height < 1:
-        raise InputError(must_be(name, "at least 1x1 px", shown(f"{width}x{height} px")))
+        raise InputError(f"{name} must be at least 1x1 px; got {width}x{height} px")
     if width * height > max_pixels:
         raise _too_large(f"{width}x{height} = ", name, max_pixels, width * height)
 
@@ -148,8 +151,10 @@ def _too_large(sides: str, name: str, max_pixels: int, count: int) -> InputError
     advice = "shrinking it"
     if count <= MOST_PIXELS:
         advice += f", or raising --max-pixels, up to {MOST_PIXELS}, if you trust the file"
-    needed = f"at most {max_pixels} px (--max-pixels)"
-    return InputError(must_be(name, needed, shown(f"{sides}{count} px"), advice))
+    return InputError(
+        f"{name} must be at most {max_pixels} px (--max-pixels); got {sides}{count} px. Try "
+        f"{advice}"
+    )
 
 
 def loaded(image: Image.Image, name: str, notes: list[str] | None = None) -> Image.Image:
@@ -179,12 +184,15 @@ def broken(name: str, error: Exception) -> InputError:
     """The error for an image that its decoder cannot read."""
     reason = str(error) or type(error).__name__
     if isinstance(error, Image.DecompressionBombError):  # of a limit lower than Pillow's own
-        needed = "within PIL.Image.MAX_IMAGE_PIXELS of this process"
-        advice = "shrinking it, or raising that limit"
-        return InputError(must_be(name, needed, shown(reason.rstrip(".")), advice))
+        return InputError(
+            f"{name} must be within PIL.Image.MAX_IMAGE_PIXELS of this process; got "
+            f"{brief(reason.rstrip('.'))}. Try shrinking it, or raising that limit"
+        )
     if "MAX_TEXT" in reason:
         reason = "its ICC profile or its texts unpack to more than Pillow's limit"
     elif reason == "not identified by this driver":
         reason = "its header has no size or no known kind of pixels"
-    got = shown(f"a broken or truncated one: {reason}")
-    return InputError(must_be(name, "a complete image", got, "re-saving it"))
+    return InputError(
+        f"{name} must be a complete image; got a broken or truncated one: {brief(reason)}. Try "
+        "re-saving it"
+    )

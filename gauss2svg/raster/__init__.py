@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, RendererError, must_be, shown
+from gauss2svg.errors import InputError, RendererError, quoted
 from gauss2svg.photo.alpha import has_alpha, over
 from gauss2svg.photo.limits import MOST_PIXELS
 from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
@@ -59,7 +59,7 @@ DEFAULT_RENDERER = "resvg"  # a wheel, with nothing else to install, fast and ac
 
 def _renderer(name: str) -> _Renderer:
     if name not in _RENDERERS:
-        raise InputError(must_be("renderer", f"one of {', '.join(RENDERERS)}", name))
+        raise InputError(f"renderer must be one of {', '.join(RENDERERS)}; got {quoted(name)}")
     return _RENDERERS[name]
 
 
@@ -101,14 +101,18 @@ def rasterize_like(
 
 def _drawn(svg: str, width: int, height: int, renderer: str, draw: _Draw) -> NDArray[np.float32]:
     if width * height > MOST_PIXELS:  # the limit of photos
-        needed = f"at most {MOST_PIXELS / 1e6:.0f} million px"
-        got = shown(f"{width}x{height}, {width * height / 1e6:.0f} million")
-        raise RendererError(must_be("the raster", needed, got, "to draw the SVG smaller"))
+        raise RendererError(
+            f"the raster must be at most {MOST_PIXELS / 1e6:.0f} million px; got "
+            f"{width}x{height}, {width * height / 1e6:.0f} million. Try to draw the SVG "
+            "smaller"
+        )
     try:
         svg.encode()
     except UnicodeEncodeError as error:
-        got = shown(f"a lone surrogate as character {error.start}")
-        raise RendererError(must_be("the SVG", "text that a file can hold", got)) from error
+        raise RendererError(
+            "the SVG must be text that a file can hold; got a lone surrogate as character "
+            f"{error.start}"
+        ) from error
     refuse_unsupported(svg, width, height, renderer)
     drawn = draw(stretched(svg, width, height) or svg, width, height)
     if drawn.shape[:2] != (height, width):

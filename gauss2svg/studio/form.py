@@ -8,7 +8,7 @@ from typing import Any, Literal
 from docstring_parser import parse_from_object
 
 from gauss2svg.bench.score_axes import SCORE_AXES
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.measure.scores import packages
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
@@ -29,13 +29,13 @@ def options_of(given: Any) -> Options:
     """Options of flat names and values of a request; raises InputError."""
     if not isinstance(given, dict):
         raise InputError(
-            must_be("options", "an object of names and values", shown(type(given).__name__))
+            f"options must be an object of names and values; got {type(given).__name__}"
         )
     for name in _NOT_OFFERED:
         if name in given:
             raise InputError(f"{name} must not be given; it is the server's. Try without it")
     if not isinstance(given.get("segments", 1), (int, type(None))):
-        raise InputError(must_be("segments", "a whole number", given["segments"]))
+        raise InputError(f"segments must be a whole number; got {quoted(given['segments'])}")
     options = Options.from_flat(given)
     Plan(options).check_renderer()
     return options
