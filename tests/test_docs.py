@@ -23,6 +23,7 @@ import gauss2svg
 from gauss2svg.batch.many import Batch
 from gauss2svg.cli.main import build_app, main
 from gauss2svg.fit.densification import STOP_REASONS
+from gauss2svg.measure.scores import TARGETS
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -194,7 +195,7 @@ def test_every_key_of_a_report_is_in_the_reference(photo):
     parts = page.split("\n## ")
     keys = {part.partition("\n")[0]: first_column(part) for part in parts}
     assert not (keys["What was reached"] | keys["What the fit did"]) - set(report)
-    assert keys["Stop reasons"] - {"stop_reason"} == set(STOP_REASONS)
+    assert keys["Stop reasons"] - {"stop_reason"} == {*STOP_REASONS, *(t.option for t in TARGETS)}
 
 
 def test_every_key_of_a_check_is_in_the_reference(tmp_path):

@@ -6,7 +6,7 @@ from flat import vectorize
 from skimage import data
 
 from gauss2svg.errors import InputError
-from gauss2svg.measure.scores import ssimulacra2
+from gauss2svg.measure.perceptual import ssimulacra2
 from gauss2svg.pipeline.aims import aim_of
 from gauss2svg.pipeline.options import Goal
 from gauss2svg.raster import rasterize_like

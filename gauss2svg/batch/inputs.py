@@ -12,11 +12,8 @@ from typing import Any, NamedTuple
 from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, lines_of, reason_of
 from gauss2svg.errors import InputError
 from gauss2svg.files import PATTERN, STANDARD_STREAM
+from gauss2svg.photo.formats import SUFFIXES
 
-# Names of the formats that are read (gauss2svg.photo.formats.FORMATS).
-SUFFIXES = (
-    ".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".gif", ".bmp", ".avif",
-)  # fmt: skip
 MANIFESTS = (".txt", ".lst")
 
 

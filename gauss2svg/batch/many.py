@@ -28,7 +28,7 @@ from gauss2svg.errors import InputError, instance, must_be, shown
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
 from gauss2svg.measure.memory import free_bytes
 from gauss2svg.options import file_name
-from gauss2svg.photo.formats import opened as opened_image
+from gauss2svg.photo.open import opened as opened_image
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan

@@ -13,6 +13,7 @@ from typing import Any
 
 from gauss2svg.bench.rows import TOOL
 from gauss2svg.errors import Gauss2SvgError, InputError, quoted
+from gauss2svg.measure.scores import TARGETS
 from gauss2svg.options import Field, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
@@ -42,8 +43,7 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "palette": (64, 256, 1024, 0),
     "max_size": (256, 512, 1024),
     "max_bytes": (20_000, 100_000, 500_000),
-    "target_psnr": (28.0, 32.0, 36.0),
-    "target_ssimulacra2": (30.0, 50.0, 70.0),
+    **{score.option: score.targets for score in TARGETS},
     "form": ("gradient",),  # the only one that the default renderer supports
     "renderer": ("resvg", "cairo"),  # the others may not be installed
 }

@@ -51,7 +51,7 @@ def gallery_command(
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.files import expanded
     from gauss2svg.gallery.build import build_gallery
-    from gauss2svg.measure.scores import packages_missing
+    from gauss2svg.measure.perceptual import packages_missing
     from gauss2svg.processes import command_line
 
     with counting_bar(quiet) as update:

@@ -11,6 +11,8 @@ from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
+from gauss2svg.photo.formats import TITLES
+
 _BEGUN = time.perf_counter()
 
 
@@ -22,12 +24,12 @@ _EXAMPLES = (
 HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
-_PARAMETERS = """
+_PARAMETERS = f"""
 
 Parameters
 ----------
 photo
-    JPEG, PNG, WebP, TIFF, GIF, BMP, AVIF; - is standard input.
+    {', '.join(TITLES)}; - is standard input.
 output
     SVG to write, - for standard output; by default photo.svg.
 """

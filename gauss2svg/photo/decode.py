@@ -13,7 +13,7 @@ from PIL import ExifTags, Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.photo import gamma, icc
-from gauss2svg.photo.formats import UnreadTiffError, broken, loaded, opened
+from gauss2svg.photo.open import UnreadTiffError, broken, loaded, opened
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.reduce import Reduced, SizeNeeded, draft, pieces, reduced_size
 from gauss2svg.photo.samples import unit

@@ -19,7 +19,7 @@ from gauss2svg.files import reading
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import has_alpha, over, pixels_of, shrunk
 from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
-from gauss2svg.photo.formats import check_size
+from gauss2svg.photo.open import check_size
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.reduce import SizeNeeded, reduced_size
@@ -44,9 +44,9 @@ def load_image(
                 stored that returns those needed: a larger photo is reduced to them by area average
                 while it is decoded, before its profile and orientation are applied; None: all
 
-    Files are JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF, of which the first frame is read. Arrays
-    are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or (h, w): uint8,
-    uint16, bool, or floating point in 0..1. EXIF orientation is applied; ICC profiles and the
+    Files are of one of gauss2svg.photo.formats; of several frames the first is read. Arrays are
+    (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or (h, w): uint8, uint16,
+    bool, or floating point in 0..1. EXIF orientation is applied; ICC profiles and the
     gamma of a PNG are converted to sRGB. Colour under alpha 0, which is invisible, becomes 0.
     Raises InputError for anything else.
     """

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, brief
 from gauss2svg.photo.complete import lack_of_parts
-from gauss2svg.photo.formats import broken, check_size
+from gauss2svg.photo.open import broken, check_size
 from gauss2svg.photo.photo import Header
 from gauss2svg.photo.reduce import Reduced, Size, SizeNeeded, pieces, reduced_size
 from gauss2svg.photo.samples import unit

@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.fit.choices import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
-from gauss2svg.measure.scores import SSIMULACRA2_BYTES
 from gauss2svg.options import byte_size
 from gauss2svg.photo.photo import Header
 from gauss2svg.scene import ADD, OVER
@@ -45,7 +44,7 @@ class Load:
     fit_width, fit_height  of the image that the fit runs on, in px
     gaussians              largest number
     adapts                 whether there are at most as many as half the px of the fit
-    scored                 whether SSIMULACRA2 of the file is the target
+    scoring                bytes a pixel of the photo that the score of the target takes
     """
 
     width: int
@@ -57,7 +56,7 @@ class Load:
     loss: str = DEFAULT_LOSS
     blend: str = OVER
     has_alpha: bool = False
-    scored: bool = False
+    scoring: int = 0
 
     @property
     def bytes(self) -> int:
@@ -66,7 +65,7 @@ class Load:
         a_pixel = _FIT[has_ssim(self.loss)]
         held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
         fitting = held * photo + a_pixel * fit
-        measured = max(measured, held + SSIMULACRA2_BYTES) if self.scored else measured
+        measured = max(measured, held + self.scoring)
         measuring = measured * photo + _HELD * fit + _ADDITIVE * (self.blend == ADD)
         most = max(decoded * photo, fitting, measuring)
         shapes = min(self.gaussians, fit // 2) if self.adapts else self.gaussians

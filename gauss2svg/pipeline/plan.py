@@ -11,7 +11,7 @@ from typing import Literal
 from gauss2svg.errors import InputError, RendererError, must_be
 from gauss2svg.fit.choices import DEFAULT_LOSS
 from gauss2svg.fit.options import DensifyOptions, FitConfig
-from gauss2svg.measure.scores import require_packages
+from gauss2svg.measure.perceptual import require_packages
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.options import AUTO, Goal, Options
@@ -92,10 +92,10 @@ class Plan:
         if svg.count_gzipped and goal.max_bytes is None:
             needed, advice = "given with max_bytes alone", "--max-bytes 60k --count-gzipped"
             raise InputError(must_be("count_gzipped", needed, True, advice))
-        targeted = goal.target_ssimulacra2 is not None
-        name = "scores" if run.scores else "target_ssimulacra2"
-        if run.scores or targeted:
-            require_packages(ssimulacra2=targeted)
+        asked = None if goal.target is None or goal.target.always else goal.target
+        name = "scores" if run.scores or asked is None else asked.option
+        if run.scores or asked is not None:
+            require_packages(asked)
             if goal.time_limit is not None:
                 raise InputError(
                     f"{name} must not be given with time_limit, because how long scores take is "

@@ -13,7 +13,8 @@ import numpy as np
 
 from gauss2svg.fit.choices import PSNR
 from gauss2svg.measure.paint import paint_ms
-from gauss2svg.measure.scores import Scores
+from gauss2svg.measure.perceptual import Scores
+from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.candidate import Outcome
 from gauss2svg.pipeline.kernels import COMPILED_S
@@ -141,7 +142,7 @@ def _versions() -> dict[str, str]:
     found = {"gauss2svg": __version__, "python": platform.python_version()}
     for name in (
         "numpy", "numba", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG",
-        "ssimulacra2", "flip-evaluator",
+        *(score.package for score in SCORES if score.package),
     ):  # fmt: skip
         with suppress(PackageNotFoundError):  # extras may be missing
             found[name] = version(name)

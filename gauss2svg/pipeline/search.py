@@ -192,7 +192,7 @@ class TargetSearch:
             if plan.count is None:
                 self._cap_for_target = max(cap, min(CAP_FOR_TARGET, width * height))
             limits = dataclasses.replace(limits, gain=0.0)
-            if aim.is_psnr:
+            if aim.slope is None:  # that of the growth, which can aim at it
                 wanted = aim.value + aim.over + 10 * math.log10(1 + _WRITING_LOSS)
                 limits = dataclasses.replace(
                     limits, psnr=wanted, psnr_named=aim.name, cap=self._cap_for_target
@@ -337,8 +337,8 @@ class TargetSearch:
         """The score of a measured file by the aim, if there is one."""
         if self._aim is None:
             return None
-        if self._aim.is_psnr:
-            return measured.psnr_lowest
+        if (known := self._aim.known(measured)) is not None:
+            return known
         exporter, shape = self._exporter, measured.raster.shape
         if shape == exporter.working.shape and not math.isnan(best.score):
             return best.score  # of the same raster

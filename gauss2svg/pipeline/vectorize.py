@@ -20,11 +20,8 @@ from gauss2svg.errors import InputError, instance, must_be, shown, whole_number
 from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions, FitProgress
 from gauss2svg.measure.memory import held_bytes
-from gauss2svg.measure.scores import (
-    LEAST_SIDE_FOR_SSIMULACRA2,
-    Scores,
-    perceptual_scores,
-)
+from gauss2svg.measure.perceptual import Scores, perceptual_scores
+from gauss2svg.measure.scores import Score
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
@@ -149,7 +146,7 @@ def vectorize_by(
     )
     if note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, note))
-    _check_side(min(width, height), options.goal)
+    _check_side(min(width, height), options.goal.target)
     plan = dataclasses.replace(plan, fit_side=max(width, height))
     pixels = pixels_of(photo)
     working = shrunk(pixels, height, width)
@@ -193,8 +190,8 @@ def vectorize_by(
     raster = outcome.measured.raster
     reference = pixels if raster.shape == pixels.shape else working
     scores = Scores()
-    if run.scores or options.goal.target_ssimulacra2 is not None:
-        known = None if options.goal.target_ssimulacra2 is None else outcome.reached
+    if run.scores or (plan.aim is not None and not plan.aim.of.always):
+        known = None if plan.aim is None else plan.aim.reported(outcome.reached)
         scores = perceptual_scores(raster, reference, most_bytes - held_bytes(), known)
     report = run_report(
         plan, chosen, document, photo, outcome, (width, height), scores, threads=thread_count,
@@ -246,11 +243,10 @@ def _check_precision(side: int, plan: Plan) -> None:
         raise InputError(must_be("precision", f"at least {least:.4f} for {side} px", got))
 
 
-def _check_side(side: int, goal: Goal) -> None:
+def _check_side(side: int, score: Score | None) -> None:
     """Raise InputError for a fit on an image that is too small for the score of its target."""
-    least = LEAST_SIDE_FOR_SSIMULACRA2
-    if goal.target_ssimulacra2 is not None and side < least:
-        needed = f"at least {least} px, at which SSIMULACRA2 is measured"
+    if score is not None and side < score.least_side:
+        needed = f"at least {score.least_side} px, at which {score.name} is measured"
         got = shown(f"{side} px")
         advice = "--target-psnr, or a larger --max-size"
         raise InputError(must_be("short side of the image that is fitted", needed, got, advice))
@@ -275,7 +271,7 @@ def load_of(plan: Plan, width: int, height: int, has_alpha: bool) -> Load:
         loss=plan.options.fit.loss,
         blend=plan.options.fit.blend,
         has_alpha=has_alpha,
-        scored=goal.target_ssimulacra2 is not None,
+        scoring=0 if goal.target is None else goal.target.pixel_bytes,
     )
 
 

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
 from gauss2svg.photo.alpha import from_views
+from gauss2svg.raster.features import Feature
 from gauss2svg.raster.html import BLACK, IMAGE, WHITE, html
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
+# Found by Firefox 153.
+CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
 _PREFERENCES = {
     "gfx.color_management.mode": 0,  # colours are not converted to the screen's profile
     "gfx.webrender.software": True,  # the same image on every graphics card

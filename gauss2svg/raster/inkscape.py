@@ -8,11 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
+from gauss2svg.raster.features import Feature
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
 # Beyond the size of a cairo surface Inkscape writes a white image without any message.
 _MOST_PX = 32767
+
+
+# Found by Inkscape 1.2.
+CANNOT_DRAW = {
+    Feature.LIGHTER: "",
+    Feature.PLAIN_HREF: "",
+}
 
 
 def version() -> str:
