@@ -29,7 +29,7 @@ _PARAMETERS = f"""
 Parameters
 ----------
 photo
-    {', '.join(TITLES)}; - is standard input.
+    {", ".join(TITLES)}; - is standard input.
 output
     SVG to write, - for standard output; by default photo.svg.
 """

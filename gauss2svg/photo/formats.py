@@ -36,8 +36,8 @@ class Format:
 
 
 FORMATS = {
-    format.name: format
-    for format in (
+    one.name: one
+    for one in (
         Format(
             name="JPEG",
             suffixes=(".jpg", ".jpeg", ".jpe", ".jfif"),
@@ -68,5 +68,5 @@ FORMATS = {
         Format(name="AVIF", suffixes=(".avif",), plugin="PIL.AvifImagePlugin", feature="avif"),
     )
 }
-SUFFIXES = tuple(suffix for format in FORMATS.values() for suffix in format.suffixes)
-TITLES = tuple(format.title for format in FORMATS.values())
+SUFFIXES = tuple(suffix for one in FORMATS.values() for suffix in one.suffixes)
+TITLES = tuple(one.title for one in FORMATS.values())

@@ -19,8 +19,8 @@ from gauss2svg.files import reading
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import has_alpha, over, pixels_of, shrunk
 from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
-from gauss2svg.photo.open import check_size
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.open import check_size
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.reduce import SizeNeeded, reduced_size
 from gauss2svg.photo.samples import plain_array, unit

@@ -13,8 +13,8 @@ from skimage.segmentation import slic
 from gauss2svg.errors import InputError
 from gauss2svg.files import reading
 from gauss2svg.photo.alpha import alpha_of, has_alpha, over
-from gauss2svg.photo.open import loaded, opened
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.open import loaded, opened
 from gauss2svg.photo.tags import orientation_left, upright
 
 MOST_SEGMENTS = 10_000
