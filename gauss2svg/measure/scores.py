@@ -96,6 +96,11 @@ class Score:
         return -1 if self.falls else 1
 
     @property
+    def digits(self) -> int:
+        """Decimals of a value as tables show it."""
+        return int(self.form[1:-1])
+
+    @property
     def is_installed(self) -> bool:
         """Whether the package that it needs is installed."""
         return not self.module or find_spec(self.module) is not None

@@ -22,7 +22,9 @@ def unreached(
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
         name = "" if aim.of.unit else f"{aim.of.name} "
         target = f"target of {name}{aim.text(aim.value, 'g')}"
-        lines.append(f"{target} not reached: {aim.text(reached, '.2f')}{ended}")
+        lines.append(
+            f"{target} not reached: {aim.text(reached, f'.{max(2, aim.of.digits)}f')}{ended}"
+        )
     if isinstance(goal.max_bytes, int) and size > goal.max_bytes:
         lines.append(
             f"limit of {goal.max_bytes} bytes exceeded: the file has {size} even without Gaussians"

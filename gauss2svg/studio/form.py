@@ -68,7 +68,7 @@ def form() -> dict[str, Any]:
                 "name": score.name,
                 "title": score.title,
                 "unit": score.unit,
-                "digits": int(score.form[1:-1]),
+                "digits": score.digits,
                 "least_step": score.least_step,
                 "best": score.best,
                 "falls": score.falls,
