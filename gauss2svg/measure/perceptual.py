@@ -129,7 +129,7 @@ def require_packages(asked: Score | None = None) -> None:
 
     Without a score any is enough, for FLIP has no package for the newest Python.
     """
-    scores = ON_REQUEST if asked is None else (asked,)
+    scores = [score for score in ON_REQUEST if score.module] if asked is None else [asked]
     if not any(score.is_installed for score in scores):
         raise ScoresMissingError(_not_installed([score.name for score in scores]))
 
