@@ -4,4 +4,5 @@ import lazy_loader
 
 # Names load on first use, so that `import gauss2svg` costs milliseconds; __init__.pyi has them.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-__all__.remove("studio")  # it needs an extra, which `import *` must not
+# An extra, which `import *` must not load.
+__all__.remove("studio")  # pyright: ignore[reportUnsupportedDunderAll] (the stub is what it reads)
