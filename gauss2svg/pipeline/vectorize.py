@@ -149,8 +149,9 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
 
 def _subject(photo: Photo, sizes: Sizes, document: Document) -> Subject:
     """The photo as it is measured and as it is fitted, and the document of its file."""
-    pixels = shrunk(pixels_of(photo), *sizes.measured[::-1])
-    working = shrunk(pixels, *sizes.fit[::-1], sharp=True)
+    (width, height), (fit_width, fit_height) = sizes.measured, sizes.fit
+    pixels = shrunk(pixels_of(photo), height, width)
+    working = shrunk(pixels, fit_height, fit_width, sharp=True)
     return Subject(pixels, working, photo.full, document_for(photo, working, document))
 
 
