@@ -24,7 +24,7 @@ from small import of_another_tool
 
 from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.measure.scores import flip
+from gauss2svg.measure.perceptual import flip
 from gauss2svg.photo.alpha import shrunk
 from gauss2svg.pipeline.vectorize import vectorize
 

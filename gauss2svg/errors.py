@@ -49,19 +49,24 @@ def on_one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in plain)
 
 
-def must_be(name: str, needed: str, got: Any, advice: str = "") -> str:
-    """The line of an error: what was needed, what was got, and what to try."""
-    shown = got if isinstance(got, _AsItIs) else _in_one_line(got)
-    if len(shown) > _MOST_SHOWN:
-        shown = shown[:_MOST_SHOWN] + "..."
-    return f"{name} must be {needed}; got {shown}" + (f". Try {advice}" if advice else "")
-
-
-def _in_one_line(value: Any) -> str:
+def quoted(value: Any) -> str:
+    """A value in the sentence of an error: as Python writes it, on one line, not at length."""
     try:
-        return " ".join(repr(plain_scalar(value)).split())
+        return brief(" ".join(repr(plain_scalar(value)).split()))
     except Exception:  # of the value's own methods: the error is about the value all the same
         return type(value).__name__
+
+
+def brief(text: Any) -> str:
+    """Text of any length in the sentence of an error: at most 200 characters of it."""
+    text = str(text)
+    return text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + "..."
+
+
+def must_be(name: str, needed: str, got: Any, advice: str = "") -> str:
+    """The line of an error: what was needed, what was got, and what to try."""
+    found = brief(got) if isinstance(got, _AsItIs) else quoted(got)
+    return f"{name} must be {needed}; got {found}" + (f". Try {advice}" if advice else "")
 
 
 def plain_scalar(value: Any) -> Any:
@@ -87,7 +92,7 @@ def instance(value: _Kind | None, name: str, kind: type[_Kind]) -> _Kind:
 def required(value: Any, name: str, kind: type[_Kind]) -> _Kind:
     """Value if it is of the kind; raises InputError that names it else."""
     if not isinstance(value, kind):
-        raise InputError(must_be(name, f"a {kind.__name__}", shown(type(value).__name__)))
+        raise InputError(f"{name} must be a {kind.__name__}; got {type(value).__name__}")
     return value
 
 
@@ -98,7 +103,7 @@ def whole_number(name: str, value: Any, least: int, most: int) -> int:
     except Exception:  # of the value's own methods
         number = None
     if number is None or not least <= number <= most:
-        raise InputError(must_be(name, f"a whole number in {least}..{most}", value))
+        raise InputError(f"{name} must be a whole number in {least}..{most}; got {quoted(value)}")
     return number
 
 
@@ -117,6 +122,7 @@ def number_within(
     except Exception:  # of the value's own methods
         number = math.nan
     if not least <= number <= most:
-        needed = f"a number {needed or f'in {least:g}..{most:g}'}"
-        raise InputError(must_be(name, needed, value, advice))
+        needed = needed or f"in {least:g}..{most:g}"
+        advice = f". Try {advice}" if advice else ""
+        raise InputError(f"{name} must be a number {needed}; got {quoted(value)}{advice}")
     return number

@@ -19,7 +19,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from gauss2svg.errors import InputError, OutputError, must_be, shown
+from gauss2svg.errors import InputError, OutputError
 from gauss2svg.processes import WINDOWS
 
 if TYPE_CHECKING:
@@ -268,8 +268,10 @@ def refuse_option_like(*names: str) -> None:
     """Raise InputError for a name that begins with -, unless it is the standard stream."""
     for name in names:
         if name.startswith("-") and name != STANDARD_STREAM:
-            got = shown(f"{name}, which reads like an option")
-            raise InputError(must_be("file", "a name that does not begin with -", got, f"./{name}"))
+            raise InputError(
+                f"file must be a name that does not begin with -; got {name}, which reads like "
+                f"an option. Try ./{name}"
+            )
 
 
 def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
@@ -282,8 +284,10 @@ def check_outputs(inputs: Mapping[str, str], targets: Sequence[Path]) -> None:
     for target in map(os.fspath, targets):
         for name, what in taken.items():
             if _are_one(name, target):
-                got = shown(f"{target}, which is also {what}")
-                raise InputError(must_be("output", "a file of its own", got, "another name"))
+                raise InputError(
+                    f"output must be a file of its own; got {target}, which is also {what}. Try "
+                    "another name"
+                )
         taken[target] = "another output"
     for target in targets:
         check_writable(target)

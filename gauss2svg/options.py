@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from gauss2svg.errors import InputError, must_be, number_within, plain_scalar, shown, whole_number
+from gauss2svg.errors import InputError, number_within, plain_scalar, quoted, whole_number
 
 Check = Callable[[str, Any], Any]
 FileName = str | os.PathLike[str]
@@ -82,7 +82,7 @@ class Flag:
         """The value; raises InputError that names it."""
         value = plain_scalar(value)
         if not isinstance(value, bool):
-            raise InputError(must_be(name, "True or False", value))
+            raise InputError(f"{name} must be True or False; got {quoted(value)}")
         return value
 
     def parse(self, text: str) -> bool:
@@ -102,7 +102,9 @@ class OneOf:
         for one in self.known:
             if type(one) is type(value) and one == value:
                 return one
-        raise InputError(must_be(name, f"one of {', '.join(map(str, self.known))}", value))
+        raise InputError(
+            f"{name} must be one of {', '.join(map(str, self.known))}; got {quoted(value)}"
+        )
 
     def parse(self, text: str) -> Any:
         """What a text stands for; raises ValueError or KeyError for any other."""
@@ -139,8 +141,10 @@ class Field:
                 words = " or ".join(map(str, self.words))
                 raise InputError(str(error).replace("; got", f" or {words}; got", 1)) from error
             except Exception as error:  # of the value's own methods
-                got = shown(f"{type(given).__name__}, which raises {type(error).__name__}")
-                raise InputError(must_be(self.name, "a plain value", got)) from error
+                raise InputError(
+                    f"{self.name} must be a plain value; got {type(given).__name__}, which "
+                    f"raises {type(error).__name__}"
+                ) from error
         return value
 
     @property
@@ -216,7 +220,9 @@ def byte_size(name: str, value: Any) -> int:
         with suppress(Exception):  # of the value's own methods
             size = operator.index(value)
     if not 1 <= size < 2**63:
-        raise InputError(must_be(name, "a size of at least 1 byte", value, "150k or 1.5M"))
+        raise InputError(
+            f"{name} must be a size of at least 1 byte; got {quoted(value)}. Try 150k or 1.5M"
+        )
     return int(size)
 
 
@@ -227,5 +233,5 @@ def file_name(name: str, value: Any, needed: str = "the path of a file") -> str:
         with suppress(Exception):  # of a __fspath__ that returns something else, or raises
             path = str(os.fsdecode(value))
     if not path:
-        raise InputError(must_be(name, needed, value))
+        raise InputError(f"{name} must be {needed}; got {quoted(value)}")
     return path

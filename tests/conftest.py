@@ -26,7 +26,7 @@ from skimage import data
 
 import gauss2svg
 from gauss2svg.errors import RendererError
-from gauss2svg.measure.scores import Scores
+from gauss2svg.measure.perceptual import Scores
 from gauss2svg.raster import RENDERERS, chromium, rasterize
 from gauss2svg.scene import Scene
 

@@ -15,7 +15,7 @@ from gauss2svg.gallery.artifacts import (
     THUMBNAIL,
     _finish,
 )
-from gauss2svg.measure.scores import packages
+from gauss2svg.measure.perceptual import packages
 
 
 def save(pixels, path, **options):

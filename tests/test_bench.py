@@ -19,10 +19,10 @@ from gauss2svg.bench.plots import NAMES, plots_of
 from gauss2svg.bench.process import in_own_process
 from gauss2svg.bench.rows import finite, flat
 from gauss2svg.bench.runner import run_bench
-from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.bench.summary import summarise
 from gauss2svg.cli.main import main
 from gauss2svg.measure.drawing import import_path
+from gauss2svg.measure.scores import SCORES
 
 pytestmark = pytest.mark.process
 
@@ -312,7 +312,7 @@ def test_exact_results_have_no_finite_psnr_and_the_rest_continues(picture, tmp_p
     assert [row["below_seconds_dB"] for row in summary] == [0, None]
     json.dumps(finite([math.inf, {"a": (math.nan, 1.0)}]), allow_nan=False)
     assert plots_of(summary).keys() == set(NAMES)
-    for axis in SCORE_AXES:
+    for axis in SCORES:
         assert f"No run has a finite {axis.name}." in plots_of([])[f"{axis.slug}_bytes.svg"]
 
 
@@ -322,7 +322,7 @@ def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_p
     run_bench([picture], tmp_path, axes={"quality": ["draft", "fast"]}, peers=["jpeg"])
     summary = json.loads((tmp_path / "bench.json").read_text())["summary"]
     assert len(summary) == 6
-    for axis, name in zip(np.repeat(SCORE_AXES, 2), NAMES, strict=True):
+    for axis, name in zip(np.repeat(SCORES, 2), NAMES, strict=True):
         root = ElementTree.fromstring((tmp_path / name).read_text())
         points = root.findall(f".//{SVG}g[@class]/{SVG}title/..")
         titles = [point.findtext(f"{SVG}title") for point in points]

@@ -11,7 +11,7 @@ from svg_texts import assert_same
 from gauss2svg import check
 from gauss2svg.errors import InputError
 from gauss2svg.raster import chromium, rasterize
-from gauss2svg.raster.support import BROWSERS
+from gauss2svg.raster.registry import BROWSERS
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg

@@ -14,12 +14,12 @@ from PIL import Image, PngImagePlugin
 
 from gauss2svg.bench import numbers
 from gauss2svg.bench.rows import flat
-from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.cli.main import main
 from gauss2svg.errors import on_one_line
 from gauss2svg.gallery import build
 from gauss2svg.gallery.records import NUMBERS
 from gauss2svg.gallery.worker import answer_to
+from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.listing import slug_of
 from gauss2svg.photo.load import load_image
 
@@ -132,7 +132,7 @@ def test_numbers_of_data_table_and_reports_agree(site):
 
 def test_numbers_of_the_pages_are_those_of_the_data(site):
     def quality(row, prefix=""):
-        shown = [axis for axis in SCORE_AXES if axis.slug != "ssimulacra2"]  # they are too small
+        shown = [axis for axis in SCORES if axis.slug != "ssimulacra2"]  # they are too small
         return [axis.text(row[prefix + axis.key]) for axis in shown]
 
     head, *rows = Table(site.out / "index.html").rows

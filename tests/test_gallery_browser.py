@@ -10,7 +10,7 @@ import pytest
 from gallery_site import COUNTS, HOSTILE, PHONE, WIDE, box, pages_of, shot
 
 from gauss2svg.bench import numbers
-from gauss2svg.bench.score_axes import PSNR, SCORE_AXES
+from gauss2svg.measure.scores import PSNR, SCORES
 
 pytestmark = pytest.mark.browser
 
@@ -195,7 +195,7 @@ def test_index_shows_and_links_the_chosen_variant(gallery, visit):
             card = page.locator(".card", has=page.get_by_text(row["photo"], exact=True))
             told = card.locator("dd").all_text_contents()
             assert told == [
-                *(axis.text(row[axis.key]) for axis in SCORE_AXES if axis.slug != "ssimulacra2"),
+                *(axis.text(row[axis.key]) for axis in SCORES if axis.slug != "ssimulacra2"),
                 numbers.size(row["svg_bytes"]), numbers.whole(row["gaussians"]),
                 numbers.seconds(row["total_s"]),
             ]  # fmt: skip
@@ -274,7 +274,7 @@ def test_each_point_of_the_trade_off_opens_its_svg(gallery, visit):
     one = visit()
     page = one.go("trade-off.html")
     charts = page.locator(".chart svg")
-    axes = [axis for axis in SCORE_AXES if axis.key != "ssimulacra2_svg"]  # they are too small
+    axes = [axis for axis in SCORES if axis.key != "ssimulacra2_svg"]  # they are too small
     assert charts.count() == 2 * len(axes)
     wanted = {f"{row['page']}#{row['files']['SVG'].split('/')[-2]}" for row in gallery.rows}
     for chart, axis in zip(charts.all(), np.repeat(axes, 2), strict=True):

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from gauss2svg.bench import numbers
 from gauss2svg.bench.chart import HEIGHT, WIDTH, Point, scatter
-from gauss2svg.bench.score_axes import PSNR, SSIM
 from gauss2svg.gallery.crops import worst_and_typical
+from gauss2svg.measure.scores import PSNR, SSIM
 
 
 def windows(image, other, side):

@@ -12,13 +12,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.bench.peers import PEERS
-from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.gallery.artifacts import finished, rounds_of
 from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.gallery.pages import is_gallery
 from gauss2svg.gallery.records import summary_of, svg_result
 from gauss2svg.gallery.variants import DEFAULT_VARIANTS, main_variant, variants_of
+from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.listing import listed_photos, slug_of, unique_slugs
 
 names = st.text(
@@ -203,7 +203,7 @@ def test_styles_of_a_peer_are_variants_of_their_own(monkeypatch, tmp_path):
 
 def row_of(variant, **values):
     usual = dict.fromkeys(
-        ("gaussians", "svg_bytes", "svgz_bytes", "total_s", *(a.key for a in SCORE_AXES)), 1
+        ("gaussians", "svg_bytes", "svgz_bytes", "total_s", *(a.key for a in SCORES)), 1
     )
     return {"variant": variant.name, **usual, **values}
 

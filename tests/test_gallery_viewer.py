@@ -10,8 +10,8 @@ from PIL import Image
 from scipy.ndimage import binary_dilation
 
 from gauss2svg.bench import numbers
-from gauss2svg.bench.score_axes import PSNR
 from gauss2svg.measure.heatmap import error_map
+from gauss2svg.measure.scores import PSNR
 from gauss2svg.photo.alpha import over, pixels_of
 from gauss2svg.photo.load import load_image
 from gauss2svg.raster import rasterize

@@ -5,6 +5,7 @@ import os
 import struct
 import subprocess
 import zlib
+from pkgutil import resolve_name
 
 import numpy as np
 import pytest
@@ -13,16 +14,30 @@ from flat import vectorize
 from pictures import chunk, encoded, png
 from PIL import Image, features
 
+from gauss2svg.batch.inputs import is_picture
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.photo.formats import FORMATS
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.photo import Photo
+from gauss2svg.studio.photos import REFUSED
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (12, 19, 3), dtype=np.uint8)
 NAMES = [name for name in FORMATS if name != "AVIF" or features.check("avif")]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_format_is_read_under_all_of_its_names(name, tmp_path):
+    for suffix in FORMATS[name].suffixes:
+        path = tmp_path / f"photo{suffix}"
+        Image.fromarray(BYTES).save(path, name, **({"lossless": True} if name == "WEBP" else {}))
+        assert is_picture(path.name.upper())
+        assert load_image(path).pixels.shape == BYTES.shape
+    assert not set(FORMATS[name].suffixes) & set(REFUSED)
+    for hook in (FORMATS[name].prepare, FORMATS[name].lack):
+        assert not hook or callable(resolve_name(hook))
 
 
 def bmp_of(width: int, height: int) -> bytes:

@@ -1,13 +1,18 @@
 """A target SSIMULACRA2: reached, or reported, or refused in one line."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from flat import vectorize
 from skimage import data
 
+from gauss2svg.bench.grid import VALUES
 from gauss2svg.errors import InputError
-from gauss2svg.measure.scores import ssimulacra2
-from gauss2svg.pipeline.aims import aim_of
+from gauss2svg.measure.perceptual import ssimulacra2
+from gauss2svg.measure.scores import SCORES, TARGETS, Search
+from gauss2svg.options import fields_of
+from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.options import Goal
 from gauss2svg.raster import rasterize_like
 
@@ -47,11 +52,41 @@ def test_score_is_refused_beside_psnr_and_a_time_limit_and_for_small_photos(cat)
         vectorize(cat[:200], target_ssimulacra2=50)
 
 
-def test_detail_of_one_file_corrects_its_score():
-    for goal in (Goal(target_psnr=30), Goal(target_ssimulacra2=50)):
-        aim = aim_of(goal)
+def aims() -> list[Aim]:
+    """An aim of every score, as if each were a target."""
+    search = Search(
+        tolerance=0.1, over=0.2, too_little=0.1, too_good=0.5, slope=1.0, slopes=(0.1, 9.0)
+    )
+    return [Aim(of=score, value=0.5, **vars(search)) for score in SCORES]
+
+
+@pytest.mark.parametrize("aim", aims(), ids=lambda aim: aim.of.slug)
+def test_detail_of_one_file_corrects_its_score(aim):
+    best = 60.0 if aim.of.best is None else aim.of.sign * aim.of.best
+    for below_at_fit, below_at_photo in ((0.4, 0.7), (0.7, 0.4)):
+        at_fit, at_photo = best - below_at_fit, best - below_at_photo
+        detail = aim.detail(at_photo, at_fit)
+        assert aim.with_detail(at_fit, detail) == pytest.approx(at_photo, abs=1e-9)
+
+
+@pytest.mark.parametrize("score", [s for s in SCORES if not s.module], ids=lambda s: s.slug)
+def test_more_noise_reaches_less_of_a_target(cat, score):
+    (aim,) = (aim for aim in aims() if aim.of is score)
+    noise = np.random.default_rng(0).normal(0, 1, cat.shape)
+    noisy = [np.clip(cat + s * noise, 0, 1).astype(np.float32) for s in (0.01, 0.1)]
+    less, more = (aim.score(image, cat) for image in noisy)
+    assert less > more
+    at_less = dataclasses.replace(aim, value=less, tolerance=0.0)
+    assert at_less.reached(less)
+    assert not at_less.reached(more)
+
+
+def test_every_target_is_an_option_and_every_such_option_a_target():
+    options = {field.name for field in fields_of(Goal) if field.name.startswith("target_")}
+    assert options == {score.option for score in TARGETS}
+    for score in TARGETS:
+        aim = aim_of(Goal(**{score.option: 50.0}))
         assert aim is not None
-        for at_fit, at_photo in ((31.0, 29.0), (48.0, 53.0)):
-            detail = aim.detail(at_photo, at_fit)
-            assert aim.with_detail(at_fit, detail) == pytest.approx(at_photo, abs=1e-9)
+        assert (aim.of, aim.name, aim.of.sign * aim.value) == (score, score.option, 50.0)
+        assert set(score.targets) == set(VALUES[score.option])
     assert aim_of(Goal()) is None

@@ -15,18 +15,17 @@ from skimage import data
 
 import gauss2svg
 from gauss2svg.bench.chart import Point, scatter
-from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.measure import scores as module
-from gauss2svg.measure.scores import (
-    LEAST_SIDE_FOR_SSIMULACRA2,
+from gauss2svg.measure import perceptual as module
+from gauss2svg.measure.perceptual import (
     Scores,
     flip,
     packages_missing,
     perceptual_scores,
     ssimulacra2,
 )
+from gauss2svg.measure.scores import SCORES, SSIMULACRA2
 
 KEYS = ("ssimulacra2_svg", "flip_svg", "scores_missing")
 LACKING = (
@@ -39,7 +38,7 @@ BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1 1"/>'
 @pytest.fixture(scope="module")
 def wide():
     """The least picture that SSIMULACRA2 measures."""
-    side = LEAST_SIDE_FOR_SSIMULACRA2
+    side = SSIMULACRA2.least_side
     return np.ascontiguousarray(data.astronaut()[:side, 100 : 100 + side], np.float32) / 255
 
 
@@ -49,7 +48,7 @@ def noisy(picture, strength):
 
 
 def test_equal_pictures_have_100_and_0(wide):
-    assert perceptual_scores(wide, wide) == Scores(100.0, 0.0, ())
+    assert perceptual_scores(wide, wide) == Scores({"ssimulacra2": 100.0, "flip": 0.0})
 
 
 @pytest.mark.sweep
@@ -176,7 +175,7 @@ def test_a_run_measures_them_where_asked_as_check_does(photo):
         vectorize(photo, scores=True, time_limit=5)
 
 
-@pytest.mark.parametrize("axis", SCORE_AXES, ids=lambda axis: axis.slug)
+@pytest.mark.parametrize("axis", SCORES, ids=lambda axis: axis.slug)
 def test_better_is_higher_in_a_chart_and_no_tick_is_better_than_equal(axis):
     ends = {"psnr": (20, 41), "ssim": (0.2, 1), "ssimulacra2": (-300, 100), "flip": (0.31, 0)}
     worse, better = ends[axis.slug]

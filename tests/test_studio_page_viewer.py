@@ -10,7 +10,7 @@ from playwright.sync_api import expect
 from studio_site import HOSTILE, PLAIN, aim, await_run, difference, draft, job_of, pick
 from test_gallery_browser import CONTROLS, OVERFLOW, grave_faults
 
-from gauss2svg.bench.score_axes import PSNR, SSIM
+from gauss2svg.measure.scores import PSNR, SSIM
 
 pytestmark = pytest.mark.browser
 photos, server, tabs, visit = (

@@ -9,7 +9,8 @@ import httpx
 import pytest
 from PIL import Image
 
-from gauss2svg.batch.inputs import SUFFIXES, photos_of
+from gauss2svg.batch.inputs import photos_of
+from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio import photos, pool, server
 from gauss2svg.studio.service import create_app
 

@@ -1,9 +1,13 @@
-"""Directives that list what the code has: `{options}` of a command, `{statuses}` of the studio."""
+"""Directives that list what the code has.
+
+`{options}` of a command, `{statuses}` of the studio, `{formats}` of photos, `{features}` that
+renderers draw wrongly, `{forms}` that they draw, `{scores}`.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 from docutils import nodes
@@ -11,7 +15,12 @@ from docutils.parsers.rst import directives
 from sphinx.util.docutils import SphinxDirective
 
 from gauss2svg.cli.main import build_app
+from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Number, OptionGroup, Whole, fields_of
+from gauss2svg.photo.formats import FORMATS
+from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, RENDERERS
+from gauss2svg.raster.features import Feature
+from gauss2svg.raster.registry import renderer_named
 from gauss2svg.studio.answers import ERRORS
 
 _OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z0-9-]*|-)(?![\w-])")
@@ -122,8 +131,72 @@ class Statuses(SphinxDirective):
         return self.parse_text_to_nodes("\n".join(["| status | meaning |", "|---|---|", *rows]))
 
 
+def _table(head: str, rows: Iterable[str]) -> str:
+    return "\n".join([head, "|---" * (head.count("|") - 1) + "|", *rows])
+
+
+def formats_table() -> str:
+    """The formats of photos, and the names that are taken for them in a folder."""
+    rows = [
+        f"| {one.title} | {', '.join(f'`{suffix}`' for suffix in one.suffixes)} |"
+        for one in FORMATS.values()
+    ]
+    return _table("| format | names |", rows)
+
+
+def features_table() -> str:
+    """The features of SVG that some renderers draw wrongly, and what is known of it."""
+    rows = []
+    for feature in Feature:
+        said = [
+            f"{name} ({known})" if known else name
+            for name in RENDERERS
+            if (known := renderer_named(name).CANNOT_DRAW.get(feature)) is not None
+        ]
+        rows.append(f"| {_markdown(feature)} | {'; '.join(said)} |")
+    return _table("| what a file uses | not drawn by |", rows)
+
+
+_FORMS = {
+    "`gradient` (default)": RENDERERS,
+    "`--form blur`": DRAW_ROTATED_BLURS,
+    "`--markup minimal`": DRAW_MINIMAL,
+    "`--blend add`": DRAW_BLENDS,
+    "`--blend add --portable`": RENDERERS,
+}
+
+
+def forms_table() -> str:
+    """The forms of files, and the renderers that draw them."""
+    rows = [
+        f"| {form} | " + " | ".join("yes" if n in names else "refused" for n in RENDERERS) + " |"
+        for form, names in _FORMS.items()
+    ]
+    return _table(f"| form | {' | '.join(RENDERERS)} |", rows)
+
+
+def scores_table() -> str:
+    """The scores, where they are best, and the options that make them targets."""
+    rows = []
+    for score in SCORES:
+        best = "infinite" if score.best is None else f"{score.best:g}"
+        option = f"`--{score.option.replace('_', '-')}`" if score.search else ""
+        rows.append(f"| {score.name} | `{score.key}` | {best} | {score.package} | {option} |")
+    return _table("| score | in a report | of equal pictures | package | target |", rows)
+
+
+def _directive(table: Callable[[], str]) -> type[SphinxDirective]:
+    class Table(SphinxDirective):
+        def run(self) -> list[nodes.Node]:
+            return self.parse_text_to_nodes(table())
+
+    return Table
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
     app.add_directive("options", Options)
     app.add_directive("statuses", Statuses)
+    for table in (formats_table, features_table, forms_table, scores_table):
+        app.add_directive(table.__name__.removesuffix("_table"), _directive(table))
     return {"parallel_read_safe": True}

@@ -17,7 +17,7 @@ from numba.core import config
 
 from gauss2svg.batch.job import Job
 from gauss2svg.batch.work import cannot_run, check_worker
-from gauss2svg.errors import ClusterError, Gauss2SvgError, must_be
+from gauss2svg.errors import ClusterError, Gauss2SvgError, quoted
 from gauss2svg.pipeline.kernels import compile_kernels
 
 _CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
@@ -111,8 +111,9 @@ def remote_client(scheduler: str) -> Iterator[Client]:
         except Exception as error:  # of addresses, names, sockets and handshakes
             why = " ".join(str(error).split())[:200] or type(error).__name__
             raise ClusterError(
-                must_be("scheduler", "the address of a running Dask scheduler", scheduler)
-                + f" ({why}). Try starting `dask scheduler`, and its address tcp://host:8786"
+                "scheduler must be the address of a running Dask scheduler; got "
+                f"{quoted(scheduler)} ({why}). Try starting `dask scheduler`, and its address "
+                "tcp://host:8786"
             ) from error
         try:
             yield client

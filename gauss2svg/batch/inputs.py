@@ -9,13 +9,10 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from gauss2svg.batch.stores import PARTS_OF, filesystem, is_url, lines_of, reason_of
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.files import PATTERN, STANDARD_STREAM
+from gauss2svg.photo.formats import SUFFIXES
 
-# Names of the formats that are read (gauss2svg.photo.formats.FORMATS).
-SUFFIXES = (
-    ".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".gif", ".bmp", ".avif",
-)  # fmt: skip
 MANIFESTS = (".txt", ".lst")
 
 
@@ -42,15 +39,17 @@ def photos_of(sources: Iterable[str]) -> Iterator[Source]:
             is_empty = False
             yield photo
         if is_empty:
-            got = shown(f"none in {source}")
-            raise InputError(must_be("photos", "one or more", got, "gauss2svg batch photos/"))
+            raise InputError(
+                f"photos must be one or more; got none in {source}. Try gauss2svg batch photos/"
+            )
 
 
 def _photos(source: str) -> Iterator[Source]:
     if source == STANDARD_STREAM:
         if sys.stdin is None:
-            got = shown("a closed stream")
-            raise InputError(must_be("standard input", "open", got, "the name of a list"))
+            raise InputError(
+                "standard input must be open; got a closed stream. Try the name of a list"
+            )
         yield from _listed(sys.stdin.buffer)
     elif source.lower().endswith(MANIFESTS):
         with lines_of(source) as lines:

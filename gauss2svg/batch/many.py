@@ -30,7 +30,7 @@ from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
 from gauss2svg.measure.memory import free_bytes
 from gauss2svg.options import file_name
 from gauss2svg.photo.decode import header_of_image
-from gauss2svg.photo.formats import opened as opened_image
+from gauss2svg.photo.open import opened as opened_image
 from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 from urllib.parse import urlsplit
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.options import OptionGroup, Whole
 
 _PROTOCOLS = ("tcp://", "tls://", "ws://", "wss://", "ucx://")  # of Dask, between machines
@@ -16,8 +16,10 @@ _MOST_WORKERS = 1024  # more cores than a machine has; more processes are a slip
 def address(name: str, value: Any) -> str:
     """An address of a scheduler; raises InputError for what cannot be one."""
     if not isinstance(value, str) or not _is_address(value.strip()):
-        needed = f"HOST:PORT, or one of {', '.join(_PROTOCOLS)} before it"
-        raise InputError(must_be(name, needed, value, "tcp://host:8786"))
+        raise InputError(
+            f"{name} must be HOST:PORT, or one of {', '.join(_PROTOCOLS)} before it; got "
+            f"{quoted(value)}. Try tcp://host:8786"
+        )
     return value.strip()
 
 

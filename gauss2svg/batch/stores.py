@@ -14,7 +14,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from gauss2svg.errors import InputError, OutputError, must_be, on_one_line, shown
+from gauss2svg.errors import InputError, OutputError, brief, on_one_line
 from gauss2svg.files import check_writable, reading, replace, write_whole
 
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
@@ -221,8 +221,11 @@ class Store:
         if not self.is_local:
             protocols = _protocols(filesystem(self.root)[0])
             if not protocols & (_WHOLE_PUT | _RENAMING):
-                needed = f"a folder, or on one of {', '.join(sorted(_WHOLE_PUT | _RENAMING))}"
-                raise InputError(must_be("output", needed, shown(self.root), "a mounted folder"))
+                raise InputError(
+                    "output must be a folder, or on one of "
+                    f"{', '.join(sorted(_WHOLE_PUT | _RENAMING))}; got {brief(self.root)}. Try a "
+                    "mounted folder"
+                )
             self.write(f"{self.parts}/writable", b"")
             return
         parts = Path(self.root, self.parts)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from gauss2svg.bench.score_axes import PSNR, ScoreAxis
+from gauss2svg.measure.scores import PSNR, Score
 
 WIDTH, HEIGHT = 720, 440  # user units
 _LEFT, _RIGHT, _TOP, _BOTTOM = 52, 20, 34, 46
@@ -70,7 +70,7 @@ class Chart:
 
 
 def scatter(
-    points: Sequence[Point], format_cost: Callable[[float], str], axis: ScoreAxis = PSNR
+    points: Sequence[Point], format_cost: Callable[[float], str], axis: Score = PSNR
 ) -> Chart | None:
     """A chart of a score over cost, on a logarithmic axis; None without points.
 

@@ -13,7 +13,8 @@ from typing import Any
 
 from gauss2svg.bench.rows import TOOL
 from gauss2svg.bench.tuning import Constant, is_constant, options_in
-from gauss2svg.errors import Gauss2SvgError, InputError, must_be, shown
+from gauss2svg.errors import Gauss2SvgError, InputError, quoted
+from gauss2svg.measure.scores import TARGETS
 from gauss2svg.options import Field, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
@@ -43,8 +44,7 @@ VALUES: dict[str, tuple[Any, ...]] = {
     "palette": (64, 256, 1024, 0),
     "max_size": (256, 512, 1024),
     "max_bytes": (20_000, 100_000, 500_000),
-    "target_psnr": (28.0, 32.0, 36.0),
-    "target_ssimulacra2": (30.0, 50.0, 70.0),
+    **{score.option: score.targets for score in TARGETS},
     "form": ("gradient",),  # the only one that the default renderer supports
     "renderer": ("resvg", "cairo"),  # the others may not be installed
 }
@@ -61,8 +61,10 @@ def values_of(axis: Field | Constant) -> tuple[Any, ...]:
     """The default values of an axis; raises InputError for an axis without."""
     values = VALUES.get(axis.name, axis.choices)
     if not values:
-        advice = f"--axis {axis.name}=VALUE,VALUE"
-        raise InputError(must_be(f"axis {axis.name}", "given with values", shown("none"), advice))
+        raise InputError(
+            f"axis {axis.name} must be given with values; got none. Try --axis "
+            f"{axis.name}=VALUE,VALUE"
+        )
     return values
 
 
@@ -81,8 +83,9 @@ def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:
     for text in texts:
         name, values = parse_axis(text)
         if name in axes:
-            needed, advice = "given once", f"--axis {name}=VALUE,VALUE"
-            raise InputError(must_be(f"axis {name}", needed, shown("two"), advice))
+            raise InputError(
+                f"axis {name} must be given once; got two. Try --axis {name}=VALUE,VALUE"
+            )
         axes[name] = values
     return axes
 
@@ -99,7 +102,7 @@ def settings_of(axes: Mapping[str, Sequence[Any]] | None) -> list[Settings]:
         for name, values in grid.items():
             axis = _axis(name)
             if isinstance(values, str) or not values:
-                raise InputError(must_be(f"axis {name}", "a sequence of values", values))
+                raise InputError(f"axis {name} must be a sequence of values; got {quoted(values)}")
             columns.append([(axis.name, _checked(axis.normalized, v)) for v in values])
         found |= {tuple(sorted(pairs)): None for pairs in itertools.product(*columns)}
     for settings in found:
@@ -122,7 +125,7 @@ def _axis(name: str) -> Field | Constant:
         return Constant(name)
     option = name.replace("-", "_")
     if option not in AXES:
-        raise InputError(must_be("axis", f"one of {', '.join(AXES)}", name))
+        raise InputError(f"axis must be one of {', '.join(AXES)}; got {quoted(name)}")
     return AXES[option]
 
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-SPACE = "\N{NARROW NO-BREAK SPACE}"
-NONE = "\N{EN DASH}"
+from gauss2svg.measure.scores import NONE, SPACE
 
 
 def whole(value: float | None) -> str:

@@ -15,7 +15,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import InputError, PeerError, must_be
+from gauss2svg.errors import InputError, PeerError, quoted
 
 Conversion = Callable[[], object]
 
@@ -149,6 +149,6 @@ def check_peers(names: Iterable[str]) -> tuple[list[str], list[str]]:
     wanted = list(dict.fromkeys(names))
     for name in wanted:
         if name not in PEERS:
-            raise InputError(must_be("peer", f"one of {', '.join(PEERS)}", name))
+            raise InputError(f"peer must be one of {', '.join(PEERS)}; got {quoted(name)}")
     absent = [name for name in wanted if PEERS[name].version() is None]
     return [name for name in wanted if name not in absent], absent

@@ -10,8 +10,8 @@ from gauss2svg.bench.chart import Point, scatter, template_environment
 from gauss2svg.bench.front import front
 from gauss2svg.bench.peers import PEERS
 from gauss2svg.bench.rows import TOOL
-from gauss2svg.bench.score_axes import SCORE_AXES, ScoreAxis
 from gauss2svg.bench.summary import BYTES, SECONDS
+from gauss2svg.measure.scores import SCORES, Score
 from gauss2svg.pipeline.presets import PRESETS
 
 # (cost, its axis, its least value: a cost of 0 has no place on a logarithmic axis, its text in a
@@ -22,7 +22,7 @@ _COSTS = {
     ),
     "bytes": (BYTES, "bytes, gzipped", 1.0, numbers.size, numbers.short_size),
 }  # fmt: skip
-NAMES = tuple(f"{axis.slug}_{cost}.svg" for axis in SCORE_AXES for cost in _COSTS)
+NAMES = tuple(f"{axis.slug}_{cost}.svg" for axis in SCORES for cost in _COSTS)
 # A series keeps its mark whichever others a plot has.
 _SERIES = (*PRESETS, "other settings", *PEERS)
 
@@ -35,14 +35,14 @@ def plots_of(summary: Sequence[dict[str, Any]]) -> dict[str, str]:
     """
     return {
         f"{axis.slug}_{cost}.svg": _plot(summary, axis, *_COSTS[cost])
-        for axis in SCORE_AXES
+        for axis in SCORES
         for cost in _COSTS
     }
 
 
 def _plot(
     summary: Sequence[dict[str, Any]],
-    axis: ScoreAxis,
+    axis: Score,
     cost: str,
     cost_title: str,
     least: float,

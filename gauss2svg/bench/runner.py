@@ -21,7 +21,7 @@ from gauss2svg.bench.peers import PEERS, check_peers
 from gauss2svg.bench.process import in_own_process
 from gauss2svg.bench.rows import TOOL, Row, RowStore, csv_text, json_text
 from gauss2svg.bench.summary import markdown, summarise
-from gauss2svg.errors import InputError, OutputError, must_be, number_within, whole_number
+from gauss2svg.errors import InputError, OutputError, number_within, quoted, whole_number
 from gauss2svg.files import as_png, check_writable, write_all_atomically
 from gauss2svg.options import file_name
 from gauss2svg.photo.load import WHITE, load_image
@@ -107,7 +107,7 @@ def run_bench(
 def _photos(images: Sequence[str | os.PathLike[str]]) -> list[tuple[str, str, str]]:
     """(path, name, digest) of each; a name is the shortest end of the path that is unique."""
     if not images:
-        raise InputError(must_be("images", "the paths of one or more photos", []))
+        raise InputError(f"images must be the paths of one or more photos; got {quoted([])}")
     paths = [Path(file_name("images", image)) for image in images]
     digests: dict[str, Path] = {}
     for path in paths:

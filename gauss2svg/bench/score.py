@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.errors import RendererError
+from gauss2svg.measure.perceptual import perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.measure.scores import perceptual_scores
+from gauss2svg.measure.scores import ON_REQUEST
 from gauss2svg.photo.load import WHITE, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, rasterize, renderer_version
 
@@ -40,8 +41,7 @@ def score(output: Path, image: str) -> dict[str, Any]:
         "psnr_model": None,
         "psnr_svg": measured["psnr_svg"],
         "ssim_svg": measured["ssim_svg"],
-        "ssimulacra2_svg": perceptual.ssimulacra2,
-        "flip_svg": perceptual.flip,
+        **{score.key: perceptual.report[score.key] for score in ON_REQUEST},
         "bytes_raw": len(data),
         "bytes_gzipped": len(gzip.compress(data, compresslevel=9, mtime=0)),
     }

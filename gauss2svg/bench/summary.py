@@ -9,14 +9,14 @@ from typing import Any
 
 from gauss2svg.bench.front import TOLERANCE, distance_below
 from gauss2svg.bench.rows import TOOL, finite
-from gauss2svg.bench.score_axes import SCORE_AXES
+from gauss2svg.measure.scores import SCORES
 
 Row = dict[str, Any]
 
 SECONDS = "cpu_s"
 BYTES = "bytes_gzipped"  # what a web server sends; a raster image has no smaller form
 _MEANS = (
-    *(axis.key for axis in SCORE_AXES), "psnr_model", "cpu_s", "total_s", "bytes_raw",
+    *(axis.key for axis in SCORES), "psnr_model", "cpu_s", "total_s", "bytes_raw",
     "bytes_gzipped", "gaussians",
 )  # fmt: skip
 _DISTURBED = 0.1  # share of the CPU used by other programs, above which a run is reported
@@ -70,7 +70,7 @@ def _mean_of(values: Sequence[float | None]) -> float | None:
 
 
 _COLUMNS: dict[str, tuple[str, str, float]] = {
-    **{axis.title: (axis.key, axis.form, 1) for axis in SCORE_AXES},
+    **{axis.title: (axis.key, axis.form, 1) for axis in SCORES},
     "CPU s": ("cpu_s", ".3g", 1),
     "wall s": ("total_s", ".3g", 1),
     "kB raw": ("bytes_raw", ".1f", 1e-3),

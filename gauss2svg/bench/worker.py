@@ -18,13 +18,14 @@ from typing import Any
 
 from gauss2svg.bench.machine import Stopwatch, peak_bytes
 from gauss2svg.bench.rows import TOOL, finite, one_line
+from gauss2svg.measure.scores import SCORES
 
 _WARM_UP_SIDE = 32  # px
 _WARM_UP: dict[str, Any] = {"iterations": 2}
 _FROM_REPORT = (
     "width", "height", "fit_width", "fit_height", "gaussians", "iterations", "rounds",
-    "stop_reason", "threads", "renderer", "psnr_model", "psnr_svg", "ssim_svg",
-    "ssimulacra2_svg", "flip_svg", "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs",
+    "stop_reason", "threads", "renderer", "psnr_model",
+    *(score.key for score in SCORES), "psnr_roundtrip", "fit_s", "fit_cpu_s", "pixel_pairs",
 )  # fmt: skip
 
 
@@ -43,7 +44,7 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
 
     from gauss2svg.bench.grid import AXES
     from gauss2svg.bench.tuning import apply_constants, options_in
-    from gauss2svg.measure.scores import perceptual_scores
+    from gauss2svg.measure.perceptual import perceptual_scores
     from gauss2svg.pipeline.kernels import compile_kernels
     from gauss2svg.pipeline.options import Options
     from gauss2svg.pipeline.vectorize import vectorize_by

@@ -124,7 +124,7 @@ def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None
 
     from cyclopts.config import Toml
 
-    from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.errors import InputError, brief, quoted
     from gauss2svg.files import reading
     from gauss2svg.pipeline.options import option_names
 
@@ -136,13 +136,13 @@ def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None
         try:
             keys = tomllib.load(file)
         except (ValueError, RecursionError) as error:
-            raise InputError(must_be(path, "a TOML file", shown(str(error)))) from error
+            raise InputError(f"{path} must be a TOML file; got {brief(error)}") from error
     names = option_names()
     for key, value in keys.items():
         if key.replace("-", "_") not in names:
-            raise InputError(must_be(f"key of {path}", f"one of {', '.join(names)}", key))
+            raise InputError(f"key of {path} must be one of {', '.join(names)}; got {quoted(key)}")
         if isinstance(value, (dict, list)):
-            raise InputError(must_be(f"{key} of {path}", "a plain value", value))
+            raise InputError(f"{key} of {path} must be a plain value; got {quoted(value)}")
     Toml(path, use_commands_as_keys=False)(app, commands, arguments)
 
 

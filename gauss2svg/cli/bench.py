@@ -57,7 +57,7 @@ def bench_command(
     from gauss2svg.bench.runner import run_bench
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.files import expanded
-    from gauss2svg.measure.scores import packages_missing
+    from gauss2svg.measure.perceptual import packages_missing
 
     names = [name.strip() for name in peers.split(",") if name.strip()]
     axes = parse_axes(axis or ())

@@ -85,7 +85,7 @@ def check_command(
     """Measure how closely any SVG matches a photo."""
     from gauss2svg.cli.streams import standard_stream
     from gauss2svg.cli.terminal import print_check
-    from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.errors import InputError, brief
     from gauss2svg.files import (
         STANDARD_STREAM,
         as_json,
@@ -99,7 +99,7 @@ def check_command(
 
     names = expanded([photo, svg])
     if len(names) != 2:
-        raise InputError(must_be("photo and SVG", "one file each", shown(", ".join(names))))
+        raise InputError(f"photo and SVG must be one file each; got {brief(', '.join(names))}")
     photo, svg = names
     refuse_option_like(photo, svg)
     if photo == svg == STANDARD_STREAM:

@@ -51,7 +51,7 @@ def gallery_command(
     from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.files import expanded
     from gauss2svg.gallery.build import build_gallery
-    from gauss2svg.measure.scores import packages_missing
+    from gauss2svg.measure.perceptual import packages_missing
     from gauss2svg.processes import command_line
 
     with counting_bar(quiet) as update:
@@ -87,10 +87,12 @@ def _words(text: str) -> list[str]:
 
 
 def _whole(word: str) -> int:
-    from gauss2svg.errors import InputError, must_be
+    from gauss2svg.errors import InputError, quoted
 
     if not re.fullmatch("[0-9]{1,18}", word):
-        raise InputError(must_be("counts", "whole numbers separated by commas", word, "500,2000"))
+        raise InputError(
+            f"counts must be whole numbers separated by commas; got {quoted(word)}. Try 500,2000"
+        )
     return int(word)
 
 

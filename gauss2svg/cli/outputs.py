@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.files import STANDARD_STREAM
 from gauss2svg.svg.file import check_svg_name, check_type
 
@@ -28,7 +28,7 @@ def default_output(photo: str, overwrite: bool) -> str:
         )
     output = Path(photo).with_suffix(".svg")
     if output == Path(photo):
-        raise InputError(must_be("the photo", "an image other than an SVG", photo))
+        raise InputError(f"the photo must be an image other than an SVG; got {quoted(photo)}")
     if not overwrite and output.is_file() and not _is_ours(output):
         raise InputError(
             f"{output} must be given by name, for it exists and gauss2svg did not write it. Try "

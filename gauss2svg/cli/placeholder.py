@@ -96,13 +96,15 @@ def placeholder_command(
 
 def _targets(output: str, form: str, slugs: list[str]) -> list[Path]:
     """The files that are written; none for standard output."""
-    from gauss2svg.errors import InputError, must_be
+    from gauss2svg.errors import InputError, quoted
     from gauss2svg.files import STANDARD_STREAM
 
     if output != STANDARD_STREAM:
         if form == "svg" and Path(output).suffix.lower() == ".svg":
-            needed = "a folder with --format svg"
-            raise InputError(must_be("--output", needed, output, str(Path(output).with_suffix(""))))
+            raise InputError(
+                f"--output must be a folder with --format svg; got {quoted(output)}. Try "
+                f"{Path(output).with_suffix('')!s}"
+            )
         return [Path(output) / f"{slug}.svg" for slug in slugs] if form == "svg" else [Path(output)]
     if form == "svg" and len(slugs) > 1:
         raise InputError("--output must be given for several SVGs. Try -o folder")
@@ -174,7 +176,7 @@ def _entries(output: str, form: str) -> dict[str, Any]:
     """
     import json
 
-    from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.errors import InputError
     from gauss2svg.files import STANDARD_STREAM, reading
 
     if output == STANDARD_STREAM or not Path(output).is_file():
@@ -193,9 +195,10 @@ def _entries(output: str, form: str) -> dict[str, Any]:
             raise TypeError("not a list")
         return {record["metadata"]["filename"]: record for record in records}
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        needed = f"a file of placeholders in {form}, or none yet"
-        got = shown(f"{output}, which has something else or is damaged")
-        raise InputError(must_be("--output", needed, got, "another name, or remove it")) from error
+        raise InputError(
+            f"--output must be a file of placeholders in {form}, or none yet; got {output}, "
+            "which has something else or is damaged. Try another name, or remove it"
+        ) from error
 
 
 def _url(path: str, folder: str) -> str:

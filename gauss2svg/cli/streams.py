@@ -7,14 +7,15 @@ import sys
 from contextlib import suppress
 from typing import Any
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 
 
 def standard_stream(stream: Any, name: str) -> Any:
     """The binary side of sys.stdin or sys.stdout; raises InputError if it is closed."""
     if stream is None:  # Python's value for a closed descriptor
-        got = shown("a closed stream")
-        raise InputError(must_be(f"standard {name}", "open", got, "a file name instead of -"))
+        raise InputError(
+            f"standard {name} must be open; got a closed stream. Try a file name instead of -"
+        )
     return stream.buffer
 
 

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from gauss2svg.errors import on_one_line
 from gauss2svg.measure.paint import HEAVY_MS
+from gauss2svg.measure.scores import ON_REQUEST, TARGETS
 from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.report import decibels
 from gauss2svg.pipeline.run import Progress, ProgressCallback
@@ -33,8 +34,7 @@ _STOPPED = {
     "gain": "more Gaussians would improve it too little for their size",
     "enough": "the preset's PSNR reached",
     "cap": "the preset's maximum number of Gaussians reached",
-    "target_psnr": "target PSNR reached",
-    "target_ssimulacra2": "target SSIMULACRA2 reached",
+    **{score.option: f"target {score.name} reached" for score in TARGETS},
     "max_bytes": "maximum file size reached",
     "time_limit": "time limit reached",
     "interrupted": "interrupted",
@@ -151,12 +151,9 @@ def _match(report: dict[str, Any]) -> str:
 
 def _scores(report: dict[str, Any]) -> dict[str, str]:
     """A row for the perceptual scores, and why one is missing; none where they were not asked."""
-    # Here, for the command without scores does not load the benchmark.
-    from gauss2svg.bench.score_axes import PERCEPTUAL_AXES
-
     parts = [
         f"{axis.name} {axis.text(report[axis.key])}"
-        for axis in PERCEPTUAL_AXES
+        for axis in ON_REQUEST
         if axis.has(report[axis.key])
     ]
     text = "; ".join([*([", ".join(parts)] if parts else []), *report["scores_missing"]])

@@ -11,6 +11,8 @@ from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
+from gauss2svg.photo.formats import TITLES
+
 _BEGUN = time.perf_counter()
 
 
@@ -22,12 +24,12 @@ _EXAMPLES = (
 HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
-_PARAMETERS = """
+_PARAMETERS = f"""
 
 Parameters
 ----------
 photo
-    JPEG, PNG, WebP, TIFF, GIF, BMP, AVIF; - is standard input.
+    {", ".join(TITLES)}; - is standard input.
 output
     SVG to write, - for standard output; by default photo.svg.
 """
@@ -100,7 +102,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 def _one_photo(photos: tuple[str, ...]) -> str:
     from difflib import get_close_matches
 
-    from gauss2svg.errors import InputError, must_be, shown
+    from gauss2svg.errors import InputError, brief
     from gauss2svg.files import expanded
     from gauss2svg.pipeline.options import option_names
 
@@ -110,11 +112,12 @@ def _one_photo(photos: tuple[str, ...]) -> str:
             known = [f"--{option.replace('_', '-')}" for option in option_names()]
             close = get_close_matches(name, known, 1)
             advice = close[0] if close else f"./{name} for a file of that name, or --help-all"
-            raise InputError(must_be(name, "an option", shown("an unknown one"), advice))
+            raise InputError(f"{name} must be an option; got an unknown one. Try {advice}")
     if len(photos) != 1:
-        got = shown(", ".join(photos) or "none")
-        advice = "gauss2svg batch" if photos else "gauss2svg --help"
-        raise InputError(must_be("the photo", "one file", got, advice))
+        got, advice = brief(", ".join(photos)), "gauss2svg batch"
+        if not photos:
+            got, advice = "none", "gauss2svg --help"
+        raise InputError(f"the photo must be one file; got {got}. Try {advice}")
     return photos[0]
 
 

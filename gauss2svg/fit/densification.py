@@ -19,11 +19,10 @@ from gauss2svg.scene import Scene
 
 # Why a fit ended. iterations: all steps are done; gaussians: the count is 0; gain: another round
 # would gain less than the preset asks for; enough: the preset's PSNR is reached; cap: the maximum
-# number of Gaussians is reached; interrupted: the caller stopped it; the others: the targets of
-# that name.
+# number of Gaussians is reached; interrupted: the caller stopped it; the others: the limits of
+# that name. The targets of scores join them.
 STOP_REASONS = (
-    "iterations", "gaussians", "gain", "enough", "cap", "target_psnr", "target_ssimulacra2",
-    "max_bytes", "time_limit", "interrupted",
+    "iterations", "gaussians", "gain", "enough", "cap", "max_bytes", "time_limit", "interrupted",
 )  # fmt: skip
 
 FIRST_ROUND = 8

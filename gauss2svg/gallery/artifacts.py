@@ -27,7 +27,7 @@ from gauss2svg.gallery.crops import worst_and_typical
 from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.memory import held_bytes
-from gauss2svg.measure.scores import packages, packages_missing, perceptual_scores
+from gauss2svg.measure.perceptual import packages, packages_missing, perceptual_scores
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
 from gauss2svg.photo.load import WHITE, header_of, load_image
 from gauss2svg.pipeline.kernels import compile_kernels

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.options import Number, OptionGroup, Whole
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
@@ -15,7 +15,7 @@ _MOST_JOBS = 256
 def encodable_title(name: str, title: Any) -> str:
     """A title that UTF-8 can encode; raises InputError for an empty one and for other types."""
     if not isinstance(title, str) or not title.strip():
-        raise InputError(must_be(name, "a text that is not empty", title))
+        raise InputError(f"{name} must be a text that is not empty; got {quoted(title)}")
     return title.encode(errors="backslashreplace").decode()
 
 

@@ -16,7 +16,6 @@ from jinja2 import Environment
 from gauss2svg.bench import numbers
 from gauss2svg.bench.chart import Point, scatter, template_environment
 from gauss2svg.bench.rows import csv_text, json_text
-from gauss2svg.bench.score_axes import PSNR, SCORE_AXES, ScoreAxis
 from gauss2svg.files import write_all_atomically
 from gauss2svg.gallery.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
 from gauss2svg.gallery.crops import SIDE
@@ -30,6 +29,7 @@ from gauss2svg.gallery.records import (
 )
 from gauss2svg.gallery.variants import Variant, main_variant
 from gauss2svg.measure.heatmap import MOST, colors_of
+from gauss2svg.measure.scores import ON_REQUEST, PSNR, SCORES, Score
 from gauss2svg.version import __version__
 
 INDEX, TRADE_OFF, HOW = "index.html", "trade-off.html", "how.html"
@@ -85,6 +85,7 @@ def write_pages(
         "renderers": _renderers(rows),
         "summary": summary,
         "scores": shown,
+        "explained": ON_REQUEST if len(shown) > 2 else (),
         "unscored": _unscored(results),
         "scored": any(svg.report.get("scores") for one in results for svg in one.svgs),
         "legend": legend(),
@@ -192,12 +193,12 @@ def _card(one: PhotoResult) -> dict[str, Any]:
             "elements": svg.report.get("elements"),
             "svg_bytes": svg.report["svg_bytes"],
             "total_s": svg.report["total_s"],
-            **{axis.key: svg.report.get(axis.key) for axis in SCORE_AXES},
+            **{axis.key: svg.report.get(axis.key) for axis in SCORES},
             "texts": {
                 "shapes": _shapes(svg),
                 "svg_bytes": numbers.size(svg.report["svg_bytes"]),
                 "total_s": numbers.seconds(svg.report["total_s"]),
-                **{axis.key: axis.text(svg.report.get(axis.key)) for axis in SCORE_AXES},
+                **{axis.key: axis.text(svg.report.get(axis.key)) for axis in SCORES},
             },
             "thumbnail": f"{svg.folder}/{THUMBNAIL}",
             "picture": f"{svg.folder}/{PICTURE}",
@@ -232,12 +233,10 @@ def _viewer(one: PhotoResult) -> list[dict[str, Any]]:
     return found
 
 
-def _shown_scores(rows: Iterable[Row]) -> list[ScoreAxis]:
+def _shown_scores(rows: Iterable[Row]) -> list[Score]:
     """PSNR, and every other score that an SVG has."""
     return [
-        axis
-        for axis in SCORE_AXES
-        if axis is PSNR or any(row[axis.key] is not None for row in rows)
+        axis for axis in SCORES if axis is PSNR or any(row[axis.key] is not None for row in rows)
     ]
 
 
@@ -250,7 +249,7 @@ def _unscored(results: Iterable[PhotoResult]) -> list[str]:
 
 
 def _charts(
-    results: Sequence[PhotoResult], variants: Sequence[Variant], axes: Iterable[ScoreAxis]
+    results: Sequence[PhotoResult], variants: Sequence[Variant], axes: Iterable[Score]
 ) -> list[dict[str, Any]]:
     """Each score over bytes and over seconds; each point links to its page."""
     series = {variant.slug: at for at, variant in enumerate(variants)}

@@ -9,21 +9,21 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.bench.score_axes import SCORE_AXES
 from gauss2svg.errors import OutputError
 from gauss2svg.gallery.artifacts import OUTLINES, PICTURE, REPORT, SCENE
 from gauss2svg.gallery.variants import Variant
+from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.listing import ListedPhoto
 
 Row = dict[str, Any]
 
 # Keys of a report; a peer's report lacks some.
 NUMBERS = (
-    "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s", "psnr_svg",
-    "ssim_svg", "ssimulacra2_svg", "flip_svg", "psnr_model", "psnr_roundtrip",
+    "gaussians", "elements", "svg_bytes", "svgz_bytes", "total_s", "fit_s",
+    *(score.key for score in SCORES), "psnr_model", "psnr_roundtrip",
 )  # fmt: skip
 _MEDIANS = (
-    "gaussians", "svg_bytes", "svgz_bytes", "total_s", *(axis.key for axis in SCORE_AXES),
+    "gaussians", "svg_bytes", "svgz_bytes", "total_s", *(score.key for score in SCORES),
 )  # fmt: skip
 _TOTALS = ("svg_bytes", "total_s")
 

@@ -9,7 +9,7 @@ from typing import Any
 from gauss2svg.bench.grid import Settings
 from gauss2svg.bench.peers import PEERS, check_peers
 from gauss2svg.bench.rows import TOOL
-from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.fit.options import MOST_GAUSSIANS
 from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
 from gauss2svg.version import __version__
@@ -62,8 +62,8 @@ def variants_of(
     absent = check_peers(variant.tool for variant in wanted)[1]
     found += [variant for variant in wanted if variant.tool not in absent]
     if not found:
-        got = shown(f"only peers that are not installed: {', '.join(absent)}" if absent else "none")
-        raise InputError(must_be("variants", "at least one preset, count or peer", got))
+        got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"
+        raise InputError(f"variants must be at least one preset, count or peer; got {got}")
     return list({variant.slug: variant for variant in found}.values()), absent
 
 
@@ -77,16 +77,16 @@ def main_variant(variants: Iterable[Variant]) -> Variant:
 
 def _items(name: str, values: Any) -> list[Any]:
     if isinstance(values, (str, bytes)):
-        raise InputError(must_be(name, "a sequence", values, f"[{values!r}]"))
+        raise InputError(f"{name} must be a sequence; got {quoted(values)}. Try [{values!r}]")
     try:
         return [] if values is None else list(values)
     except TypeError as error:
-        raise InputError(must_be(name, "a sequence", values)) from error
+        raise InputError(f"{name} must be a sequence; got {quoted(values)}") from error
 
 
 def _preset(name: Any) -> Variant:
     if not isinstance(name, str) or name not in PRESETS:
-        raise InputError(must_be("variant", f"one of {', '.join(PRESETS)}", name))
+        raise InputError(f"variant must be one of {', '.join(PRESETS)}; got {quoted(name)}")
     return Variant(name, name, TOOL, __version__, (("quality", name),))
 
 
@@ -99,14 +99,14 @@ def _counted(count: Any) -> Variant:
 def _peer(text: Any) -> Variant:
     tool, named, style = str(text).partition(":")
     if tool not in SVG_PEERS:
-        raise InputError(must_be("peer", f"one of {', '.join(SVG_PEERS)}", text))
+        raise InputError(f"peer must be one of {', '.join(SVG_PEERS)}; got {quoted(text)}")
     peer = PEERS[tool]
     styles = {str(value): one for one in peer.settings for value in one.values()}
     if not named:
         style = _DEFAULT_STYLE if _DEFAULT_STYLE in styles else next(iter(styles))
     if style not in styles:
         known = ", ".join(f"{tool}:{style}" for style in styles)
-        raise InputError(must_be("peer", f"{tool}, or one of {known}", text))
+        raise InputError(f"peer must be {tool}, or one of {known}; got {quoted(text)}")
     name = tool if style == _DEFAULT_STYLE else f"{tool} {style}"
     settings = tuple(sorted(styles[style].items()))
     return Variant(name, name.replace(" ", "-"), tool, peer.version() or "", settings)

@@ -16,8 +16,8 @@ from gauss2svg.measure import metrics
 from gauss2svg.measure.drawing import draw
 from gauss2svg.measure.frame import Frame, frame_of
 from gauss2svg.measure.heatmap import heatmap
+from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.measure.scores import Scores, perceptual_scores
 from gauss2svg.measure.source import SvgSource, svg_source
 from gauss2svg.measure.survey import Survey, survey
 from gauss2svg.options import Number, OneOf, byte_size
@@ -25,8 +25,8 @@ from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image
 from gauss2svg.raster import DEFAULT_RENDERER, RENDERERS, renderer_version
+from gauss2svg.raster.registry import BROWSERS
 from gauss2svg.raster.root import stretched
-from gauss2svg.raster.support import BROWSERS
 
 MOST_SVG_BYTES = 256_000_000
 MOST_ELEMENTS = 1_000_000  # resvg's limit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.raster.css import declarations
 from gauss2svg.svg.reader.values import pixels_of, view_box
 
@@ -41,17 +41,16 @@ def frame_of(root: Mapping[str, str]) -> Frame:
     if box is None:
         if width is None or height is None:
             raise InputError(
-                must_be(
-                    "SVG",
-                    "of a known size, by a viewBox or by a width and a height in absolute units",
-                    shown("neither"),
-                    'to add viewBox="0 0 WIDTH HEIGHT" to its root',
-                )
+                "SVG must be of a known size, by a viewBox or by a width and a height in "
+                'absolute units; got neither. Try to add viewBox="0 0 WIDTH HEIGHT" to its '
+                "root"
             )
         return Frame(width, height, (0.0, 0.0, width, height))
     if max(map(abs, box)) > _MOST or min(box[2:]) < _LEAST:
-        needed = f"of numbers up to {_MOST:g}, and a width and a height of at least {_LEAST:g}"
-        raise InputError(must_be("viewBox", needed, root["viewBox"], _SCALE))
+        raise InputError(
+            f"viewBox must be of numbers up to {_MOST:g}, and a width and a height of at least "
+            f"{_LEAST:g}; got {quoted(root['viewBox'])}. Try {_SCALE}"
+        )
     if width is None:
         width = box[2] if height is None else _side("width", height * box[2] / box[3])
         height = box[3] if height is None else height
@@ -76,6 +75,8 @@ def _length(name: str, text: str) -> float | None:
 
 def _side(name: str, pixels: float, text: str = "") -> float:
     if not _LEAST <= pixels <= _MOST:
-        needed, got = f"above 0 and in {_LEAST:g}..{_MOST:g} px", text or shown(f"{pixels:g}")
-        raise InputError(must_be(f"{name} of the SVG", needed, got, _SCALE))
+        raise InputError(
+            f"{name} of the SVG must be above 0 and in {_LEAST:g}..{_MOST:g} px; got "
+            f"{quoted(text) if text else f'{pixels:g}'}. Try {_SCALE}"
+        )
     return pixels

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.photo.smooth import smoothed
 
 LEVELS = 255  # differences are reported in levels of an 8-bit channel
@@ -25,8 +25,9 @@ _WORST = 1000  # flat_error takes one in so many of the flat pixels
 
 def _same_shape(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
     if image.shape != other.shape or image.ndim != 3:
-        got = shown(f"{image.shape} and {other.shape}")
-        raise InputError(must_be("two images", "of one shape (h, w, channels)", got))
+        raise InputError(
+            f"two images must be of one shape (h, w, channels); got {image.shape} and {other.shape}"
+        )
 
 
 def _bands(
@@ -74,8 +75,7 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     height, width, channels = image.shape
     side = min(height, width)
     if side < 3:
-        got = shown(f"{width}x{height} px")
-        raise InputError(must_be("an image for SSIM", "at least 3 px a side", got))
+        raise InputError(f"an image for SSIM must be at least 3 px a side; got {width}x{height} px")
     box = None if side >= _FULL_WINDOW else side - 1 + side % 2
     # In float32, which is what photos and rasters are: half the memory of float64.
     planes = ((image[:, :, c], other[:, :, c]) for c in range(channels))
@@ -97,9 +97,10 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     _same_shape(image, other)
     height, width = image.shape[:2]
     if min(height, width) < LEAST_SIDE_FOR_MS_SSIM:
-        needed = f"at least {LEAST_SIDE_FOR_MS_SSIM} px a side"
-        got = shown(f"{width}x{height} px")
-        raise InputError(must_be("an image for MS-SSIM", needed, got, "SSIM"))
+        raise InputError(
+            f"an image for MS-SSIM must be at least {LEAST_SIDE_FOR_MS_SSIM} px a side; got "
+            f"{width}x{height} px. Try SSIM"
+        )
     channels = []
     for c in range(image.shape[2]):
         one, two = image[:, :, c], other[:, :, c]

@@ -14,7 +14,7 @@ from urllib.request import DataHandler, Request
 
 from PIL import Image
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.raster.css import component_values
 
 _PICTURES = ("image", "feImage", "img")
@@ -111,12 +111,8 @@ def _is_data(target: str) -> bool:
 
 def _outside(target: str) -> InputError:
     return InputError(
-        must_be(
-            "a reference in the SVG",
-            "within the file or embedded as data:",
-            target,
-            "to embed the image, or to remove the reference",
-        )
+        "a reference in the SVG must be within the file or embedded as data:; got "
+        f"{quoted(target)}. Try to embed the image, or to remove the reference"
     )
 
 
@@ -131,15 +127,10 @@ def _pixels(uri: str) -> int:
             return picture.width * picture.height
     except Image.DecompressionBombError as error:
         raise InputError(
-            must_be(
-                "an image in the SVG", "smaller", shown(error), "to shrink it before embedding it"
-            )
+            f"an image in the SVG must be smaller; got {brief(error)}. Try to shrink it before "
+            "embedding it"
         ) from error
     except (OSError, ValueError, SyntaxError) as error:
         raise InputError(
-            must_be(
-                "data: in the SVG",
-                f"an image, one of {', '.join(_FORMATS)}",
-                shown(f"{uri[:40]}.."),
-            )
+            f"data: in the SVG must be an image, one of {', '.join(_FORMATS)}; got {uri[:40]}.."
         ) from error

@@ -7,7 +7,7 @@ import os
 import re
 from typing import Any
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.options import file_name
 from gauss2svg.svg.reader.parse import GZIP, gunzipped
 
@@ -40,7 +40,7 @@ def svg_source(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
         data = gunzipped(data, most_bytes, name)
         _within(len(data), most_bytes, f"{name}, gunzipped,")
     if not data.strip():
-        raise InputError(must_be(name, "an SVG", shown("an empty file")))
+        raise InputError(f"{name} must be an SVG; got an empty file")
     return data, _decoded(data, name)
 
 
@@ -60,14 +60,18 @@ def _read(source: SvgSource, most_bytes: int) -> tuple[bytes, str]:
         data = source.read(most_bytes + 1)
         if isinstance(data, bytes):
             return data, "SVG"
-    needed = "a path, text that begins with <, bytes or a binary file"
-    raise InputError(must_be("the SVG", needed, shown(type(source).__name__)))
+    raise InputError(
+        "the SVG must be a path, text that begins with <, bytes or a binary file; got "
+        f"{type(source).__name__}"
+    )
 
 
 def _within(size: int, most_bytes: int, name: str) -> None:
     if size > most_bytes:
-        needed, advice = f"at most {most_bytes} bytes", "to raise --max-svg-bytes if you trust it"
-        raise InputError(must_be(name, needed, shown("more"), advice))
+        raise InputError(
+            f"{name} must be at most {most_bytes} bytes; got more. Try to raise --max-svg-bytes "
+            "if you trust it"
+        )
 
 
 def _decoded(data: bytes, name: str) -> str:
@@ -80,15 +84,19 @@ def _decoded(data: bytes, name: str) -> str:
         except LookupError:
             known = ""
         if not _ENCODINGS.fullmatch(known):
-            needed, got = "of an encoding that is known", shown(encoding[:40])
-            raise InputError(must_be(name, needed, got, "to save it as UTF-8"))
+            raise InputError(
+                f"{name} must be of an encoding that is known; got {encoding[:40]}. Try to save it "
+                "as UTF-8"
+            )
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as error:
-        got = shown(f"{error.reason} at byte {error.start}")
-        advice = "to save it as UTF-8"
-        raise InputError(must_be(name, f"an SVG in {encoding}", got, advice)) from error
+        raise InputError(
+            f"{name} must be an SVG in {encoding}; got {error.reason} at byte {error.start}. "
+            "Try to save it as UTF-8"
+        ) from error
     if "\0" in text:  # expat would take it for UTF-16 without a byte order mark
-        got = shown(f"null characters, read as {encoding}")
-        raise InputError(must_be(name, "text", got, "to save it as UTF-8"))
+        raise InputError(
+            f"{name} must be text; got null characters, read as {encoding}. Try to save it as UTF-8"
+        )
     return text

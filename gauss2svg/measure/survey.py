@@ -10,7 +10,7 @@ from xml.etree.ElementTree import ParseError
 from defusedxml.common import DefusedXmlException, DTDForbidden
 from defusedxml.ElementTree import DefusedXMLParser
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, brief
 from gauss2svg.measure.references import MOST_EMBEDDED_PIXELS, check_css, check_link, check_unread
 from gauss2svg.raster.css import MOST_CSS
 
@@ -67,13 +67,12 @@ def survey(text: str, most_elements: int) -> Survey:
     except DefusedXmlException as error:
         what = "a document type of its own" if isinstance(error, DTDForbidden) else "entities"
         raise InputError(
-            must_be(
-                "SVG", "a document that cannot expand", shown(what), "to re-save it as plain SVG"
-            )
+            f"SVG must be a document that cannot expand; got {brief(what)}. Try to re-save it "
+            "as plain SVG"
         ) from error
     except (ParseError, UnicodeEncodeError) as error:
         raise InputError(
-            must_be("SVG", "well-formed XML", shown(error), "to re-save it")
+            f"SVG must be well-formed XML; got {brief(error)}. Try to re-save it"
         ) from error
     return Survey(dict(counter.tags.most_common()), counter.layers, counter.root, counter.qualified)
 
@@ -105,26 +104,24 @@ class _Counter:
         name = tag.removeprefix(_SVG)
         if not self._count:
             if name != "svg":
-                raise InputError(must_be("root element", "<svg>", shown(f"<{name[:80]}>")))
+                raise InputError(f"root element must be <svg>; got <{name[:80]}>")
             self.root = dict(attributes)
             self.qualified = tag != name
         self._count += 1
         if self._count > self._most:
             raise InputError(
-                must_be(
-                    "SVG",
-                    f"of at most {self._most} elements",
-                    shown("more"),
-                    "to raise --max-elements if you trust the file",
-                )
+                f"SVG must be of at most {self._most} elements; got more. Try to raise "
+                "--max-elements if you trust the file"
             )
         self.tags[name] += 1
         self.layers += attributes.get(_GROUP_MODE) == "layer"
         local = name.rpartition("}")[2]
         if self._css is not None:
             # Renderers disagree on which of its texts are the sheet.
-            got, advice = shown(f"<{local[:80]}> in it"), "to save it as plain SVG"
-            raise InputError(must_be("a style sheet in the SVG", "of text alone", got, advice))
+            raise InputError(
+                f"a style sheet in the SVG must be of text alone; got <{local[:80]}> in it. Try "
+                "to save it as plain SVG"
+            )
         if local == "style":
             self._css = []
         is_foreign = local != name
@@ -140,12 +137,9 @@ class _Counter:
         self._tokenized += check_css(text)
         if self._tokenized > MOST_CSS:
             raise InputError(
-                must_be(
-                    "CSS in the SVG",
-                    f"at most {MOST_CSS} characters where it has escapes, imports or addresses",
-                    self._tokenized,
-                    "to save it as plain SVG",
-                )
+                f"CSS in the SVG must be at most {MOST_CSS} characters where it has escapes, "
+                f"imports or addresses; got {self._tokenized}. Try to save it as plain "
+                "SVG"
             )
 
     def _follow(self, tag: str, target: str) -> None:
@@ -154,12 +148,8 @@ class _Counter:
         self._pixels += check_link(tag, target)
         if self._pixels > MOST_EMBEDDED_PIXELS:
             raise InputError(
-                must_be(
-                    "images in the SVG",
-                    f"of at most {MOST_EMBEDDED_PIXELS} px together",
-                    self._pixels,
-                    "to shrink them before embedding them",
-                )
+                f"images in the SVG must be of at most {MOST_EMBEDDED_PIXELS} px together; got "
+                f"{self._pixels}. Try to shrink them before embedding them"
             )
 
     def data(self, text: str) -> None:

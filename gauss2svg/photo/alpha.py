@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageColor
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.photo.photo import Photo
 
 WHITE, BLACK = 1.0, 0.0
@@ -97,7 +97,9 @@ def from_views(white: NDArray[np.floating], black: NDArray[np.floating]) -> NDAr
 def matte_color(text: str, name: str = "matte") -> tuple[float, float, float]:
     """Colour in 0..1 of white, black, #rgb or #rrggbb; raises InputError for anything else."""
     if not isinstance(text, str) or not _COLOR.fullmatch(text):
-        raise InputError(must_be(name, "a colour such as white, black, #fa0 or #ffaa00", text))
+        raise InputError(
+            f"{name} must be a colour such as white, black, #fa0 or #ffaa00; got {quoted(text)}"
+        )
     red, green, blue = ImageColor.getrgb(text)[:3]
     return red / 255, green / 255, blue / 255
 

@@ -10,12 +10,14 @@ import io
 import math
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from pkgutil import resolve_name
 from typing import Any
 
 from PIL import Image
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
+from gauss2svg.photo.formats import FORMATS
 from gauss2svg.photo.jpeg import END_OF_JPEG, survey
 from gauss2svg.photo.strips import one_strip
 
@@ -46,9 +48,10 @@ def lack_of(image: Image.Image) -> Callable[[Image.Image], str]:
 
     A file that cannot be understood lacks nothing here: that is for its decoder to say.
     """
-    check, data = _CHECKS.get(image.format or ""), _file_of(image)
-    if check is None or not data:
+    known, data = FORMATS.get(image.format or ""), _file_of(image)
+    if known is None or not known.lack or not data:
         return lambda _: ""
+    check = resolve_name(known.lack)
     tags = dict(getattr(image, "tag_v2", {}))  # loading turns the image, and they go
     return lambda loaded: check(data, loaded, tags)
 
@@ -89,7 +92,8 @@ def lack_of_parts(offsets: Sequence[int], counts: Sequence[int], number: int) ->
     return f"{missing} of its {number} strips or tiles have no data" if missing else ""
 
 
-def _lack_of_tiff(file: bytes, _: Image.Image, tags: _Tags) -> str:
+def lack_of_tiff(file: bytes, _: Image.Image, tags: _Tags) -> str:
+    """What a TIFF lacks of its strips or tiles, "" if nothing."""
     width, height = _number(tags, _WIDTH, 1), _number(tags, _HEIGHT, 1)
     across, down = width, _number(tags, _ROWS_PER_STRIP, height)
     places, sizes = _STRIPS
@@ -152,8 +156,8 @@ def _as_tuple(value: Any) -> tuple[int, ...]:
     return value if isinstance(value, tuple) else () if value is None else (value,)
 
 
-def _lack_of_png(file: bytes, image: Image.Image, _tags: _Tags) -> str:
-    """What a PNG lacks, by the length of its unpacked rows."""
+def lack_of_png(file: bytes, image: Image.Image, _tags: _Tags) -> str:
+    """What a PNG lacks, by the length of its unpacked rows; "" if nothing."""
     bits, color_type, _, _, interlaced = file[24:29]
     samples = bits * _PNG_CHANNELS.get(color_type, 0)
     width, height = image.size
@@ -183,6 +187,5 @@ def _packed_rows(file: bytes) -> Iterator[bytes]:
         place = end + 4
 
 
-_CHECKS = {"PNG": _lack_of_png, "TIFF": _lack_of_tiff}
 # By the compression of a TIFF: whether a part ends early, where libtiff only warns.
 _ENDS = {2: _fax_ends, 3: _fax_ends, 4: _fax_ends, 32771: _fax_ends, 7: _jpeg_ends}

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.photo import gamma, icc
-from gauss2svg.photo.formats import UnreadTiffError, broken, loaded, opened
+from gauss2svg.photo.open import UnreadTiffError, broken, loaded, opened
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.reduce import Reduced, SizeNeeded, draft, pieces, reduced_size
 from gauss2svg.photo.samples import unit
@@ -178,9 +178,10 @@ def _refuse_preview(image: Image.Image, name: str) -> None:
     """Refuse a camera's raw file: a TIFF whose first image is a small preview."""
     kind = _tiff_number(image, ExifTags.Base.NewSubfileType, 0)
     if kind & _REDUCED_RESOLUTION or _tiff_number(image, _DNG_VERSION, 0):
-        got = shown("a camera's raw file, or one that begins with a preview")
-        advice = "developing it, and saving it as TIFF, PNG or JPEG"
-        raise InputError(must_be(name, "a developed photo", got, advice))
+        raise InputError(
+            f"{name} must be a developed photo; got a camera's raw file, or one that begins "
+            "with a preview. Try developing it, and saving it as TIFF, PNG or JPEG"
+        )
 
 
 def _tiff_number(image: Image.Image, tag: int, default: int) -> int:
@@ -230,9 +231,10 @@ def _wide_grey(image: Image.Image, name: str) -> _Samples:
         if array.dtype == np.int32 and image.format == "TIFF" and not signed:
             array = array.view(np.uint32)  # Pillow has no mode of them
         if array.min() < 0 or array.max() > _MOST_16:
-            got = shown(f"{array.min()}..{array.max()}")
-            advice = "rescaling them"
-            raise InputError(must_be(f"grey levels of {name}", f"in 0..{_MOST_16}", got, advice))
+            raise InputError(
+                f"grey levels of {name} must be in 0..{_MOST_16}; got "
+                f"{array.min()}..{array.max()}. Try rescaling them"
+            )
         array = array.astype(np.uint16)
         top = _MOST_12 if _tiff_number(image, ExifTags.Base.BitsPerSample, 16) == 12 else _MOST_16
     alpha = _keyed(array, image, 1)

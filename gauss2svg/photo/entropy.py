@@ -12,7 +12,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from gauss2svg.errors import must_be
 from gauss2svg.kernel_cache import cached
 
 _LENGTHS = 16
@@ -61,7 +60,9 @@ def lack(
     """
     # The kernel does not check its indices.
     if band[1] > 0 and (band[0] > 0 or refines) and len(nonzero) != units:
-        raise ValueError(must_be("length of nonzero", f"that of its units, {units}", len(nonzero)))
+        raise ValueError(
+            f"length of nonzero must be that of its units, {units}; got {len(nonzero)}"
+        )
     plain = [part.replace(b"\xff\0", b"\xff") for part in parts[: -(-units // interval)]]
     ends = np.cumsum([0, *map(len, plain)])
     data = np.frombuffer(b"".join((*plain, bytes(_PADDING))), np.uint8)

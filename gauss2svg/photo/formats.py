@@ -1,190 +1,72 @@
-"""Image formats: which files are opened, by which decoder, up to which size."""
+"""The formats of photos, one entry each.
+
+Batches, the studio, the help and the documentation take their lists from here. This module loads
+no decoder: the help needs it.
+"""
 
 from __future__ import annotations
 
-import importlib
-import re
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
-from functools import cache
-from typing import Any, BinaryIO
+from dataclasses import dataclass
 
-from PIL import Image, ImageFile, features
 
-from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.photo.complete import help_of_jpeg, lack_of
-from gauss2svg.photo.jpeg import with_height
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
-from gauss2svg.photo.stderr import stderr_silenced
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A format that is read.
 
-# Formats that are read, and Pillow's plugin of each; anything else is refused undecoded.
+    name      Pillow's, in errors too
+    title     in text
+    suffixes  of names that are taken for photos where a folder is given
+    plugin    module that registers the decoder with Pillow when it is imported
+    feature   that a build of Pillow may lack; "": none
+    prepare   MODULE:FUNCTION of a file, which returns the one that is decoded; "": the file itself
+    lack      MODULE:FUNCTION of the file's bytes, the decoded image and its tags, which says what
+              the file lacks that the decoder does not miss, "" if nothing; "": the decoder refuses
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    plugin: str
+    title: str = ""
+    feature: str = ""
+    prepare: str = ""
+    lack: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "title", self.title or self.name)
+
+
 FORMATS = {
-    "JPEG": "JpegImagePlugin",
-    "PNG": "PngImagePlugin",
-    "WEBP": "WebPImagePlugin",
-    "TIFF": "TiffImagePlugin",
-    "GIF": "GifImagePlugin",
-    "BMP": "BmpImagePlugin",
-    "AVIF": "AvifImagePlugin",
-}
-_OPTIONAL = {"WEBP": "webp", "AVIF": "avif"}  # features that a build of Pillow may lack
-_ORDERED = re.compile(r"(F;32|I;32|I;16)B?([FS])")  # raw modes of numbers with a sign
-_PREFIX_BYTES = 16  # by which Pillow's plugins identify their files
-_RAW = "a camera's raw file"  # a TIFF, of which only a small preview would be read
-# Other files that are given in place of a photo, by their first bytes.
-_OTHERS = (
-    (rb"%PDF", "a PDF"),
-    (rb"%!PS|\xc5\xd0\xd3\xc6", "a PostScript file"),
-    (rb"8BPS", "a Photoshop file"),
-    (rb"gimp xcf", "a GIMP file"),
-    (rb"(\xef\xbb\xbf)?\s*<(svg|\?xml|!DOCTYPE svg)", "an SVG or other XML"),
-    (rb"(?i)\s*<(!doctype html|html)", "a web page"),
-    (rb"\x1f\x8b", "a gzipped file"),
-    (rb"PK\x03\x04", "a ZIP archive"),
-    (rb"....ftyp(hei[cxms]|hev[cxms]|mif1|msf1)", "a HEIC file"),
-    (rb"....ftypcrx |II\*\0....CR", _RAW),
-    (rb"....ftyp", "a video"),
-    (rb"\0\0\0\x0cjP  |\xff\x4f\xff\x51", "a JPEG 2000 file"),
-    (rb"\0\0\0\x0cJXL |\xff\x0a", "a JPEG XL file"),
-    (rb"P[1-7Ff]\s", "a Netpbm file"),
-    # Its image type and depth; an icon would have none in it.
-    (rb".\0[\2\3\x0a\x0b]\0{5}.{8}[\x08\x10\x18\x20]|.\x01[\1\x09].{13}[\x08\x10]", "a TGA file"),
-    (rb"\0\0[\1\2]\0", "an icon"),
-    (rb"v/1\x01", "an OpenEXR file"),
-)
-
-
-class UnreadTiffError(InputError):
-    """A TIFF with pixels of a kind that Pillow does not decode."""
-
-
-@cache
-def _decodable() -> tuple[str, ...]:
-    """FORMATS without those that this build of Pillow lacks, as some lack AVIF."""
-    names = tuple(
-        name for name in FORMATS if name not in _OPTIONAL or features.check(_OPTIONAL[name])
+    one.name: one
+    for one in (
+        Format(
+            name="JPEG",
+            suffixes=(".jpg", ".jpeg", ".jpe", ".jfif"),
+            plugin="PIL.JpegImagePlugin",
+            prepare="gauss2svg.photo.jpeg:with_height",
+        ),
+        Format(
+            name="PNG",
+            suffixes=(".png",),
+            plugin="PIL.PngImagePlugin",
+            lack="gauss2svg.photo.complete:lack_of_png",
+        ),
+        Format(
+            name="WEBP",
+            title="WebP",
+            suffixes=(".webp",),
+            plugin="PIL.WebPImagePlugin",
+            feature="webp",
+        ),
+        Format(
+            name="TIFF",
+            suffixes=(".tif", ".tiff"),
+            plugin="PIL.TiffImagePlugin",
+            lack="gauss2svg.photo.complete:lack_of_tiff",
+        ),
+        Format(name="GIF", suffixes=(".gif",), plugin="PIL.GifImagePlugin"),
+        Format(name="BMP", suffixes=(".bmp",), plugin="PIL.BmpImagePlugin"),
+        Format(name="AVIF", suffixes=(".avif",), plugin="PIL.AvifImagePlugin", feature="avif"),
     )
-    for name in names:
-        importlib.import_module(f"PIL.{FORMATS[name]}")  # registers its decoder
-    return names
-
-
-@contextmanager
-def opened(
-    file: BinaryIO, name: str, max_pixels: int = DEFAULT_MAX_PIXELS
-) -> Iterator[ImageFile.ImageFile]:
-    """An image file of one of FORMATS whose header is read and whose size is within the limit.
-
-    Raises InputError that names the file: for another format, a broken header, and more than
-    max_pixels.
-    """
-    image = _identified(file, name, max_pixels)
-    with image:
-        check_size(image.size, name, max_pixels)
-        yield image
-
-
-def _identified(file: BinaryIO, name: str, max_pixels: int) -> ImageFile.ImageFile:
-    """An image whose header is read; not by Image.open, whose limit is the process's."""
-    file.seek(0)
-    start = file.read(4 * _PREFIX_BYTES)
-    kind, other = _format_of(start), _other(start)
-    if kind is None or other == _RAW:
-        needed = f"a supported image ({', '.join(_decodable())})"
-        got = shown(other or "an unknown format")
-        raise InputError(must_be(name, needed, got, "converting it"))
-    file.seek(0)
-    try:
-        image = Image.OPEN[kind][0](with_height(file) if kind == "JPEG" else file, "")
-        if kind == "TIFF":
-            image.tile = [_in_native_order(tile) for tile in image.tile]
-        return image
-    except MemoryError:
-        raise
-    except Image.DecompressionBombError as error:  # of a plugin that looks before it opens
-        count = re.search(r"\d+", str(error))  # "Image size (2000000000 pixels) exceeds .."
-        if count is None or int(count[0]) <= max_pixels:
-            raise broken(name, error) from error
-        raise _too_large("", name, max_pixels, int(count[0])) from error
-    except Exception as error:  # hostile bytes make decoders raise anything
-        if kind == "TIFF" and isinstance(error, SyntaxError):
-            got = shown(f"one that is not: {error}")
-            raise UnreadTiffError(must_be(name, "readable", got, "saving it as PNG")) from error
-        raise broken(name, error) from error
-
-
-def _in_native_order(tile: Any) -> Any:
-    """What Pillow will unpack of a TIFF: libtiff gives samples in the order of this machine."""
-    if tile.codec_name != "libtiff" or not (match := _ORDERED.fullmatch(tile.args[0])):
-        return tile
-    return tile._replace(args=(f"{match[1]}N{match[2]}", *tile.args[1:]))
-
-
-def _format_of(start: bytes) -> str | None:
-    """Which of FORMATS a file has, by its first bytes; None for any other."""
-    for name in _decodable():
-        accept = Image.OPEN[name][1]
-        if accept is not None and accept(start[:_PREFIX_BYTES]) is True:
-            return name
-    return None
-
-
-def _other(start: bytes) -> str:
-    if not start:
-        return "an empty file"
-    return next((kind for pattern, kind in _OTHERS if re.match(pattern, start, re.DOTALL)), "")
-
-
-def check_size(size: tuple[int, int], name: str, max_pixels: int) -> None:
-    """Raise InputError for a size (width, height) of no pixel, or of more than max_pixels."""
-    width, height = size
-    if width < 1 or height < 1:
-        raise InputError(must_be(name, "at least 1x1 px", shown(f"{width}x{height} px")))
-    if width * height > max_pixels:
-        raise _too_large(f"{width}x{height} = ", name, max_pixels, width * height)
-
-
-def _too_large(sides: str, name: str, max_pixels: int, count: int) -> InputError:
-    advice = "shrinking it"
-    if count <= MOST_PIXELS:
-        advice += f", or raising --max-pixels, up to {MOST_PIXELS}, if you trust the file"
-    needed = f"at most {max_pixels} px (--max-pixels)"
-    return InputError(must_be(name, needed, shown(f"{sides}{count} px"), advice))
-
-
-def loaded(image: Image.Image, name: str, notes: list[str] | None = None) -> Image.Image:
-    """The image with its pixels decoded; raises InputError if they are broken or truncated.
-
-    notes  is given what its decoder had to be helped with
-    """
-    try:
-        lack, help_given = lack_of(image), help_of_jpeg(image)
-        if notes is not None:
-            notes += help_given
-        # libtiff writes to standard error by itself.
-        with stderr_silenced() if image.format == "TIFF" else nullcontext():
-            image.load()
-        if missing := lack(image):
-            raise OSError(missing)
-    except MemoryError:
-        raise
-    except Exception as error:  # hostile bytes make decoders raise anything
-        raise broken(name, error) from error
-    if image.mode in ("P", "PA") and image.palette is None:
-        raise broken(name, ValueError("its palette is missing"))
-    return image
-
-
-def broken(name: str, error: Exception) -> InputError:
-    """The error for an image that its decoder cannot read."""
-    reason = str(error) or type(error).__name__
-    if isinstance(error, Image.DecompressionBombError):  # of a limit lower than Pillow's own
-        needed = "within PIL.Image.MAX_IMAGE_PIXELS of this process"
-        advice = "shrinking it, or raising that limit"
-        return InputError(must_be(name, needed, shown(reason.rstrip(".")), advice))
-    if "MAX_TEXT" in reason:
-        reason = "its ICC profile or its texts unpack to more than Pillow's limit"
-    elif reason == "not identified by this driver":
-        reason = "its header has no size or no known kind of pixels"
-    got = shown(f"a broken or truncated one: {reason}")
-    return InputError(must_be(name, "a complete image", got, "re-saving it"))
+}
+SUFFIXES = tuple(suffix for one in FORMATS.values() for suffix in one.suffixes)
+TITLES = tuple(one.title for one in FORMATS.values())

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from gauss2svg.errors import InputError, must_be, on_one_line
+from gauss2svg.errors import InputError, on_one_line, quoted
 from gauss2svg.files import is_device
 
 _LONGEST_SLUG = 48
@@ -42,13 +42,15 @@ class ListedPhoto:
 def listed_photos(paths: Sequence[str | os.PathLike[str]]) -> list[ListedPhoto]:
     """Each photo once, in order of its first mention; raises InputError if there is none."""
     if isinstance(paths, (str, bytes, os.PathLike)):
-        raise InputError(must_be("photos", "a sequence of paths", paths, f"[{paths!r}]"))
+        raise InputError(
+            f"photos must be a sequence of paths; got {quoted(paths)}. Try [{paths!r}]"
+        )
     try:
         named = [os.fsdecode(path) for path in paths or ()]
     except Exception as error:  # of the values' own methods
-        raise InputError(must_be("photos", "a sequence of paths", paths)) from error
+        raise InputError(f"photos must be a sequence of paths; got {quoted(paths)}") from error
     if not named:
-        raise InputError(must_be("photos", "the paths of one or more photos", paths))
+        raise InputError(f"photos must be the paths of one or more photos; got {quoted(paths)}")
     once: dict[str, str] = {}
     for path in named:
         once.setdefault(_resolved(path), path)

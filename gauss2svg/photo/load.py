@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.errors import InputError, brief, quoted, whole_number
 from gauss2svg.files import reading
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import has_alpha, over, pixels_of, shrunk
 from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
-from gauss2svg.photo.formats import check_size
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.open import check_size
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.photo.reduce import SizeNeeded, reduced_size
 from gauss2svg.photo.samples import plain_array, unit
@@ -44,9 +44,9 @@ def load_image(
                 stored that returns those needed: a larger photo is reduced to them by area average
                 while it is decoded, before its profile and orientation are applied; None: all
 
-    Files are JPEG, PNG, WebP, TIFF, GIF, BMP or AVIF, of which the first frame is read. Arrays
-    are (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or (h, w): uint8,
-    uint16, bool, or floating point in 0..1. EXIF orientation is applied; ICC profiles and the
+    Files are of one of gauss2svg.photo.formats; of several frames the first is read. Arrays are
+    (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), torch tensors (c, h, w) or (h, w): uint8, uint16,
+    bool, or floating point in 0..1. EXIF orientation is applied; ICC profiles and the
     gamma of a PNG are converted to sRGB. Colour under alpha 0, which is invisible, becomes 0.
     Raises InputError for anything else.
     """
@@ -87,11 +87,8 @@ def _load(source: ImageSource, max_pixels: int, needed: SizeNeeded | None) -> Ph
         if file is not None:
             return decode_file(file, name, max_pixels, needed)
     raise InputError(
-        must_be(
-            "photo",
-            "a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor",
-            shown(type(source).__name__),
-        )
+        "photo must be a path, bytes, a binary file, a PIL image, a numpy array or a torch "
+        f"tensor; got {type(source).__name__}"
     )
 
 
@@ -113,8 +110,10 @@ def _file(source: ImageSource) -> Iterator[tuple[BinaryIO | None, str]]:
 def _seekable(file: Any) -> BinaryIO:
     """The file itself, or all of its bytes in memory where it cannot be read twice."""
     if getattr(file, "closed", False):
-        got, advice = shown("a closed one"), "the path of the photo, or a file that is open"
-        raise InputError(must_be("file object", "open", got, advice))
+        raise InputError(
+            "file object must be open; got a closed one. Try the path of the photo, or a file "
+            "that is open"
+        )
     try:
         file.seek(0)
         data = file.read(0)
@@ -122,8 +121,10 @@ def _seekable(file: Any) -> BinaryIO:
         data = file.read()
         file = io.BytesIO(data) if isinstance(data, bytes) else file
     if not isinstance(data, bytes):
-        got = shown(f"one that reads {type(data).__name__}")
-        raise InputError(must_be("file object", "binary", got, "open(path, 'rb')"))
+        raise InputError(
+            f"file object must be binary; got one that reads {type(data).__name__}. Try "
+            "open(path, 'rb')"
+        )
     return file
 
 
@@ -133,8 +134,9 @@ def _tensor_samples(tensor: Any, bfloat16: Any) -> NDArray[Any]:
         return (dense.float() if dense.dtype == bfloat16 else dense).numpy()
     except (RuntimeError, TypeError) as error:  # masked, quantized, nested, without data
         needed, reason = "one that NumPy can hold", str(error).partition("\n")[0].rstrip(".")
-        advice = "a dense tensor of floating point"
-        raise InputError(must_be("tensor", needed, shown(reason), advice)) from error
+        raise InputError(
+            f"tensor must be {needed}; got {brief(reason)}. Try a dense tensor of floating point"
+        ) from error
 
 
 def _from_array(array: NDArray[Any], name: str, max_pixels: int) -> Photo:
@@ -142,11 +144,8 @@ def _from_array(array: NDArray[Any], name: str, max_pixels: int) -> Photo:
         array = array[:, :, None]
     if array.ndim != 3 or array.shape[2] not in (1, 3, 4):
         raise InputError(
-            must_be(
-                f"shape of {name}",
-                "(h, w), (h, w, 1), (h, w, 3) or (h, w, 4), of a tensor with the channels first",
-                array.shape,
-            )
+            f"shape of {name} must be (h, w), (h, w, 1), (h, w, 3) or (h, w, 4), of a tensor "
+            f"with the channels first; got {array.shape}"
         )
     check_size((array.shape[1], array.shape[0]), name, max_pixels)
     values = unit(array, name)
@@ -171,7 +170,9 @@ def _composited(photo: Photo, matte: Sequence[float] | None) -> Photo:
         return photo
     color = np.asarray(matte, np.float32)
     if color.shape != (3,) or not ((color >= 0) & (color <= 1)).all():
-        raise InputError(must_be("matte", "three numbers in 0..1: red, green, blue", matte))
+        raise InputError(
+            f"matte must be three numbers in 0..1: red, green, blue; got {quoted(matte)}"
+        )
     if photo.alpha is None:
         return photo
     name = "".join(f"{round(255 * float(level)):02x}" for level in color)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.photo.alpha import straight
 
 Size = tuple[int, int]  # width and height in px
@@ -35,8 +35,7 @@ def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | N
         scale = needed / max(width, height)
         across, down = (max(1, round(side * scale)) for side in (width, height))
     if across < 1 or down < 1:
-        got = shown(f"{across}x{down} px")
-        raise InputError(must_be("size needed of a photo", "at least 1x1 px", got))
+        raise InputError(f"size needed of a photo must be at least 1x1 px; got {across}x{down} px")
     return None if across >= width or down >= height else (across, down)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 
 
 def plain_array(array: NDArray[Any], name: str) -> NDArray[Any]:
@@ -18,9 +18,10 @@ def plain_array(array: NDArray[Any], name: str) -> NDArray[Any]:
     """
     if np.ma.is_masked(array):
         count = int(np.ma.getmaskarray(array).sum())
-        got = shown(f"{count} masked of {array.size}")
-        advice = ".filled(0), or another value"
-        raise InputError(must_be(name, "without masked samples", got, advice))
+        raise InputError(
+            f"{name} must be without masked samples; got {count} masked of {array.size}. Try "
+            ".filled(0), or another value"
+        )
     return np.asarray(array)
 
 
@@ -36,12 +37,14 @@ def unit(array: NDArray[Any], name: str, top: int = 0) -> NDArray[np.float32]:
     if array.dtype in (np.uint8, np.uint16):
         return array.astype(np.float32) / np.float32(np.iinfo(array.dtype).max)
     if not np.issubdtype(array.dtype, np.floating):
-        needed = "uint8, uint16, bool or floating point"
-        raise InputError(must_be(f"type of {name}", needed, shown(array.dtype)))
+        raise InputError(
+            f"type of {name} must be uint8, uint16, bool or floating point; got {array.dtype}"
+        )
     bad = ~((array >= 0) & (array <= 1))  # NaN as well
     if bad.any():
         y, x, c = (int(v) for v in np.argwhere(bad)[0])
-        got = shown(f"{array[y, x, c]} at row {top + y}, column {x}, channel {c}")
-        advice = "dividing by the largest value, or clipping"
-        raise InputError(must_be(f"samples of {name}", "finite and in 0..1", got, advice))
+        raise InputError(
+            f"samples of {name} must be finite and in 0..1; got {array[y, x, c]} at row {top + y}, "
+            f"column {x}, channel {c}. Try dividing by the largest value, or clipping"
+        )
     return array.astype(np.float32)

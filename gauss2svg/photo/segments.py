@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage.segmentation import slic
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.files import reading
 from gauss2svg.photo.alpha import alpha_of, has_alpha, over
-from gauss2svg.photo.formats import loaded, opened
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.open import loaded, opened
 from gauss2svg.photo.tags import orientation_left, upright
 
 MOST_SEGMENTS = 10_000
@@ -40,18 +40,19 @@ def labels_of(
     else:
         return superpixels(pixels, segments)
     if labels.ndim == 2 and labels.shape[::-1] != size:
-        needed = f"that of the photo, {size[0]}x{size[1]} px"
-        got = shown(f"{labels.shape[1]}x{labels.shape[0]} px")
-        advice = "scaling it by nearest neighbour, which adds no labels"
-        raise InputError(must_be(f"size of {name}", needed, got, advice))
+        raise InputError(
+            f"size of {name} must be that of the photo, {size[0]}x{size[1]} px; got "
+            f"{labels.shape[1]}x{labels.shape[0]} px. Try scaling it by nearest neighbour, "
+            "which adds no labels"
+        )
     if not np.issubdtype(labels.dtype, np.integer):
-        got = shown(f"type {labels.dtype}")
-        raise InputError(must_be(f"values of {name}", "whole numbers", got))
+        raise InputError(f"values of {name} must be whole numbers; got type {labels.dtype}")
     count = len(np.unique(labels))
     if count > MOST_SEGMENTS:
-        advice = "an image of plain areas, saved as PNG, because JPEG changes colours"
-        needed = f"at most {MOST_SEGMENTS}"
-        raise InputError(must_be(f"number of labels in {name}", needed, shown(count), advice))
+        raise InputError(
+            f"number of labels in {name} must be at most {MOST_SEGMENTS}; got {count}. Try an "
+            "image of plain areas, saved as PNG, because JPEG changes colours"
+        )
     return labels
 
 

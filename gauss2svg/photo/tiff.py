@@ -16,9 +16,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, brief
 from gauss2svg.photo.complete import lack_of_parts
-from gauss2svg.photo.formats import broken, check_size
+from gauss2svg.photo.open import broken, check_size
 from gauss2svg.photo.photo import Header
 from gauss2svg.photo.reduce import Reduced, Size, SizeNeeded, pieces, reduced_size
 from gauss2svg.photo.samples import unit
@@ -152,13 +152,13 @@ def _opened(file: BinaryIO, name: str, max_pixels: int) -> Iterator[tuple[Any, i
                 or page.compression not in UNPACKED
                 or not are_read(page)
             ):
-                got = shown(
-                    f"{page.dtype} samples, {page.samplesperpixel} per pixel, of "
-                    f"{page.bitspersample} bits, photometric {int(page.photometric)}, compression "
-                    f"{int(page.compression)}, predictor {int(page.predictor)}"
+                raise InputError(
+                    f"{name} must be a TIFF of grey, RGB or CMYK, up to 16 bits or floating "
+                    f"point; got {page.dtype} samples, {page.samplesperpixel} per pixel, of "
+                    f"{page.bitspersample} bits, photometric {int(page.photometric)}, "
+                    f"compression {int(page.compression)}, predictor {int(page.predictor)}. Try "
+                    "saving it as such, or as PNG"
                 )
-                needed = "a TIFF of grey, RGB or CMYK, up to 16 bits or floating point"
-                raise InputError(must_be(name, needed, got, "saving it as such, or as PNG"))
             _check_tiles(page, name)
             yield page, len(tiff.pages)
     except (InputError, MemoryError):
@@ -168,8 +168,9 @@ def _opened(file: BinaryIO, name: str, max_pixels: int) -> Iterator[tuple[Any, i
     except Exception as error:  # hostile bytes make decoders raise anything
         packed = page is not None and page.compression != NOT_COMPRESSED
         advice = "saving it without compression, or as PNG" if packed else "saving it as PNG"
-        got = shown(f"one that is not: {error}")
-        raise InputError(must_be(name, "readable", got, advice)) from error
+        raise InputError(
+            f"{name} must be readable; got one that is not: {brief(error)}. Try {advice}"
+        ) from error
 
 
 def _check_tiles(page: Any, name: str) -> None:
@@ -180,9 +181,11 @@ def _check_tiles(page: Any, name: str) -> None:
     stored = page.imagewidth, page.imagelength
     most = [-(-side // _TILE) * _TILE for side in stored]
     if any(side > limit for side, limit in zip(tile, most, strict=True)):
-        needed = f"at most {most[0]}x{most[1]} px, of a picture of {stored[0]}x{stored[1]} px"
-        got = shown(f"{tile[0]}x{tile[1]} px")
-        raise InputError(must_be(f"tiles of {name}", needed, got, "saving it without tiles"))
+        raise InputError(
+            f"tiles of {name} must be at most {most[0]}x{most[1]} px, of a picture of "
+            f"{stored[0]}x{stored[1]} px; got {tile[0]}x{tile[1]} px. Try saving it without "
+            "tiles"
+        )
 
 
 def _tags(page: Any) -> Tags:

@@ -1,87 +1,85 @@
-"""Targets that the rasterised SVG must score: PSNR or SSIMULACRA2."""
+"""What a search aims at: a target of one of the scores, measured on the rasterised SVG."""
 
 from __future__ import annotations
 
-import math
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.measure import metrics
-from gauss2svg.measure.scores import ssimulacra2
-from gauss2svg.photo.alpha import views
+from gauss2svg.fit.losses import psnr_of
+from gauss2svg.measure.perceptual import measured
+from gauss2svg.measure.roundtrip import RoundTrip
+from gauss2svg.measure.scores import PSNR, Score, Search
 from gauss2svg.pipeline.options import Goal
 
 _LEAST_LEFT = 0.05  # share of a candidate's error that remains after any correction for size
 
 
-@dataclass(frozen=True)
-class Aim:
-    """A target, and how closely a search meets it; all but name and unit in units of the score.
+@dataclass(frozen=True, kw_only=True)
+class Aim(Search):
+    """A target, and how closely a search meets it.
 
-    name        of the option, and the stop reason once it is reached
-    value       the target
-    tolerance   under the target that still counts as reached
-    over        over the target that a correction aims at
-    too_little  under the target from which Gaussians are added
-    too_good    over the target from which Gaussians are removed
-    slope       gained per doubling, until it is measured
-    slopes      least and most that is plausible
-    unit        of the score, after a number
+    Scores and the target count by the sign of the score here, so that more is better.
+
+    of     the score
+    value  the target
     """
 
-    name: str
+    of: Score
     value: float
-    tolerance: float
-    over: float
-    too_little: float
-    too_good: float
-    slope: float
-    slopes: tuple[float, float]
-    unit: str
 
     @property
-    def is_psnr(self) -> bool:
-        """Whether the score is PSNR, else it is SSIMULACRA2."""
-        return self.name == "target_psnr"
+    def name(self) -> str:
+        """The option, which is also the stop reason once it is reached."""
+        return self.of.option
 
     def score(self, raster: NDArray[np.float32], photo: NDArray[np.float32]) -> float:
-        """Score of a raster against a photo of its shape; the worse over white and black."""
-        pairs = zip(views(raster), views(photo), strict=True)
-        if not self.is_psnr:
-            return min(ssimulacra2(*pair) for pair in pairs)
-        return _decibels(max(metrics.mean_squared_error(*pair) for pair in pairs))
+        """The score of a raster against a photo of its shape."""
+        return self.of.sign * measured(self.of, raster, photo)
+
+    def known(self, found: RoundTrip) -> float | None:
+        """The score of a written file where its round trip has measured it, as it does PSNR."""
+        return found.psnr_lowest if self.of is PSNR else None
 
     def with_detail(self, score: float, detail: float) -> float:
         """The score at the photo's size of a file whose score at the size of the fit is known."""
-        if not self.is_psnr:
-            return score + detail
-        error = 10 ** (-score / 10)
+        error = self._error(score)
         # A negative detail from another candidate may exceed the error.
-        return _decibels(max(error + detail, error * _LEAST_LEFT))
+        left = max(error + detail, error * _LEAST_LEFT)
+        if self.of.best is None:
+            return psnr_of(left)
+        return self.of.sign * self.of.best - left
 
     def detail(self, at_photo: float, at_fit: float) -> float:
-        """What measuring one file at the photo's size adds: squared error, or score."""
-        if not self.is_psnr:
-            return at_photo - at_fit
-        return 10 ** (-at_photo / 10) - 10 ** (-at_fit / 10)
+        """What measuring one file at the photo's size adds to its error."""
+        return self._error(at_photo) - self._error(at_fit)
+
+    def _error(self, score: float) -> float:
+        """What adds up over sizes: the squared error of decibels, else what the best lacks."""
+        if self.of.best is None:
+            return 10 ** (-score / 10)
+        return self.of.sign * self.of.best - score
 
     def reached(self, score: float) -> bool:
         """Whether a score counts as reached."""
         return score >= self.value - self.tolerance
 
+    def reported(self, score: float | None) -> dict[str, float]:
+        """A score by its name, as a report has it."""
+        return {} if score is None else {self.of.slug: self.of.sign * score}
+
+    def text(self, score: float, form: str) -> str:
+        """A score with its unit, as a line of text has it."""
+        return f"{self.of.sign * score:{form}}{self.of.unit and ' '}{self.of.unit}"
+
 
 def aim_of(goal: Goal) -> Aim | None:
-    """The target of a goal; docs/decisions/numbers.md has the tolerances."""
-    if goal.target_psnr is not None:
-        return Aim("target_psnr", goal.target_psnr, 0.05, 0.12, 0.02, 0.35, 3.0, (1.5, 12.0), " dB")
-    if goal.target_ssimulacra2 is not None:
-        return Aim(
-            "target_ssimulacra2", goal.target_ssimulacra2, 0.3, 0.8, 0.2, 2.5, 18.0, (4.0, 60.0), ""
-        )
-    return None
-
-
-def _decibels(error: float) -> float:
-    return -10 * math.log10(error) if error > 0 else math.inf
+    """The target of a goal."""
+    score = goal.target
+    if score is None or score.search is None:
+        return None
+    value = score.sign * getattr(goal, score.option)
+    numbers = {f.name: getattr(score.search, f.name) for f in dataclasses.fields(Search)}
+    return Aim(of=score, value=value, **numbers)

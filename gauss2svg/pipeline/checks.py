@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from gauss2svg.errors import InputError, RendererError, must_be
 from gauss2svg.fit.options import DensifyOptions
-from gauss2svg.measure.scores import require_packages
+from gauss2svg.measure.perceptual import require_packages
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.options import Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS
@@ -100,10 +100,10 @@ def _check_shapes(options: Options) -> None:
 def _check_time(options: Options) -> None:
     """Refuse a time limit beside what takes an unknown time, or must be repeatable."""
     goal, run = options.goal, options.run
-    targeted = goal.target_ssimulacra2 is not None
-    name = "scores" if run.scores else "target_ssimulacra2"
-    if run.scores or targeted:
-        require_packages(ssimulacra2=targeted)
+    asked = None if goal.target is None or goal.target.always else goal.target
+    name = "scores" if run.scores or asked is None else asked.option
+    if run.scores or asked is not None:
+        require_packages(asked)
         if goal.time_limit is not None:
             raise InputError(
                 f"{name} must not be given with time_limit, because how long scores take is "

@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.fit.choices import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
-from gauss2svg.measure.scores import SSIMULACRA2_BYTES
 from gauss2svg.options import byte_size
 from gauss2svg.photo.photo import Header
 from gauss2svg.scene import ADD, OVER
@@ -45,7 +44,7 @@ class Load:
     fit_width, fit_height  of the image that the fit runs on, in px
     gaussians              largest number
     adapts                 whether there are at most as many as half the px of the fit
-    scored                 whether SSIMULACRA2 of the file is the target
+    scoring                bytes a pixel that the score of the target takes where it is measured
     least_measured         pixels at which the file is measured at least, where the photo and not
                            the fit has them; None: those of the photo
     reduced_bytes          per pixel while the photo is decoded and reduced, see Header
@@ -60,7 +59,7 @@ class Load:
     loss: str = DEFAULT_LOSS
     blend: str = OVER
     has_alpha: bool = False
-    scored: bool = False
+    scoring: int = 0
     least_measured: int | None = None
     reduced_bytes: int | None = None
 
@@ -83,7 +82,7 @@ class Load:
         if kept < photo and self.reduced_bytes is not None:
             decoding = self.reduced_bytes * photo + held * kept
         fitting = held * kept + a_pixel * fit
-        measured = max(measured, held + SSIMULACRA2_BYTES) if self.scored else measured
+        measured = max(measured, held + self.scoring)
         measuring = measured * kept + _HELD * fit + _ADDITIVE * (self.blend == ADD)
         most = max(decoding, fitting, measuring)
         shapes = min(self.gaussians, fit // 2) if self.adapts else self.gaussians

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, must_be
 from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
+from gauss2svg.measure.scores import TARGETS, Score
 from gauss2svg.options import (
     FileName,
     Number,
@@ -75,9 +76,18 @@ class Goal(OptionGroup):
         super().__post_init__()
         if self.gaussians == AUTO:
             object.__setattr__(self, "gaussians", None)
-        if self.target_psnr is not None and self.target_ssimulacra2 is not None:
-            got = f"{self.target_ssimulacra2:g}"
-            raise InputError(must_be("target_ssimulacra2", "given without target_psnr", got))
+        for other in self._targets[1:]:
+            needed, got = f"given without {self._targets[0].option}", getattr(self, other.option)
+            raise InputError(must_be(other.option, needed, f"{got:g}"))
+
+    @property
+    def _targets(self) -> list[Score]:
+        return [score for score in TARGETS if getattr(self, score.option) is not None]
+
+    @property
+    def target(self) -> Score | None:
+        """The score that has a target."""
+        return next(iter(self._targets), None)
 
     @property
     def count(self) -> int | None:
@@ -104,7 +114,7 @@ class Goal(OptionGroup):
     def is_budget(self) -> bool:
         """Whether bytes or seconds are limited and nothing else is asked for: the best in them."""
         limited = self.max_bytes is not None or self.time_limit is not None
-        others = (self.quality, self.gaussians, self.target_psnr, self.target_ssimulacra2)
+        others = (self.quality, self.gaussians, self.target)
         return limited and all(other is None for other in others)
 
 

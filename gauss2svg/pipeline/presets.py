@@ -12,7 +12,7 @@ from gauss2svg.fit.options import MOST_GAUSSIANS
 _FEWEST_COLORS = 192
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Preset:
     """The numbers of a preset.
 
@@ -45,13 +45,28 @@ class Preset:
 
 # What more exact numbers and larger palettes gain for their bytes: docs/decisions/numbers.md and
 # palette.md.
-PRESETS: dict[str, Preset] = {
-    "draft": Preset(0.03, 28, 1000, 1.0, 0.154, 200, 384, 5, 0.04, 2),
-    "fast": Preset(0.01, 32, 3000, 0.8, 0.154, 120, 768, 5, 0.04, 2),
-    "balanced": Preset(0.004, 36, 8000, 0.8, 0.154, 200, 1024, 5, 0.04, 2),
-    "high": Preset(0.0012, 40, 20000, 0.6, 0.154, 500, 1536, 6, 0.02, 2),
-    "max": Preset(0.0004, 44, 30000, 0.2, 0.0, 800, 2048, 10, 0.01, 3),
-}
+PRESETS = {
+    "draft": Preset(
+        gain=0.03, enough=28, cap=1000, color_loss=1.0, colors=0.154,
+        iterations=200, max_size=384, stops=5, precision=0.04, opacity_decimals=2,
+    ),
+    "fast": Preset(
+        gain=0.01, enough=32, cap=3000, color_loss=0.8, colors=0.154,
+        iterations=120, max_size=768, stops=5, precision=0.04, opacity_decimals=2,
+    ),
+    "balanced": Preset(
+        gain=0.004, enough=36, cap=8000, color_loss=0.8, colors=0.154,
+        iterations=200, max_size=1024, stops=5, precision=0.04, opacity_decimals=2,
+    ),
+    "high": Preset(
+        gain=0.0012, enough=40, cap=20000, color_loss=0.6, colors=0.154,
+        iterations=500, max_size=1536, stops=6, precision=0.02, opacity_decimals=2,
+    ),
+    "max": Preset(
+        gain=0.0004, enough=44, cap=30000, color_loss=0.2, colors=0.0,
+        iterations=800, max_size=2048, stops=10, precision=0.01, opacity_decimals=3,
+    ),
+}  # fmt: skip
 DEFAULT_PRESET = "balanced"
 
 # Of the file, palette included (docs/decisions/numbers.md); measured if the bytes are limited.

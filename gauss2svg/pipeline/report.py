@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from gauss2svg.measure.paint import paint_ms
-from gauss2svg.measure.scores import Scores
+from gauss2svg.measure.perceptual import Scores
+from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.drawings import outline_bytes
 from gauss2svg.pipeline.plan import Plan
@@ -138,7 +139,7 @@ def _versions() -> dict[str, str]:
     found = {"gauss2svg": __version__, "python": platform.python_version()}
     for name in (
         "numpy", "numba", "scipy", "scikit-image", "torch", "svgwrite", "resvg_py", "CairoSVG",
-        "ssimulacra2", "flip-evaluator",
+        *(score.package for score in SCORES if score.package),
     ):  # fmt: skip
         with suppress(PackageNotFoundError):  # extras may be missing
             found[name] = version(name)

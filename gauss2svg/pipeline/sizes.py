@@ -76,7 +76,7 @@ def load_of(plan: Plan, photo: Header) -> Load:
         loss=plan.options.fit.loss,
         blend=plan.options.fit.blend,
         has_alpha=photo.has_alpha,
-        scored=goal.target_ssimulacra2 is not None,
+        scoring=0 if goal.target is None else goal.target.pixel_bytes,
         least_measured=None if run.full_size else MEASURED_PIXELS,
         reduced_bytes=photo.reduced_bytes,
     )

@@ -20,9 +20,11 @@ def unreached(
     if aim is not None and reached is not None and not aim.reached(reached):
         reported = reason not in (aim.name, "interrupted")
         ended = f", stopped by {reason.replace('_', ' ')}" if reported else ""
-        name = "" if aim.is_psnr else "SSIMULACRA2 "
-        target = f"target of {name}{aim.value:g}{aim.unit}"
-        lines.append(f"{target} not reached: {reached:.2f}{aim.unit}{ended}")
+        name = "" if aim.of.unit else f"{aim.of.name} "
+        target = f"target of {name}{aim.text(aim.value, 'g')}"
+        lines.append(
+            f"{target} not reached: {aim.text(reached, f'.{max(2, aim.of.digits)}f')}{ended}"
+        )
     if goal.byte_limit is not None and size > goal.byte_limit:
         lines.append(
             f"limit of {goal.max_bytes} bytes exceeded: the file has {size} even without Gaussians"

@@ -12,7 +12,8 @@ from gauss2svg.errors import InputError, instance, must_be, shown
 from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions, FitProgress
 from gauss2svg.measure.memory import held_bytes
-from gauss2svg.measure.scores import LEAST_SIDE_FOR_SSIMULACRA2, Scores, perceptual_scores
+from gauss2svg.measure.perceptual import Scores, perceptual_scores
+from gauss2svg.measure.scores import Score
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource
@@ -142,14 +143,15 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     found = sizes(*photo.full, has_alpha=photo.alpha is not None)
     if found.note is not None:
         photo = dataclasses.replace(photo, notes=(*photo.notes, found.note))
-    _check_side(min(found.fit), plan.options.goal)
+    _check_side(min(found.fit), plan.options.goal.target)
     return photo, found
 
 
 def _subject(photo: Photo, sizes: Sizes, document: Document) -> Subject:
     """The photo as it is measured and as it is fitted, and the document of its file."""
-    pixels = shrunk(pixels_of(photo), *sizes.measured[::-1])
-    working = shrunk(pixels, *sizes.fit[::-1], sharp=True)
+    (width, height), (fit_width, fit_height) = sizes.measured, sizes.fit
+    pixels = shrunk(pixels_of(photo), height, width)
+    working = shrunk(pixels, fit_height, fit_width, sharp=True)
     return Subject(pixels, working, photo.full, document_for(photo, working, document))
 
 
@@ -210,11 +212,11 @@ def _result(
     checkpoint: Checkpoint | None,
 ) -> Result:
     """The file of an outcome, with the report on it."""
-    goal, raster = plan.options.goal, outcome.measured.raster
+    aim, raster = plan.aim, outcome.measured.raster
     reference = subject.photo if raster.shape == subject.photo.shape else outcome.working
     scores = Scores()
-    if plan.options.run.scores or goal.target_ssimulacra2 is not None:
-        known = None if goal.target_ssimulacra2 is None else outcome.reached
+    if plan.options.run.scores or (aim is not None and not aim.of.always):
+        known = None if aim is None else aim.reported(outcome.reached)
         scores = perceptual_scores(raster, reference, run.most_bytes - held_bytes(), known)
     report = run_report(plan, subject.document, photo, outcome, scores, run)
     report["checkpoint_trouble"] = None if checkpoint is None else checkpoint.trouble
@@ -247,11 +249,10 @@ def _check_precision(side: int, plan: Plan) -> None:
         raise InputError(must_be("precision", f"at least {least:.4f} for {side} px", got))
 
 
-def _check_side(side: int, goal: Goal) -> None:
+def _check_side(side: int, score: Score | None) -> None:
     """Raise InputError for a fit on an image that is too small for the score of its target."""
-    least = LEAST_SIDE_FOR_SSIMULACRA2
-    if goal.target_ssimulacra2 is not None and side < least:
-        needed = f"at least {least} px, at which SSIMULACRA2 is measured"
+    if score is not None and side < score.least_side:
+        needed = f"at least {score.least_side} px, at which {score.name} is measured"
         got = shown(f"{side} px")
         advice = "--target-psnr, or a larger --max-size"
         raise InputError(must_be("short side of the image that is fitted", needed, got, advice))

@@ -1,25 +1,20 @@
-"""SVG renderers behind one function: one module each, and one entry in the table below."""
+"""SVG renderers behind one function, a module each."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, RendererError, must_be, shown
+from gauss2svg.errors import RendererError
 from gauss2svg.photo.alpha import has_alpha, over
 from gauss2svg.photo.limits import MOST_PIXELS
-from gauss2svg.raster import cairo, chromium, firefox, inkscape, librsvg, resvg
+from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import wrong_size
+from gauss2svg.raster.registry import RENDERERS, drawn_by, renderer_named
 from gauss2svg.raster.root import stretched
-from gauss2svg.raster.support import (
-    DRAW_BLENDS,
-    DRAW_MINIMAL,
-    DRAW_ROTATED_BLURS,
-    refuse_unsupported,
-)
+from gauss2svg.raster.support import refuse_unsupported
 
 __all__ = [
     "DEFAULT_RENDERER",
@@ -34,38 +29,16 @@ __all__ = [
 ]
 
 
-class _Renderer(Protocol):
-    def draw(self, svg: str, width: int, height: int) -> NDArray[np.float32]:
-        """Unpremultiplied RGBA (height, width, 4) in 0..1; browsers draw over white."""
-        ...
-
-    def version(self) -> str: ...
-
-
-_RENDERERS: dict[str, _Renderer] = {
-    "resvg": resvg,
-    "cairo": cairo,
-    "chromium": chromium,
-    "librsvg": librsvg,
-    "firefox": firefox,
-    "inkscape": inkscape,
-}
 _Draw = Callable[[str, int, int], NDArray[np.float32]]
-# Browsers draw on a page, which must be transparent for alpha.
-_CLEAR_PAGE: dict[str, _Draw] = {"chromium": chromium.draw_clear, "firefox": firefox.draw_clear}
-RENDERERS = tuple(_RENDERERS)
 DEFAULT_RENDERER = "resvg"  # a wheel, with nothing else to install, fast and accurate
-
-
-def _renderer(name: str) -> _Renderer:
-    if name not in _RENDERERS:
-        raise InputError(must_be("renderer", f"one of {', '.join(RENDERERS)}", name))
-    return _RENDERERS[name]
+DRAW_ROTATED_BLURS = drawn_by(Feature.SKEWED_BLUR)
+DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)  # what minimal markup has
+DRAW_BLENDS = drawn_by(Feature.BLEND, Feature.FILTER)
 
 
 def renderer_version(name: str) -> str:
     """Name and version of a renderer; raises RendererError where it is not installed."""
-    return _renderer(name).version()
+    return renderer_named(name).version()
 
 
 def rasterize(
@@ -76,7 +49,7 @@ def rasterize(
     An SVG with a viewBox is stretched to width x height px, whatever its own proportions. Raises
     RendererError if the renderer is missing, fails on the file, or is known to draw it wrongly.
     """
-    return over(_drawn(svg, width, height, renderer, _renderer(renderer).draw))
+    return over(_drawn(svg, width, height, renderer, renderer_named(renderer).draw))
 
 
 def rasterize_rgba(
@@ -86,8 +59,9 @@ def rasterize_rgba(
 
     Arguments and errors are those of rasterize. Firefox draws it twice: over white and over black.
     """
-    draw = _CLEAR_PAGE.get(renderer, _renderer(renderer).draw)
-    return _drawn(svg, width, height, renderer, draw)
+    module = renderer_named(renderer)
+    # Browsers draw on a page, which must be transparent for alpha.
+    return _drawn(svg, width, height, renderer, getattr(module, "draw_clear", module.draw))
 
 
 def rasterize_like(
@@ -101,14 +75,18 @@ def rasterize_like(
 
 def _drawn(svg: str, width: int, height: int, renderer: str, draw: _Draw) -> NDArray[np.float32]:
     if width * height > MOST_PIXELS:  # the limit of photos
-        needed = f"at most {MOST_PIXELS / 1e6:.0f} million px"
-        got = shown(f"{width}x{height}, {width * height / 1e6:.0f} million")
-        raise RendererError(must_be("the raster", needed, got, "to draw the SVG smaller"))
+        raise RendererError(
+            f"the raster must be at most {MOST_PIXELS / 1e6:.0f} million px; got "
+            f"{width}x{height}, {width * height / 1e6:.0f} million. Try to draw the SVG "
+            "smaller"
+        )
     try:
         svg.encode()
     except UnicodeEncodeError as error:
-        got = shown(f"a lone surrogate as character {error.start}")
-        raise RendererError(must_be("the SVG", "text that a file can hold", got)) from error
+        raise RendererError(
+            "the SVG must be text that a file can hold; got a lone surrogate as character "
+            f"{error.start}"
+        ) from error
     refuse_unsupported(svg, width, height, renderer)
     drawn = draw(stretched(svg, width, height) or svg, width, height)
     if drawn.shape[:2] != (height, width):

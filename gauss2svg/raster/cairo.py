@@ -4,12 +4,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
+from gauss2svg.raster.features import Feature
 from gauss2svg.raster.png import from_png
 
 _INSTALL = (
     "renderer cairo needs the cairo system library. Try to install it (apt-get install libcairo2, "
     "brew install cairo), or --renderer resvg"
 )
+
+
+# Found by CairoSVG 2.9.
+CANNOT_DRAW = {
+    Feature.SKEWED_BLUR: "it has no filters but offset, flood and blend",
+    Feature.ROTATED_BLUR: "it has no filters but offset, flood and blend",
+    Feature.BLUR: "it has no filters but offset, flood and blend",
+    Feature.LIGHTER: "",
+    Feature.BLEND: "",
+    Feature.FILTER: "it has no filters but offset, flood and blend",
+    Feature.MASK: "119 levels off at a grey; black and white ones are right",
+}
 
 
 def version() -> str:

@@ -26,11 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.errors import RendererError, must_be
+from gauss2svg.errors import RendererError, quoted
 from gauss2svg.photo.alpha import straight
+from gauss2svg.raster.features import Feature
 from gauss2svg.raster.html import CLEAR, IMAGE, WHITE, html
 from gauss2svg.raster.program import TIMEOUT_S, find, version_line, wrong_size
 
+# Found by Chromium 156.
+CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
 _PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _INSTALL = (
@@ -110,8 +113,10 @@ def _program() -> str:
     if named:
         if os.access(named, os.X_OK) and os.path.isfile(named):
             return named
-        advice = "to correct it, or to unset it for the one on PATH"
-        raise RendererError(must_be(PROGRAM_VARIABLE, "the path of a Chromium", named, advice))
+        raise RendererError(
+            f"{PROGRAM_VARIABLE} must be the path of a Chromium; got {quoted(named)}. Try to "
+            "correct it, or to unset it for the one on PATH"
+        )
     return find("chromium", _PROGRAMS, "apt-get install chromium")
 
 

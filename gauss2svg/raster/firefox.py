@@ -8,12 +8,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import RendererError, must_be, shown
+from gauss2svg.errors import RendererError
 from gauss2svg.photo.alpha import from_views
+from gauss2svg.raster.features import Feature
 from gauss2svg.raster.html import BLACK, IMAGE, WHITE, html
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
+# Found by Firefox 153.
+CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
 _PREFERENCES = {
     "gfx.color_management.mode": 0,  # colours are not converted to the screen's profile
     "gfx.webrender.software": True,  # the same image on every graphics card
@@ -93,14 +96,18 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
         drawn = from_png(screenshot.read_bytes())
     verdict = drawn[height:, :width, :3]
     if drawn.shape[:2] != (height + 1, width):
-        got = shown(f"{drawn.shape[1]}x{drawn.shape[0]} px")
-        needed, advice = f"{width}x{height + 1} px", "to draw it smaller, or another --renderer"
-        raise RendererError(must_be("screenshot of Firefox", needed, got, advice))
+        raise RendererError(
+            f"screenshot of Firefox must be {width}x{height + 1} px; got "
+            f"{drawn.shape[1]}x{drawn.shape[0]} px. Try to draw it smaller, or another "
+            "--renderer"
+        )
     if not verdict.any():
         raise RendererError("Firefox cannot draw the SVG: not a supported image")
     if (verdict[:, :, 1:] == 0).any():
-        needed, got = f"{width}x{height} px", shown("another size")
-        raise RendererError(must_be("raster of firefox", needed, got, "an SVG with a viewBox"))
+        raise RendererError(
+            f"raster of firefox must be {width}x{height} px; got another size. Try an SVG with "
+            "a viewBox"
+        )
     return drawn[:height]
 
 

@@ -7,12 +7,20 @@ from xml.parsers import expat
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import RendererError, must_be, shown
+from gauss2svg.errors import RendererError
+from gauss2svg.raster.features import Feature
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
 
 # Beyond the size of a cairo surface Inkscape writes a white image without any message.
 _MOST_PX = 32767
+
+
+# Found by Inkscape 1.2.
+CANNOT_DRAW = {
+    Feature.LIGHTER: "",
+    Feature.PLAIN_HREF: "",
+}
 
 
 def version() -> str:
@@ -23,9 +31,10 @@ def version() -> str:
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
     """Pixels (height, width, 4) of the SVG."""
     if max(width, height) > _MOST_PX:
-        got, advice = shown(f"{width}x{height}"), "to draw it smaller, or another --renderer"
-        needed = f"at most {_MOST_PX} px a side"
-        raise RendererError(must_be("raster of inkscape", needed, got, advice))
+        raise RendererError(
+            f"raster of inkscape must be at most {_MOST_PX} px a side; got {width}x{height}. "
+            "Try to draw it smaller, or another --renderer"
+        )
     _refuse_broken(svg)
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as name:
         folder = Path(name)

@@ -3,8 +3,16 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.raster.features import Feature
 from gauss2svg.raster.png import from_png
 from gauss2svg.raster.program import find, run, version_line
+
+# Found by librsvg 2.54.
+CANNOT_DRAW = {
+    Feature.SKEWED_BLUR: "39 to 45 levels off",
+    Feature.ROTATED_BLUR: "39 to 45 levels off",
+    Feature.LIGHTER: "",
+}
 
 
 def version() -> str:

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
-from gauss2svg.errors import RendererError, must_be, shown
+from gauss2svg.errors import RendererError
 from gauss2svg.processes import end_tree, own_group
 
 # Inkscape takes up to a minute for a large file of blurs; a program that takes longer hangs.
@@ -68,8 +68,9 @@ def find(renderer: str, names: Sequence[str], install: str) -> str:
 def wrong_size(what: str, got: Sequence[int], needed: Sequence[int]) -> RendererError:
     """The error of a raster of got instead of needed (width, height) px."""
     width, height = needed
-    shape = shown(f"{got[0]}x{got[1]} px")
-    return RendererError(must_be(what, f"{width}x{height} px", shape, "an SVG with a viewBox"))
+    return RendererError(
+        f"{what} must be {width}x{height} px; got {got[0]}x{got[1]} px. Try an SVG with a viewBox"
+    )
 
 
 @cache

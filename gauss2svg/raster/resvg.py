@@ -5,7 +5,14 @@ import resvg_py
 from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
+from gauss2svg.raster.features import Feature
 from gauss2svg.raster.png import from_png
+
+# Found by resvg 0.48.
+CANNOT_DRAW = {
+    Feature.SKEWED_BLUR: "20 to 43 levels off",
+    Feature.LIGHTER: "",
+}
 
 
 def version() -> str:

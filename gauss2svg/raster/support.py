@@ -1,19 +1,4 @@
-"""Features of SVG that a renderer draws wrongly, refused so that no such image is measured.
-
-Found by drawing with resvg 0.48, CairoSVG 2.9, Chromium 156, librsvg 2.54, Firefox 153 and
-Inkscape 1.2 (errors: docs/decisions/renderers.md):
-
-    feature                               not drawn correctly by
-    blur                                  cairo; resvg where the element is rotated or skewed and
-                                          not uniformly scaled; librsvg where it is rotated other
-                                          than by right angles
-    other filters, mix-blend-mode         cairo
-    mix-blend-mode: plus-lighter          all but the two browsers
-    href without xlink:                   inkscape
-    mask                                  cairo
-    animation that also runs under        the two browsers, which stop it at an arbitrary moment;
-    prefers-reduced-motion                all others draw the file as it is written
-"""
+"""Files with features that a renderer draws wrongly, refused so that no such image is measured."""
 
 from __future__ import annotations
 
@@ -26,14 +11,12 @@ from xml.parsers import expat
 
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.raster.css import declarations, first_word, statements
+from gauss2svg.raster.features import Feature
+from gauss2svg.raster.registry import drawn_by, renderer_named
 from gauss2svg.svg.reader.affine import COUNTS, IDENTITY, Affine, affine_of, compose
 from gauss2svg.svg.reader.values import NUMBER
 
-BROWSERS = ("chromium", "firefox")
-DRAW_ROTATED_BLURS = (*BROWSERS, "inkscape")
-DRAW_MINIMAL = ("resvg", *BROWSERS, "librsvg")  # markup with masks and href without xlink:
-DRAW_BLENDS = ("resvg", *BROWSERS, "librsvg", "inkscape")  # of mix-blend-mode, and filters
-# A file without any of these words has no feature of the table and is not parsed. Escapes of CSS
+# A file without any of these words has no such feature and is not parsed. Escapes of CSS
 # and XML could hide a word.
 _WORDS = (
     "filter", "blur", "shadow", "blend", "href", "mask", "animat", "discard", "starting-style",
@@ -59,45 +42,42 @@ def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> None
 
     The error names the feature and the renderers that draw it.
     """
-    for uses, drawn_by in _limits(svg, width, height):
-        if renderer not in drawn_by:
+    cannot = renderer_named(renderer).CANNOT_DRAW
+    for feature in _features(svg, width, height):
+        if feature in cannot:
+            known = drawn_by(feature)
             raise RendererError(
-                f"renderer must be one of {', '.join(drawn_by)} for what the SVG uses, {uses}; got "
-                f"{renderer}. Try --renderer {drawn_by[0]}"
+                f"renderer must be one of {', '.join(known)} for what the SVG uses, {feature}; got "
+                f"{renderer}. Try --renderer {known[0]}"
             )
 
 
-def _limits(svg: str, width: int, height: int) -> Iterator[tuple[str, tuple[str, ...]]]:
-    """Features of the file that some renderers do not draw, and those that do."""
+def _features(svg: str, width: int, height: int) -> Iterator[Feature]:
+    """Features of the file that some renderers do not draw."""
     lowered = svg.lower()
     if not any(word in lowered for word in _WORDS):
         return
     used = _uses(svg, width, height)
     if used.blur:
-        drawn_by = DRAW_ROTATED_BLURS
-        if used.skewed:
-            yield "a blur of rotated or skewed shapes", drawn_by
-        elif used.rotated:
-            yield "a blur of rotated shapes", (*drawn_by, "resvg")
-        else:
-            yield "a blur", (*drawn_by, "resvg", "librsvg")
+        rotated = Feature.ROTATED_BLUR if used.rotated else Feature.BLUR
+        yield Feature.SKEWED_BLUR if used.skewed else rotated
     if used.lighter:
-        yield "mix-blend-mode: plus-lighter", BROWSERS
+        yield Feature.LIGHTER
     if used.blended:
-        yield "mix-blend-mode", DRAW_BLENDS
+        yield Feature.BLEND
     if used.filter:
-        yield "a filter", DRAW_BLENDS
+        yield Feature.FILTER
     if used.plain_href:
-        yield "href without xlink:", ("resvg", "cairo", *BROWSERS, "librsvg")
+        yield Feature.PLAIN_HREF
     if used.masked:
-        yield "a mask", ("resvg", *BROWSERS, "librsvg", "inkscape")
+        yield Feature.MASK
     if used.moving:
-        yield "animation, drawn at some moment of it", ("resvg", "cairo", "librsvg", "inkscape")
+        yield Feature.MOVING
 
 
 @dataclass
 class _Uses:
-    """Features of the table at the top that a file uses.
+    """What a file uses.
 
     rotated, skewed  whether a filtered element is; skewed: so that circles become ellipses
     """

@@ -134,8 +134,7 @@ class Estimator:
 def _adapts(options: Options) -> bool:
     """Whether the preset alone decides the number of Gaussians."""
     goal = options.goal
-    given = (goal.gaussians, goal.max_bytes, goal.target_psnr, goal.target_ssimulacra2)
-    given += (goal.time_limit,)
+    given = (goal.gaussians, goal.max_bytes, goal.target, goal.time_limit)
     return all(one is None for one in given)
 
 

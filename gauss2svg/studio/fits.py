@@ -14,7 +14,7 @@ from fastapi.responses import Response, StreamingResponse
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, brief
 from gauss2svg.studio import photos
 from gauss2svg.studio.answers import Estimate, State
 from gauss2svg.studio.estimate import Estimator
@@ -154,8 +154,10 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
                 name, digest = sample.name, await asyncio.to_thread(photos.digest_of, sample.path)
                 await asyncio.to_thread(photos.link, sample.path, path)
             else:
-                needed = "given: a file as photo, a sample, or the job that it is of"
-                raise InputError(must_be("the photo", needed, shown("none")))
+                raise InputError(
+                    "the photo must be given: a file as photo, a sample, or the job that it is "
+                    "of; got none"
+                )
             width, height = await asyncio.to_thread(photos.size_of, path, name)
         except BaseException:
             shutil.rmtree(folder, ignore_errors=True)
@@ -174,7 +176,7 @@ def add_fits(app: FastAPI, queue: Jobs, samples: Mapping[str, photos.Sample]) ->
                 break
         given = _parsed("the body", body.decode(errors="replace"))
         if not isinstance(given, dict):
-            raise InputError(must_be("the body", "an object", shown(type(given).__name__)))
+            raise InputError(f"the body must be an object; got {type(given).__name__}")
         of = queue.known.get(str(given.get("of")))
         sides = given.get("width"), given.get("height")
         if of is not None and of.width and of.height:
@@ -240,12 +242,12 @@ async def _disconnection(request: Request) -> None:
 
 def _parsed(what: str, text: Any) -> Any:
     if not isinstance(text, str):
-        raise InputError(must_be(what, "JSON", shown("a file")))
+        raise InputError(f"{what} must be JSON; got a file")
     if len(text) > _MOST_JSON:
-        raise InputError(must_be(what, f"at most {_MOST_JSON} characters", shown("more")))
+        raise InputError(f"{what} must be at most {_MOST_JSON} characters; got more")
     try:
         return json.loads(text)
     except ValueError as error:
-        raise InputError(must_be(what, "JSON", shown(str(error)))) from error
+        raise InputError(f"{what} must be JSON; got {brief(error)}") from error
     except RecursionError as error:
-        raise InputError(must_be(what, "JSON", shown("one too deep"))) from error
+        raise InputError(f"{what} must be JSON; got one too deep") from error

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from docstring_parser import parse_from_object
 
-from gauss2svg.bench.score_axes import SCORE_AXES
-from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.measure.scores import packages
+from gauss2svg.errors import InputError, quoted
+from gauss2svg.measure.perceptual import packages
+from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
@@ -22,6 +22,7 @@ MOST_DRAWN = 40_000_000  # px of a PNG: half a gigabyte while it is drawn
 _NOT_OFFERED = (
     "checkpoint", "checkpoint_every", "resume", "threads", "max_memory", "max_pixels",
 )  # fmt: skip
+_NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
 _UNIT = re.compile(r"\((dB|s|px)\)")
 
 
@@ -29,13 +30,13 @@ def options_of(given: Any) -> Options:
     """Options of flat names and values of a request; raises InputError."""
     if not isinstance(given, dict):
         raise InputError(
-            must_be("options", "an object of names and values", shown(type(given).__name__))
+            f"options must be an object of names and values; got {type(given).__name__}"
         )
     for name in _NOT_OFFERED:
         if name in given:
             raise InputError(f"{name} must not be given; it is the server's. Try without it")
     if not isinstance(given.get("segments", 1), (int, type(None))):
-        raise InputError(must_be("segments", "a whole number", given["segments"]))
+        raise InputError(f"segments must be a whole number; got {quoted(given['segments'])}")
     options = Options.from_flat(given)
     Plan(options).check_renderer()
     return options
@@ -62,17 +63,19 @@ def form() -> dict[str, Any]:
         "presets": list(PRESETS),
         "scores": [
             {
-                "slug": axis.slug,
-                "key": axis.key,
-                "name": axis.name,
-                "title": axis.title,
-                "unit": axis.unit.strip(),
-                "best": axis.best,
-                "falls": axis.falls,
-                "always": axis.slug in ("psnr", "ssim"),
-                "installed": axis.slug in ("psnr", "ssim") or bool(packages()),
+                "slug": score.slug,
+                "key": score.key,
+                "name": score.name,
+                "title": score.title,
+                "unit": score.unit,
+                "digits": score.digits,
+                "least_step": score.least_step,
+                "best": score.best,
+                "falls": score.falls,
+                "always": score.always,
+                "installed": score.always or bool(packages()),
             }
-            for axis in SCORE_AXES
+            for score in SCORES
         ],
     }
 
@@ -80,6 +83,12 @@ def form() -> dict[str, Any]:
 def flag_of(name: str) -> str:
     """The option on the command line."""
     return f"--{name.replace('_', '-')}"
+
+
+def _label(name: str) -> str:
+    """The name of an option as words."""
+    words = " ".join(_NAMES.get(word, word) for word in name.split("_"))
+    return words[0].upper() + words[1:]
 
 
 def _described(field: Field, text: str | None) -> dict[str, Any]:
@@ -102,6 +111,7 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
     default = field.group.__dataclass_fields__[field.name].default  # pyright: ignore[reportAttributeAccessIssue]
     return {
         "name": field.name,
+        "label": _label(field.name),
         "flag": flag_of(field.name),
         "type": kind,
         "choices": list(field.choices) if kind == "choice" else None,

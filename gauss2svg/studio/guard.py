@@ -16,7 +16,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from starlette.exceptions import HTTPException
 
-from gauss2svg.errors import must_be
+from gauss2svg.errors import quoted
 
 Scope = MutableMapping[str, Any]
 Receive = Callable[[], Awaitable[Any]]
@@ -161,8 +161,11 @@ class Guard:
         """Whether the page is opened by the token in its address; raises RefusedError."""
         host = _header(scope, b"host")
         if not self._is_ours(host):
-            line = must_be("the address", "the one that the studio has printed", host, "that one")
-            raise RefusedError(421, line)
+            raise RefusedError(
+                421,
+                "the address must be the one that the studio has printed; got "
+                f"{quoted(host)}. Try that one",
+            )
         if not _is_own_origin(scope):
             raise RefusedError(403, _OTHER_SITE)
         asked = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]

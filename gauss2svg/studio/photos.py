@@ -14,14 +14,16 @@ from typing import Any, NamedTuple
 from PIL import ExifTags, Image
 
 from gauss2svg.batch.inputs import is_picture
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, brief
 from gauss2svg.files import is_device, reading
-from gauss2svg.photo.formats import UnreadTiffError, opened
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.open import UnreadTiffError, opened
 from gauss2svg.photo.tags import SWAPPED
 
 _SURROGATE = re.compile("[\ud800-\udfff]")  # what of a file's name is no Unicode
 _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
+# Not read, but offered by the dialog for files, so that the page says why.
+REFUSED = (".heic", ".heif", ".jxl")
 _MOST_SAMPLES = 100
 _LONGEST_NAME = 100
 _LONGEST_STEM = 200  # bytes
@@ -106,8 +108,10 @@ def _unicode(name: str) -> str:
 
 
 def _no_folder(folder: Path, why: str) -> InputError:
-    got, advice = shown(f"{folder} ({why})"), "another folder, or none for pictures of scikit-image"
-    return InputError(must_be("FOLDER", "a folder with photos", got, advice))
+    return InputError(
+        f"FOLDER must be a folder with photos; got {folder} ({brief(why)}). Try another folder, "
+        "or none for pictures of scikit-image"
+    )
 
 
 async def save(upload: Any, path: Path) -> str:

@@ -13,7 +13,7 @@ from fastapi import FastAPI, Query
 from fastapi.responses import FileResponse, Response
 from starlette.exceptions import HTTPException
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.measure.drawing import draw
 from gauss2svg.studio import photos
@@ -68,8 +68,9 @@ def add_results(app: FastAPI, queue: Jobs) -> None:
         wide = width or report["width"]
         high = max(1, round(wide * report["height"] / report["width"]))
         if wide * high > MOST_DRAWN:
-            got = shown(f"{wide}x{high} px")
-            raise InputError(must_be("the PNG", f"at most {MOST_DRAWN} px", got, "a lower width"))
+            raise InputError(
+                f"the PNG must be at most {MOST_DRAWN} px; got {wide}x{high} px. Try a lower width"
+            )
         channels = 4 if report["transparent"] else 3
         async with drawing:
             pixels = await asyncio.to_thread(draw, svg, wide, high, "resvg", _DRAW_S, channels)

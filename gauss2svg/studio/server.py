@@ -18,7 +18,7 @@ from typing import Any
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.errors import InputError, whole_number
 from gauss2svg.processes import WINDOWS
 from gauss2svg.studio.guard import Guard
 from gauss2svg.studio.service import create_app
@@ -162,9 +162,10 @@ def _socket(host: str, port: int) -> socket.socket:
         listening.setsockopt(socket.SOL_SOCKET, _claim(), 1)
         listening.bind(address)
     except OSError as error:
-        got = shown(f"{host}:{port} ({error.strerror or error})")
-        advice = "another --port, or --port 0"
-        raise InputError(must_be("host and port", "free to listen on", got, advice)) from error
+        raise InputError(
+            f"host and port must be free to listen on; got {host}:{port} ("
+            f"{error.strerror or error}). Try another --port, or --port 0"
+        ) from error
     return listening
 
 

@@ -19,6 +19,7 @@ from starlette.exceptions import HTTPException
 from gauss2svg.errors import Gauss2SvgError, on_one_line
 from gauss2svg.gallery.pages import legend
 from gauss2svg.measure.heatmap import MOST
+from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio import photos
 from gauss2svg.studio.answers import ERRORS, Sample
 from gauss2svg.studio.fits import add_fits
@@ -136,6 +137,7 @@ def _add_pages(app: FastAPI, queue: Jobs, is_local: bool) -> None:
             workers=queue.workers,
             legend=legend(),
             most_levels=MOST,
+            suffixes=(*SUFFIXES, *photos.REFUSED),
             is_local=is_local,
         )
         return HTMLResponse(html)

@@ -126,8 +126,8 @@ class ByBytes:
         side = min(max(tuning.side_per_root * math.sqrt(count), low), high, most)
         side = min(side, max(photo.shape[:2]))
         scale = side / max(width, height)
-        size = (max(1, round(length * scale)) for length in (height, width))
-        return dataclasses.replace(subject, working=shrunk(photo, *size))
+        width, height = (max(1, round(length * scale)) for length in (width, height))
+        return dataclasses.replace(subject, working=shrunk(photo, height, width))
 
     @property
     def subject(self) -> Subject:

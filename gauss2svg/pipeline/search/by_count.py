@@ -241,8 +241,8 @@ class ByCount:
         aim, photo, working = self._plan.aim, self._subject.photo, self._subject.working
         if aim is None:
             return None
-        if aim.is_psnr:
-            return measured.psnr_lowest
+        if (known := aim.known(measured)) is not None:
+            return known
         shape = measured.raster.shape
         if shape == working.shape and not math.isnan(best.score):
             return best.score  # of the same raster

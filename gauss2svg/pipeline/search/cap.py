@@ -122,7 +122,7 @@ class Growth:
             limits = GrowthLimits(0.0, KILOBYTES_PER_GAUSSIAN, math.inf, cap, cap_named="gaussians")
         if plan.byte_limit is not None or aim is not None:  # the best, not what is worth its bytes
             limits = dataclasses.replace(limits, gain=0.0)
-        if aim is not None and aim.is_psnr:
+        if aim is not None and aim.slope is None:  # that of the growth, which can aim at it
             wanted = aim.value + aim.over + 10 * math.log10(1 + TUNING.writing_loss)
             limits = dataclasses.replace(
                 limits, psnr=wanted, psnr_named=aim.name, cap=self.for_target

@@ -142,7 +142,7 @@ class Corrections:
         Without an aim, and in `usual`, the score is PSNR in dB.
         """
         aim = self._aim
-        if aim is not None and not aim.is_psnr:
+        if aim is not None and aim.slope is not None:
             usual = aim.slope
         slope = usual
         if len(self.made) >= 2:

@@ -2,12 +2,6 @@
 
 import { by, make } from "./dom.js";
 
-const NAMES = /\b(ssim|psnr|ssimulacra2|svg)\b/g;
-const titled = (name) => {
-  const words = name.replaceAll("_", " ").replace(NAMES, (one) => one.toUpperCase());
-  return words[0].toUpperCase() + words.slice(1);
-};
-
 export class More {
   constructor(groups, changed) {
     this.fields = new Map(); // by option name: {option, control, row, line}
@@ -32,7 +26,7 @@ export class More {
     const id = `option-${option.name}`, help = `${id}-help`, line = `${id}-error`;
     const control = this.control(option, { id, "aria-describedby": `${help} ${line}` });
     const error = make("p", { class: "error", id: line, role: "alert", hidden: true });
-    const label = make("label", { for: id }, titled(option.name));
+    const label = make("label", { for: id }, option.label);
     const unit = option.unit ? make("span", { class: "soft" }, ` ${option.unit}`) : null;
     const row = make("div", { class: option.type === "boolean" ? "option bool" : "option" },
       label, make("span", { class: "value" }, control, unit),

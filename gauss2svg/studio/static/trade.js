@@ -9,16 +9,9 @@ const COSTS = {
   total_s: { title: "time, photo to measured SVG", tick: shortSeconds, name: "time" },
 };
 
-// Decimals of a score, and the least distance of two ticks.
-const AXES = {
-  psnr: { digits: 2, least_step: 1 }, ssim: { digits: 3, least_step: 0.01 },
-  ssimulacra2: { digits: 1, least_step: 1 }, flip: { digits: 4, least_step: 0.01 },
-};
-
 export class Trade {
   // scores: the axes of the server; show(run) and compare(run) are called by clicks.
   constructor(scores, show, compare) {
-    scores = scores.map((one) => ({ ...one, ...AXES[one.slug] }));
     Object.assign(this, { scores, show, compare, runs: [], shown: null, compared: null });
     const radio = (axis, at) => make("label", {},
       make("input", { type: "radio", name: "score", value: axis.key, checked: at === 0 }), make("span", {}, axis.name));

@@ -1,0 +1,39 @@
+"""The public names and their homes, which `gauss2svg` loads on first use."""
+
+from . import studio as studio
+from .batch.many import vectorize_many as vectorize_many
+from .batch.options import BatchOptions as BatchOptions
+from .batch.records import PhotoRecord as PhotoRecord
+from .errors import (
+    ClusterError as ClusterError,
+    Gauss2SvgError as Gauss2SvgError,
+    InputError as InputError,
+    OutputError as OutputError,
+    RendererError as RendererError,
+    SceneError as SceneError,
+)
+from .fit.options import DensifyOptions as DensifyOptions, FitOptions as FitOptions
+from .gallery.build import (
+    Gallery as Gallery,
+    GalleryProgress as GalleryProgress,
+    build_gallery as build_gallery,
+)
+from .gallery.options import GalleryOptions as GalleryOptions
+from .measure.check import CheckResult as CheckResult, check as check
+from .pipeline.options import (
+    Goal as Goal,
+    Options as Options,
+    RunOptions as RunOptions,
+    SvgOptions as SvgOptions,
+)
+from .pipeline.placeholder import Placeholder as Placeholder, placeholder as placeholder
+from .pipeline.quantize import quantize as quantize
+from .pipeline.result import Result as Result
+from .pipeline.run import Progress as Progress
+from .pipeline.vectorize import vectorize as vectorize
+from .scene import Scene as Scene
+from .svg.document import Document as Document
+from .svg.format import SvgFormat as SvgFormat
+from .svg.reader.read import read_svg as read_svg
+from .svg.write import outline_svg as outline_svg, write_svg as write_svg
+from .version import __version__ as __version__
