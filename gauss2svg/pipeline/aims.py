@@ -54,7 +54,7 @@ class Aim:
         return _decibels(max(metrics.mean_squared_error(*pair) for pair in pairs))
 
     def with_detail(self, score: float, detail: float) -> float:
-        """The score at the photo's size of a file whose score at the size of the fit is known."""
+        """The score against the reference of a file whose score at the size of the fit is known."""
         if not self.is_psnr:
             return score + detail
         error = 10 ** (-score / 10)
@@ -62,7 +62,7 @@ class Aim:
         return _decibels(max(error + detail, error * _LEAST_LEFT))
 
     def detail(self, at_photo: float, at_fit: float) -> float:
-        """What measuring one file at the photo's size adds: squared error, or score."""
+        """What measuring one file against the reference adds: squared error, or score."""
         if not self.is_psnr:
             return at_photo - at_fit
         return 10 ** (-at_photo / 10) - 10 ** (-at_fit / 10)
