@@ -353,7 +353,7 @@ def test_no_cell_of_a_table_begins_a_formula(tmp_path):
 ])  # fmt: skip
 def test_batches_and_checkpoints_agree_on_what_changes_a_picture(changed):
     pixels, one, other = np.zeros((2, 2, 3), np.float32), tiny(), tiny().changed(**changed)
-    checkpoints = [checkpoint.identity_of(o, o.document, pixels) for o in (one, other)]
+    checkpoints = [checkpoint.identity_of(o, o.document, (4, 4), pixels) for o in (one, other)]
     changes = identity_of(one) != identity_of(other)
     assert changes == (checkpoints[0] != checkpoints[1])
     assert changes == bool(changed.keys() & {"seed", "gaussians", "renderer"})

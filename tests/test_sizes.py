@@ -16,8 +16,8 @@ from gauss2svg.errors import InputError
 from gauss2svg.measure.check import check
 from gauss2svg.photo.alpha import shrunk
 from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.memory_budget import MEASURED_PIXELS, Load, measured_size
 from gauss2svg.pipeline.placeholder import placeholder
-from gauss2svg.pipeline.sizes import MEASURED_PIXELS, measured_size
 
 SIDES = st.integers(1, 20_000)
 QUICK = {"quality": "draft", "gaussians": 40, "iterations": 20}
@@ -68,7 +68,8 @@ def test_large_photo_is_measured_at_a_megapixel_and_written_at_its_size(large, r
     assert run_on_large.raster.shape == run_on_large.photo.shape == (*size[::-1], 3)
     assert (run_on_large.scene.width, run_on_large.scene.height) == (1800, 1200)
     assert ' width="1800"' in run_on_large.svg
-    np.testing.assert_array_equal(run_on_large.photo, load_image(large, needed=max(size)).pixels)
+    whole = load_image(large).pixels
+    assert run_on_large.photo.tobytes() == shrunk(whole, *size[::-1], sharp=True).tobytes()
 
 
 def test_check_at_the_same_size_gives_the_scores_of_the_run(large, run_on_large):
@@ -81,14 +82,16 @@ def test_check_at_the_same_size_gives_the_scores_of_the_run(large, run_on_large)
         check(large, run_on_large.svg, max_size=0)
 
 
-def test_full_size_is_asked_for_and_changes_no_file(large, run_on_large):
+def test_full_size_is_asked_for_and_the_file_under_twice_the_measured_side_is_the_same(
+    large, run_on_large
+):
     whole = vectorize(large, full_size=True, **QUICK)
     report = whole.report
     assert (report["measured_width"], report["measured_height"]) == (1800, 1200)
     assert report["psnr_svg"] == check(large, whole.svg).psnr
     # The noise that the photo has at its own size is averaged at a smaller one.
     assert abs(report["psnr_svg"] - run_on_large.report["psnr_svg"]) < 1
-    assert len(whole.scene) == len(run_on_large.scene)
+    assert whole.svg == run_on_large.svg
 
 
 @pytest.mark.parametrize("given", [{"quality": "draft"}, {"max_size": 30}, {"full_size": True}])
@@ -155,3 +158,83 @@ def test_summary_says_at_which_size_it_was_measured(large, tmp_path, capsys):
     assert f"against the photo at {size[0]}x{size[1]} px, rasterised by resvg" in said
     assert main([*command, "--full-size", "--overwrite"]) == 0
     assert "against the photo, rasterised by" in " ".join(capsys.readouterr().err.split())
+
+
+def test_photo_from_twice_the_measured_side_on_is_reduced_by_average_while_it_is_decoded():
+    data = jpeg(2600, 1800)
+    found = vectorize(data, **QUICK)
+    expected = load_image(data, needed=max(measured_size((2600, 1800))))
+    np.testing.assert_array_equal(found.photo, expected.pixels)
+    side = found.report["measured_width"]
+    assert check(data, found.svg, max_size=side).report["psnr_svg"] == found.report["psnr_svg"]
+
+
+@pytest.mark.parametrize("size", [(1800, 1200), (2600, 1800)])
+def test_orientation_swaps_the_sides_of_all_sizes(size):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    found = vectorize(data := jpeg(*size, exif=exif), **QUICK)
+    width, height = measured_size(size)
+    assert (found.scene.width, found.scene.height) == size[::-1]
+    assert found.raster.shape == (width, height, 3)
+    again = check(data, found.svg, max_size=width).report
+    assert again["psnr_svg"] == found.report["psnr_svg"]
+
+
+def test_label_image_is_of_the_size_of_a_large_photo(large):
+    labels = np.ones((1200, 1800), np.uint8)
+    labels[:, 900:] = 2
+    assert vectorize(large, segments=labels, **QUICK).report["segments"] == 2
+    with pytest.raises(InputError, match="size of segments must be that of the photo, 1800x1200"):
+        vectorize(large, segments=labels[::2, ::2], **QUICK)
+
+
+def test_additive_file_of_a_large_photo_has_its_size(large):
+    found = vectorize(large, blend="add", **QUICK)
+    assert found.raster.shape == (*measured_size((1800, 1200))[::-1], 3)
+    again = check(large, found.svg, max_size=found.raster.shape[1]).report
+    assert (again["svg_width"], again["svg_height"]) == (1800, 1200)
+    assert again["psnr_svg"] == found.report["psnr_svg"] > 10
+
+
+@pytest.mark.parametrize("side", [1600, 2000])
+def test_tracer_is_named_for_a_large_drawing_of_hard_edges_and_not_for_a_soft_one(side):
+    drawing = Image.new("L", (side, side), 255)
+    for k in range(3):
+        drawing.paste(0, tuple(int(side * s) for s in (0.1 + 0.3 * k, 0.2, 0.2 + 0.3 * k, 0.71)))
+    soft = drawing.resize((side // 3, side // 3), Image.Resampling.BICUBIC).resize((side, side))
+    for picture, named in ((drawing, True), (soft, False)):
+        stream = io.BytesIO()
+        picture.save(stream, "PNG")
+        notes = vectorize(stream.getvalue(), **QUICK).report["notes"]
+        assert any("a tracer" in note for note in notes) == named
+
+
+def test_opaque_photo_with_an_alpha_channel_needs_no_more_memory_than_without():
+    picture = Image.fromarray(np.zeros((900, 1100, 3), np.uint8))
+    limit, reports = 340_000_000, []
+    least = Load(1100, 900, 1, 1, gaussians=40, has_alpha=True)
+    assert least.bytes > limit  # what it would be refused for if it were transparent
+    for mode in ("RGB", "RGBA"):
+        stream = io.BytesIO()
+        picture.convert(mode).save(stream, "PNG")
+        reports.append(vectorize(stream.getvalue(), max_memory=limit, **QUICK).report)
+    assert [report["notes"] for report in reports] == [reports[0]["notes"]] * 2
+    assert reports[0]["fit_width"] == reports[1]["fit_width"]
+
+
+@pytest.mark.parametrize("loaded", [False, True])
+def test_pillow_image_is_reduced_while_it_is_read_and_stays_whole(loaded):
+    picture = Image.open(io.BytesIO(jpeg(2600, 1800)))
+    if loaded:
+        picture.load()
+    load_image(np.zeros((4, 4, 3)))
+    tracemalloc.start()
+    try:
+        photo = load_image(picture, needed=500)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert (photo.width, photo.full) == (500, (2600, 1800))
+    assert picture.size == (2600, 1800)
+    assert peak < 2600 * 1800 * 12

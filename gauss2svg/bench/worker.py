@@ -51,7 +51,8 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
 
     apply_constants(request["settings"])
     given = options_in(request["settings"])
-    given |= {"seed": request["seed"], "threads": request["threads"]}
+    # At the size of the photo, at which the files of peers are measured.
+    given |= {"seed": request["seed"], "threads": request["threads"], "full_size": True}
     options = Options.from_flat(given)
     warming = time.perf_counter()
     compile_kernels()

@@ -73,7 +73,8 @@ def check_command(
         str,
         Parameter(
             allow_leading_hyphen=True,
-            help="SVG, also gzipped; - reads standard input. It is stretched to the photo's size.",
+            help="SVG, also gzipped; - reads standard input. It is stretched to the photo's size, "
+            "or to that of --max-size.",
         ),
     ],
     *,

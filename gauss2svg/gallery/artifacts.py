@@ -29,7 +29,7 @@ from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.perceptual import packages, packages_missing, perceptual_scores
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
-from gauss2svg.photo.load import WHITE, header_of, load_image
+from gauss2svg.photo.load import WHITE, header_of, load_image, load_reduced
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
@@ -55,9 +55,7 @@ def make_photo(request: Request) -> dict[str, Any]:
     request  path, digest, key, folder, photo_size, max_pixels
     Raises InputError for a photo that cannot be read, OutputError for the folder.
     """
-    photo = load_image(
-        request["path"], max_pixels=request["max_pixels"], needed=request["photo_size"]
-    )
+    photo = load_reduced(request["path"], request["photo_size"], max_pixels=request["max_pixels"])
     pixels = pixels_of(photo)
     height, width = pixels.shape[:2]
     name = PHOTO if max(width, height) <= _MOST_WEBP_PX else _PNG_PHOTO

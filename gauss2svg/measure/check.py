@@ -23,7 +23,7 @@ from gauss2svg.measure.survey import Survey, survey
 from gauss2svg.options import Number, OneOf, byte_size
 from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
-from gauss2svg.photo.load import ImageSource, load_image
+from gauss2svg.photo.load import ImageSource, load_image, load_reduced
 from gauss2svg.raster import DEFAULT_RENDERER, RENDERERS, renderer_version
 from gauss2svg.raster.registry import BROWSERS
 from gauss2svg.raster.root import stretched
@@ -48,8 +48,8 @@ class CheckResult:
     svg_bytes      of the file, gunzipped; svgz_bytes: gzipped at level 9
     survey         its elements; frame: its own size
     renderer       name and version
-    raster, photo  (h, w, 3) float32 in 0..1, the raster and the reference; both (h, w, 4) where
-                   the photo has alpha
+    raster, photo  (h, w, 3) float32 in 0..1, the raster and the reference, perhaps reduced; both
+                   (h, w, 4) where the photo has alpha
     notes          remarks on the comparison
     scores         SSIMULACRA2 and FLIP, over the worse of white and black; see
                    gauss2svg.measure.scores
@@ -127,9 +127,9 @@ def check(
     max_size: int | None = None,
     matte: str | None = None,
 ) -> CheckResult:
-    """Rasterise an SVG at a photo's size over white, and measure how closely it matches.
+    """Rasterise an SVG at the size of a photo, or max_size, and measure how closely it matches.
 
-    Where the photo has alpha, alpha is compared as well, and both are compared over black.
+    Over white; where the photo has alpha, alpha is compared as well, and both over black.
     SSIMULACRA2 and FLIP are measured where the extra gauss2svg[scores] is installed.
 
     photo          any image that `vectorize` takes
@@ -155,7 +155,9 @@ def check(
     matted = None if matte is None else matte_color(matte)
     if max_size is not None:
         whole_number("max_size", max_size, 1, MOST_PIXELS)
-    picture = load_image(photo, max_pixels=max_pixels, matte=matted, needed=max_size)
+        picture = load_reduced(photo, max_size, max_pixels=max_pixels, matte=matted)
+    else:
+        picture = load_image(photo, max_pixels=max_pixels, matte=matted)
     wanted = pixels_of(picture)
     data, text = svg_source(svg, most_bytes)
     surveyed = survey(text, max_elements)

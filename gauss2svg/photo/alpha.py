@@ -19,7 +19,7 @@ from gauss2svg.photo.photo import Photo
 WHITE, BLACK = 1.0, 0.0
 BACKDROPS = (WHITE, BLACK)
 _CHANNELS = 4
-_AVERAGED = 2  # times as small, from which on an average is as good as a filter
+AVERAGED = 2  # times as small, from which on an average is as good as a filter
 _COLOR = re.compile(r"white|black|#(?:[0-9a-f]{3}){1,2}", re.IGNORECASE)
 
 
@@ -40,12 +40,15 @@ def shrunk(
 ) -> NDArray[np.float32]:
     """Area average on a smaller grid, colour weighted by alpha; black where alpha is 0.
 
-    sharp  by Lanczos' filter instead where the grid is less than half as fine: an average of whole
-           pixels then takes one here and two there (docs/decisions/photo.md)
+    sharp  by Lanczos' filter instead where the grid is more than half as fine: an average of whole
+           pixels then takes one here and two there (docs/decisions/photo.md). Not with alpha,
+           around whose edges the filter would leave faint rings
     """
     if (height, width) == pixels.shape[:2]:
         return pixels
-    sharp = sharp and _AVERAGED * max(height, width) > max(pixels.shape[:2])
+    sharp = (
+        sharp and not has_alpha(pixels) and AVERAGED * max(height, width) > max(pixels.shape[:2])
+    )
     filter_ = Image.Resampling.LANCZOS if sharp else Image.Resampling.BOX
     if not has_alpha(pixels):
         return _resized(pixels, height, width, filter_)
@@ -53,6 +56,12 @@ def shrunk(
     alpha = _resized(weight, height, width, filter_)
     premultiplied = _resized(pixels[:, :, :3] * weight, height, width, filter_)
     return straight(premultiplied, alpha[:, :, 0])
+
+
+def nearest(pixels: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    """Pixels of an image at places of a smaller grid of that width and height, none mixed."""
+    (height, width), (across, down) = pixels.shape[:2], size
+    return pixels[np.arange(down) * height // down][:, np.arange(across) * width // across]
 
 
 def over(

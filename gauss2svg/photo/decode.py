@@ -34,9 +34,12 @@ _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
 _DNG_VERSION, _SAMPLE_FORMAT = 50706, 339  # tags
 _SIGNED = 2
 # Bytes for each pixel while a photo is decoded and reduced (docs/decisions/memory.md): by format,
-# more with alpha, of 16 bits, and of progressive JPEGs, all of whose coefficients are kept.
+# more with alpha, of a palette, of 16 bits, of a TIFF that is turned, and of progressive JPEGs, all
+# of whose coefficients are kept.
 _REDUCED = {"JPEG": 4, "MPO": 4, "PNG": 4, "BMP": 4, "TIFF": 4, "WEBP": 16, "AVIF": 10}
-_REDUCED_OTHERS, _REDUCED_ALPHA, _REDUCED_16, _REDUCED_PROGRESSIVE = 8, 10, 24, 10
+_REDUCED_OTHERS, _REDUCED_PALETTE, _REDUCED_ALPHA, _REDUCED_TURNED = 8, 8, 10, 8
+_REDUCED_16, _REDUCED_16_ALPHA = 24, 30
+_REDUCED_PROGRESSIVE, _REDUCED_PROGRESSIVE_INKS = 10, 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,20 +82,26 @@ def header_of_file(file: BinaryIO, name: str, max_pixels: int) -> Header:
 def header_of_image(image: Image.Image) -> Header:
     """What is known of a Pillow image that may not be loaded yet."""
     has_alpha = "A" in image.getbands() or image.has_transparency_data
-    each = _REDUCED.get(image.format or "", _REDUCED_OTHERS) + _REDUCED_ALPHA * has_alpha
-    reduced: int | None = each
+    reduced: int | None = _REDUCED.get(image.format or "", _REDUCED_OTHERS)
+    if image.mode == "P":
+        reduced = max(reduced, _REDUCED_PALETTE)
+    reduced += _REDUCED_ALPHA * has_alpha
+    reduced += _REDUCED_TURNED * (_tiff_number(image, ExifTags.Base.Orientation, 1) != 1)
     if "progressive" in image.info:
-        reduced = _REDUCED_PROGRESSIVE
+        reduced = _REDUCED_PROGRESSIVE_INKS if image.mode == "CMYK" else _REDUCED_PROGRESSIVE
     elif _SIXTEEN_BITS.fullmatch(rawmode := _rawmode(image)) or rawmode == _GREY_ALPHA_16:
-        reduced = _REDUCED_16
+        reduced = _REDUCED_16_ALPHA if has_alpha else _REDUCED_16
     elif image.mode.startswith("I") or image.mode == "F":
         reduced = None
     return Header(*image.size, has_alpha, reduced_bytes=reduced)
 
 
-def decode_image(image: Image.Image, name: str) -> Photo:
-    """A Pillow image, which may not be loaded yet; raises InputError for a broken one."""
-    return _decoded(image, name, None, 0)
+def decode_image(image: Image.Image, name: str, needed: SizeNeeded | None = None) -> Photo:
+    """A Pillow image, which may not be loaded yet, reduced to the size needed.
+
+    Raises InputError for a broken one.
+    """
+    return _decoded(image, name, None, 0, needed)
 
 
 def _decoded(
@@ -104,6 +113,7 @@ def _decoded(
 ) -> Photo:
     stored = image.size
     size, scale = reduced_size(needed, *stored), 1
+    # An image that was given is its owner's, who may need all of it.
     if size is not None and file is not None and image.format in ("JPEG", "MPO"):
         scale = draft(image, size)
     before = tags_of(image) if image.format == "TIFF" else None  # loading rotates it
@@ -120,8 +130,10 @@ def _decoded(
         except (ValueError, OSError) as error:  # such as an index beyond its palette
             raise broken(name, error) from error
     tags = before or tags_of(image)
+    sample = None
     if size is not None:
-        samples = _reduced(samples, name, Reduced(stored, size, scale), image)
+        reduced = Reduced(stored, size, scale)
+        samples, sample = _reduced(samples, name, reduced, image), reduced.sample
     color, notes = _in_srgb(samples, image, name, file)
     turn = orientation_left(image)
     return Photo.from_samples(
@@ -130,6 +142,7 @@ def _decoded(
         full=turned(stored, turn),  # Pillow turns that of a TIFF when it opens it
         notes=(*tags.notes, *helped, *samples.notes, *notes, *frames_note(image)),
         dpi=tags.dpi,
+        given_sample=sample,
     )
 
 
@@ -171,6 +184,7 @@ def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int, needed: SizeNeeded
         notes=(*page.tags.notes, *notes),
         dpi=page.tags.dpi,
         full=turned(page.stored, turn),
+        given_sample=page.sample,
     )
 
 

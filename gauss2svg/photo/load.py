@@ -17,12 +17,12 @@ from PIL import Image
 from gauss2svg.errors import InputError, brief, quoted, whole_number
 from gauss2svg.files import reading
 from gauss2svg.options import file_name
-from gauss2svg.photo.alpha import has_alpha, over, pixels_of, shrunk
+from gauss2svg.photo.alpha import has_alpha, nearest, over, pixels_of, shrunk
 from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.open import check_size
 from gauss2svg.photo.photo import Header, Photo
-from gauss2svg.photo.reduce import SizeNeeded, reduced_size
+from gauss2svg.photo.reduce import Size, SizeNeeded, decoded_size, reduced_size
 from gauss2svg.photo.samples import plain_array, unit
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
@@ -67,6 +67,37 @@ def header_of(source: ImageSource, *, max_pixels: int = DEFAULT_MAX_PIXELS) -> H
         return None if file is None else header_of_file(file, name, max_pixels)
 
 
+def load_reduced(
+    source: ImageSource,
+    longest_side: int,
+    *,
+    max_pixels: int = DEFAULT_MAX_PIXELS,
+    matte: Sequence[float] | None = None,
+) -> Photo:
+    """A photo by `load_image`, reduced to a longest side in px as a run reduces it.
+
+    Less than twice as large, it is decoded whole and reduced by Lanczos' filter.
+    """
+
+    def needed(width: int, height: int) -> Size:
+        whole = width, height
+        return decoded_size(whole, reduced_size(longest_side, *whole) or whole)
+
+    photo = load_image(source, max_pixels=max_pixels, matte=matte, needed=needed)
+    return reduced(photo, reduced_size(longest_side, *photo.full) or photo.full, sharp=True)
+
+
+def reduced(photo: Photo, size: Size, sharp: bool = False) -> Photo:
+    """A photo of that width and height in px, no larger, by `alpha.shrunk`."""
+    if size == (photo.width, photo.height):
+        return photo
+    pixels = shrunk(pixels_of(photo), size[1], size[0], sharp)
+    alpha = np.ascontiguousarray(pixels[:, :, 3]) if has_alpha(pixels) else None
+    color = np.ascontiguousarray(pixels[:, :, :3])
+    sample = nearest(photo.sample, size)
+    return dataclasses.replace(photo, pixels=color, alpha=alpha, given_sample=sample)
+
+
 def rereadable(source: ImageSource) -> ImageSource:
     """The source, or all of its bytes in memory where it is a file that cannot be read twice."""
     return _seekable(source) if hasattr(source, "read") else source
@@ -77,12 +108,12 @@ def _load(source: ImageSource, max_pixels: int, needed: SizeNeeded | None) -> Ph
     if torch is not None and isinstance(source, torch.Tensor):
         array = _tensor_samples(source, torch.bfloat16)
         last = np.moveaxis(array, 0, -1) if array.ndim == 3 else array
-        return _reduced(_from_array(last, "tensor", max_pixels), needed)
+        return _as_needed(_from_array(last, "tensor", max_pixels), needed)
     if isinstance(source, np.ndarray):
-        return _reduced(_from_array(plain_array(source, "array"), "array", max_pixels), needed)
+        return _as_needed(_from_array(plain_array(source, "array"), "array", max_pixels), needed)
     if isinstance(source, Image.Image):
         check_size(source.size, "image", max_pixels)
-        return _reduced(decode_image(source, "image"), needed)
+        return decode_image(source, "image", needed)
     with _file(source) as (file, name):
         if file is not None:
             return decode_file(file, name, max_pixels, needed)
@@ -153,15 +184,9 @@ def _from_array(array: NDArray[Any], name: str, max_pixels: int) -> Photo:
     return Photo.from_samples(values[:, :, :3], alpha)
 
 
-def _reduced(photo: Photo, needed: SizeNeeded | None) -> Photo:
+def _as_needed(photo: Photo, needed: SizeNeeded | None) -> Photo:
     """A photo that was in memory, of the size needed."""
-    size = reduced_size(needed, photo.width, photo.height)
-    if size is None:
-        return photo
-    pixels = shrunk(pixels_of(photo), size[1], size[0])
-    alpha = np.ascontiguousarray(pixels[:, :, 3]) if has_alpha(pixels) else None
-    color = np.ascontiguousarray(pixels[:, :, :3])
-    return dataclasses.replace(photo, pixels=color, alpha=alpha)
+    return reduced(photo, reduced_size(needed, photo.width, photo.height) or photo.full)
 
 
 def _composited(photo: Photo, matte: Sequence[float] | None) -> Photo:

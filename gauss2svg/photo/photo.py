@@ -36,6 +36,8 @@ class Photo:
     dpi     px per inch across and down, by the resolution tag; None where the file has none
     alpha   (height, width) float32 in 0..1; None where every pixel is opaque
     full    width and height in px of the upright photo, of which pixels may be a reduction
+    given_sample
+            some of the pixels of one that was reduced, see sample
     """
 
     pixels: NDArray[np.float32]
@@ -43,6 +45,7 @@ class Photo:
     dpi: tuple[float, float] | None = None
     alpha: NDArray[np.float32] | None = None
     full: tuple[int, int] = (0, 0)
+    given_sample: NDArray[np.float32] | None = None
 
     def __post_init__(self) -> None:
         if self.full == (0, 0):
@@ -61,6 +64,15 @@ class Photo:
             color = np.where(alpha[:, :, None] > 0, color, np.float32(0))
             alpha = np.ascontiguousarray(alpha)
         return cls(np.ascontiguousarray(color), alpha=alpha, **more)
+
+    @property
+    def sample(self) -> NDArray[np.float32]:
+        """(h, w, channels) pixels of the photo, none a mean: all, or some of a reduced one.
+
+        Perhaps before their profile, orientation and alpha are applied: whether a picture has few
+        colours, and where they change.
+        """
+        return self.pixels if self.given_sample is None else self.given_sample
 
     @property
     def width(self) -> int:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo.alpha import straight
+from gauss2svg.photo.alpha import AVERAGED, straight
 
 Size = tuple[int, int]  # width and height in px
 # Of a photo of that width and height, as stored; or the longest side in px.
@@ -26,7 +26,7 @@ DRAFT = 3
 
 
 def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | None:
-    """The size to which a photo of that size is reduced; None where it is no larger than needed."""
+    """The size to which a photo of that size is reduced; None where no side shrinks."""
     if needed is None:
         return None
     if callable(needed):
@@ -36,7 +36,16 @@ def reduced_size(needed: SizeNeeded | None, width: int, height: int) -> Size | N
         across, down = (max(1, round(side * scale)) for side in (width, height))
     if across < 1 or down < 1:
         raise InputError(f"size needed of a photo must be at least 1x1 px; got {across}x{down} px")
-    return None if across >= width or down >= height else (across, down)
+    size = min(across, width), min(down, height)
+    return None if size == (width, height) else size
+
+
+def decoded_size(photo: Size, needed: Size) -> Size:
+    """The size at which to decode a photo that is then to be `shrunk(.., sharp=True)`.
+
+    That needed where an average is as good, else that of the photo.
+    """
+    return needed if AVERAGED * max(needed) <= max(photo) else photo
 
 
 class Reduced:
@@ -58,6 +67,7 @@ class Reduced:
         self._sum: Any = 0  # of what there is of the next one
         self._top = 0
         self._has_alpha = False
+        self._sample: list[NDArray[np.float32]] = []
 
     def add(self, color: NDArray[Any], alpha: NDArray[np.float32] | None) -> None:
         """Add rows (rows, width, 1 or 3), float32 in 0..1 or uint8.
@@ -65,10 +75,16 @@ class Reduced:
         alpha  (rows, width) float32 in 0..1, if they have it
         """
         top = np.iinfo(np.uint8).max if color.dtype == np.uint8 else 1
+        stored = color
         if alpha is not None:
             self._has_alpha = True
             color = np.dstack([color * alpha[:, :, None], alpha * np.float32(top)])
         bottom = self._top + len(color)
+        for begin in np.floor(self._down[0, len(self._sample) :]).astype(int):
+            if begin >= bottom:
+                break
+            row = stored[begin - self._top, np.floor(self._across[0]).astype(int)]
+            self._sample.append(row.astype(np.float32) / np.float32(top))
         for begin, end in self._down.T[len(self._rows) :]:
             if begin >= bottom:
                 break
@@ -80,6 +96,11 @@ class Reduced:
             self._rows.append(((sums[1] - sums[0]) / lengths[:, None]).astype(np.float32))
             self._sum = 0
         self._top = bottom
+
+    @property
+    def sample(self) -> NDArray[np.float32]:
+        """(h, w, channels) the pixel of the photo at the first corner of each of the result."""
+        return np.stack(self._sample)
 
     def result(self) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Color (h, w, 1 or 3) and alpha (h, w), None if no row had it."""

@@ -45,6 +45,7 @@ class Page:
     stored  its width and height in px
     bits    of each sample
     pages   how many there are
+    sample  some of its pixels, where it is reduced
     """
 
     color: NDArray[Any]
@@ -54,6 +55,7 @@ class Page:
     stored: Size
     bits: int
     pages: int
+    sample: NDArray[np.float32] | None = None
 
 
 def in_planes(tags: Any) -> bool:
@@ -91,19 +93,20 @@ def first_page(
             raise broken(name, OSError(missing))
         stored = page.imagewidth, page.imagelength
         parts = (_color_and_alpha(band, page) for band in bands(file, page))
+        sample = None
         if (size := reduced_size(needed, *stored)) is not None:
             reduced = Reduced(stored, size)
             for part, shows in parts:
                 alpha = None if shows is None else unit(shows[:, :, None], name)[:, :, 0]
                 reduced.add(unit(part, name), alpha)
-            color, alpha = reduced.result()
+            (color, alpha), sample = reduced.result(), reduced.sample
         else:
             colors, alphas = zip(*parts, strict=True)
             color = np.concatenate(colors)
             alpha = None if alphas[0] is None else np.concatenate(alphas)
         profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
         profile = profile if isinstance(profile, bytes) else None
-        return Page(color, alpha, profile, tags, stored, page.bitspersample, pages)
+        return Page(color, alpha, profile, tags, stored, page.bitspersample, pages, sample)
 
 
 def _color_and_alpha(samples: NDArray[Any], page: Any) -> tuple[NDArray[Any], NDArray[Any] | None]:

@@ -44,7 +44,7 @@ class Aim(Search):
         return found.psnr_lowest if self.of is PSNR else None
 
     def with_detail(self, score: float, detail: float) -> float:
-        """The score at the photo's size of a file whose score at the size of the fit is known."""
+        """The score against the reference of a file whose score at the size of the fit is known."""
         error = self._error(score)
         # A negative detail from another candidate may exceed the error.
         left = max(error + detail, error * _LEAST_LEFT)
@@ -53,7 +53,7 @@ class Aim(Search):
         return self.of.sign * self.of.best - left
 
     def detail(self, at_photo: float, at_fit: float) -> float:
-        """What measuring one file at the photo's size adds to its error."""
+        """What measuring one file against the reference adds to its error."""
         return self._error(at_photo) - self._error(at_fit)
 
     def _error(self, score: float) -> float:

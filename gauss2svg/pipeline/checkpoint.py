@@ -68,8 +68,10 @@ class Checkpoint:
         self._last = time.monotonic()
 
 
-def identity_of(options: Options, document: Document, *images: NDArray[np.float32]) -> StateDict:
-    """What a run must share with that of a checkpoint: version, options and images."""
+def identity_of(
+    options: Options, document: Document, canvas: tuple[int, int], *images: NDArray[np.float32]
+) -> StateDict:
+    """What a run must share with that of a checkpoint: version, options, canvas and images."""
     digest = hashlib.sha256()
     for image in (*images, document.labels):
         if image is not None:
@@ -77,7 +79,8 @@ def identity_of(options: Options, document: Document, *images: NDArray[np.float3
             digest.update(np.ascontiguousarray(image).data)
     given = {k: v for k, v in options.flat().items() if k not in _NOT_OF_IDENTITY}
     sizes = [list(image.shape) for image in images]
-    return {"version": __version__, **given, "sizes": sizes, "photo": digest.hexdigest()}
+    given |= {"canvas": list(canvas), "sizes": sizes, "photo": digest.hexdigest()}
+    return {"version": __version__, **given}
 
 
 def resumed(path: str | os.PathLike[str], identity: StateDict) -> StateDict:

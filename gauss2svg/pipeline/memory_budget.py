@@ -3,7 +3,8 @@
 The estimate is an upper bound of the process's resident size in bytes, for a photo of P px, M px
 that are measured and a fit on F px: the largest of three stages,
 
-    decoding    31 P, or d P + 12 M by the photo's format where it is reduced to M < P meanwhile
+    decoding    31 P, or d P + 12 M by the photo's format where it is reduced to M meanwhile, from
+                twice the side on
     fitting     12 M + a F,  a by the loss
     measuring   57 M + 36 F
 
@@ -23,8 +24,11 @@ from gauss2svg.fit.choices import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.options import byte_size
 from gauss2svg.photo.photo import Header
+from gauss2svg.photo.reduce import Size, decoded_size
 from gauss2svg.scene import ADD, OVER
 
+# Pixels at which a file is measured at least, where the photo has them: docs/decisions/photo.md.
+MEASURED_PIXELS = 1_000_000
 # Measured bytes (examples/memory.py).
 _BASE = 205e6  # a photo of a few pixels
 # Per pixel of the photo: held, while decoding, and while measuring.
@@ -34,6 +38,18 @@ _FIT = {False: 75, True: 130}  # per pixel of the fit, by whether the loss has S
 _SHAPE = 3000
 _ADDITIVE = 110e6  # writing an additive scene
 _MARGIN = 1.2
+
+
+def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
+    """That of the fit where it has so many pixels at least, else of as many, or the photo's."""
+    if fit[0] * fit[1] >= least or fit == photo:
+        return fit
+    scale = math.sqrt(least / (photo[0] * photo[1]))
+    if scale >= 1:
+        return photo
+    scale = math.ceil(scale * max(photo)) / max(photo)  # such as a longest side alone asks for
+    width, height = (max(1, round(scale * side)) for side in photo)
+    return width, height
 
 
 @dataclass(frozen=True)
@@ -64,22 +80,26 @@ class Load:
     reduced_bytes: int | None = None
 
     @property
-    def measured_pixels(self) -> int:
-        """Pixels at which the file is measured."""
-        photo = self.width * self.height
-        if self.least_measured is None:
-            return photo
-        return min(photo, max(self.fit_width * self.fit_height, self.least_measured))
+    def measured(self) -> Size:
+        """Width and height in px at which the file is measured."""
+        least = math.inf if self.least_measured is None else self.least_measured
+        fit = self.fit_width, self.fit_height
+        return measured_size((self.width, self.height), fit, least)
+
+    @property
+    def decoded(self) -> Size:
+        """Width and height in px to which the photo is reduced while it is decoded."""
+        return decoded_size((self.width, self.height), self.measured)
 
     @property
     def bytes(self) -> int:
         """The estimate."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
-        kept = self.measured_pixels
+        kept = math.prod(self.measured)
         a_pixel = _FIT[has_ssim(self.loss)]
         held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
         decoding = decoded * photo
-        if kept < photo and self.reduced_bytes is not None:
+        if self.reduced_bytes is not None and math.prod(self.decoded) < photo:
             decoding = self.reduced_bytes * photo + held * kept
         fitting = held * kept + a_pixel * fit
         measured = max(measured, held + self.scoring)

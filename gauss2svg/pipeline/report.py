@@ -110,7 +110,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
             "minimal markup, which is closer in as many bytes, without names and layers; "
             "--markup editable has them, and is for Inkscape"
         )
-    outlines = outline_bytes(photo.pixels)
+    outlines = outline_bytes(photo.sample)
     if outlines is not None and len(outcome.scene) and outlines <= len(outcome.svg):
         notes.append(
             "a tracer, such as vtracer, draws these few flat colours exactly in about "

@@ -27,9 +27,9 @@ class Result:
     svg       text of the file
     scene     fitted Gaussians on the photo's canvas, in the order of the file
     report    options and results of the run, ready for JSON; see docs/reference/report.md
-    raster    (h, w, 3) float32 in 0..1, the rasterised SVG; of a transparent photo (h, w, 4) with
-              straight alpha
-    photo     of the same shape, what the raster was compared with
+    raster    (h, w, 3) float32 in 0..1, the rasterised SVG, perhaps smaller than the canvas; of a
+              transparent photo (h, w, 4) with straight alpha
+    photo     of the same shape, what the raster was compared with: the photo, perhaps reduced
     document  of the file
     """
 

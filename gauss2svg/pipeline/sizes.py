@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from gauss2svg.photo.photo import Header
 from gauss2svg.photo.reduce import Size
-from gauss2svg.pipeline.memory_budget import Load, size_that_fits
+from gauss2svg.pipeline.memory_budget import MEASURED_PIXELS, Load, size_that_fits
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
 
-# Pixels at which a file is measured at least, where the photo has them: docs/decisions/photo.md.
-MEASURED_PIXELS = 1_000_000
 # Largest size of the fit per second of a time limit, seconds of it that the start takes, and that
 # are left at least (docs/decisions/time.md).
 _PIXELS_PER_SECOND, _START_S, _LEAST_S = 150_000, 0.5, 0.25
@@ -20,13 +18,16 @@ _PIXELS_PER_SECOND, _START_S, _LEAST_S = 150_000, 0.5, 0.25
 
 @dataclass(frozen=True)
 class Sizes:
-    """Width and height of the fit and of what is measured, and a note where memory is the reason.
+    """Width and height of the fit, of what is measured and of what is decoded.
 
     measured  that of the fit or of MEASURED_PIXELS, whichever is larger, or the photo's
+    decoded   that measured, or the photo's where it is to be reduced by Lanczos' filter
+    note      where memory is the reason for that of the fit
     """
 
     fit: Size
     measured: Size
+    decoded: Size
     note: str | None = None
 
 
@@ -39,21 +40,8 @@ def sizes_of(plan: Plan, photo: Header, most_bytes: int, may_reduce: bool = True
     load = load_of(plan, photo)
     asked = plan.options.run.max_size is not None or not may_reduce
     width, height, note = size_that_fits(load, most_bytes, asked=asked)
-    fit = (width, height)
-    least = math.inf if load.least_measured is None else load.least_measured
-    return Sizes(fit, measured_size((photo.width, photo.height), fit, least), note)
-
-
-def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
-    """That of the fit where it has so many pixels at least, else of as many, or the photo's."""
-    if fit[0] * fit[1] >= least or fit == photo:
-        return fit
-    scale = math.sqrt(least / (photo[0] * photo[1]))
-    if scale >= 1:
-        return photo
-    scale = math.ceil(scale * max(photo)) / max(photo)  # such as a longest side alone asks for
-    width, height = (max(1, round(scale * side)) for side in photo)
-    return width, height
+    load = replace(load, fit_width=width, fit_height=height)
+    return Sizes((width, height), load.measured, load.decoded, note)
 
 
 def load_of(plan: Plan, photo: Header) -> Load:

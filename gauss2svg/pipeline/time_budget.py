@@ -44,7 +44,7 @@ class TimeTuning:
     too_early            times the same, over which some are added
     at_once              share of the Gaussians that is kept at least, where some are removed
     estimate_at          share of the fit that is over when the export is predicted for its count
-    most_measuring       share of the time left, for measuring at the photo's size
+    most_measuring       share of the time left, for measuring at the reference's size
     least_fit_s          s of a fit at least, else what a limit too short has is hardly a picture
     most_reserved        share of the time left, for the export; if that needs more, Gaussians are
                          removed
@@ -96,7 +96,7 @@ class TimeBudget:
 
     deadline  by time.perf_counter() in s, or None without a limit
     size      width and height in px of the image that the fit runs on
-    measured  pixels of the photo, at whose size the file is measured if there is time
+    measured  pixels of the reference, at whose size the file is measured if there is time
     threads   of the fit
     steps     that the fit should have; None: those of a photo
     renderer  that rasterises the file

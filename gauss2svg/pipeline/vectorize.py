@@ -16,7 +16,7 @@ from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.scores import Score
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
-from gauss2svg.photo.load import ImageSource
+from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
 from gauss2svg.pipeline.document import document_for
@@ -114,7 +114,7 @@ def vectorize_by(
     _check_checkpoints(options, image)
     photo, sizes = _read(plan, run, image, may_reduce)
     plan = dataclasses.replace(plan, fit_side=max(sizes.fit))
-    subject = _subject(photo, sizes, options.document)
+    photo, subject = _subject(photo, sizes, options.document)
     checkpoint, saved = _checkpoints(options, subject)
     with run.compiled(options.fit.blend):
         outcome = best_of(_searches(plan, run, subject, checkpoint, saved))
@@ -123,19 +123,20 @@ def vectorize_by(
 
 
 def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Sizes]:
-    """The photo, at the size at which it is measured, and the sizes of the run."""
+    """The photo, at its own size or that at which it is measured, and the sizes of the run."""
     image, header = run.opened(image)
 
     def sizes(width: int, height: int, has_alpha: bool = False) -> Sizes:
         known = header or Header(width, height, has_alpha)
-        known = dataclasses.replace(known, width=width, height=height)
+        # Before it is decoded an opaque one: only its pixels say whether it has alpha.
+        known = dataclasses.replace(known, width=width, height=height, has_alpha=has_alpha)
         return sizes_of(plan, known, run.most_bytes, may_reduce)
 
     matte = plan.options.svg.matte
     photo = run.read(
         image,
         header,
-        needed=lambda width, height: sizes(width, height).measured,
+        needed=lambda width, height: sizes(width, height).decoded,
         matte=None if matte is None else matte_color(matte),
     )
     plan.check_alpha(photo)
@@ -147,12 +148,15 @@ def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[P
     return photo, found
 
 
-def _subject(photo: Photo, sizes: Sizes, document: Document) -> Subject:
-    """The photo as it is measured and as it is fitted, and the document of its file."""
-    (width, height), (fit_width, fit_height) = sizes.measured, sizes.fit
-    pixels = shrunk(pixels_of(photo), height, width)
-    working = shrunk(pixels, fit_height, fit_width, sharp=True)
-    return Subject(pixels, working, photo.full, document_for(photo, working, document))
+def _subject(photo: Photo, sizes: Sizes, document: Document) -> tuple[Photo, Subject]:
+    """The photo at the size at which it is measured, and what is drawn: it, it as it is fitted."""
+    measured = reduced(photo, sizes.measured, sharp=True)
+    pixels = working = pixels_of(measured)
+    if sizes.fit != sizes.measured:
+        width, height = sizes.fit
+        working = shrunk(pixels_of(photo), height, width, sharp=True)
+    subject = Subject(pixels, working, photo.full, document_for(photo, working, document))
+    return measured, subject
 
 
 def _checkpoints(
@@ -162,7 +166,8 @@ def _checkpoints(
     run = options.run
     if run.checkpoint is None and run.resume is None:
         return None, None
-    identity = identity_of(options, subject.document, subject.photo, subject.working)
+    images = subject.photo, subject.working
+    identity = identity_of(options, subject.document, subject.canvas, *images)
     checkpoint = None
     if run.checkpoint is not None:
         checkpoint = Checkpoint(run.checkpoint, run.checkpoint_every, identity)

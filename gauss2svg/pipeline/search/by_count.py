@@ -1,7 +1,7 @@
 """The search by count: fit, write, rasterise, measure, and correct the number of Gaussians.
 
 Targets apply to the rasterised SVG, so every correction rasterises one. The search runs at the
-size of the fit; the additional error of a larger photo is measured once and added.
+size of the fit; the additional error of a larger reference is measured once and added.
 """
 
 from __future__ import annotations
@@ -223,7 +223,7 @@ class ByCount:
         return self._growth.by_bytes(now, session)
 
     def _calibrate(self, best: Export, measured: RoundTrip, reached: float | None) -> bool:
-        """Correct the scores by that at the photo's size; False if there is no need."""
+        """Correct the scores by that against the reference; False if there is no need."""
         aim, photo = self._plan.aim, self._subject.photo
         smaller = photo.shape != self._subject.working.shape
         if aim is None or reached is None or not smaller or measured.raster.shape != photo.shape:

@@ -1,7 +1,7 @@
 """Corrections of a search by count: how many Gaussians the next export gets, and which is best.
 
 Targets apply to the rasterised SVG. A search runs at the size of the fit; the additional error of
-a larger photo is measured once and added.
+a larger reference is measured once and added.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Corrections:
     """The exports of a search for what a plan asks for, and how to correct their count.
 
     made    exports in order
-    detail  what measuring at the photo's size adds to the score at the fit's, see Aim
+    detail  what measuring against the reference adds to the score at the fit's, see Aim
     """
 
     def __init__(self, plan: Plan) -> None:
