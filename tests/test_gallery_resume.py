@@ -87,7 +87,7 @@ def test_scores_that_were_missing_are_added_without_another_fit(
     (folder / "record.json").write_text(json.dumps(record))
     answered = artifacts.make_variant(
         {
-            "folder": str(folder), "key": record["key"], "tool": "gauss2svg", "photo_size": None,
+            "folder": str(folder), "key": record["key"], "tool": "gauss2svg", "photo_size": 2048,
             "path": str(two[0]), "max_pixels": 10**6,
         }
     )  # fmt: skip
