@@ -120,8 +120,9 @@ def test_index_holds_any_name_and_each_photo_once():
     index = PhotoIndex()
     odd = os.fsdecode(b"/x/\xff\xfe\n.png")
     index.add([inputs.Source(odd, os.fsdecode(b"\xff\xfe\n"), 7)] * 2, ".svg")
-    ((path, output, size, prior),) = index.photos()
-    assert (path, os.fsencode(output), size, prior) == (odd, b"\xff\xfe\n.svg", 7, None)
+    ((photo, size),) = index.photos()
+    assert (photo.path, os.fsencode(photo.output)) == (odd, b"\xff\xfe\n.svg")
+    assert (photo.prior, size) == (None, 7)
     assert index.count == 1
 
 

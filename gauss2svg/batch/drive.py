@@ -96,8 +96,8 @@ class Driver:
         most = min(MOST_PHOTOS, max(1, self._index.left // (workers * _SHARDS_A_WORKER)))
         photos: list[BatchPhoto] = []
         size = 0
-        for path, output, bytes_, prior in self._index.photos():
-            photos.append(BatchPhoto(path, output, prior))
+        for photo, bytes_ in self._index.photos():
+            photos.append(photo)
             size += _UNKNOWN_BYTES if bytes_ is None else bytes_
             if len(photos) >= most or size >= _MOST_BYTES:
                 yield Shard(next(self._keys), tuple(photos))

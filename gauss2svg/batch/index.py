@@ -12,6 +12,7 @@ from typing import Any
 from msgspec.structs import asdict, replace
 
 from gauss2svg.batch.inputs import Source
+from gauss2svg.batch.job import BatchPhoto
 from gauss2svg.batch.records import STATE, PhotoRecord, record_of
 from gauss2svg.batch.stores import is_contained, is_url
 from gauss2svg.errors import InputError, OutputError, must_be, shown
@@ -71,10 +72,11 @@ class PhotoIndex:
         the output folder or would be among the records.
         """
         insert = "INSERT OR IGNORE INTO photo (key, path, output, size) VALUES (?, ?, ?, ?)"
+        state = self._key(STATE)
         for path, name, size in sources:
             output = name + suffix
-            first = name.partition("/")[0] if "/" in name else ""
-            if not is_contained(name) or self._key(first) == self._key(STATE):
+            first, slash, _ = name.partition("/")
+            if not is_contained(name) or (slash and self._key(first) == state):
                 needed = f"in the output folder and outside of its {STATE}"
                 got = shown(f"{output}, of {path}")
                 raise InputError(must_be("output", needed, got, "another glob or folder"))
@@ -117,17 +119,16 @@ class PhotoIndex:
         ((known,),) = self._rows("SELECT count(*) FROM record")
         return self.count - known
 
-    def photos(
-        self, known: bool = False
-    ) -> Iterator[tuple[str, str, int | None, PhotoRecord | None]]:
-        """(path, output, bytes, earlier record) of every photo that is left, by output.
+    def photos(self, known: bool = False) -> Iterator[tuple[BatchPhoto, int | None]]:
+        """(photo, its bytes if known) of every photo that is left, by output.
 
         known  of those alone that have an earlier record
         """
         where = f"{_LEFT} AND prior IS NOT NULL" if known else _LEFT
         select = f"SELECT path, output, size, prior FROM photo {where} ORDER BY key"
         for path, output, size, prior in self._rows(select):
-            yield _text(path), _text(output), size, None if prior is None else record_of(prior)
+            earlier = None if prior is None else record_of(prior)
+            yield BatchPhoto(_text(path), _text(output), earlier), size
 
     def records(self) -> Iterator[PhotoRecord]:
         """What became of every photo, by output."""

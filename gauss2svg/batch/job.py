@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from msgspec.structs import replace
+import msgspec
 
 from gauss2svg.batch.records import PhotoRecord, limits_of
 from gauss2svg.batch.stores import Store, is_url, stamp_of
@@ -13,8 +13,7 @@ from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pipeline.options import Options
 
 
-@dataclass(frozen=True)
-class BatchPhoto:
+class BatchPhoto(msgspec.Struct, frozen=True):
     """A photo of a batch: its path or URL, its output's name, and what an earlier run recorded."""
 
     path: str
@@ -60,7 +59,9 @@ def kept(job: Job, photo: BatchPhoto, stamp: str, digest: str = "") -> PhotoReco
         holds = is_named and prior.limits == job.limits and not job.retry_failed
     else:
         holds = job.store.size(photo.output) == prior.bytes is not None
-    return replace(prior, input=photo.path, stamp=stamp, skipped=True) if holds else None
+    if not holds:
+        return None
+    return msgspec.structs.replace(prior, input=photo.path, stamp=stamp, skipped=True)
 
 
 def unchanged(job: Job, photo: BatchPhoto) -> PhotoRecord | None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import folder_of, photos_of
-from gauss2svg.batch.job import BatchPhoto, Job, unchanged
+from gauss2svg.batch.job import Job, unchanged
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import (
     FOLDER,
@@ -35,13 +35,12 @@ from gauss2svg.photo.photo import Header
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.sizes import load_of
 
 if TYPE_CHECKING:
     from distributed import Client
 
 _SAMPLE = 16  # photos, the largest files, by which memory is estimated
-_COMPARED = 500  # photos at once
+_COMPARED = 50  # photos at once; the memory of few is given back before Python's collector looks
 _READERS = 16  # threads that read records, which on a store is mostly waiting
 _STALE_S = 60.0  # by then a live worker has written its part, which takes moments
 
@@ -158,7 +157,7 @@ class Batch:
         """The records of photos that are as an earlier run left them; these need no worker."""
         job, photos = self._job(), self.index.photos(known=True)
         while some := list(islice(photos, _COMPARED)):
-            found = (unchanged(job, BatchPhoto(path, out, prior)) for path, out, _, prior in some)
+            found = (unchanged(job, photo) for photo, _ in some)
             records = [record for record in found if record is not None]
             self.index.keep(record.output for record in records)
             yield from records
@@ -219,6 +218,8 @@ class Batch:
 
     def _estimate(self) -> int:
         """Bytes that a run on the largest photos takes, by the headers of the largest files."""
+        from gauss2svg.pipeline.vectorize import load_of  # and numba, which takes a while
+
         given = self.options.run.max_memory
         if given is not None:
             return int(given)

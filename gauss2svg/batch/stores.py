@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -18,6 +19,7 @@ from gauss2svg.errors import InputError, OutputError, brief, on_one_line
 from gauss2svg.files import check_writable, reading, replace, write_whole
 
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
+_NO_NAMES = frozenset({"", ".", ".."})
 _ADVICE = "the path or the URL of a photo"
 _AGAIN = "Try the same command again"
 # Stores on which a put is whole or not there, and those whose rename replaces a file at once.
@@ -48,7 +50,7 @@ def without_file_protocol(path: str) -> str:
 
 def is_contained(name: str) -> bool:
     """Whether a file of this name, relative to a folder, is in it."""
-    return not os.path.splitdrive(name)[0] and not {"", ".", ".."} & set(PARTS_OF.split(name))
+    return not os.path.splitdrive(name)[0] and _NO_NAMES.isdisjoint(PARTS_OF.split(name))
 
 
 def filesystem(url: str) -> tuple[Any, str]:
@@ -117,8 +119,7 @@ def stamp_of(source: str) -> str:
             found = os.stat(source)
         except (OSError, ValueError) as error:
             raise InputError(f"cannot read {source}: {reason_of(error)}. Try {_ADVICE}") from error
-        facts = (found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino)
-        return " ".join(map(str, facts))
+        return f"{found.st_size} {found.st_mtime_ns} {found.st_ctime_ns} {found.st_ino}"
     with _reading(source) as (fs, path):
         info = fs.info(path)
     known = {k: str(v) for k, v in info.items() if isinstance(v, (str, int, float, datetime)) and v}
@@ -145,7 +146,7 @@ class Store:
         root = self.root.rstrip("/") if is_url(self.root) else os.path.abspath(self.root)
         object.__setattr__(self, "root", root)
 
-    @property
+    @cached_property
     def is_local(self) -> bool:
         """Whether it is a folder of this machine."""
         return not is_url(self.root)

@@ -9,7 +9,8 @@ import re
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
@@ -26,7 +27,7 @@ from gauss2svg.files import as_cell
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
 _COLUMNS = PhotoRecord.__struct_fields__
-_ROWS = 10_000  # of Parquet that are held at once
+_ROWS = 10_000  # that are held at once
 _MOST_REASONS = 1000  # of failures that are distinguished
 
 
@@ -88,17 +89,22 @@ def reason_of(record: PhotoRecord) -> str:
 
 def write_table(store: Store, index: PhotoIndex) -> list[str]:
     """Write what became of all photos as CSV, and as Parquet with pyarrow; returns the names."""
-    names = [TABLE]
-    _write(store, TABLE, lambda path: _csv(path, index.records()))
-    try:
+    tables: dict[str, Any] = {TABLE: _csv}
+    with suppress(ImportError):
         import pyarrow  # noqa: F401 (an extra, whose absence leaves the CSV)
-    except ImportError:
-        return names
-    _write(store, PARQUET, lambda path: _parquet(path, index.records()))
-    return [*names, PARQUET]
+
+        tables[PARQUET] = _parquet
+    rows = map(_row, index.records())
+    with ExitStack() as stack:
+        adders = [stack.enter_context(_made(store, *table)) for table in tables.items()]
+        while block := list(islice(rows, _ROWS)):
+            for add in adders:
+                add(block)
+    return list(tables)
 
 
-def _write(store: Store, name: str, make: Any) -> None:
+@contextmanager
+def _made(store: Store, name: str, make: Any) -> Iterator[Any]:
     """Make a file on this machine, beside the outputs where they are here, and move it there."""
     folder = store.path(PARTS) if store.is_local else None
     try:
@@ -108,7 +114,8 @@ def _write(store: Store, name: str, make: Any) -> None:
         raise _unwritable(store.path(name), error) from error
     made = Path(path)
     try:
-        make(made)
+        with make(made) as add:
+            yield add
         os.chmod(made, 0o666 & ~_umask())
         store.adopt(made, name)
     except OutputError:
@@ -129,11 +136,12 @@ def _umask() -> int:
     return mask
 
 
-def _csv(path: Path, records: Iterable[PhotoRecord]) -> None:
+@contextmanager
+def _csv(path: Path) -> Iterator[Any]:
     with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
         writer = csv.writer(stream)  # whose own line ends have names with either character quoted
         writer.writerow(_COLUMNS)
-        writer.writerows(map(as_cell, _row(record)) for record in records)
+        yield lambda rows: writer.writerows(map(as_cell, row) for row in rows)
 
 
 def _row(record: PhotoRecord) -> list[Any]:
@@ -146,7 +154,8 @@ def _json(items: tuple[tuple[str, str], ...]) -> str:
     return json.dumps(dict(items))
 
 
-def _parquet(path: Path, records: Iterable[PhotoRecord]) -> None:
+@contextmanager
+def _parquet(path: Path) -> Iterator[Any]:
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -155,11 +164,13 @@ def _parquet(path: Path, records: Iterable[PhotoRecord]) -> None:
         "psnr_svg": pa.float64(), "seconds": pa.float64(), "skipped": pa.bool_(),
     }  # fmt: skip
     schema = pa.schema([(name, kinds.get(name, pa.string())) for name in _COLUMNS])
-    rows = map(_row, records)
     with parquet.ParquetWriter(path, schema) as writer:
-        while block := list(islice(rows, _ROWS)):
-            arrays = list(map(_array, zip(*block, strict=True), schema.types))
+
+        def add(rows: list[Any]) -> None:
+            arrays = list(map(_array, zip(*rows, strict=True), schema.types))
             writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
+
+        yield add
 
 
 def _array(column: tuple[Any, ...], kind: Any) -> Any:

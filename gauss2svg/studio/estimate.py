@@ -106,7 +106,7 @@ class Estimator:
             count = (goal.byte_limit - _EMPTY / 2) / _each(plan)[plan.counts_gzipped]
         elif plan.only_time_limits and goal.time_limit is not None:
             size, threads = (load.fit_width, load.fit_height), self._queue.threads
-            count = gaussians_within(goal.time_limit, size, load.measured_pixels, threads)
+            count = gaussians_within(goal.time_limit, size, math.prod(load.measured), threads)
         else:
             count = _GAUSSIANS[list(PRESETS).index(plan.quality or DEFAULT_PRESET)] * grown
         if goal.count is not None:
@@ -122,7 +122,7 @@ class Estimator:
         pixels = load.fit_width * load.fit_height
         steps = plan.fit_config.steps(load.fit_width, load.fit_height) or plan.iterations
         work = steps * (_STEP_PIXEL * pixels + _STEP_GAUSSIAN * count)
-        work += _AFTER_PIXEL * load.measured_pixels + _AFTER_GAUSSIAN * count
+        work += _AFTER_PIXEL * math.prod(load.measured) + _AFTER_GAUSSIAN * count
         return {
             "bytes": _EMPTY + each[0] * count,
             "gzip_bytes": _EMPTY / 2 + each[1] * count,
