@@ -218,7 +218,7 @@ class Batch:
 
     def _estimate(self) -> int:
         """Bytes that a run on the largest photos takes, by the headers of the largest files."""
-        from gauss2svg.pipeline.vectorize import load_of  # and numba, which takes a while
+        from gauss2svg.pipeline.sizes import load_of  # and numba, which takes a while
 
         given = self.options.run.max_memory
         if given is not None:
