@@ -6,7 +6,7 @@ For each number: a list of that many empty files, a `dask scheduler` and two wor
 for each at once, for its SVG, as empty, is there already; then the same command again, of which the
 driver skips all. With `--touched` a third one follows, after every file was given another date:
 workers read them all and skip them by their bytes. All else is as it is for photos: the list, its
-index, shards, records, the table. Prints seconds, CPU seconds of the driver, and the largest
+index, shards, records, the table. Prints seconds, CPU seconds of all processes, and the largest
 resident memory of driver and scheduler.
 """
 
@@ -52,25 +52,29 @@ def start(*command: str) -> subprocess.Popen[bytes]:
     )
 
 
-def cpu_s() -> float:
-    """CPU seconds of all processes that were waited for."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
+def cpu_s(cluster: list[psutil.Process]) -> float:
+    """CPU seconds so far of these processes, and of all that were waited for."""
+    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+    times = [process.cpu_times() for process in cluster]
+    return ended.ru_utime + ended.ru_stime + sum(one.user + one.system for one in times)
 
 
-def measured(command: list[str], watched: psutil.Process) -> tuple[float, float, float, float]:
-    """Seconds and CPU seconds of a command; largest MB of it and of a watched process."""
-    begun, used = time.perf_counter(), cpu_s()
+def measured(
+    command: list[str], cluster: list[psutil.Process]
+) -> tuple[float, float, float, float]:
+    """Seconds of a command, CPU seconds of all processes, largest MB of it and of the scheduler."""
+    begun, used = time.perf_counter(), cpu_s(cluster)
     driver = start(*command)
     largest = [0, 0]
     while driver.poll() is None:
-        for at, process in enumerate((psutil.Process(driver.pid), watched)):
+        for at, process in enumerate((psutil.Process(driver.pid), cluster[0])):
             with suppress(psutil.NoSuchProcess):
                 largest[at] = max(largest[at], process.memory_info().rss)
         time.sleep(_POLL_S)
     if driver.returncode:
         raise SystemExit(f"the command ended with status {driver.returncode}")
-    return time.perf_counter() - begun, cpu_s() - used, largest[0] / 1e6, largest[1] / 1e6
+    seconds = time.perf_counter() - begun
+    return seconds, cpu_s(cluster) - used, largest[0] / 1e6, largest[1] / 1e6
 
 
 def photos(count: int, folder: Path) -> Iterator[Path]:
@@ -106,14 +110,14 @@ def scale(count: int, folder: Path, runs: list[str]) -> None:
         while not where.exists() or not where.read_text():
             time.sleep(_POLL_S)
         address = json.loads(where.read_text())["address"]
-        watched = psutil.Process(scheduler.pid)
+        cluster = [psutil.Process(process.pid) for process in (scheduler, *workers)]
         command = ["gauss2svg", "batch", str(folder / "list.txt"), "-o", str(folder / "out")]
         command += ["--scheduler", address, "--quiet"]
         for run in runs:
             if run == "touched":
                 for photo in photos(count, folder / "photos"):
                     os.utime(photo, ns=(1, 1))
-            seconds, used, driver, held = measured(command, watched)
+            seconds, used, driver, held = measured(command, cluster)
             kept = (folder / "out" / STATE).rglob("*")
             size = sum(path.stat().st_size for path in kept if path.is_file())
             print(
@@ -132,7 +136,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("counts", nargs="*", type=int, default=[10_000, 100_000, 1_000_000])
     parser.add_argument("--touched", action="store_true", help="also a run in which workers read")
-    names = ["photos", "run", "s", "driver's CPU s", "photos a second", "driver MB"]
+    names = ["photos", "run", "s", "CPU s", "photos a second", "driver MB"]
     names += ["scheduler MB", "records, tables MB"]
     print(f"| {' | '.join(names)} |\n|{'---|' * len(names)}")
     given = parser.parse_args()
