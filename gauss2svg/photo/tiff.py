@@ -68,7 +68,7 @@ def in_planes(tags: Any) -> bool:
     return several and readable and tags.get(_PHOTOMETRIC) in _CHANNELS
 
 
-_REDUCED = 3  # bytes for each pixel while it is decoded and reduced (examples/memory.py)
+_REDUCED = 3  # bytes for each pixel while it is decoded and reduced (benchmarks/memory.py)
 
 
 def tiff_header(file: BinaryIO, name: str, max_pixels: int) -> Header:

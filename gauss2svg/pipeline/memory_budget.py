@@ -10,8 +10,8 @@ that are measured and a fit on F px: the largest of three stages,
 
 (70, 28 and 151 for a transparent photo; decoding a TIFF that Pillow does not takes what one of
 its strips or tiles does besides), plus that of the interpreter, the libraries and each
-shape, times _MARGIN. examples/memory.py compares it with processes. Not counted are other programs
-that rasterise, and the first compilation of the kernels (105 MB).
+shape, times _MARGIN. benchmarks/memory.py compares it with processes. Not counted are other
+programs that rasterise, and the first compilation of the kernels (105 MB).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from gauss2svg.scene import ADD, OVER
 
 # Pixels at which a file is measured at least, where the photo has them: docs/decisions/photo.md.
 MEASURED_PIXELS = 1_000_000
-# Measured bytes (examples/memory.py).
+# Measured bytes (benchmarks/memory.py).
 _BASE = 205e6  # a photo of a few pixels
 # Per pixel of the photo: held, while decoding, and while measuring.
 _OPAQUE, _ALPHA = (12, 31, 57), (28, 70, 151)

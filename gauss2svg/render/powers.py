@@ -5,7 +5,8 @@
     exp2(v)   relative 3e-6 in float32 and 1e-15 in float64, plus roundings; v is clipped to
               the exponents of the type's normal numbers
 
-Together s^(beta - 1) = exp2(log(s) (beta - 1) LOG2_E). tests/test_powers.py checks these errors.
+Together s^(beta - 1) = exp2(log(s) (beta - 1) LOG2_E). These errors are checked
+by tests/render/test_powers.py.
 """
 
 # pyright: reportCallIssue=false

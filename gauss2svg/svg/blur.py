@@ -7,7 +7,7 @@ A disc of radius rho blurred by s has the radial profile
 variance rho^2 / 4 + s^2 per axis and peak g(0) = 1 - exp(-rho^2 / 2 s^2). A small rho / s gives a
 faint Gaussian, a large one the flat top and crisp rim of a large exponent. So every ratio stands
 for one exponent and bounds the opacity; the exponents, largest opacities and errors of BLURS
-are in docs/decisions/svg.md, and tests/test_blur.py derives them again.
+are in docs/decisions/svg.md, and tests/svg/test_blur.py derives them again.
 """
 
 from __future__ import annotations

@@ -6,10 +6,11 @@ An SVG gradient is linear between its stops. Their offsets (free knots) and opac
 
 in px^2 for a shape of sigma 1 px: the squared error of the image. A dynamic program finds the best
 knots of an interpolating polygon among candidates, then knots are moved one by one while the
-least-squares values improve. tests/test_stops.py checks STATED_ERRORS.
+least-squares values improve. tests/svg/test_stops.py checks STATED_ERRORS.
 
 That takes up to a second for each exponent, so stops.json has those of all files
-(`python examples/stops.py gauss2svg/svg/stops.json`), and tests/test_stops.py derives them again.
+(`python benchmarks/stops.py gauss2svg/svg/stops.json`), and
+tests/svg/test_stops.py derives them again.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ The exponent is that of BETA_CLASSES whose profile the polygon of the stops is n
 
     min over beta of  sqrt(integral (stops(x) - f(x R))^2 2 x dx),  R = cut_radius(beta), x in 0..1,
 
-whatever the number of stops; tests/test_stops.py has the margins. Attributes and stops are
+whatever the number of stops; tests/svg/test_stops.py has the margins. Attributes and stops are
 inherited along a chain of references, as in SVG 2: an element's own come first. The stops of
 minimal markup have their opacities in a style sheet, or are greys of a mask, whose luminance is the
 falloff; those of additive files are opaque colours (gauss2svg.svg.reader.additive).

@@ -1,0 +1,259 @@
+"""Make the pictures of the documentation, each under 60 kB.
+
+    python benchmarks/figures.py docs/_static [start model progressive-fit ...]
+
+FOLDER/figures/NAME.webp stands on docs/concepts/NAME.md or docs/guide/NAME.md; FOLDER/start has the
+pictures of the start page and start.inc, which shows them.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+import scenes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from PIL import Image
+from skimage import data
+
+from gauss2svg import FitOptions, Scene, quantize, vectorize, write_svg
+from gauss2svg.errors import RendererError
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.photo.load import load_image
+from gauss2svg.raster import RENDERERS, rasterize
+from gauss2svg.render import render
+from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
+from gauss2svg.svg.stops import gradient_stops
+
+COFFEE = Path(__file__).parent / "coffee.jpg"
+COUNTS = (8, 32, 128, 512, 2048, 8192)
+MOST_BYTES = 60_000
+WIDTH_PX = 1440
+_INCHES = 7.2
+
+Pixels = NDArray[np.floating]
+
+
+def coffee(width: int) -> Pixels:
+    """The example photo at a width in px."""
+    with Image.open(COFFEE) as image:
+        size = (width, round(width * image.height / image.width))
+        return np.asarray(image.convert("RGB").resize(size, Image.Resampling.LANCZOS)) / 255
+
+
+def webp(pixels: Pixels, quality: int) -> bytes:
+    """An image (h, w, 3) in 0..1 as WebP."""
+    stream = io.BytesIO()
+    levels = np.round(255 * np.clip(pixels, 0, 1)).astype(np.uint8)
+    Image.fromarray(levels).save(stream, "WEBP", quality=quality, method=6)
+    return stream.getvalue()
+
+
+def small_webp(pixels: Pixels) -> bytes:
+    """An image as WebP of at most MOST_BYTES, as good as that allows."""
+    for quality in (90, 82, 74, 66, 58, 50):
+        data = webp(pixels, quality)
+        if len(data) <= MOST_BYTES:
+            return data
+    raise SystemExit(f"a figure must have at most {MOST_BYTES} bytes; got {len(data)}")
+
+
+def tiles(pictures: Sequence[Pixels], titles: Sequence[str]) -> Figure:
+    """Pictures in a row, under their titles."""
+    ratio = sum(p.shape[1] / p.shape[0] for p in pictures)
+    figure, axes = plt.subplots(
+        1, len(pictures), figsize=(_INCHES, _INCHES / ratio + 0.45), layout="constrained",
+        width_ratios=[p.shape[1] / p.shape[0] for p in pictures],
+    )  # fmt: skip
+    for axis, picture, title in zip(np.atleast_1d(axes), pictures, titles, strict=True):
+        axis.imshow(np.clip(picture, 0, 1), interpolation="lanczos")
+        axis.set_title(title, fontsize=8)
+        axis.axis("off")
+    return figure
+
+
+def start(folder: Path) -> None:
+    """The pictures of the start page's slider, and the lines that show them."""
+    folder.mkdir(parents=True, exist_ok=True)
+    photo = load_image(COFFEE).pixels
+    frames = []
+    for count in COUNTS:
+        result = vectorize(photo, gaussians=count)
+        report = result.report
+        (folder / f"{count}.webp").write_bytes(webp(result.raster, 80))
+        frames.append(
+            f"<li>{len(result.scene)} shapes: "
+            f"{report['svg_bytes'] / 1000:.0f} kB, {report['svgz_bytes'] / 1000:.0f} kB gzipped, "
+            f"PSNR {report['psnr_svg']:.1f} dB</li>"
+        )
+        print(frames[-1])
+    height, width = photo.shape[:2]
+    (folder / "start.inc").write_text(
+        '<figure class="start" id="start">\n'
+        f'<img src="_static/start/{COUNTS[-1]}.webp" width="{width}" height="{height}" '
+        'alt="A cup of coffee on a wooden table, drawn by Gaussians">\n'
+        '<label hidden>Few to many shapes <input type="range" min="0" '
+        f'max="{len(COUNTS) - 1}" value="{len(COUNTS) - 1}"></label>\n'
+        f'<ol data-frames="{" ".join(map(str, COUNTS))}">\n' + "\n".join(frames) + "\n</ol>\n"
+        "</figure>\n"
+    )
+
+
+def model() -> Figure:
+    """The falloff of some exponents, and one ellipse with each."""
+    figure, (left, right) = plt.subplots(
+        1, 2, figsize=(_INCHES, 2.3), layout="constrained", width_ratios=(1.25, 1)
+    )
+    r = np.linspace(0, 3.2, 400)
+    betas = (1.0, 1.7, 3.0, 16.0)
+    for beta in betas:
+        left.plot(r, profile(r, beta), label=f"beta = {beta:g}")
+    left.set_xlabel("Mahalanobis distance r")
+    left.set_ylabel("falloff f(r)")
+    left.legend(fontsize=8)
+    shapes = Scene(
+        4, 1,
+        mean=np.array([[k + 0.5, 0.5] for k in range(4)]), sigma=np.full((4, 2), 0.16),
+        rho=np.full(4, 0.6), color=np.tile([0.1, 0.3, 0.6], (4, 1)), opacity=np.ones(4),
+        beta=np.array(betas),
+    )  # fmt: skip
+    row = render(shapes, 800, 200)
+    right.imshow(np.block([[[row[:, :400]]], [[row[:, 400:]]]]))
+    for k, beta in enumerate(betas):
+        right.text(200 * (k % 2) + 6, 200 * (k // 2) + 22, f"beta = {beta:g}", fontsize=8)
+    right.axis("off")
+    return figure
+
+
+def progressive_fit() -> Figure:
+    """The rounds of one file, one after the other."""
+    photo = coffee(300)
+    result = vectorize(photo, gaussians=1000)
+    scene = result.scene
+    rounds = np.unique(scene.round_index)
+    chosen = rounds[np.round(np.linspace(0, len(rounds) - 1, 5)).astype(int)]
+    upto = [scene.select(scene.round_index <= k) for k in chosen]
+    names = [f"round {k + 1}: {len(s)} Gaussians" for k, s in zip(chosen, upto, strict=True)]
+    return tiles([render(s, 600, 400) for s in upto], names)
+
+
+def gaussian_count() -> Figure:
+    """Pictures and the numbers of Gaussians that they get."""
+    drawn, titles = [], []
+    for name, picture in scenes.pictures():
+        if name in ("flat", "linear ramp", "logo", "coins", "astronaut"):
+            side = min(picture.shape[:2])
+            result = vectorize(np.ascontiguousarray(picture[:side, :side]))
+            drawn.append(result.raster)
+            titles.append(f"{name}: {len(result.scene)}")
+    return tiles(drawn, titles)
+
+
+def writing_svg() -> Figure:
+    """A gradient's stops beside the falloff, and what renderers make of one file."""
+    photo = coffee(240)
+    scene = quantize(vectorize(photo, gaussians=1500).scene, palette=300)
+    svg, exact = write_svg(scene), render(scene)
+    names, pictures = [], []
+    for name in RENDERERS:
+        try:
+            raster = rasterize(svg, 240, 160, name)
+        except RendererError as error:
+            print(f"without {name}: {error}")
+            continue
+        names.append(f"{name}: {psnr(raster, exact):.1f} dB")
+        pictures.append(np.clip(0.5 + 16 * (raster - exact), 0, 1))
+    figure = plt.figure(figsize=(_INCHES, 4.2), layout="constrained")
+    upper, lower = np.ravel(np.array(figure.subfigures(2, 1, height_ratios=(1, 1.15))))
+    for axis, beta in zip(upper.subplots(1, 3, sharey=True), BETA_CLASSES[:3], strict=True):
+        radius = float(cut_radius(beta))
+        r = np.linspace(0, radius, 300)
+        offsets, opacities = gradient_stops(5, beta)
+        axis.plot(r, profile(r, beta), color="#999", linewidth=3, label="falloff")
+        axis.plot(np.multiply(offsets, radius), opacities, "o-", markersize=3, label="stops")
+        axis.set_title(f"beta = {beta:g}", fontsize=8)
+        axis.tick_params(labelsize=7)
+    upper.axes[-1].legend(fontsize=7)
+    for axis, picture, name in zip(
+        lower.subplots(2, -(-len(names) // 2)).flat, pictures, names, strict=False
+    ):
+        axis.imshow(picture)
+        axis.set_title(name, fontsize=8)
+    for axis in lower.axes:
+        axis.axis("off")
+    return figure
+
+
+def additive_blending() -> Figure:
+    """What an additive scene adds, what it takes away, and both."""
+    scene = vectorize(coffee(300), gaussians=400, fit=FitOptions(blend="add")).scene
+    parts = [
+        scene.replace(color=np.clip(scene.color, low, high), background=np.full(3, level))
+        for low, high, level in ((0, 100, 0), (-100, 0, 1))
+    ]
+    names = ["positive parts, over black", "negative parts, over white", "background and both"]
+    return tiles([render(s, 600, 400) for s in (*parts, scene)], names)
+
+
+def extremes() -> Figure:
+    """One scene at three zooms: a needle of aspect 1000, a crisp rim and a Gaussian."""
+    scene = Scene(
+        80, 60,
+        mean=np.array([[40, 30], [40, 30.4], [36, 29]]),
+        sigma=np.array([[18, 12], [30, 0.03], [0.4, 0.4]]),
+        rho=np.array([0.3, 0, 0]),
+        color=np.array([[0.95, 0.75, 0.3], [0.1, 0.2, 0.5], [0.8, 0.1, 0.1]]),
+        opacity=np.ones(3), beta=np.array([1, 1, 200]),
+    )  # fmt: skip
+    zoomed = []
+    for zoom in (1, 10, 100):
+        moved = scene.replace(mean=scene.mean - [36.4, 29.4] + [40 / zoom, 30 / zoom])
+        near = moved.replace(width=80 / zoom, height=60 / zoom)
+        zoomed.append(render(near, 480, 360))
+    return tiles(zoomed, [f"{z} times" for z in (1, 10, 100)])
+
+
+def logos() -> Figure:
+    """A logo in files of some sizes, and the picture."""
+    logo = np.asarray(Image.fromarray(data.logo()).convert("RGB")) / np.float32(255)
+    results = [vectorize(logo, max_bytes=limit) for limit in (5000, 20_000)] + [vectorize(logo)]
+    figures = [(r.report["svg_bytes"] / 1000, r.report["psnr_svg"]) for r in results]
+    titles = [f"{size:.0f} kB: {match:.1f} dB" for size, match in figures]
+    return tiles([*(r.raster for r in results), logo], [*titles, "the picture"])
+
+
+FIGURES: dict[str, Callable[[], Figure]] = {
+    "model": model,
+    "progressive-fit": progressive_fit,
+    "gaussian-count": gaussian_count,
+    "writing-svg": writing_svg,
+    "additive-blending": additive_blending,
+    "extremes": extremes,
+    "logos": logos,
+}
+
+
+def main() -> None:
+    """Write the figures that are named, or all."""
+    folder, names = Path(sys.argv[1]), sys.argv[2:] or ["start", *FIGURES]
+    if "start" in names:
+        start(folder / "start")
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    for name in [n for n in names if n != "start"]:
+        stream = io.BytesIO()
+        figure = FIGURES[name]()
+        figure.savefig(stream, format="png", dpi=WIDTH_PX / _INCHES)
+        plt.close(figure)
+        with Image.open(stream) as image:
+            encoded = small_webp(np.asarray(image.convert("RGB")) / 255)
+        (folder / "figures" / f"{name}.webp").write_bytes(encoded)
+        print(f"{name}: {len(encoded)} bytes")
+
+
+if __name__ == "__main__":
+    main()

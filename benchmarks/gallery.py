@@ -1,0 +1,112 @@
+"""Make a gallery of the photos that scikit-image ships, and print its medians.
+
+python benchmarks/gallery.py site                        # 21 photos, 384 px, 1404 Gaussians
+python benchmarks/gallery.py site --peers splatthis coffee astronaut chelsea
+python benchmarks/gallery.py sample --sample             # two photos, and
+    --screenshot examples/gallery.jpg                  # an image of it, by Chromium: '.[browser]'
+
+Size and count are those of SplatThis' own gallery, whose medians are printed for comparison. The
+photos are the same except for clock_motion, which replaces one that scikit-image does not have.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import skimage.data
+
+from gauss2svg import Gallery, GalleryProgress, build_gallery
+from gauss2svg.gallery.options import GalleryOptions
+
+FILES = (
+    "astronaut.png", "brick.png", "camera.png", "cell.png", "chelsea.png", "chessboard_GRAY.png",
+    "clock_motion.png", "coffee.png", "coins.png", "color.png", "grass.png", "gravel.png",
+    "hubble_deep_field.jpg", "ihc.png", "logo.png", "moon.png", "motorcycle_left.png", "page.png",
+    "retina.jpg", "rocket.jpg", "text.png",
+)  # fmt: skip
+PHOTO_PX, GAUSSIANS = 384, 1404
+SAMPLE_FILES, SAMPLE_COUNTS = ("coffee.png", "chelsea.png"), (100, 800)
+SAMPLE = GalleryOptions(photo_size=256, title="Two photos as Gaussians")
+# https://github.com/BramAlkema/SplatThis, version 0.3, on the machine of its authors.
+PUBLISHED = {"psnr_svg": 25.6, "ssim_svg": 0.780, "svg_bytes": 1.25e6, "total_s": 401.0}
+SCREEN: Any = {"width": 1000, "height": 900}  # px
+PEER_TIMEOUT_S = 4000.0
+
+
+def main() -> int:
+    """Make the gallery of the command line; returns 1 if something failed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("directory", type=Path)
+    parser.add_argument("photos", nargs="*", help="names without an ending, such as coffee")
+    parser.add_argument("--peers", nargs="*", default=[])
+    parser.add_argument("--sample", action="store_true")
+    parser.add_argument("--screenshot", type=Path)
+    args = parser.parse_args()
+    names = [name for name in FILES if not args.photos or name.partition(".")[0] in args.photos]
+    counts, options = (GAUSSIANS,), GalleryOptions(photo_size=PHOTO_PX, peer_timeout=PEER_TIMEOUT_S)
+    if args.sample:
+        names, counts, options = SAMPLE_FILES, SAMPLE_COUNTS, SAMPLE
+    # The package's own folder: skimage.data_dir is a download cache where pooch is installed.
+    shipped = Path(skimage.data.__file__).parent
+    gallery = build_gallery(
+        [shipped / name for name in names],
+        args.directory,
+        counts=counts,
+        peers=args.peers,
+        options=options,
+        command=" ".join(["python", *sys.argv]),
+        progress=_print_progress,
+    )
+    print_medians(gallery)
+    for failure in gallery.failures:
+        print(f"{failure.photo.name}: {failure.error}")
+    print(f"open {gallery.index}")
+    if args.screenshot:
+        screenshot(gallery, args.screenshot)
+    return 1 if gallery.failures else 0
+
+
+def print_medians(gallery: Gallery) -> None:
+    """The medians of each variant over the photos, and those that SplatThis publishes."""
+    print(f"{'median':16} photos  PSNR dB   SSIM  bytes      s")
+    rows = [
+        (row["variant"], row["photos"], {name: row[f"median_{name}"] for name in PUBLISHED})
+        for row in gallery.summary
+    ]
+    for name, count, medians in [*rows, ("published", len(FILES), PUBLISHED)]:
+        print(
+            f"{name:16} {count:6}  {medians['psnr_svg']:7.2f}  {medians['ssim_svg']:.3f}"
+            f"  {medians['svg_bytes'] / 1e3:5.0f}k  {medians['total_s']:5.1f}"
+        )
+
+
+def screenshot(gallery: Gallery, target: Path) -> None:
+    """Save the first photo's page, as Chromium shows it, as JPEG."""
+    from playwright.sync_api import sync_playwright
+
+    page_file = gallery.directory / gallery.rows[0]["page"]
+    with sync_playwright() as playwright:
+        # Without the sandbox, which root in a container cannot use: the page is ours.
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
+        page = browser.new_page(viewport=SCREEN)
+        page.goto(page_file.absolute().as_uri())
+        page.wait_for_load_state("networkidle")
+        page.screenshot(path=target, type="jpeg", quality=85, animations="disabled")
+        browser.close()
+
+
+def _print_progress(progress: GalleryProgress) -> None:
+    if progress.now:
+        print(f"{progress.done}/{progress.total} {'; '.join(progress.now)}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

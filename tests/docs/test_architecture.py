@@ -1,0 +1,57 @@
+"""Rules of the source tree: data flows one way, long files say why, svgwrite has one door."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SOURCES = sorted((ROOT / "gauss2svg").rglob("*.py"))
+
+
+def test_imports_follow_the_layers():
+    # the contract is in pyproject.toml; it also forbids every cycle between the layers
+    run = subprocess.run(
+        [sys.executable, "-c", "from importlinter.cli import lint_imports_command as c; c()"],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout + run.stderr
+
+
+def test_a_file_of_over_500_lines_says_why_at_its_top():
+    for path in [*SOURCES, *(ROOT / "tests").glob("*.py")]:
+        lines = path.read_text().splitlines()
+        assert len(lines) <= 500 or "is long because" in "\n".join(lines[:40]), path
+
+
+@pytest.mark.parametrize(
+    ("package", "homes"),
+    [
+        ("svgwrite", ["svg/write.py"]),
+        ("defusedxml", ["measure/survey.py", "svg/reader/parse.py"]),
+        ("resvg_py", ["raster/resvg.py"]),
+        ("matplotlib", []),
+        ("tinycss2", ["raster/css.py", "svg/reader/rules.py"]),
+        ("playwright", ["raster/chromium.py"]),
+        ("tifffile", ["photo/tiff.py"]),
+    ],
+)
+def test_only_its_modules_know_a_package(package, homes):
+    importers = [
+        path.relative_to(ROOT / "gauss2svg").as_posix()
+        for path in SOURCES
+        if re.search(rf"^\s*(import|from) {package}\b", path.read_text(), re.MULTILINE)
+    ]
+    assert importers == homes
+
+
+def test_every_test_is_in_a_lane():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]
+    options = settings.get("ini_options", settings)
+    markers = " or ".join(marker.partition(":")[0] for marker in options["markers"])
+    assert f"not ({markers})" in options["addopts"]
+    for text in (ROOT / ".ci" / "run", ROOT / "docs" / "development.md"):
+        assert f'-m "{markers}"' in text.read_text()

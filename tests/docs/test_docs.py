@@ -1,0 +1,273 @@
+"""The documentation: its code runs, and its reference is complete."""
+
+from __future__ import annotations
+
+import ast
+import glob
+import gzip
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import gauss2svg
+from gauss2svg.batch.many import Batch
+from gauss2svg.cli.main import build_app, main
+from gauss2svg.fit.densification import STOP_REASONS
+from gauss2svg.measure.scores import TARGETS
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
+# <!-- not run: REASON --> before a block leaves it out, <!-- not run where TEXT: REASON --> the
+# lines of it that contain the text.
+BLOCK = re.compile(
+    r"(?P<marks>(?:^<!-- not run.*? -->\n)*)^```(?P<kind>\w+)\n(?P<code>.*?)^```$",
+    re.MULTILINE | re.DOTALL,
+)
+MARK = re.compile(r"<!-- not run(?: where (?P<text>[^:]*))?: (?P<reason>[^>]+) -->")
+SHELL, PYTHON, TOML = ("sh", "bash"), "python", "toml"
+NO_CODE = ("text", "dockerfile", "xml", "html", "json")
+
+
+@dataclass
+class Block:
+    """A block of code that runs, and where it stands."""
+
+    kind: str
+    code: str
+    line: int
+
+
+def blocks_of(page: Path) -> list[Block]:
+    text, found = page.read_text(), []
+    for match in BLOCK.finditer(text):
+        marks = [mark.groupdict() for mark in MARK.finditer(match["marks"])]
+        assert all(mark["reason"].strip() for mark in marks)
+        if match["kind"] in NO_CODE or any(mark["text"] is None for mark in marks):
+            continue
+        lines = match["code"].splitlines()
+        for mark in marks:
+            kept = [line for line in lines if mark["text"] not in line]
+            assert len(kept) < len(lines), f"{page}: no line has {mark['text']}"
+            lines = kept
+        line = text.count("\n", 0, match.start("code")) + 1
+        found.append(Block(match["kind"], "\n".join(lines), line))
+    return found
+
+
+def named(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+WITH_CODE = [page for page in PAGES if blocks_of(page)]
+
+
+@pytest.fixture(scope="module")
+def small_svg(photo) -> str:
+    return gauss2svg.vectorize(photo[40:64, 46:82], gaussians=5).svg
+
+
+@pytest.fixture
+def pictures(photo, small_svg, tmp_path, monkeypatch) -> Path:
+    """A folder with the files that the documentation names, as small as can be."""
+    monkeypatch.chdir(tmp_path)
+    levels = np.uint8(255 * photo[40:64, 46:82])
+    small = Image.fromarray(levels)
+    for name in ("photo.jpg", "photos/one.jpg", "more/two.jpg"):
+        Path(name).parent.mkdir(exist_ok=True)
+        small.save(name, quality=95, dpi=(300, 300))
+    small.save("logo.png")
+    alpha = np.full(levels.shape[:2], 255, np.uint8)
+    alpha[:, :12] = 0
+    Image.fromarray(np.dstack([levels, alpha])).save("cutout.png")
+    Image.fromarray(np.uint8(levels[:, :, 0] > 99)).save("labels.png")
+    Path("list.txt").write_text("logo.png\n")
+    Path("theirs.svgz").write_bytes(gzip.compress(small_svg.encode()))
+    for name in ("any.svg", "out.svg"):
+        Path(name).write_text(small_svg)
+    return tmp_path
+
+
+@pytest.fixture
+def in_this_process(drawn_here, asked, dask_client, monkeypatch) -> None:
+    """Checks, galleries and batches start no processes; SVGs of galleries are made up."""
+    monkeypatch.setattr(Batch, "connected", lambda _: nullcontext(dask_client))
+
+
+def run_line(line: str) -> None:
+    """A line of a shell: the program in this process, anything else by bash."""
+    words = shlex.split(line, comments=True)
+    if not words:
+        return
+    if words[0] == "gauss2svg" and not {"|", "||", ">"} & set(words):
+        arguments = [name for word in words[1:] for name in _expanded(line, word)]
+        assert main(arguments) == 0, line
+        return
+    program = f'gauss2svg() {{ "{sys.executable}" -P -m gauss2svg "$@"; }}\n{line}'
+    run = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", program], capture_output=True, text=True
+    )
+    assert run.returncode == 0, f"{line}\n{run.stderr}"
+
+
+def _expanded(line: str, word: str) -> list[str]:
+    quoted = f"'{word}'" in line or f'"{word}"' in line
+    return sorted(glob.glob(word)) if glob.has_magic(word) and not quoted else [word]
+
+
+@pytest.mark.example
+@pytest.mark.parametrize("page", WITH_CODE, ids=named)
+def test_every_block_of_code_runs(page, pictures, in_this_process, monkeypatch):
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    monkeypatch.setenv("PYTHONPATH", path)
+    names: dict = {"__name__": "__main__"}
+    for block in blocks_of(page):
+        try:
+            if block.kind in SHELL:
+                for line in block.code.splitlines():
+                    run_line(line)
+            elif block.kind == PYTHON:
+                exec(compile(block.code, named(page), "exec"), names)
+            else:
+                assert block.kind == TOML, f"unknown kind of code: {block.kind}"
+                gauss2svg.Options().changed(**tomllib.loads(block.code))
+        except Exception as error:
+            error.add_note(f"{named(page)}, the block at line {block.line}")
+            raise
+
+
+def test_code_is_fenced_and_says_its_language():
+    for page in PAGES:
+        text = page.read_text()
+        fences = re.findall(r"^`{3,}(.*)$", text, re.MULTILINE)
+        assert all(fences[::2]), f"{named(page)} has a block without a language"
+        bare = re.findall(r"^    (?:gauss2svg|pip|python) .*$", BLOCK.sub("", text), re.MULTILINE)
+        assert not bare, f"{named(page)} has code outside of fences: {bare}"
+
+
+@pytest.mark.sweep
+def test_commands_that_are_left_out_have_options_that_exist():
+    app = build_app(True)
+    for page in PAGES:
+        for block in BLOCK.finditer(page.read_text()):
+            for line in re.findall(r"^gauss2svg .*$", block["code"], re.MULTILINE):
+                words = shlex.split(re.split(r" [|>]", line)[0], comments=True)
+                app.parse_args(words[1:], exit_on_error=False, print_error=False)
+
+
+def test_scripts_that_print_figures_exist():
+    for page in PAGES:
+        for name in re.findall(r"python ((?:bench|ex|tests)\w*/[\w/]+\.py)", page.read_text()):
+            assert (ROOT / name).is_file(), f"{named(page)} names {name}"
+
+
+def test_links_of_the_readme_lead_to_files():
+    readme = ROOT / "README.md"
+    for link in re.findall(r"\]\(([^)#]+)", readme.read_text()):
+        assert (ROOT / link).exists(), link
+    assert len(readme.read_text().splitlines()) <= 150
+
+
+def test_every_public_name_is_in_the_reference():
+    pages = "".join(p.read_text() for p in (DOCS / "reference").glob("*.md"))
+    documented = set(re.findall(r"^\.\. auto\w+:: (\w+)$", pages, re.MULTILINE))
+    options = set(re.findall(r"^`gauss2svg\.(\w+)`", pages, re.MULTILINE))  # above a list of them
+    assert {name for name in gauss2svg.__all__ if name[0] != "_"} <= documented | options
+
+
+def test_every_key_of_a_report_is_in_the_reference(photo):
+    page = (DOCS / "reference" / "report.md").read_text()
+    report = gauss2svg.vectorize(photo[:16, :16], gaussians=3).report
+    options = gauss2svg.Options().flat()
+    said = set(re.findall(r"`(\w+)`", page))
+    assert not [key for key in report if key not in said | set(options)]
+    parts = page.split("\n## ")
+    keys = {part.partition("\n")[0]: first_column(part) for part in parts}
+    assert not (keys["What was reached"] | keys["What the fit did"]) - set(report)
+    assert keys["Stop reasons"] - {"stop_reason"} == {*STOP_REASONS, *(t.option for t in TARGETS)}
+
+
+def test_every_key_of_a_check_is_in_the_reference(tmp_path):
+    path = tmp_path / "out.svg"
+    path.write_text('<svg xmlns="http://www.w3.org/2000/svg" width="8" height="8"/>')
+    report = gauss2svg.check(np.ones((8, 8, 3), np.float32), path).report
+    part = (DOCS / "reference" / "report.md").read_text().partition("## Report of a check")[2]
+    assert set(re.findall(r"`(\w+)`", part.partition(":")[2])) == set(report)
+
+
+def test_elements_of_a_file_are_those_of_the_reference(photo):
+    result = gauss2svg.vectorize(photo[:32, :32], gaussians=30)
+    found = set(re.findall(r"<([a-zA-Z]+)", result.svg))
+    page = (DOCS / "reference" / "svg.md").read_text()
+    stated = re.search(r"^\| every file \| `(.*)` \|$", page, re.MULTILINE)
+    assert stated is not None
+    assert found == set(stated[1].split())
+
+
+def first_column(part: str) -> set[str]:
+    """Words of code that stand in the first column of a table."""
+    cells = re.findall(r"^\| (.+?) \|", part, re.MULTILINE)
+    return {word for cell in cells for word in re.findall(r"`(\w+)`", cell)}
+
+
+def calls_without_encoding(code: str) -> list[int]:
+    """Lines that open a file of text without its encoding, which Windows would choose."""
+    found = []
+    for node in ast.walk(ast.parse(code)):
+        if not isinstance(node, ast.Call):
+            continue
+        name = getattr(node.func, "attr", None) or getattr(node.func, "id", None)
+        owner = getattr(getattr(node.func, "value", None), "id", None)
+        named = {keyword.arg: keyword.value for keyword in node.keywords}
+        is_open = name in ("open", "fdopen") and (owner, name) not in (("os", "open"),)
+        if name not in ("read_text", "write_text") and not is_open:
+            continue
+        first = 0 if name == "open" and isinstance(node.func, ast.Attribute) else 1
+        given = node.args[first] if len(node.args) > first else named.get("mode")
+        mode = given.value if isinstance(given, ast.Constant) else "r"
+        others = ("Image", "fs", "webbrowser", "zipfile", "tifffile")
+        if is_open and ("b" in str(mode) or owner in others):
+            continue
+        if "encoding" not in named:
+            found.append(node.lineno)
+    return found
+
+
+def test_calls_without_encoding_are_found():
+    code = """open("a")\nopen("a", "rb")\nopen("a", "w", encoding="utf-8")
+Path("a").read_text()\nPath("a").write_text("b")\nPath("a").open("w")\nPath("a").open("rb")
+os.open("a", 0)\nImage.open("a")\nos.fdopen(1, "w")\nos.fdopen(1, "wb")
+"""
+    assert calls_without_encoding(code) == [1, 4, 5, 6, 10]
+
+
+PACKAGE = sorted((ROOT / "gauss2svg").rglob("*.py"))
+
+
+def test_every_text_is_read_and_written_in_utf_8():
+    found = {path: calls_without_encoding(path.read_text()) for path in PACKAGE}
+    for page in WITH_CODE:
+        code = [block.code for block in blocks_of(page) if block.kind == PYTHON]
+        found[page] = [line for one in code for line in calls_without_encoding(one)]
+    assert {path: lines for path, lines in found.items() if lines} == {}
+
+
+def test_lines_for_a_shell_are_quoted_so_that_every_shell_takes_them():
+    quoted = re.compile(r"pip install[^\n]* '[^'\n]*\[[^'\n]*'")
+    texts = [*PAGES, *PACKAGE, ROOT / "pyproject.toml"]
+    assert [path for path in texts if quoted.search(path.read_text())] == []
+    for page in PAGES:
+        for match in BLOCK.finditer(page.read_text()):
+            lines = match["code"].splitlines() if match["kind"] in SHELL else []
+            commands = [line.partition(" # ")[0] for line in lines if line.startswith("gauss2svg")]
+            assert not [line for line in commands if "'" in line], page

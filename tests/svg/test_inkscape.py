@@ -1,0 +1,92 @@
+"""Laws of files that Inkscape saved: what was moved is moved, and nothing else is."""
+
+import shutil
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from conftest import random_scene
+from svg_texts import assert_same
+
+from gauss2svg.scene import Scene
+from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.svg.blur import BLUR, GRADIENT
+from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.write import write_svg
+
+DATA = Path(__file__).parents[1] / "data"
+# What 8 digits leave of a covariance in px^2 and of a mean in px.
+EDITED = 2e-4
+
+
+def edited_scene() -> Scene:
+    """Thirty shapes of all exponents in three rounds, two of them plain ellipses."""
+    scene = random_scene(30, 120, 80, 2, (2, 14))
+    return scene.replace(
+        beta=np.resize(BETA_CLASSES, 30),
+        opacity=np.clip(scene.opacity, 0.2, 1),
+        color=np.resize([[0.2, 0.4, 0.6], [1.0, 0.6, 0.0], [0.0, 0.4, 0.2]], (30, 3)),
+    )
+
+
+def saved_by_inkscape(before: Path, after: Path) -> None:
+    """Shape 3 moved by (3, 4), shape 5 made a path, the last round moved by (5, -2)."""
+    ids = after.with_name("ids.svg")
+    _inkscape(before, ids, "select-all")
+    root = ElementTree.parse(ids).getroot()
+    layers = [g.get("id") for g in root if g.tag.endswith("}g")]
+    circles = [c.get("id") for c in root.iter("{http://www.w3.org/2000/svg}circle")]
+    ids.unlink()
+    _inkscape(
+        before, after,
+        f"select-by-id:{circles[3]};transform-translate:3,4;select-clear;"
+        f"select-by-id:{circles[5]};object-to-path;select-clear;"
+        f"select-by-id:{layers[-1]};transform-translate:5,-2",
+    )  # fmt: skip
+
+
+def _inkscape(before: Path, after: Path, actions: str) -> None:
+    actions += f";export-filename:{after};export-plain-svg:false;export-do"
+    subprocess.run(
+        ["inkscape", str(before), f"--actions={actions}"],
+        check=True, capture_output=True, timeout=60,
+    )  # fmt: skip
+
+
+def assert_moved(before: Path, after: Path) -> None:
+    old, new = read_svg(before), read_svg(after)
+    shift = np.zeros((30, 2))
+    shift[3] = 3, 4
+    shift[old.round_index == 2] = 5, -2
+    assert (shift != 0).any(axis=1).sum() > 5
+    assert_same(new, old.replace(mean=old.mean + shift), EDITED)
+    assert "<path" in after.read_text()
+    # What it makes of a circle that is moved, unless a filter refers to its units.
+    assert ("<ellipse" in after.read_text()) == ("filter=" not in before.read_text())
+
+
+def written(form: str) -> str:
+    return write_svg(edited_scene(), SvgFormat(form=form))
+
+
+@pytest.mark.parametrize("form", [GRADIENT, BLUR])
+def test_shapes_moved_in_inkscape_are_moved_and_nothing_else_is(form, pytestconfig):
+    before, after = DATA / f"{form}.svg", DATA / f"{form}_by_inkscape.svg"
+    if pytestconfig.getoption("--rewrite-golden"):
+        before.write_text(written(form))
+        saved_by_inkscape(before, after)
+    assert_moved(before, after)
+    assert (form == BLUR) == ("filter=" in before.read_text())
+    if form == GRADIENT:
+        assert set(BETA_CLASSES) < set(read_svg(before).beta)
+
+
+@pytest.mark.skipif(shutil.which("inkscape") is None, reason="needs Inkscape on the PATH")
+@pytest.mark.parametrize("form", [GRADIENT, BLUR])
+def test_the_same_by_the_inkscape_that_is_installed(form, tmp_path):
+    (tmp_path / "before.svg").write_text(written(form))
+    saved_by_inkscape(tmp_path / "before.svg", tmp_path / "after.svg")
+    assert_moved(tmp_path / "before.svg", tmp_path / "after.svg")
