@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.fit.choices import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.options import byte_size
@@ -165,9 +165,10 @@ def _scaled(load: Load, share: float) -> Load:
 
 
 def _too_little(needed: float, limit: int, work: str, advice: str) -> InputError:
-    needs = f"at least {_megabytes(needed)} for {work}"
-    got = shown(_megabytes(limit))
-    return InputError(must_be("memory", needs, got, f"{advice}, or a larger --max-memory"))
+    return InputError(
+        f"memory must be at least {_megabytes(needed)} for {work}; got {_megabytes(limit)}. "
+        f"Try {advice}, or a larger --max-memory"
+    )
 
 
 def _megabytes(size: float) -> str:

@@ -13,7 +13,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.options import byte_size
 from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
 from gauss2svg.photo.load import ImageSource
@@ -160,6 +160,8 @@ def check_bytes(name: str, value: Any) -> int:
     """Bytes of a placeholder; raises InputError that names it."""
     size = byte_size(name, value)
     if size > MINIMAL_UP_TO:
-        needed = f"at most {MINIMAL_UP_TO} bytes for a placeholder"
-        raise InputError(must_be(name, needed, value, f"{MINIMAL_UP_TO}"))
+        raise InputError(
+            f"{name} must be at most {MINIMAL_UP_TO} bytes for a placeholder; got "
+            f"{quoted(value)}. Try {MINIMAL_UP_TO}"
+        )
     return size

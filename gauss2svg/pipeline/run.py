@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from numba import get_num_threads, set_num_threads
 from numba.core import config
 
-from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.errors import InputError, whole_number
 from gauss2svg.fit.options import FitProgress
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.photo.photo import Header, Photo
@@ -134,8 +134,10 @@ def _check_callable(name: str, function: object, *arguments: str) -> None:
         return
     except TypeError:
         pass
-    needed = f"a function of {' and '.join(arguments) or 'no arguments'}"
-    raise InputError(must_be(name, needed, shown(type(function).__name__)))
+    raise InputError(
+        f"{name} must be a function of {' and '.join(arguments) or 'no arguments'}; got "
+        f"{type(function).__name__}"
+    )
 
 
 def _thread_count(count: int | None) -> int:
