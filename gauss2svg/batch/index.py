@@ -58,7 +58,7 @@ class PhotoIndex:
             self._base.execute("BEGIN")  # for ever: nobody else reads it, and a commit writes
 
     def close(self) -> None:
-        """Delete it."""
+        """Delete the index."""
         self._base.close()
 
     def _key(self, output: str) -> bytes:

@@ -169,9 +169,10 @@ class Batch:
     def records(
         self, client: Client, waiting: Callable[[], None] = lambda: None
     ) -> Iterator[PhotoRecord]:
-        """What becomes of all other photos, as it is known; raises ClusterError and OutputError.
+        """What becomes of the photos that workers take up, as it is known.
 
         waiting  called about each second in which there is no worker
+        Raises ClusterError and OutputError.
         """
         from gauss2svg.batch.cluster import check_workers, counter
         from gauss2svg.batch.drive import Driver

@@ -36,17 +36,17 @@ def number(least: float, most: float) -> Check:
 
 
 def as_saved(name: str, value: Any) -> Any:
-    """Any value."""
+    """A check that allows any value."""
     return value
 
 
 def optional(check: Check) -> Check:
-    """None, or what check allows."""
+    """A check that allows None, and what `check` allows."""
     return lambda name, value: None if value is None else check(name, value)
 
 
 def part(name: str, value: Any) -> Any:
-    """Attributes that are `Saved` themselves, and load what was saved of them."""
+    """A check of attributes that are `Saved` themselves: they load what was saved of them."""
     raise AssertionError(f"{name} loads itself")
 
 

@@ -74,7 +74,7 @@ def help_of_jpeg(image: Any) -> list[str]:
 
 
 def _file_of(image: Any) -> bytes:
-    """All of the file of an image that is not loaded yet, or nothing."""
+    """The whole file of an image that is not loaded yet, or nothing."""
     file = getattr(image, "fp", None)
     if file is None or not getattr(image, "tile", None):
         return b""

@@ -41,7 +41,7 @@ _MARGIN = 1.2
 
 
 def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
-    """That of the fit where it has so many pixels at least, else of as many, or the photo's."""
+    """Size of measuring: the fit's from `least` pixels on, else one of so many, or the photo's."""
     if fit[0] * fit[1] >= least or fit == photo:
         return fit
     scale = math.sqrt(least / (photo[0] * photo[1]))
@@ -93,7 +93,7 @@ class Load:
 
     @property
     def bytes(self) -> int:
-        """The estimate."""
+        """Estimated bytes that the run takes at most."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
         kept = math.prod(self.measured)
         a_pixel = _FIT[has_ssim(self.loss)]

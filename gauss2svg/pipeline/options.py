@@ -254,7 +254,7 @@ class Options:
         }
 
     def changed(self, **values: Any) -> Options:
-        """These options with other values, by their names."""
+        """The options with other values, by their names."""
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             found = field_named(GROUPS, name)
@@ -265,5 +265,5 @@ class Options:
 
 
 def option_names() -> list[str]:
-    """All options, in the order of their groups."""
+    """Names of all options, in the order of their groups."""
     return [field.name for group in GROUPS.values() for field in fields_of(group)]

@@ -39,7 +39,7 @@ _IDS = re.compile(r'(?<=id=")|(?<=href="#)|(?<=url\(#)')
 
 @dataclass(frozen=True)
 class Placeholder:
-    """A placeholder.
+    """A small SVG that stands for a photo until the photo is loaded.
 
     svg            text of the file
     width, height  px of the photo; the SVG has its proportions
@@ -69,7 +69,7 @@ class Placeholder:
 
     @property
     def data_uri_base64(self) -> str:
-        """The SVG as a data URI in base64, for wherever the other one is refused."""
+        """The SVG as a data URI in base64, for wherever the shorter `data_uri` is refused."""
         return f"data:{_MEDIA_TYPE};base64," + base64.b64encode(self.svg.encode()).decode()
 
     def record(self, name: str) -> dict[str, Any]:

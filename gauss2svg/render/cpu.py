@@ -49,14 +49,14 @@ class _KernelLock:
         self._lock.release()
 
     def is_open(self) -> bool:
-        """Whether this thread can take it at once; it is not kept."""
+        """Whether this thread can take the lock at once; the lock is not kept."""
         free = self._lock.acquire(blocking=False)
         if free:
             self._lock.release()
         return free
 
     def forget_others(self) -> None:
-        """Free it from threads that do not exist in this process."""
+        """Free the lock from threads that do not exist in this process."""
         if not self.is_open():
             self._lock = threading.RLock()
 

@@ -287,7 +287,7 @@ class Scene:
         )
 
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
-        """The same image on a canvas scaled by factor_x and factor_y (> 0; the same if None).
+        """The scene on a canvas scaled by factor_x and factor_y (> 0; the same if None).
 
         Raises SceneError where that leaves the domain.
         """
