@@ -13,7 +13,9 @@ colours of 3 and of 6 digits; the file that is best by the model is drawn:
     3 ellipses in wider steps   230, 242; 237, 249                   249 bytes, 18.04 dB: the best
 
     <svg xmlns=".." viewBox="0 0 66 44"><path fill="#c3b8a0" d="M0 0h66v44H0"/>
-    <path fill="#504c34" d="M86 27a93 10-1.8 101 0"/><path fill="#fbf9e8" d="M1-19a91 20 ../> ..
+    <path fill="#504c34" d="M86 27a93 10-1.8 101 0"/>
+    <path fill="#fbf9e8" d="M1-19a91 20 7.2 101 0"/>
+    <path fill="#736031" d="M11 18a10 4 32 101 0"/></svg>
 
 All constants: docs/decisions/small.md.
 """
