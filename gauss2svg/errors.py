@@ -63,25 +63,10 @@ def brief(text: Any) -> str:
     return text if len(text) <= _MOST_SHOWN else text[:_MOST_SHOWN] + "..."
 
 
-def must_be(name: str, needed: str, got: Any, advice: str = "") -> str:
-    """The line of an error: what was needed, what was got, and what to try."""
-    found = brief(got) if isinstance(got, _AsItIs) else quoted(got)
-    return f"{name} must be {needed}; got {found}" + (f". Try {advice}" if advice else "")
-
-
 def plain_scalar(value: Any) -> Any:
     """A NumPy scalar as the Python value that it holds; any other value as it is."""
     item = getattr(value, "item", None)
     return item() if item is not None and getattr(value, "ndim", 1) == 0 else value
-
-
-class _AsItIs(str):
-    """Text that an error message shows without quotes."""
-
-
-def shown(text: Any) -> str:
-    """The value of an error message as it is, without quotes."""
-    return _AsItIs(text)
 
 
 def instance(value: _Kind | None, name: str, kind: type[_Kind]) -> _Kind:

@@ -69,7 +69,7 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 @contextmanager
 def _usual(module: Path) -> Iterator[bool]:
-    """Inside, numba keeps code where it does by itself; False where that is nowhere."""
+    """Let numba keep code where it does by itself; False where that is nowhere."""
     has_home = bool(os.environ.get("XDG_CACHE_HOME")) or os.path.isabs(os.path.expanduser("~"))
     # Without a home numba would make a folder named ~ in the current one.
     yield has_home or bool(_numba.CACHE_DIR) or os.access(module, os.W_OK)
@@ -77,7 +77,7 @@ def _usual(module: Path) -> Iterator[bool]:
 
 @contextmanager
 def _temporary(_: Path) -> Iterator[bool]:
-    """Inside, numba keeps code among the temporary files; False where there is no place for it."""
+    """Let numba keep code among the temporary files; False where there is no place for it."""
     folder, before = temporary_folder(), _numba.CACHE_DIR
     _numba.CACHE_DIR = folder or before
     try:
@@ -88,7 +88,7 @@ def _temporary(_: Path) -> Iterator[bool]:
 
 @contextmanager
 def _read_only(_: Path) -> Iterator[bool]:
-    """Inside, numba reads code beside the modules, and cannot keep any."""
+    """Let numba read code beside the modules, and keep none."""
     before = CacheImpl._locator_classes
     named = [kind for kind in before if kind.__name__.endswith("InTreeCacheLocator")]
     CacheImpl._locator_classes = [
@@ -123,7 +123,7 @@ def temporary_folder() -> str | None:
 
 
 def _keeps_others_out(folder: str, user: int | None) -> bool:
-    """Whether others than this user and the system's can neither rename nor replace what is in it.
+    """Whether only this user and the system's can rename and replace what is in a folder.
 
     user  its number; None on Windows, where the folders of a user are private
     """

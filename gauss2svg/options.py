@@ -149,7 +149,7 @@ class Field:
 
     @property
     def choices(self) -> tuple[Any, ...]:
-        """All values, where there are only a few; else none."""
+        """All values of the option, where there are only a few; else none."""
         for check in self.checks:
             if isinstance(check, (Flag, OneOf)):
                 return check.known

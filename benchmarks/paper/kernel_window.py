@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import torch
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 
 # Both ways from the mean, in the kernel's unit: the grid of the public implementation.
 GRID_REACH = 5.0
@@ -36,7 +36,7 @@ def reaches(sigma: torch.Tensor, kernel_size: float, adaptive: bool) -> torch.Te
     kernel_size is the width in px of a window that is not scaled, > 0; else InputError.
     """
     if not kernel_size > 0:
-        raise InputError(must_be("kernel_size", "a width above 0 px", kernel_size))
+        raise InputError(f"kernel_size must be a width above 0 px; got {quoted(kernel_size)}")
     unit = kernel_size / (2 * GRID_REACH)
     growth = torch.ones_like(sigma[:, 0])
     if adaptive:

@@ -175,7 +175,7 @@ def _end(cluster: LocalCluster) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Inside Dask logs nothing: what is wrong is reported in our words."""
+    """Silence the log of Dask inside: what is wrong is reported in our words."""
     names = ["distributed", *(n for n in logging.root.manager.loggerDict if "distributed." in n)]
     before = {logging.getLogger(name): logging.getLogger(name).level for name in names}
     for logger in before:

@@ -54,7 +54,7 @@ class Driver:
         self._is_ending = False  # whether all photos were handed out once
 
     def records(self) -> Iterator[PhotoRecord]:
-        """What becomes of each of them, as it is known.
+        """What becomes of each photo, as it is known.
 
         Raises OutputError where outputs cannot be written, ClusterError where the scheduler is gone
         or a worker has other versions.

@@ -15,7 +15,7 @@ from gauss2svg.batch.inputs import Source
 from gauss2svg.batch.job import BatchPhoto
 from gauss2svg.batch.records import STATE, PhotoRecord, record_of
 from gauss2svg.batch.stores import is_contained, is_url
-from gauss2svg.errors import InputError, OutputError, must_be, shown
+from gauss2svg.errors import InputError, OutputError
 
 _CACHE_KIB = 16_384  # little beside a worker; pages of the index beyond it are on the disk
 _TABLES = """
@@ -58,7 +58,7 @@ class PhotoIndex:
             self._base.execute("BEGIN")  # for ever: nobody else reads it, and a commit writes
 
     def close(self) -> None:
-        """Delete it."""
+        """Delete the index."""
         self._base.close()
 
     def _key(self, output: str) -> bytes:
@@ -77,9 +77,10 @@ class PhotoIndex:
             output = name + suffix
             first, slash, _ = name.partition("/")
             if not is_contained(name) or (slash and self._key(first) == state):
-                needed = f"in the output folder and outside of its {STATE}"
-                got = shown(f"{output}, of {path}")
-                raise InputError(must_be("output", needed, got, "another glob or folder"))
+                raise InputError(
+                    f"output must be in the output folder and outside of its {STATE}; got "
+                    f"{output}, of {path}. Try another glob or folder"
+                )
             if not is_url(path):  # workers may have another current folder
                 path = os.path.abspath(path)
             row = (self._key(output), _bytes(path), _bytes(output), size)
@@ -88,10 +89,10 @@ class PhotoIndex:
                 continue
             ((other,),) = self._rows("SELECT path FROM photo WHERE key = ?", row[:1])
             if other != row[1]:
-                got = shown(f"{_text(other)} and {path}, which would both write {output}")
                 raise InputError(
-                    f"photos must have outputs of their own; got {got}. Try other names, or a run "
-                    "for each with an output folder of its own"
+                    f"photos must have outputs of their own; got {_text(other)} and {path}, which "
+                    f"would both write {output}. Try other names, or a run for each with an output "
+                    "folder of its own"
                 )
 
     @_on_disk()

@@ -65,9 +65,9 @@ def kept(job: Job, photo: BatchPhoto, stamp: str, digest: str = "") -> PhotoReco
 
 
 def unchanged(job: Job, photo: BatchPhoto) -> PhotoRecord | None:
-    """The same as the driver can tell: of a file of this machine, unread, that has its output here.
+    """The earlier record of a photo of this machine that holds by its stamp, unread; else None.
 
-    Of anything else, and where the file or its output cannot be looked at, a worker decides.
+    A worker decides about all others, and where the photo or its output cannot be looked at.
     """
     if photo.prior is None or is_url(photo.path) or not job.store.is_local:
         return None

@@ -25,7 +25,7 @@ from gauss2svg.batch.records import (
     versions,
 )
 from gauss2svg.batch.stores import Store, is_url, opened, without_file_protocol
-from gauss2svg.errors import InputError, instance, must_be, shown
+from gauss2svg.errors import InputError, brief, instance, quoted
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
 from gauss2svg.measure.memory import free_bytes
 from gauss2svg.options import file_name
@@ -98,20 +98,24 @@ class Batch:
         self.batch = instance(batch, "batch", BatchOptions)
         _check_options(self.options)
         if isinstance(sources, (str, bytes, os.PathLike)):
-            raise InputError(must_be("sources", "a sequence", sources, f"[{sources!r}]"))
+            raise InputError(
+                f"sources must be a sequence; got {quoted(sources)}. Try [{sources!r}]"
+            )
         named = [without_file_protocol(file_name("sources", source)) for source in sources]
         root = file_name("output", output, "the name or the URL of a folder")
         root = without_file_protocol(root)
         if root == STANDARD_STREAM:
-            raise InputError(must_be("output", "a folder", root, "-o out/"))
+            raise InputError(f"output must be a folder; got {quoted(root)}. Try -o out/")
         self.store = Store(root, PARTS)
         _check_apart(named, self.store)
         self.index = PhotoIndex(self._folds_case())
         try:
             self.index.add(photos_of(named), ".svgz" if self.options.svg.gzip else ".svg")
             if not self.index.count:
-                got = shown(f"none in {', '.join(named) or 'no folder'}")
-                raise InputError(must_be("photos", "one or more", got, "gauss2svg batch photos/"))
+                searched = brief(f"none in {', '.join(named) or 'no folder'}")
+                raise InputError(
+                    f"photos must be one or more; got {searched}. Try gauss2svg batch photos/"
+                )
             self.store.prepare()
             self._add_prior()
         except BaseException:
@@ -165,9 +169,10 @@ class Batch:
     def records(
         self, client: Client, waiting: Callable[[], None] = lambda: None
     ) -> Iterator[PhotoRecord]:
-        """What becomes of all other photos, as it is known; raises ClusterError and OutputError.
+        """What becomes of the photos that workers take up, as it is known.
 
         waiting  called about each second in which there is no worker
+        Raises ClusterError and OutputError.
         """
         from gauss2svg.batch.cluster import check_workers, counter
         from gauss2svg.batch.drive import Driver
@@ -236,12 +241,16 @@ def _check_options(options: Options) -> None:
     """Raise InputError for options that are of one photo, and for those that exclude each other."""
     for name in ("checkpoint", "resume"):
         if getattr(options.run, name) is not None:
-            needed = "not given for many photos, which go on by themselves"
-            raise InputError(must_be(name, needed, getattr(options.run, name), "the same command"))
+            raise InputError(
+                f"{name} must be not given for many photos, which go on by themselves; got "
+                f"{quoted(getattr(options.run, name))}. Try the same command"
+            )
     segments = options.document.segments
     if not isinstance(segments, int | None):
-        got = shown(type(segments).__name__)
-        raise InputError(must_be("segments", "a number for many photos", got, "--segments 100"))
+        raise InputError(
+            f"segments must be a number for many photos; got {type(segments).__name__}. Try "
+            "--segments 100"
+        )
     Plan(options).check_renderer()
 
 
@@ -256,5 +265,7 @@ def _check_apart(sources: Iterable[str], store: Store) -> None:
         else:
             inside, outside = store.root, folder.rstrip("/")
         if (inside + "/").startswith(outside.rstrip("/") + "/"):
-            got = shown(f"{store.root}, which is in {folder or '.'}")
-            raise InputError(must_be("output", "outside of the inputs", got, "another folder"))
+            raise InputError(
+                f"output must be outside of the inputs; got {store.root}, which is in "
+                f"{folder or '.'}. Try another folder"
+            )

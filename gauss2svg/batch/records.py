@@ -132,7 +132,7 @@ class ShardRecord:
             self.write(working=True)
 
     def end(self) -> None:
-        """Say that it has ended, or that its other photos are handed back."""
+        """Say that the shard has ended, or that its other photos are handed back."""
         if self.begun:
             self.write()
 
@@ -144,7 +144,7 @@ class ShardRecord:
             self.write(working=True)
 
     def write(self, working: bool = False) -> None:
-        """Write it; working: whether more is to come."""
+        """Write the record of the shard; working: whether more is to come."""
         begun = time.monotonic()
         lines = [record.line() for record in self.done.values()]
         lines += [_WORKING] if working else []

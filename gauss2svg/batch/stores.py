@@ -148,7 +148,7 @@ class Store:
 
     @cached_property
     def is_local(self) -> bool:
-        """Whether it is a folder of this machine."""
+        """Whether the store is a folder of this machine."""
         return not is_url(self.root)
 
     def path(self, name: str) -> str:

@@ -54,12 +54,12 @@ class Summary:
 
     @property
     def worked(self) -> int:
-        """Photos so far that are not skipped."""
+        """Number of photos so far that are not skipped."""
         return self.done + self.failed
 
     @property
     def total(self) -> int:
-        """Photos so far."""
+        """Number of photos so far."""
         return self.worked + self.skipped
 
     @property

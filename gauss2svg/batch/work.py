@@ -21,8 +21,6 @@ from gauss2svg.errors import (
     InputError,
     OutputError,
     RendererError,
-    must_be,
-    shown,
 )
 from gauss2svg.measure.memory import SHARE
 from gauss2svg.photo.stderr import own_standard_error
@@ -125,17 +123,23 @@ def check_worker(job: Job, dask_worker: Any = None) -> None:
     where = f"worker {worker.address}"
     for name, wanted in job.versions.items():
         if found.get(name) != wanted:
-            got, advice = shown(found.get(name)), f"installing {name} {wanted} there"
-            raise ClusterError(must_be(f"{name} of {where}", f"{wanted}, as here", got, advice))
+            raise ClusterError(
+                f"{name} of {where} must be {wanted}, as here; got {found.get(name)}. Try "
+                f"installing {name} {wanted} there"
+            )
     if (threads := worker.state.nthreads) != 1:
-        raise ClusterError(must_be(f"threads of {where}", "1", threads, "dask worker --nthreads 1"))
+        raise ClusterError(
+            f"threads of {where} must be 1; got {threads}. Try dask worker --nthreads 1"
+        )
     try:
         Plan(job.options).check_renderer()
     except RendererError as error:
         raise ClusterError(f"{where}: {error}") from error
     if job.store.read(FOLDER) != job.folder:
-        got, advice = shown(f"another {job.store.root} at {where}"), "a shared folder or a store"
-        raise ClusterError(must_be("output", "a folder that all workers see", got, advice))
+        raise ClusterError(
+            f"output must be a folder that all workers see; got another {job.store.root} at "
+            f"{where}. Try a shared folder or a store"
+        )
     _checked.add((job.store, job.folder))
 
 
@@ -197,8 +201,10 @@ def _vectorized(job: Job, options: Options, photo: BatchPhoto) -> dict[str, Any]
     may_reduce = job.options.run.max_memory is not None
     target = store.path(photo.output)
     if photo.path == target or (store.is_local and os.path.realpath(photo.path) == target):
-        got = shown(f"{target}, which is also the photo")
-        raise InputError(must_be("output", "a file of its own", got, "another folder"))
+        raise InputError(
+            f"output must be a file of its own; got {target}, which is also the photo. Try "
+            "another folder"
+        )
     if is_url(photo.path):
         with opened(photo.path) as file:
             result = vectorize_by(options, file, may_reduce=may_reduce)

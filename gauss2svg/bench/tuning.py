@@ -13,7 +13,7 @@ from importlib import import_module
 from types import ModuleType
 from typing import Any
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, quoted
 
 
 class Constant:
@@ -25,9 +25,10 @@ class Constant:
             self.module: ModuleType = import_module(f"gauss2svg.{path}")
             self._now = dataclasses.asdict(self.module.TUNING)[self.field]
         except (ImportError, AttributeError, KeyError) as error:
-            needed = "an option, or a module's constant"
-            example = "pipeline.search.correction.full"
-            raise InputError(must_be("axis", needed, name, example)) from error
+            raise InputError(
+                f"axis must be an option, or a module's constant; got {quoted(name)}. Try "
+                "pipeline.search.correction.full"
+            ) from error
         self.name, self.choices = name, ()
 
     def parsed(self, text: str) -> int | float:
@@ -52,7 +53,7 @@ class Constant:
 
     def _refused(self, value: Any) -> InputError:
         kind = "a whole number" if isinstance(self._now, int) else "a finite number"
-        return InputError(must_be(self.name, kind, shown(f"{value}"), f"{self._now}"))
+        return InputError(f"{self.name} must be {kind}; got {value}. Try {self._now}")
 
 
 def is_constant(name: str) -> bool:

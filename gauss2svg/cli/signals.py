@@ -113,7 +113,7 @@ def exit_before_fits() -> None:
 
 @contextmanager
 def raising() -> Iterator[None]:
-    """Inside signals raise, so that files are closed and child processes end."""
+    """Let signals raise inside, so that files are closed and child processes end."""
 
     def received(number: int, _frame: FrameType | None) -> None:
         interrupts.pending = partial(raise_for, number)
@@ -128,7 +128,7 @@ def raising() -> Iterator[None]:
 
 @contextmanager
 def interruptible() -> Iterator[Interruption]:
-    """Inside the Interruption receives signals, if this is the main thread."""
+    """Let the Interruption receive signals inside, if this is the main thread."""
     interruption = Interruption()
     with _handled(SIGNALS, interruption._receive):
         yield interruption

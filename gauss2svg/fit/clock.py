@@ -93,7 +93,7 @@ class Clock(Saved):
         return GROWTH_SHARE * min((index + 1) / self._rounds, 1.0)
 
     def begin_refinement(self, steps: int | None, progress: float, reduced: bool = False) -> None:
-        """From here on `steps` iterations, or the time left, take `progress` to 1.
+        """Begin refinement: `steps` iterations, or the time left, take `progress` to 1.
 
         reduced: whether the first ones run on reduced pictures, which then get more of them.
         """
@@ -103,7 +103,7 @@ class Clock(Saved):
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Inside, time passes that is not the fit's: its end is as much later."""
+        """Stop the clock inside: the end of the fit is as much later."""
         begun = time.perf_counter()
         yield
         taken = time.perf_counter() - begun
@@ -178,7 +178,7 @@ class Stopwatch(Saved):
 
     @property
     def cpu_s(self) -> float:
-        """CPU seconds."""
+        """CPU seconds of the fit so far."""
         return self._cpu_s + (time.process_time() - self._since[1] if self._since else 0.0)
 
     @cpu_s.setter

@@ -1,4 +1,4 @@
-"""From additive Gaussians to alpha-composited ones, which every renderer draws.
+"""Conversion of additive Gaussians to alpha-composited ones, which every renderer draws.
 
 An additive scene has no order and no opacity: its Gaussians are composited largest first, each in
 the target's colour at its mean, as the initial state of another fit. What is kept of them is

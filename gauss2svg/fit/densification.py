@@ -140,7 +140,7 @@ class FixedCount(Saved):
 
 @dataclass(frozen=True)
 class GrowthLimits:
-    """Where growth ends.
+    """The limits at which growth ends.
 
     gain        least gain of PSNR in dB for a kilobyte of the file; 0 for no such limit
     kilobytes   of the file for each Gaussian

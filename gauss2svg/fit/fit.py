@@ -14,7 +14,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
@@ -52,12 +52,12 @@ def convert_additive(
     unless the scene is additive and config.fit.blend is "over".
     """
     if scene.blend != ADD:
-        raise InputError(must_be("scene.blend", repr(ADD), scene.blend))
+        raise InputError(f"scene.blend must be {ADD!r}; got {quoted(scene.blend)}")
     config = dataclasses.replace(
         config or FitConfig(), gaussians=len(scene), densify=DensifyOptions()
     )
     if config.fit.blend != OVER:
-        raise InputError(must_be("blend", repr(OVER), config.fit.blend))
+        raise InputError(f"blend must be {OVER!r}; got {quoted(config.fit.blend)}")
     if pixels is None:
         pixels = render(scene)
     with kernel_lock:

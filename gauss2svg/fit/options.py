@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from gauss2svg.errors import InputError, must_be, whole_number
+from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.fit.choices import PERCEPTUAL, Tune, has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, steps_of, totals
 from gauss2svg.options import Number, OptionGroup, Whole
@@ -118,13 +118,17 @@ class FitConfig:
         if self.iterations is not None:
             whole_number("iterations", self.iterations, 1, 10**9)
         if self.dtype not in DTYPES:
-            raise InputError(must_be("dtype", f"one of {', '.join(DTYPES)}", self.dtype))
+            raise InputError(f"dtype must be one of {', '.join(DTYPES)}; got {quoted(self.dtype)}")
         if self.fit.blend == ADD and self.fit.falloff not in (None, GAUSSIAN):
-            needed = f"{GAUSSIAN} with additive blending"
-            raise InputError(must_be("falloff", needed, self.fit.falloff, f"--blend {OVER}"))
+            raise InputError(
+                f"falloff must be {GAUSSIAN} with additive blending; got "
+                f"{quoted(self.fit.falloff)}. Try --blend {OVER}"
+            )
         if self.fit.ssim_weight is not None and not has_ssim(self.fit.loss):
-            needed, loss = "one with ssim where ssim_weight is given", self.fit.loss
-            raise InputError(must_be("loss", needed, loss, f"--loss {loss}+ssim"))
+            raise InputError(
+                "loss must be one with ssim where ssim_weight is given; got "
+                f"{quoted(self.fit.loss)}. Try --loss {self.fit.loss}+ssim"
+            )
         self._check_rounds()
 
     @property

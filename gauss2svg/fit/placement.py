@@ -44,7 +44,7 @@ class NewGaussians:
     color: NDArray[np.float64]
 
     def filled_up(self, others: Callable[[int], NewGaussians], count: int) -> NewGaussians:
-        """These Gaussians and as many others as make `count`."""
+        """The Gaussians, and as many others as make `count`."""
         if len(self.mean) == count:
             return self
         more = others(count - len(self.mean))

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.convert import composited
 from gauss2svg.fit.options import FitConfig
@@ -235,6 +235,7 @@ class Population(Saved):
         if self._order is not None:
             home = saved["home"]
             if home is not None and (home.shape != (len(self), 2) or not np.isfinite(home).all()):
-                got = shown(f"shape {home.shape}")
-                raise InputError(must_be("home of a checkpoint", f"{len(self)} centres", got))
+                raise InputError(
+                    f"home of a checkpoint must be {len(self)} centres; got shape {home.shape}"
+                )
             self._order.home = home

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, number_within, shown, whole_number
+from gauss2svg.errors import InputError, brief, number_within, whole_number
 
 # From an attribute's name and the saved value to the attribute; raises InputError for another.
 Check = Callable[[str, Any], Any]
@@ -36,17 +36,17 @@ def number(least: float, most: float) -> Check:
 
 
 def as_saved(name: str, value: Any) -> Any:
-    """Any value."""
+    """A check that allows any value."""
     return value
 
 
 def optional(check: Check) -> Check:
-    """None, or what check allows."""
+    """A check that allows None, and what `check` allows."""
     return lambda name, value: None if value is None else check(name, value)
 
 
 def part(name: str, value: Any) -> Any:
-    """Attributes that are `Saved` themselves, and load what was saved of them."""
+    """A check of attributes that are `Saved` themselves: they load what was saved of them."""
     raise AssertionError(f"{name} loads itself")
 
 
@@ -88,7 +88,7 @@ def rows(name: str, arrays: Mapping[str, Any], usual: Mapping[str, NDArray[Any]]
 
 def damaged(name: str, needed: str, got: str) -> InputError:
     """The error about a value that no fit has saved."""
-    return InputError(must_be(name, needed, shown(got), "starting the fit again"))
+    return InputError(f"{name} must be {needed}; got {brief(got)}. Try starting the fit again")
 
 
 def _plain(value: Any) -> Any:

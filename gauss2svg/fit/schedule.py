@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 
 ROUNDS = 6  # 4 to 20 end within 0.1 dB of each other
 # All Gaussians have been added after this share of the iterations (docs/decisions/fit.md).
@@ -47,8 +47,10 @@ def totals(
     """
     if per_round is not None:
         if schedule == "all-at-once":
-            needed = "exponential or linear where per_round is given"
-            raise InputError(must_be("schedule", needed, schedule))
+            raise InputError(
+                "schedule must be exponential or linear where per_round is given; got "
+                f"{quoted(schedule)}"
+            )
         return _totals_by_round(schedule, gaussians, per_round)
     count = ROUNDS if iterations is None else min(ROUNDS, iterations)
     if schedule == "exponential":

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, number_within
+from gauss2svg.errors import InputError, number_within
 from gauss2svg.fit import adam, schedule
 from gauss2svg.fit.adam import Rates
 from gauss2svg.fit.choices import DEFAULT_LOSS
@@ -173,8 +173,10 @@ class FitSession(Saved):
         if self._shared is not None:
             self._rates = self._shared_rates()
             if len(self._shared.entry) != len(self.state):
-                got = len(self._shared.entry)
-                raise InputError(must_be("colours of a checkpoint", f"{len(self.state)}", got))
+                raise InputError(
+                    f"colours of a checkpoint must be {len(self.state)}; got "
+                    f"{len(self._shared.entry)}"
+                )
 
     def _grow(self) -> None:
         """Rounds of new Gaussians, then the full-size target."""

@@ -56,7 +56,7 @@ class SharedColors:
 
     @classmethod
     def of(cls, state: State, blending: Blending) -> SharedColors:
-        """Those of a state."""
+        """The shared colours of a state."""
         keys = np.column_stack([state.color, _held(state)])
         shared, entry = np.unique(keys, axis=0, return_inverse=True)
         color = shared[:, :3].copy()
@@ -71,7 +71,7 @@ class SharedColors:
 
     @classmethod
     def restored(cls, name: str, saved: dict[str, Any]) -> SharedColors:
-        """Those with the values of a checkpoint; raises InputError for values that none have."""
+        """The shared colours of a checkpoint; raises InputError for values that none have."""
         usual = vars(cls.of(State.empty(), blending(OVER)))
         whose = "the checkpoint's shared colours"
         rows(whose, saved, {key: usual[key] for key in ("color", "held", "first", "second")})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit.saved import Saved, as_saved, checks, whole
 
 GROWING, REFINING, FINISHED = "growing", "refining", "finished"
@@ -13,8 +13,10 @@ GROWING, REFINING, FINISHED = "growing", "refining", "finished"
 
 def _known_name(name: str, value: Any) -> str:
     if value not in (names := (GROWING, REFINING, FINISHED)):
-        needed = f"one of {', '.join(names)}"
-        raise InputError(must_be("stage of a checkpoint", needed, value, "a fit without --resume"))
+        raise InputError(
+            f"stage of a checkpoint must be one of {', '.join(names)}; got {quoted(value)}. Try "
+            "a fit without --resume"
+        )
     return value
 
 

@@ -117,7 +117,7 @@ class State:
         return State(**{n: np.concatenate([a, on_top[n]]) for n, a in vars(self).items()})
 
     def quantized(self, scene: Scene) -> State:
-        """With a scene's shapes and what files share; resets Adam's moments of the latter."""
+        """The state with a scene's shapes and what files share, whose moments of Adam are reset."""
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         first, second = self.first.copy(), self.second.copy()
         shared = {}
@@ -135,7 +135,7 @@ class State:
         )
 
     def scaled(self, scale_x: float, scale_y: float) -> State:
-        """The same Gaussians on a working image scaled by scale_x and scale_y."""
+        """The state on a working image scaled by scale_x and scale_y."""
         return dataclasses.replace(
             self,
             mean=self.mean * [scale_x, scale_y],
@@ -183,7 +183,7 @@ class State:
 def _activate(
     factor: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """From Cholesky factors (n, 3): sigma (n, 2), rho (n,) and whitening w11, w21, w22 (n, 3)."""
+    """Sigma (n, 2), rho (n,), whitening w11, w21, w22 (n, 3) of Cholesky factors (n, 3)."""
     l11, l21, l22 = factor.T
     sy = np.sqrt(l21 * l21 + l22 * l22)
     rho = np.clip(l21 / sy, -RHO_LIMIT, RHO_LIMIT)

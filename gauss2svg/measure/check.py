@@ -193,7 +193,7 @@ def check(
 
 
 def _finite(psnr: float | None) -> float | None:
-    """None for an infinite PSNR, of equal pictures: JSON has no infinity."""
+    """A PSNR; None for the infinite one of equal pictures, as JSON has no infinity."""
     return None if psnr is None or math.isinf(psnr) else psnr
 
 

@@ -82,12 +82,12 @@ class Score:
 
     @property
     def key(self) -> str:
-        """Its name in a report."""
+        """Name of the score in a report."""
         return f"{self.slug}_svg"
 
     @property
     def option(self) -> str:
-        """The option that makes it a target."""
+        """Name of the option that makes the score a target."""
         return f"target_{self.slug}"
 
     @property

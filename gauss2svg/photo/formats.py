@@ -19,7 +19,7 @@ class Format:
     plugin    module that registers the decoder with Pillow when it is imported
     feature   that a build of Pillow may lack; "": none
     prepare   MODULE:FUNCTION of a file, which returns the one that is decoded; "": the file itself
-    lack      MODULE:FUNCTION of the file's bytes, the decoded image and its tags, which says what
+    damage    MODULE:FUNCTION of the file's bytes, the decoded image and its tags, which says what
               the file lacks that the decoder does not miss, "" if nothing; "": the decoder refuses
     """
 
@@ -29,7 +29,7 @@ class Format:
     title: str = ""
     feature: str = ""
     prepare: str = ""
-    lack: str = ""
+    damage: str = ""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "title", self.title or self.name)
@@ -48,7 +48,7 @@ FORMATS = {
             name="PNG",
             suffixes=(".png",),
             plugin="PIL.PngImagePlugin",
-            lack="gauss2svg.photo.complete:lack_of_png",
+            damage="gauss2svg.photo.damage:damage_of_png",
         ),
         Format(
             name="WEBP",
@@ -61,7 +61,7 @@ FORMATS = {
             name="TIFF",
             suffixes=(".tif", ".tiff"),
             plugin="PIL.TiffImagePlugin",
-            lack="gauss2svg.photo.complete:lack_of_tiff",
+            damage="gauss2svg.photo.damage:damage_of_tiff",
         ),
         Format(name="GIF", suffixes=(".gif",), plugin="PIL.GifImagePlugin"),
         Format(name="BMP", suffixes=(".bmp",), plugin="PIL.BmpImagePlugin"),

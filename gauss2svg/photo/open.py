@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 from PIL import Image, ImageFile, features
 
 from gauss2svg.errors import InputError, brief
-from gauss2svg.photo.complete import help_of_jpeg, lack_of
+from gauss2svg.photo.damage import damage_of, mend_jpeg
 from gauss2svg.photo.formats import FORMATS
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.stderr import stderr_silenced
@@ -152,13 +152,13 @@ def loaded(image: Image.Image, name: str, notes: list[str] | None = None) -> Ima
     notes  is given what its decoder had to be helped with
     """
     try:
-        lack, help_given = lack_of(image), help_of_jpeg(image)
+        damage, mended = damage_of(image), mend_jpeg(image)
         if notes is not None:
-            notes += help_given
+            notes += mended
         # libtiff writes to standard error by itself.
         with stderr_silenced() if image.format == "TIFF" else nullcontext():
             image.load()
-        if missing := lack(image):
+        if missing := damage(image):
             raise OSError(missing)
     except MemoryError:
         raise

@@ -113,7 +113,7 @@ class Reduced:
 
 
 def rows_at_once(width: int, channels: int) -> int:
-    """How many rows are converted at once."""
+    """Number of rows that are converted at once."""
     return max(1, _SAMPLES_AT_ONCE // (width * channels))
 
 

@@ -23,7 +23,7 @@ def own_standard_error() -> Iterator[None]:
 
 @contextmanager
 def stderr_silenced() -> Iterator[None]:
-    """Inside nothing reaches standard error if it is the command's own: errors are raised too."""
+    """Silence standard error inside if it is the command's own: errors are raised too."""
     if not _owned.get():
         yield
         return

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, brief
-from gauss2svg.photo.complete import lack_of_parts
+from gauss2svg.photo.damage import damage_of_parts
 from gauss2svg.photo.open import broken, check_size
 from gauss2svg.photo.photo import Header
 from gauss2svg.photo.reduce import Reduced, Size, SizeNeeded, pieces, reduced_size
@@ -89,7 +89,9 @@ def first_page(
     Raises InputError for a broken, unsupported or too large one.
     """
     with _opened(file, name, max_pixels) as (page, pages):
-        if missing := lack_of_parts(page.dataoffsets, page.databytecounts, math.prod(page.chunked)):
+        if missing := damage_of_parts(
+            page.dataoffsets, page.databytecounts, math.prod(page.chunked)
+        ):
             raise broken(name, OSError(missing))
         stored = page.imagewidth, page.imagelength
         parts = (_color_and_alpha(band, page) for band in bands(file, page))

@@ -19,7 +19,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, must_be, shown
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, brief
 from gauss2svg.files import check_writable, reading, write_atomically
 from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
 from gauss2svg.svg.document import Document
@@ -51,8 +51,10 @@ class Checkpoint:
         self._identity = identity
         self.trouble: str | None = None
         if Path(path).exists() and not Path(path).is_file():
-            got = shown(f"{os.fspath(path)}, which is not a regular file")
-            raise InputError(must_be("checkpoint", "a regular file", got, "another name"))
+            raise InputError(
+                f"checkpoint must be a regular file; got {os.fspath(path)}, which is not a "
+                "regular file. Try another name"
+            )
         check_writable(path)
         self._last = time.monotonic()
 
@@ -104,9 +106,9 @@ def resumed(path: str | os.PathLike[str], identity: StateDict) -> StateDict:
             wanted, differs = f"with {key} {ours!r}", f"with {key} {theirs.get(key)!r}"
             if key == "photo":
                 wanted, differs = "of this photo", "of another photo"
-            advice = "the command that made it, with --resume"
             raise InputError(
-                must_be(name, f"a checkpoint {wanted}", shown(f"one {differs}"), advice)
+                f"{name} must be a checkpoint {wanted}; got {brief(f'one {differs}')}. Try the "
+                "command that made it, with --resume"
             )
     return state
 
@@ -114,9 +116,10 @@ def resumed(path: str | os.PathLike[str], identity: StateDict) -> StateDict:
 def damaged(name: str, error: Exception) -> InputError:
     """The error for a file that is not a checkpoint, or not a valid one."""
     why = " ".join(str(error).split())[:80] or type(error).__name__
-    got = shown(f"a damaged one or another file ({why})")
-    advice = "a file of --checkpoint, or starting over"
-    return InputError(must_be(name, "a checkpoint", got, advice))
+    return InputError(
+        f"{name} must be a checkpoint; got a damaged one or another file ({why}). Try a file of "
+        "--checkpoint, or starting over"
+    )
 
 
 def packed(state: StateDict) -> bytes:
@@ -151,15 +154,17 @@ def unpacked(file: BinaryIO) -> StateDict:
     Compressed files are refused, so that none unpacks to more than its own size.
     """
     if file.seek(0, os.SEEK_END) > _MOST_BYTES:
-        raise InputError(must_be("checkpoint", f"at most {_MOST_BYTES} bytes", shown("more")))
+        raise InputError(f"checkpoint must be at most {_MOST_BYTES} bytes; got more")
     with zipfile.ZipFile(file) as parts:
         if any(part.compress_type != zipfile.ZIP_STORED for part in parts.infolist()):
-            raise InputError(must_be("checkpoint", "uncompressed", shown("a compressed file")))
+            raise InputError("checkpoint must be uncompressed; got a compressed file")
     file.seek(0)
     with np.load(file, allow_pickle=False) as stored:
         if int(stored["format"]) != _FORMAT:
-            got = int(stored["format"])
-            raise InputError(must_be("format of a checkpoint", f"{_FORMAT}", got, "starting over"))
+            raise InputError(
+                f"format of a checkpoint must be {_FORMAT}; got {int(stored['format'])}. Try "
+                "starting over"
+            )
         text = stored["text"].tobytes()
         # zipfile verifies the checksum of each part.
         arrays = {name: stored[name] for name in set(stored.files) - {"format", "text"}}

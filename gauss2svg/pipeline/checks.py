@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gauss2svg.errors import InputError, RendererError, must_be
+from gauss2svg.errors import InputError, RendererError, quoted
 from gauss2svg.fit.options import DensifyOptions
 from gauss2svg.measure.perceptual import require_packages
 from gauss2svg.photo.photo import Photo
@@ -20,8 +20,10 @@ def check_together(options: Options) -> None:
     _check_shapes(options)
     goal, svg = options.goal, options.svg
     if svg.count_gzipped and goal.max_bytes is None:
-        needed, advice = "given with max_bytes alone", "--max-bytes 60k --count-gzipped"
-        raise InputError(must_be("count_gzipped", needed, True, advice))
+        raise InputError(
+            "count_gzipped must be given with max_bytes alone; got True. Try "
+            "--max-bytes 60k --count-gzipped"
+        )
     _check_time(options)
 
 
@@ -46,14 +48,16 @@ def _check_blend(options: Options) -> None:
     """Refuse what an additive file cannot have."""
     svg, document, blend = options.svg, options.document, options.fit.blend
     if svg.portable and blend != ADD:
-        raise InputError(must_be("blend", f"{ADD} with portable", blend, f"--blend {ADD}"))
+        raise InputError(
+            f"blend must be {ADD} with portable; got {quoted(blend)}. Try --blend {ADD}"
+        )
     if options.written_blend != ADD:
         return
     renderer = options.run.renderer
     if renderer not in DRAW_BLENDS:
         raise RendererError(
-            must_be("renderer", f"one of {', '.join(DRAW_BLENDS)} for additive blending", renderer)
-            + f". Try --renderer {DRAW_BLENDS[0]}, or --portable"
+            f"renderer must be one of {', '.join(DRAW_BLENDS)} for additive blending; got "
+            f"{quoted(renderer)}. Try --renderer {DRAW_BLENDS[0]}, or --portable"
         )
     for name in [f"form {svg.form}"] * (svg.form != GRADIENT) + document.layered:
         raise InputError(
@@ -75,8 +79,10 @@ def _check_rounds(options: Options) -> None:
             )
     schedule = options.densify.schedule
     if schedule != DensifyOptions.schedule:
-        needed = f"{DensifyOptions.schedule} unless the number of Gaussians is given, without "
-        raise InputError(must_be("schedule", f"{needed}a target", schedule, "--gaussians 1000"))
+        raise InputError(
+            f"schedule must be {DensifyOptions.schedule} unless the number of Gaussians is given, "
+            f"without a target; got {quoted(schedule)}. Try --gaussians 1000"
+        )
 
 
 def _check_shapes(options: Options) -> None:
@@ -88,8 +94,10 @@ def _check_shapes(options: Options) -> None:
             "minimal file has neither layers nor filters. Try --markup auto"
         )
     if svg.markup == MINIMAL and renderer not in DRAW_MINIMAL:
-        needed = f"one of {', '.join(DRAW_MINIMAL)} for minimal markup"
-        raise RendererError(must_be("renderer", needed, renderer, "--renderer resvg"))
+        raise RendererError(
+            f"renderer must be one of {', '.join(DRAW_MINIMAL)} for minimal markup; got "
+            f"{quoted(renderer)}. Try --renderer resvg"
+        )
     if svg.form != GRADIENT and renderer not in DRAW_ROTATED_BLURS:
         raise RendererError(
             f"form must be {GRADIENT} with the renderer {renderer}, which does not render "

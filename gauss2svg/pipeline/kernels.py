@@ -11,7 +11,7 @@ from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.scene import ADD, OVER, Scene
 from gauss2svg.svg.write import write_svg
 
-_done: set[tuple[str, str]] = set()
+_done: set[str] = set()
 # Loading the kernels from the disk cache takes a fraction of a second; if it took longer than this,
 # they were compiled.
 COMPILED_S = 2.0
@@ -25,28 +25,26 @@ def compile_reading() -> float:
     return time.perf_counter() - begun
 
 
-def compile_kernels(dtype: str = DEFAULT_DTYPE, blend: str = OVER) -> float:
-    """Compile every kernel that a run with this dtype and blend needs; returns the seconds spent.
+def compile_kernels(blend: str = OVER) -> float:
+    """Compile every kernel that a run with this blend needs; returns the seconds spent.
 
     numba caches them on disk: a few seconds for the first run on a machine, a quarter of a second
-    in later processes, 0 afterwards. float64 and additive blending each take some more, once.
+    in later processes, 0 afterwards. Additive blending takes some more, once.
     """
-    if (dtype, blend) in _done:
+    if blend in _done:
         return 0.0
     begun = time.perf_counter()
-    if dtype != DEFAULT_DTYPE:  # the written scene is measured in the default one
-        compile_kernels(blend=blend)
     if blend != OVER:  # a portable file is alpha-composited
-        compile_kernels(dtype)
+        compile_kernels()
     compile_reading()
     one = np.ones(1)
     scene = Scene(
         4, 4, np.full((1, 2), 2.0), np.ones((1, 2)), np.zeros(1), np.full((1, 3), 0.5), one,
         blend=blend,
     )  # fmt: skip
-    squared_error(splats_of(scene), np.zeros((3, 4, 4), dtype))
+    squared_error(splats_of(scene), np.zeros((3, 4, 4), DEFAULT_DTYPE))
     components_of(np.zeros((4, 4), np.int32))
     if blend == ADD:  # writing an additive scene has kernels of its own
         write_svg(scene)
-    _done.add((dtype, blend))
+    _done.add(blend)
     return time.perf_counter() - begun

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.fit.choices import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.options import byte_size
@@ -41,7 +41,7 @@ _MARGIN = 1.2
 
 
 def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
-    """That of the fit where it has so many pixels at least, else of as many, or the photo's."""
+    """Size of measuring: the fit's from `least` pixels on, else one of so many, or the photo's."""
     if fit[0] * fit[1] >= least or fit == photo:
         return fit
     scale = math.sqrt(least / (photo[0] * photo[1]))
@@ -93,7 +93,7 @@ class Load:
 
     @property
     def bytes(self) -> int:
-        """The estimate."""
+        """Estimated bytes that the run takes at most."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
         kept = math.prod(self.measured)
         a_pixel = _FIT[has_ssim(self.loss)]
@@ -165,9 +165,10 @@ def _scaled(load: Load, share: float) -> Load:
 
 
 def _too_little(needed: float, limit: int, work: str, advice: str) -> InputError:
-    needs = f"at least {_megabytes(needed)} for {work}"
-    got = shown(_megabytes(limit))
-    return InputError(must_be("memory", needs, got, f"{advice}, or a larger --max-memory"))
+    return InputError(
+        f"memory must be at least {_megabytes(needed)} for {work}; got {_megabytes(limit)}. "
+        f"Try {advice}, or a larger --max-memory"
+    )
 
 
 def _megabytes(size: float) -> str:

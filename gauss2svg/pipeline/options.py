@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
 from gauss2svg.measure.scores import TARGETS, Score
 from gauss2svg.options import (
@@ -77,8 +77,10 @@ class Goal(OptionGroup):
         if self.gaussians == AUTO:
             object.__setattr__(self, "gaussians", None)
         for other in self._targets[1:]:
-            needed, got = f"given without {self._targets[0].option}", getattr(self, other.option)
-            raise InputError(must_be(other.option, needed, f"{got:g}"))
+            raise InputError(
+                f"{other.option} must be given without {self._targets[0].option}; got "
+                f"'{getattr(self, other.option):g}'"
+            )
 
     @property
     def _targets(self) -> list[Score]:
@@ -237,7 +239,9 @@ class Options:
         for name, value in values.items():
             found = field_named(GROUPS, name)
             if found is None:
-                raise InputError(must_be("option", f"one of {', '.join(option_names())}", name))
+                raise InputError(
+                    f"option must be one of {', '.join(option_names())}; got {quoted(name)}"
+                )
             groups[found[0]][name] = value
         return cls(**{key: GROUPS[key](**given) for key, given in groups.items()})  # pyright: ignore[reportArgumentType]
 
@@ -250,7 +254,7 @@ class Options:
         }
 
     def changed(self, **values: Any) -> Options:
-        """These options with other values, by their names."""
+        """The options with other values, by their names."""
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
             found = field_named(GROUPS, name)
@@ -261,5 +265,5 @@ class Options:
 
 
 def option_names() -> list[str]:
-    """All options, in the order of their groups."""
+    """Names of all options, in the order of their groups."""
     return [field.name for group in GROUPS.values() for field in fields_of(group)]

@@ -13,7 +13,7 @@ from urllib.parse import quote
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.options import byte_size
 from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
 from gauss2svg.photo.load import ImageSource
@@ -39,7 +39,7 @@ _IDS = re.compile(r'(?<=id=")|(?<=href="#)|(?<=url\(#)')
 
 @dataclass(frozen=True)
 class Placeholder:
-    """A placeholder.
+    """A small SVG that stands for a photo until the photo is loaded.
 
     svg            text of the file
     width, height  px of the photo; the SVG has its proportions
@@ -69,7 +69,7 @@ class Placeholder:
 
     @property
     def data_uri_base64(self) -> str:
-        """The SVG as a data URI in base64, for wherever the other one is refused."""
+        """The SVG as a data URI in base64, for wherever the shorter `data_uri` is refused."""
         return f"data:{_MEDIA_TYPE};base64," + base64.b64encode(self.svg.encode()).decode()
 
     def record(self, name: str) -> dict[str, Any]:
@@ -160,6 +160,8 @@ def check_bytes(name: str, value: Any) -> int:
     """Bytes of a placeholder; raises InputError that names it."""
     size = byte_size(name, value)
     if size > MINIMAL_UP_TO:
-        needed = f"at most {MINIMAL_UP_TO} bytes for a placeholder"
-        raise InputError(must_be(name, needed, value, f"{MINIMAL_UP_TO}"))
+        raise InputError(
+            f"{name} must be at most {MINIMAL_UP_TO} bytes for a placeholder; got "
+            f"{quoted(value)}. Try {MINIMAL_UP_TO}"
+        )
     return size

@@ -136,12 +136,12 @@ class Plan:
 
     @property
     def counts_gzipped(self) -> bool:
-        """Whether a limit of bytes is on those of the gzipped file."""
+        """Whether a limit of bytes counts those of the gzipped file."""
         return self.options.svg.gzip or self.options.svg.count_gzipped
 
     @property
     def iterations(self) -> int:
-        """Those of the preset; where cheaper presets reduce the image little, no fewer than theirs.
+        """Steps of a fit: the preset's; no fewer than cheaper ones' that reduce the image little.
 
         Otherwise a small drawing that needs as few Gaussians in both would end worse
         (docs/decisions/monotone.md).
@@ -154,7 +154,7 @@ class Plan:
 
     @property
     def tune(self) -> Tune:
-        """What its fits are best at; where every byte is planned, PSNR unless it is given."""
+        """What fits are best at; where every byte is planned, PSNR unless it is given."""
         return self.options.fit.tune or (PSNR if self.by_bytes else self.options.fit.tuned)
 
     @cached_property
@@ -299,7 +299,7 @@ class Plan:
         )
 
     def quantization(self, gaussians: int, error: float | None = None) -> Quantization:
-        """For a scene of so many Gaussians and, where it is known, this mean squared error."""
+        """Quantisation of so many Gaussians with, where it is known, this mean squared error."""
         preset = self.preset
         palette, loss = self.options.svg.palette, 0.0
         if palette is None:

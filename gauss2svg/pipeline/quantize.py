@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, required
+from gauss2svg.errors import InputError, quoted, required
 from gauss2svg.pipeline.palette import best_palette, quantize_signed
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, Scene
@@ -60,7 +60,7 @@ def _quantize_additive(
     scene: Scene, form: str, palette: int, color_error: float, weight: NDArray[np.floating] | None
 ) -> Scene:
     if form != GRADIENT:
-        raise InputError(must_be("form", f"{GRADIENT!r} for an additive scene", form))
+        raise InputError(f"form must be {GRADIENT!r} for an additive scene; got {quoted(form)}")
     if not len(scene) or not (palette or color_error):
         return scene
     mass, pixels = visible_mass(scene, weight)

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
 from gauss2svg.pipeline.palette import best_palette
-from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
+from gauss2svg.scene import PLAIN, Scene
+from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_exponents
 
@@ -109,7 +109,7 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
 
 def _antialiased(scene: Scene) -> Scene:
     """The scene with plain ellipses as their pixels' coverage has them, on a canvas in px."""
-    plain = ~np.isin(scene.beta, BETA_CLASSES)
+    plain = scene.drawn == PLAIN
     beta = scene.beta.copy()
     beta[plain] = drawn_beta(scene, plain)
     return with_exponents(scene, beta)

@@ -131,7 +131,7 @@ def decibels(value: float | None) -> str:
 
 
 def _finite(value: Any) -> Any:
-    """None for an infinite PSNR, which JSON does not have."""
+    """A PSNR; None for an infinite one, which JSON does not have."""
     return None if isinstance(value, float) and math.isinf(value) else value
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from numba import get_num_threads, set_num_threads
 from numba.core import config
 
-from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.errors import InputError, whole_number
 from gauss2svg.fit.options import FitProgress
 from gauss2svg.photo.load import ImageSource, header_of, load_image, rereadable
 from gauss2svg.photo.photo import Header, Photo
@@ -97,7 +97,7 @@ class Run:
 
     @contextmanager
     def compiled(self, blend: str = OVER) -> Iterator[None]:
-        """Inside there are the kernels of this blend, and numba uses the threads of the run."""
+        """Compile the kernels of this blend, and let numba use the run's threads inside."""
         before = get_num_threads()
         set_num_threads(self.threads)
         try:
@@ -118,7 +118,7 @@ class Run:
         return time.perf_counter() - self._begun
 
     def deadline(self, limit_s: float | None) -> float | None:
-        """When so many seconds are over, by time.perf_counter(); None without a limit."""
+        """End of a limit of seconds for the run, by time.perf_counter(); None without a limit."""
         return None if limit_s is None else self._begun + limit_s + self.first_s
 
 
@@ -134,11 +134,13 @@ def _check_callable(name: str, function: object, *arguments: str) -> None:
         return
     except TypeError:
         pass
-    needed = f"a function of {' and '.join(arguments) or 'no arguments'}"
-    raise InputError(must_be(name, needed, shown(type(function).__name__)))
+    raise InputError(
+        f"{name} must be a function of {' and '.join(arguments) or 'no arguments'}; got "
+        f"{type(function).__name__}"
+    )
 
 
 def _thread_count(count: int | None) -> int:
-    """That number, or one for each core if None; raises InputError for more than the cores."""
+    """Number of threads: one for each core if None; raises InputError for more than the cores."""
     most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     return most if count is None else whole_number("threads", count, 1, most)

@@ -222,7 +222,7 @@ class TimeBudget:
         return TUNING.step + each * pixels / self._threaded + TUNING.step_gaussian * count
 
     def _export_s(self, count: int) -> float:
-        """Of a machine that is slower, not of a picture whose steps are."""
+        """Seconds that an export takes: more on a slow machine, not after a fit of slow steps."""
         machine = max(self._slowness / TUNING.slow_picture, 1.0)
         return machine * (
             TUNING.export + TUNING.export_pixel * self._measured + TUNING.export_gaussian * count

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import InputError, instance, must_be, shown
+from gauss2svg.errors import InputError, instance
 from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions, FitProgress
 from gauss2svg.measure.memory import held_bytes
@@ -250,14 +250,17 @@ def _check_precision(side: int, plan: Plan) -> None:
     """Raise InputError for a precision at which numbers of the file would be too large."""
     least = side * _MOST_REACH / LARGEST_NUMBER
     if plan.svg_format.precision < least:
-        got = shown(f"{plan.svg_format.precision:g}")
-        raise InputError(must_be("precision", f"at least {least:.4f} for {side} px", got))
+        raise InputError(
+            f"precision must be at least {least:.4f} for {side} px; got "
+            f"{plan.svg_format.precision:g}"
+        )
 
 
 def _check_side(side: int, score: Score | None) -> None:
     """Raise InputError for a fit on an image that is too small for the score of its target."""
     if score is not None and side < score.least_side:
-        needed = f"at least {score.least_side} px, at which {score.name} is measured"
-        got = shown(f"{side} px")
-        advice = "--target-psnr, or a larger --max-size"
-        raise InputError(must_be("short side of the image that is fitted", needed, got, advice))
+        raise InputError(
+            f"short side of the image that is fitted must be at least {score.least_side} px, at "
+            f"which {score.name} is measured; got {side} px. Try --target-psnr, or a larger "
+            "--max-size"
+        )

@@ -40,7 +40,7 @@ _PROGRAM_FILES = ("ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPP
 def places(
     renderer: str, system: str = sys.platform, environment: Mapping[str, str] = os.environ
 ) -> list[str]:
-    """Where a renderer's program is by default if it is not on PATH; system as sys.platform."""
+    """Default places of a renderer's program that is not on PATH; system as sys.platform."""
     if system == "darwin":
         folders = ["/Applications", os.path.join(environment.get("HOME", "/"), "Applications")]
         names = _MACOS.get(renderer, ())

@@ -18,7 +18,7 @@ import numpy as np
 from numba.core.compiler_lock import global_compiler_lock
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.render.kernels import MOMENTS
 from gauss2svg.render.threads import in_shares
 from gauss2svg.render.tiles import find_pairs
@@ -49,14 +49,14 @@ class _KernelLock:
         self._lock.release()
 
     def is_open(self) -> bool:
-        """Whether this thread can take it at once; it is not kept."""
+        """Whether this thread can take the lock at once; the lock is not kept."""
         free = self._lock.acquire(blocking=False)
         if free:
             self._lock.release()
         return free
 
     def forget_others(self) -> None:
-        """Free it from threads that do not exist in this process."""
+        """Free the lock from threads that do not exist in this process."""
         if not self.is_open():
             self._lock = threading.RLock()
 
@@ -168,8 +168,9 @@ def _visit(
 ) -> tuple[NDArray[Real], float, NDArray[np.float64], int]:
     """Image, sum of squared errors, (n, pair_width) sums over each Gaussian's pairs, pair rows."""
     if image.ndim != 3 or image.shape[0] != 3 or image.dtype not in (np.float32, np.float64):
-        got = shown(f"{image.dtype} {image.shape}")
-        raise InputError(must_be("image", "float32 or float64 (3, height, width)", got))
+        raise InputError(
+            f"image must be float32 or float64 (3, height, width); got {image.dtype} {image.shape}"
+        )
     # One numba type for all callers: read-only arrays would be compiled for once more.
     image = np.require(image, requirements=["C", "W"])
     if weight is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.render.torch_extra import TorchMissingError
 from gauss2svg.scene import MOST_SIGNED
 from gauss2svg.scene.parameters import PARAMETERS
@@ -38,8 +38,10 @@ def check_domain(**tensors: torch.Tensor) -> None:
         bad = ~((values >= least) & (values <= most))
         if bad.any():
             at = tuple(int(i) for i in np.argwhere(bad)[0])
-            got, needed = shown(f"{values[at]!s}"), f"finite and in {least!r}..{most!r}"
-            raise InputError(must_be(f"{name}{list(at)}", needed, got, "clamping it"))
+            raise InputError(
+                f"{name}{list(at)} must be finite and in {least!r}..{most!r}; got "
+                f"{values[at]!s}. Try clamping it"
+            )
 
 
 def below_one(dtype: torch.dtype) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gauss2svg.errors import InputError, must_be, required, shown, whole_number
+from gauss2svg.errors import InputError, required, whole_number
 from gauss2svg.photo.limits import MOST_PIXELS
 from gauss2svg.scene import Scene
 
@@ -21,6 +21,8 @@ def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[in
         "output height", round(scene.height) if height is None else height, 1, MOST_PIXELS
     )
     if width * height > MOST_PIXELS:
-        needed, got = f"at most {MOST_PIXELS} px", shown(f"{width}x{height}")
-        raise InputError(must_be("output size", needed, got, "to render it smaller"))
+        raise InputError(
+            f"output size must be at most {MOST_PIXELS} px; got {width}x{height}. Try to render "
+            "it smaller"
+        )
     return width, height

@@ -95,11 +95,11 @@ class Parameter:
     advice: str = "to clip it"
 
     def domain(self, blend: str) -> tuple[float, float]:
-        """Its least and largest value in scenes of a blend."""
+        """Least and largest value of the parameter in scenes of a blend."""
         return self.added if blend == ADD and self.added else (self.least, self.most)
 
     def shape(self, count: int) -> tuple[int, ...]:
-        """Shape of the array of so many Gaussians."""
+        """Shape of the parameter's array for so many Gaussians."""
         return (count,) if self.width == 1 else (count, self.width)
 
 

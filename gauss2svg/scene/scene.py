@@ -15,9 +15,9 @@ from gauss2svg.errors import (
     Gauss2SvgError,
     InputError,
     SceneError,
-    must_be,
+    brief,
+    quoted,
     required,
-    shown,
 )
 from gauss2svg.files import write_atomically
 from gauss2svg.options import file_name
@@ -88,25 +88,25 @@ class Scene:
         for name in ("width", "height"):
             object.__setattr__(self, name, self._side(name))
         if self.blend not in BLENDS:
-            raise SceneError(must_be("scene blend", f"one of {', '.join(BLENDS)}", self.blend))
+            raise SceneError(
+                f"scene blend must be one of {', '.join(BLENDS)}; got {quoted(self.blend)}"
+            )
         for parameter in PARAMETERS:
             self._freeze_parameter(parameter, count)
         self._freeze("background", (3,), (0, 1), np.float64, "to clip it")
         if count and np.any(np.diff(self.round_index) < 0):
             raise SceneError(
-                must_be(
-                    "scene round_index",
-                    "in painter's order, with later rounds on top",
-                    shown("numbers that decrease"),
-                )
+                "scene round_index must be in painter's order, with later rounds on top; got "
+                "numbers that decrease"
             )
         if not isinstance(self.transparent, bool):
-            raise SceneError(must_be("scene transparent", "True or False", self.transparent))
+            raise SceneError(
+                f"scene transparent must be True or False; got {quoted(self.transparent)}"
+            )
         if self.blend == ADD and self.transparent:
             raise SceneError(
-                must_be(
-                    "blend of a transparent scene", f"{OVER!r}", self.blend, "to give a background"
-                )
+                f"blend of a transparent scene must be {OVER!r}; got {quoted(self.blend)}. Try "
+                "to give a background"
             )
 
     def _side(self, name: str) -> float:
@@ -117,8 +117,10 @@ class Scene:
         except (TypeError, ValueError, OverflowError):
             value = None
         if value is None or not LEAST_CANVAS <= value <= MOST_CANVAS:
-            needed = f"a number in {LEAST_CANVAS:g}..{MOST_CANVAS:g} px"
-            raise SceneError(must_be(f"scene {name}", needed, given, "to scale the scene"))
+            raise SceneError(
+                f"scene {name} must be a number in {LEAST_CANVAS:g}..{MOST_CANVAS:g} px; got "
+                f"{quoted(given)}. Try to scale the scene"
+            )
         return value
 
     def _array(self, name: str, dtype: Any) -> NDArray[Any]:
@@ -139,7 +141,7 @@ class Scene:
         except (TypeError, ValueError, OverflowError) as error:
             needed = f"an array of {'real' if most is None else 'whole'} numbers"
             needed += "" if most is None else f" up to {most}"
-            raise SceneError(must_be(f"scene {name}", needed, shown(error))) from None
+            raise SceneError(f"scene {name} must be {needed}; got {brief(error)}") from None
         return array.astype(dtype, copy=False)
 
     def _freeze_parameter(self, parameter: Parameter, count: int) -> None:
@@ -159,7 +161,7 @@ class Scene:
         """Make a field a read-only array of this shape and dtype, within its domain."""
         array = self._array(name, dtype)
         if array.shape != shape:
-            raise SceneError(must_be(f"scene {name}", f"of shape {shape}", shown(array.shape)))
+            raise SceneError(f"scene {name} must be of shape {shape}; got {array.shape}")
         low, high = domain
         bad = ~(np.isfinite(array) & (array >= low) & (array <= high))
         if bad.any():
@@ -167,7 +169,9 @@ class Scene:
             needed = f"finite and in {_bound(low)}..{_bound(high)}"
             if self.blend == ADD and low == high:
                 needed = f"{_bound(low)} in an additive scene"
-            raise SceneError(must_be(f"scene {name}{list(at)}", needed, shown(array[at]), advice))
+            raise SceneError(
+                f"scene {name}{list(at)} must be {needed}; got {array[at]!s}. Try {advice}"
+            )
         array.flags.writeable = False
         object.__setattr__(self, name, array)
 
@@ -257,8 +261,10 @@ class Scene:
             picked = None
         if picked is None or picked.ndim != 1:
             count = len(self)
-            needed = f"a slice, a mask of {count} or indices in {-count}..{count - 1}"
-            raise InputError(must_be("index", needed, index))
+            raise InputError(
+                f"index must be a slice, a mask of {count} or indices in {-count}..{count - 1}; "
+                f"got {quoted(index)}"
+            )
         return self.replace(**{p.name: getattr(self, p.name)[picked] for p in PARAMETERS})
 
     def concatenate(self, top: Scene) -> Self:
@@ -268,7 +274,9 @@ class Scene:
         differ.
         """
         if self.blend != required(top, "upper scene", Scene).blend:
-            raise SceneError(must_be("blend of the upper scene", f"{self.blend!r}", top.blend))
+            raise SceneError(
+                f"blend of the upper scene must be {self.blend!r}; got {quoted(top.blend)}"
+            )
         later = 0
         if len(self) and len(top):
             later = max(0, int(self.round_index[-1]) + 1 - int(top.round_index[0]))
@@ -279,13 +287,15 @@ class Scene:
         )
 
     def scaled(self, factor_x: float, factor_y: float | None = None) -> Self:
-        """The same image on a canvas scaled by factor_x and factor_y (> 0; the same if None).
+        """The scene on a canvas scaled by factor_x and factor_y (> 0; the same if None).
 
         Raises SceneError where that leaves the domain.
         """
         scale = np.array([factor_x, factor_x if factor_y is None else factor_y], np.float64)
         if not (np.isfinite(scale).all() and (scale > 0).all()):
-            raise SceneError(must_be("scale factors", "finite and above 0", scale.tolist()))
+            raise SceneError(
+                f"scale factors must be finite and above 0; got {quoted(scale.tolist())}"
+            )
         followed = {
             p.name: p.followed(getattr(self, p.name), scale) for p in PARAMETERS if p.followed
         }
@@ -303,8 +313,7 @@ class Scene:
             write_atomically(file_name("file", file), whole.getvalue())
             return
         if not hasattr(file, "write"):
-            needed, got = "a path or a binary file", shown(type(file).__name__)
-            raise InputError(must_be("file", needed, got))
+            raise InputError(f"file must be a path or a binary file; got {type(file).__name__}")
         fields: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         np.savez_compressed(file, format_version=_FORMAT_VERSION, **fields)
 
@@ -315,8 +324,10 @@ class Scene:
             with np.load(file, allow_pickle=False) as stored:
                 version = int(stored["format_version"])
                 if version not in (known := range(1, _FORMAT_VERSION + 1)):
-                    needed = f"one of {', '.join(map(str, known))}"
-                    raise InputError(must_be("format version of a scene file", needed, version))
+                    raise InputError(
+                        "format version of a scene file must be one of "
+                        f"{', '.join(map(str, known))}; got {version}"
+                    )
                 names = {f.name for f in dataclasses.fields(cls)}
                 names -= {name for name, since in _SINCE.items() if since > version}
                 values = {name: stored[name] for name in names}
@@ -324,21 +335,24 @@ class Scene:
                 values["drawn"] = np.where(values["beta"] == MOST_BETA, PLAIN, SOFT)
             for name in names & {"width", "height", "blend", "transparent"}:
                 if values[name].shape:
-                    got = shown(f"shape {values[name].shape}")
-                    advice = "to save the scene again"
-                    raise InputError(must_be(f"{name} of a scene file", "one value", got, advice))
+                    raise InputError(
+                        f"{name} of a scene file must be one value; got shape "
+                        f"{values[name].shape}. Try to save the scene again"
+                    )
                 values[name] = values[name].item()
             values |= {name: float(values[name]) for name in ("width", "height")}
             values["blend"] = str(values["blend"])
             if not isinstance(values.setdefault("transparent", False), bool):
-                needed, got = "true or false", values["transparent"]
-                advice = "to save the scene again"
-                raise InputError(must_be("transparent of a scene file", needed, got, advice))
+                raise InputError(
+                    "transparent of a scene file must be true or false; got "
+                    f"{quoted(values['transparent'])}. Try to save the scene again"
+                )
         except Gauss2SvgError:
             raise
         except Exception as error:  # numpy, zipfile and zlib each raise their own
-            got = shown(error)
-            raise InputError(must_be("scene file", "one written by Scene.save", got)) from error
+            raise InputError(
+                f"scene file must be one written by Scene.save; got {brief(error)}"
+            ) from error
         return cls(**values)
 
 

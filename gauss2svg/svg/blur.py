@@ -19,7 +19,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import BLURRED, Scene
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, half_radius, profile
 from gauss2svg.svg.plain_ellipse import is_plain
@@ -79,8 +79,10 @@ def blur_of(ratio: float) -> Blur:
     Raises InputError for ratios outside of LEAST_RATIO..MOST_RATIO.
     """
     if not LEAST_RATIO <= ratio <= MOST_RATIO:
-        needed = f"{LEAST_RATIO:g}..{MOST_RATIO:g} times the deviation of its blur"
-        raise InputError(must_be("radius of the circle", needed, ratio, "to set its blur again"))
+        raise InputError(
+            f"radius of the circle must be {LEAST_RATIO:g}..{MOST_RATIO:g} times the deviation "
+            f"of its blur; got {quoted(ratio)}. Try to set its blur again"
+        )
     from scipy.optimize import minimize  # a quarter of a second, and seldom needed
 
     r = np.arange(0.5, 500) / 500 * (1 + 6 / ratio)

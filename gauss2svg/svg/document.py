@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
-from gauss2svg.errors import InputError, must_be, shown, whole_number
+from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.options import Number, OptionGroup, fields_of, file_name
 
 if TYPE_CHECKING:
@@ -36,10 +36,10 @@ _UP_TO_TARGET = "svg>g:target~g{display:none}"
 def check_text(name: str, text: Any) -> str:
     """Text that an element can hold; raises InputError for any other value."""
     if not isinstance(text, str) or not text.strip():
-        raise InputError(must_be(name, "text that is not empty", text))
+        raise InputError(f"{name} must be text that is not empty; got {quoted(text)}")
     # Control characters, lone surrogates, and what XML 1.0 has no place for.
     if any(unicodedata.category(c) in ("Cc", "Cs") or c in "\ufffe\uffff" for c in text):
-        raise InputError(must_be(name, "text without control characters", text))
+        raise InputError(f"{name} must be text without control characters; got {quoted(text)}")
     return text
 
 
@@ -54,7 +54,9 @@ def check_size(name: str, size: Any) -> str:
 def check_aspect(name: str, aspect: Any) -> str:
     """A value of preserveAspectRatio."""
     if not isinstance(aspect, str) or not _ASPECT.fullmatch(aspect):
-        raise InputError(must_be(name, "none or such as xMidYMid or 'xMinYMax slice'", aspect))
+        raise InputError(
+            f"{name} must be none or such as xMidYMid or 'xMinYMax slice'; got {quoted(aspect)}"
+        )
     return aspect
 
 
@@ -74,13 +76,16 @@ def check_segments(name: str, segments: Any) -> Any:
     labels = plain_array(segments, name)
     labels = labels.astype(np.uint8) if labels.dtype == bool else labels
     if labels.ndim != 2 or not labels.size:
-        got = shown(f"shape {labels.shape}")
-        raise InputError(must_be(name, "an array (h, w) of whole numbers", got))
+        raise InputError(
+            f"{name} must be an array (h, w) of whole numbers; got shape {labels.shape}"
+        )
     if not np.issubdtype(labels.dtype, np.integer):
-        raise InputError(must_be(name, "whole numbers", shown(f"type {labels.dtype}")))
+        raise InputError(f"{name} must be whole numbers; got type {labels.dtype}")
     if labels.min() < 0 or labels.max() > _LARGEST_LABEL:
-        got = shown(f"{labels.min()}..{labels.max()}")
-        raise InputError(must_be(name, f"whole numbers in 0..{_LARGEST_LABEL}", got))
+        raise InputError(
+            f"{name} must be whole numbers in 0..{_LARGEST_LABEL}; got "
+            f"{labels.min()}..{labels.max()}"
+        )
     return labels
 
 
@@ -145,7 +150,9 @@ class Document(OptionGroup):
         InputError where segments are a number or a path: `vectorize` finds labels in a photo.
         """
         if isinstance(self.segments, (int, str, os.PathLike)):
-            raise InputError(must_be("segments", "an array (h, w) of labels here", self.segments))
+            raise InputError(
+                f"segments must be an array (h, w) of labels here; got {quoted(self.segments)}"
+            )
         return self.segments
 
     @property
@@ -168,10 +175,10 @@ class Document(OptionGroup):
         across, unit = _width_of("size", self.size)
         sides = [f"{side:.{_DECIMALS}f}" for side in (across, across * height / width)]
         if any(float(side) == 0 for side in sides):
-            got = shown(
-                f"{self.size}, which makes {width:g}x{height:g} px {' by '.join(sides)}{unit}"
+            raise InputError(
+                f"size must be larger; got {self.size}, which makes {width:g}x{height:g} px "
+                f"{' by '.join(sides)}{unit}"
             )
-            raise InputError(must_be("size", "larger", got))
         first, second = (side.rstrip("0").rstrip(".") + unit for side in sides)
         return first, second
 
@@ -216,6 +223,8 @@ def _width_of(name: str, size: Any) -> tuple[float, str]:
     across = float(match[1]) if match else math.nan
     if match is None or not 0 < across <= _LARGEST_SIZE:
         units = ", ".join(_UNITS)
-        needed = f"a width above 0 with its unit, one of {units}: such as 120mm"
-        raise InputError(must_be(name, needed, size))
+        raise InputError(
+            f"{name} must be a width above 0 with its unit, one of {units}: such as 120mm; got "
+            f"{quoted(size)}"
+        )
     return across, match[2]

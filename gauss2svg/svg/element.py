@@ -14,7 +14,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import SceneError, must_be, shown
+from gauss2svg.errors import SceneError
 from gauss2svg.svg.limits import LARGEST_NUMBER
 
 _LETTERS = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ"
@@ -76,12 +76,9 @@ def number(value: float, decimals: int) -> str:
     """
     if not abs(value) <= LARGEST_NUMBER:
         raise SceneError(
-            must_be(
-                "a number in an SVG",
-                f"finite and at most {LARGEST_NUMBER:g}",
-                shown(value),
-                "to scale the scene, to drop shapes that lie so far off, or a coarser precision",
-            )
+            f"a number in an SVG must be finite and at most {LARGEST_NUMBER:g}; got "
+            f"{value!s}. Try to scale the scene, to drop shapes that lie so far off, or a "
+            "coarser precision"
         )
     text = f"{value:.{decimals}f}"
     if "." in text:

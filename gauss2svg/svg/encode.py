@@ -104,7 +104,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     color = np.round(scene.color * 255).astype(np.uint8)
     keys = np.column_stack([nearest_class(scene.beta), color])
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
-    # The shortest ids go to those that are used most.
+    # The shortest ids go to those that are used most; argsort of argsort is the rank.
     uses = np.append(uses, np.bincount(blur[blurred], minlength=len(BLURS)))
     names = [short_id(k) for k in np.argsort(np.argsort(-uses, kind="stable")).tolist()]
     ids, filter_ids = names[: len(shared)], names[len(shared) :]
@@ -125,6 +125,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     fits = np.flatnonzero(writable(scene, radius, svg_format.precision, unit)).tolist()
     circles = ((i, _circle(discs, i, svg_format)) for i in fits)
     shapes = tuple(Drawn(i, circle) for i, circle in circles if circle is not None)
+    # What only shapes without extent or opacity would refer to is not written.
     used = {value for shape in shapes for value in shape.element.attributes.values()}
     gradients = zip(ids, shared, strict=True)
     blurs = zip(filter_ids, BLURS, strict=True)

@@ -7,7 +7,7 @@ import mimetypes
 import os
 import re
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 
 _SVG_TYPES = ("image/svg+xml", "text/xml", "application/xml")
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
@@ -23,9 +23,9 @@ def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
     """Raise InputError for a file name that an SVG cannot have: empty, or of another format."""
     text = os.fspath(path)
     if not text:
-        raise InputError(must_be(name, "the name of a file", text))
+        raise InputError(f"{name} must be the name of a file; got {quoted(text)}")
     if text.endswith(("/", os.sep)):
-        raise InputError(must_be(name, "the name of a file, not of a folder", text))
+        raise InputError(f"{name} must be the name of a file, not of a folder; got {quoted(text)}")
     check_type(name, text, _SVG_TYPES, ".svg or .svgz")
 
 
@@ -33,7 +33,7 @@ def check_type(name: str, path: str, allowed: tuple[str, ...], suffixes: str) ->
     """Raise InputError for a name whose suffix is known as another type than the allowed ones."""
     kind = mimetypes.guess_type(os.path.basename(path), strict=False)[0]
     if kind is not None and kind not in allowed:
-        raise InputError(must_be(name, f"a name that ends in {suffixes}", path))
+        raise InputError(f"{name} must be a name that ends in {suffixes}; got {quoted(path)}")
 
 
 def file_bytes(svg: str, gzipped: bool) -> bytes:

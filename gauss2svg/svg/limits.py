@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import SceneError, must_be, shown
+from gauss2svg.errors import SceneError
 from gauss2svg.scene import Scene
 
 # resvg panics from about 1e9 on; all six renderers draw numbers up to 1e8 within 2.1 levels of 255
@@ -22,9 +22,10 @@ _DRAWN_WITHIN, _EDGE = 4.0, 1.0
 def check_canvas(scene: Scene) -> None:
     """Raise SceneError for a canvas that is too small to be written."""
     if min(scene.width, scene.height) < _SMALLEST_CANVAS:
-        needed = f"at least {_SMALLEST_CANVAS} px a side in an SVG"
-        got = shown(f"{scene.width:g}x{scene.height:g} px")
-        raise SceneError(must_be("canvas", needed, got, "to scale the scene up"))
+        raise SceneError(
+            f"canvas must be at least {_SMALLEST_CANVAS} px a side in an SVG; got "
+            f"{scene.width:g}x{scene.height:g} px. Try to scale the scene up"
+        )
 
 
 def writable(

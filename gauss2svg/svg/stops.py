@@ -23,7 +23,7 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg.format import STOP_COUNTS
 
@@ -53,7 +53,9 @@ def gradient_stops(count: int, beta: float = 1.0) -> Stops:
     Raises InputError for a count other than those in STOP_COUNTS.
     """
     if count not in STOP_COUNTS:
-        raise InputError(must_be("stops", f"one of {', '.join(map(str, STOP_COUNTS))}", count))
+        raise InputError(
+            f"stops must be one of {', '.join(map(str, STOP_COUNTS))}; got {quoted(count)}"
+        )
     return _fewest(count, float(beta))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import svgwrite
 from svgwrite.extensions import Inkscape
 
-from gauss2svg.errors import InputError, instance, must_be, number_within, required
+from gauss2svg.errors import InputError, instance, number_within, quoted, required
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive.differences import (
     ADDITIVE,
@@ -62,7 +62,9 @@ def write_svg(
     document = instance(document, "document", Document)
     if svg_format.markup == MINIMAL:
         if svg_format.form != GRADIENT:
-            raise InputError(must_be("form", f"{GRADIENT} in minimal markup", svg_format.form))
+            raise InputError(
+                f"form must be {GRADIENT} in minimal markup; got {quoted(svg_format.form)}"
+            )
         return minimal_svg(
             scene, svg_format.precision, HEX_DIGITS[-1], document,
             opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops,

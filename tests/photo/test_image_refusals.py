@@ -36,7 +36,7 @@ def test_every_format_is_read_under_all_of_its_names(name, tmp_path):
         assert is_picture(path.name.upper())
         assert load_image(path).pixels.shape == BYTES.shape
     assert not set(FORMATS[name].suffixes) & set(REFUSED)
-    for hook in (FORMATS[name].prepare, FORMATS[name].lack):
+    for hook in (FORMATS[name].prepare, FORMATS[name].damage):
         assert not hook or callable(resolve_name(hook))
 
 

@@ -1,7 +1,17 @@
 """The search by count: fit, write, rasterise, measure, and correct the number of Gaussians.
 
 Targets apply to the rasterised SVG, so every correction rasterises one. The search runs at the
-size of the fit; the additional error of a larger reference is measured once and added.
+size of the fit; the additional error of a larger reference is measured once and added. Kodak 20,
+768 px wide and fitted at 384 px, with a target of 28 dB:
+
+    Gaussians    PSNR at 384 px    PSNR against the photo
+    195          28.24             26.14, measured: the photo has detail that the fit did not see
+    299          29.00             26.59, by the squared error that the photo added before
+    607          31.03             27.63
+    759          32.23             28.14, and measured 28.13: reached
+
+Each count is the last one doubled as often as the dB that lack up to 28.12 take, by the dB gained
+per doubling: at first 3.2, as during the growth, then by the last two exports, at least 1.5.
 """
 
 from __future__ import annotations
@@ -104,6 +114,7 @@ class ByCount:
         cap = self._growth.cap
         if cap.name == "time_limit":  # found after growth ended
             self._session.prune_to(cap.gaussians)
+        # A preset's cap is of what is worth its bytes; a target may need more.
         if cap.name == "cap" and self._plan.aim is not None:
             self._growth.cap = Cap(self._growth.for_target, "cap")
 
@@ -226,6 +237,7 @@ class ByCount:
         """Correct the scores by that against the reference; False if there is no need."""
         aim, photo = self._plan.aim, self._subject.photo
         smaller = photo.shape != self._subject.working.shape
+        # Without time the file is measured at the size of the fit, which tells nothing new.
         if aim is None or reached is None or not smaller or measured.raster.shape != photo.shape:
             return False
         if math.isnan(best.score):  # it was pruned to its bytes

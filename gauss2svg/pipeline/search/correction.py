@@ -76,7 +76,7 @@ class Corrections:
         self._plan, self._aim, self._limit = plan, plan.aim, plan.byte_limit
 
     def score(self, export: Export) -> float:
-        """That of its rasterised SVG against the photo; -inf if it was not rasterised."""
+        """Score of an export's rasterised SVG against the photo; -inf if it was not rasterised."""
         if self._aim is None or math.isnan(export.score):
             return -math.inf
         return self._aim.with_detail(export.score, self.detail)
@@ -115,7 +115,7 @@ class Corrections:
         return Correction(count if same else wanted, stop_reason)
 
     def _filled(self, count: int, cap: Cap, stop_reason: str, limit: int) -> Correction:
-        """As many as a limit of bytes allows, until no more show."""
+        """Count for a limit of bytes: as many as it allows, until no more show."""
         last = self.made[-1]
         share = TUNING.full if len(self.made) < 2 else TUNING.nearly_full
         full = last.size > share * limit or last.model >= self._plan.enough

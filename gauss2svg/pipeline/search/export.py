@@ -99,7 +99,7 @@ class Exporter:
         )
 
     def as_written(self, scene: Scene, psnr: float) -> Scene:
-        """The same on the working canvas, for the last steps of a fit."""
+        """The scene of `quantized` on the working canvas, for the last steps of a fit."""
         written = self.quantized(scene, psnr)
         self.seen = max(self.seen, psnr)
         return written.scaled(scene.width / written.width, scene.height / written.height)
@@ -169,7 +169,7 @@ class Exporter:
 
     @property
     def _weight(self) -> NDArray[np.floating] | None:
-        """That of a fit for perception, by which colours are quantised as well."""
+        """Weight map of a fit for perception, by which colours are quantised as well."""
         tune = self._plan.tune
         return self._subject.target(tune).weight if tune == PERCEPTUAL else None
 

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError
 from gauss2svg.measure.metrics import mean_squared_error
 from gauss2svg.photo.alpha import has_alpha, stacked
 from gauss2svg.pipeline.plan import Plan
@@ -94,9 +94,10 @@ class SmallFiles:
         self._flat = [self._flat_file(digits) for digits in HEX_DIGITS]
         self.flat = min(self._flat, key=lambda file: file.size)
         if self.flat.size > self._limit:
-            needed = f"at least {self.flat.size}, the bytes of a file without Gaussians"
-            got = shown(f"{self._limit}")
-            raise InputError(must_be("max_bytes", needed, got, f"{self.flat.size}"))
+            raise InputError(
+                f"max_bytes must be at least {self.flat.size}, the bytes of a file without "
+                f"Gaussians; got {self._limit}. Try {self.flat.size}"
+            )
 
     def without_gaussians(self) -> SmallFile:
         """The best file without Gaussians that fits."""

@@ -36,7 +36,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg.additive.differences import HALF_WAY, WHITE, Transfer
@@ -93,11 +93,8 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
     check_canvas(scene)
     if svg_format.form != GRADIENT:
         raise InputError(
-            must_be(
-                "form",
-                f"{GRADIENT!r} for an additive scene, whose blurs cannot be added exactly",
-                svg_format.form,
-            )
+            f"form must be {GRADIENT!r} for an additive scene, whose blurs cannot be added "
+            f"exactly; got {quoted(svg_format.form)}"
         )
     canvas = canvas_of(scene)
     phases = phases_of(scene, canvas)

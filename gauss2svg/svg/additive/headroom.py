@@ -153,8 +153,9 @@ def order_of(samples, picture, low, high, background, pattern, patterns, by_mass
                     waiting[left] = i
                     left += 1
             waiting = waiting[:left]
+        # Back through the patterns: the first of a tour is the last of the one before.
         backwards = not backwards
-        if done == before:
+        if done == before:  # the canvas is as it was when each lack was found
             i = _least(samples, waiting, total, picture, low, high, seen, lacks)
             _add(samples, i, total, total, total)
             order[done] = i
@@ -165,7 +166,10 @@ def order_of(samples, picture, low, high, background, pattern, patterns, by_mass
 
 @_kernel
 def _least(samples, waiting, total, picture, low, high, seen, lacks):
-    """The waiting Gaussian that lacks least; lower bounds in lacks are made exact on the way."""
+    """The waiting Gaussian that lacks least; lower bounds in lacks are made exact on the way.
+
+    All samples of a Gaussian are walked for the few whose bound is below the least exact lack.
+    """
     exact = np.zeros(lacks.size, np.bool_)
     while True:
         i = waiting[np.argmin(lacks[waiting])]
@@ -237,6 +241,8 @@ def _rows(samples, i):
 def _interval(samples, i, row):
     """First and last of a row's samples that the i-th Gaussian may reach."""
     shape = samples.shape
+    # Samples lie anywhere in their row: the interval is that of its edge nearest to the mean, and
+    # as much wider as the ridge moves within half a row.
     v = row + 0.5 - shape[i, 1]
     near = min(1.0, max(0.0, abs(v) - 0.5) / shape[i, 6])
     middle = shape[i, 0] + shape[i, 7] * v

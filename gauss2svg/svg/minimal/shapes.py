@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, number_within
+from gauss2svg.errors import InputError, number_within, quoted
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, cut_radius, nearest_class
 from gauss2svg.svg.limits import check_canvas, writable
@@ -56,10 +56,12 @@ def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> 
     """
     unit = number_within("unit", unit, LEAST_UNIT, MOST_UNIT)
     if digits not in HEX_DIGITS:
-        raise InputError(must_be("digits", "3 or 6", digits))
+        raise InputError(f"digits must be 3 or 6; got {quoted(digits)}")
     if scene.blend == ADD:
-        advice = "--portable, or --markup editable"
-        raise InputError(must_be("blend in minimal markup", "'over'", scene.blend, advice))
+        raise InputError(
+            f"blend in minimal markup must be 'over'; got {quoted(scene.blend)}. Try "
+            "--portable, or --markup editable"
+        )
     check_canvas(scene)
     kind = nearest_class(scene.beta)
     plain = (scene.drawn == PLAIN) | _is_arc(scene.ellipse_axes[0], scene.beta)

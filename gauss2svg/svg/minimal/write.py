@@ -297,6 +297,7 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
     used  how many ids there are already
     """
     definitions = []
+    # Colours with an opacity first, then the opacities of colours that too few shapes have.
     for names in (("fill", "opacity"), ("opacity",)):
         ids = {}
         keys = [tuple(e.attributes.get(name, "") for name in ("href", *names)) for e in elements]
@@ -305,6 +306,7 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
             common = {name: value for name, value in values if value}
             name = short_id(used + len(definitions))
             definition = Element("use", {"id": name, "href": href, **common})
+            # Each use is without them, and refers to the new id in place of the old one.
             shorter = len(attributes_text(common)) + len(href) - len(f"#{name}")
             if href and common and uses * shorter > len(definition.text()):
                 ids[key] = name

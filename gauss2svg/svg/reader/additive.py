@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import MOST_SIGNED
 from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg.additive.differences import HALF_WAY, TRANSFER, WHITE
@@ -58,7 +58,7 @@ class Differences:
     def begin(self, attributes: Mapping[str, str]) -> None:
         """Read the filter of the group; raises InputError for one that write_svg does not write."""
         if self._transfer is not None:
-            raise InputError(must_be("the additive group", "one", shown("another of its id")))
+            raise InputError("the additive group must be one; got another of its id")
         key = reference(attributes.get("filter", "")) or ""
         element = self._by_id.get(key) if key.startswith(TRANSFER) else None
         steps = [] if element is None or element.tag != SVG + "filter" else list(element)
@@ -70,18 +70,17 @@ class Differences:
         )
         space = None if element is None else element.get("color-interpolation-filters")
         if not linear or space != "sRGB":
-            got = shown("another")
-            raise InputError(must_be("its filter", "the one that write_svg writes for it", got))
+            raise InputError("its filter must be the one that write_svg writes for it; got another")
         self._transfer = np.array(
             [[length(one.get(n, ""), n) for one in steps[0]] for n in ("slope", "intercept")]
         )
         if not self._transfer[0].all():
-            raise InputError(must_be("slopes of its filter", "other than 0", shown("0")))
+            raise InputError("slopes of its filter must be other than 0; got 0")
 
     def cover(self, paint: Color, count: int) -> None:
         """Draw a rectangle over `count` shapes: the first begins, others invert whole channels."""
         if self._covers and any(level not in (0, 1) for level in paint):
-            raise InputError(must_be("its fill", "of channels that are 0 or full", shown(paint)))
+            raise InputError(f"its fill must be of channels that are 0 or full; got {paint}")
         if not self._covers and count:
             raise InputError("a rectangle must be under all shapes; got none. Try to restore it")
         self._covers.append((count, paint))
@@ -90,7 +89,9 @@ class Differences:
         """A shape whose colour is its shade on the canvas; arguments as in read_shape."""
         key = reference(fill)
         if key is None:
-            raise InputError(must_be("its fill", "a gradient of write_svg", fill, "to delete it"))
+            raise InputError(
+                f"its fill must be a gradient of write_svg; got {quoted(fill)}. Try to delete it"
+            )
         if key not in self._ramps:
             stops, disc, in_box = self._gradients.parts(key)
             shade, reach = _nearest(stops)
@@ -109,7 +110,7 @@ class Differences:
         Raises InputError where they are none of a scene.
         """
         if self._transfer is None or not self._covers:
-            raise InputError(must_be("the additive group", "in the file", shown("none")))
+            raise InputError("the additive group must be in the file; got none")
         slope, intercept = self._transfer
         inverted = slope < 0
         takes = np.zeros(shades.shape, bool)
@@ -122,11 +123,12 @@ class Differences:
         signed = np.where(takes, -1, 1) * np.abs(slope) * shades
         background = slope * level + intercept - HALF_WAY / WHITE
         if not (np.abs(signed) <= MOST_SIGNED).all():
-            needed = f"at most {MOST_SIGNED:g} either way"
-            raise InputError(must_be("colours of the file", needed, shown("more")))
+            raise InputError(
+                f"colours of the file must be at most {MOST_SIGNED:g} either way; got more"
+            )
         if not (np.abs(background - 0.5) <= 0.5 + _ROUNDED).all():
-            got = shown(", ".join(f"{value:.3g}" for value in background))
-            raise InputError(must_be("background of the file", "in 0..1", got))
+            levels = ", ".join(f"{value:.3g}" for value in background)
+            raise InputError(f"background of the file must be in 0..1; got {levels}")
         return signed, np.clip(background, 0, 1)
 
 
@@ -143,8 +145,9 @@ def _nearest(stops: list[Stop]) -> tuple[Color, float]:
     offsets = np.maximum.accumulate([stop.offset for stop in stops]) if stops else np.zeros(0)
     opaque = all(stop.opacity == 1 for stop in stops)
     if not opaque or not polygon.any() or polygon[-1].any():
-        needed, got = "opaque colours of write_svg that end in black", shown("others")
-        raise InputError(must_be("its stops", needed, got))
+        raise InputError(
+            "its stops must be opaque colours of write_svg that end in black; got others"
+        )
     t, weight, falloffs, mass = _falloffs()
     drawn = np.stack([np.interp(t, offsets, channel) for channel in polygon.T], axis=1)
     square = float((weight[:, None] * drawn * drawn).sum())

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.svg.reader.values import numbers
 
 Affine = tuple[float, float, float, float, float, float]
@@ -50,8 +50,10 @@ def parse_transform(text: str, name: str = "transform") -> Affine:
         call = _CALL.match(text, at)
         values = numbers(call[2], name) if call else []
         if call is None or len(values) not in COUNTS.get(call[1], ()):
-            needed = "a list of matrix, translate, scale, rotate, skewX, skewY"
-            raise InputError(must_be(name, needed, text))
+            raise InputError(
+                f"{name} must be a list of matrix, translate, scale, rotate, skewX, skewY; got "
+                f"{quoted(text)}"
+            )
         total = compose(total, affine_of(call[1], values)) if at else affine_of(call[1], values)
         at = call.end()
     return total

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import LEAST_CANVAS, MOST_CANVAS
 from gauss2svg.svg.reader.affine import Affine
 from gauss2svg.svg.reader.values import length, numbers, view_box
@@ -39,11 +39,15 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     if CANVAS in root:
         sides = numbers(root[CANVAS], CANVAS)
         if len(sides) != 2:
-            raise InputError(must_be(CANVAS, "a width and a height in px", root[CANVAS]))
+            raise InputError(
+                f"{CANVAS} must be a width and a height in px; got {quoted(root[CANVAS])}"
+            )
         width, height = sides
     if not LEAST_CANVAS <= min(width, height) <= max(width, height) <= MOST_CANVAS:
-        needed = f"{LEAST_CANVAS:g}..{MOST_CANVAS:g} px a side"
-        raise InputError(must_be("canvas", needed, shown(f"{width:g}x{height:g} px")))
+        raise InputError(
+            f"canvas must be {LEAST_CANVAS:g}..{MOST_CANVAS:g} px a side; got "
+            f"{width:g}x{height:g} px"
+        )
     if box is None:
         return width, height, (1.0, 0.0, 0.0, 1.0, 0.0, 0.0), (width, height)
     x, y, across, down = box
@@ -52,12 +56,9 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     if CANVAS in root:
         if abs(scale_x / scale_y - 1) > _PROPORTIONS:
             raise InputError(
-                must_be(
-                    CANVAS,
-                    f"of the proportions of the viewBox, {across:g}x{down:g}",
-                    shown(f"{width:g}x{height:g} px: the page was resized"),
-                    "to write its size in px there, or to remove the attribute",
-                )
+                f"{CANVAS} must be of the proportions of the viewBox, {across:g}x{down:g}; got "
+                f"{width:g}x{height:g} px: the page was resized. Try to write its size in px "
+                "there, or to remove the attribute"
             )
     else:
         scale_x, scale_y, left, top = _fitted(
@@ -79,7 +80,7 @@ def _fitted(
     parts = align[1:4], align[5:]
     named = align[:1] == "x" and align[4:5] == "Y" and all(part in _ALIGNED for part in parts)
     if not named or how not in ("meet", "slice") or len(words) > 2:
-        raise InputError(must_be("preserveAspectRatio", "such as xMidYMid meet", rule))
+        raise InputError(f"preserveAspectRatio must be such as xMidYMid meet; got {quoted(rule)}")
     scale = min(scales) if how == "meet" else max(scales)
     left, top = (
         _ALIGNED[part] * (side - scale * extent)

@@ -23,11 +23,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.minimal.write import MASK_STOPS
 from gauss2svg.svg.reader.affine import IDENTITY, Affine, compose, parse_transform
-from gauss2svg.svg.reader.values import Color, color, declarations, length, quoted, share
+from gauss2svg.svg.reader.values import Color, color, declarations, length, share
 from gauss2svg.svg.whole_stops import grey_stops
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -98,7 +98,7 @@ class Gradients:
         with _naming(key):
             chain = list(self._chain(key))
             if chain[0].tag != _RADIAL:
-                raise InputError(must_be("it", "a radialGradient", shown("a linear one")))
+                raise InputError("it must be a radialGradient; got a linear one")
             found: dict[str, str] = {}
             for element in chain:
                 names = _COMMON + (_GEOMETRY if element.tag == _RADIAL else ())
@@ -121,8 +121,10 @@ class Gradients:
             elif len(seen) == _LONGEST_CHAIN:
                 why = f"comes after {_LONGEST_CHAIN} references"
             if why or element is None:
-                got = shown(f"{quoted(key)}, which {why}")
-                raise InputError(must_be("its reference", "to a radialGradient with stops", got))
+                raise InputError(
+                    f"its reference must be to a radialGradient with stops; got {_shortened(key)}, "
+                    f"which {why}"
+                )
             seen.add(key)
             yield element
             key = next((element.get(h, "") for h in HREFS if element.get(h)), "").removeprefix("#")
@@ -131,19 +133,19 @@ class Gradients:
 def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
     units = found.get("gradientUnits", "objectBoundingBox")
     if units not in ("objectBoundingBox", "userSpaceOnUse"):
-        raise InputError(must_be("gradientUnits", "userSpaceOnUse", units))
+        raise InputError(f"gradientUnits must be userSpaceOnUse; got {quoted(units)}")
     in_box = units == "objectBoundingBox"
     whole = 1.0 if in_box else None  # write_svg writes no percentage of the viewport
     cx, cy, r = (length(found.get(name, "50%"), name, whole) for name in ("cx", "cy", "r"))
     fx, fy = (length(found[f], f, whole) if f in found else c for f, c in (("fx", cx), ("fy", cy)))
     if r <= 0:
-        raise InputError(must_be("its r", "above 0", r))
+        raise InputError(f"its r must be above 0; got {quoted(r)}")
     if math.hypot(fx - cx, fy - cy) > _LARGEST_FOCUS * r or length(found.get("fr", "0"), "fr"):
         raise InputError(
             "its focus must be at its centre; got another place. Try to remove fx, fy and fr"
         )
     if found.get("spreadMethod", "pad") != "pad":
-        raise InputError(must_be("its spreadMethod", "pad", found["spreadMethod"]))
+        raise InputError(f"its spreadMethod must be pad; got {quoted(found['spreadMethod'])}")
     onto = IDENTITY
     if "gradientTransform" in found:
         onto = parse_transform(found["gradientTransform"], "gradientTransform")
@@ -171,7 +173,7 @@ def _of_one_color(stops: list[Stop]) -> tuple[Color, float, float]:
     """Colour, centre opacity and exponent; raises InputError if no exponent has such stops."""
     shades = {color(text, "stop-color") for text in {stop.color.lower() for stop in stops}}
     if len(shades) != 1:
-        raise InputError(must_be("its stops", "of one colour", shown(f"{len(shades)} colours")))
+        raise InputError(f"its stops must be of one colour; got {len(shades)} colours")
     peak, beta = _exponent(tuple(stop[:2] for stop in stops))
     return shades.pop(), peak, beta
 
@@ -182,7 +184,7 @@ def _of_mask(stops: list[Stop]) -> tuple[Color, float, float]:
     beta = _grey_exponents().get(tuple((o, round(255 * red)) for o, red, _, _ in greys))
     grey = all(red == green == blue for _, red, green, blue in greys)
     if beta is None or not grey or any(stop.opacity != 1 for stop in stops):
-        raise InputError(must_be("its stops", "greys of minimal markup", shown("others")))
+        raise InputError("its stops must be greys of minimal markup; got others")
     return (1.0, 1.0, 1.0), 1.0, beta
 
 
@@ -213,11 +215,8 @@ def _exponent(polygon: tuple[tuple[float, float], ...]) -> tuple[float, float]:
     if error[best] > _LARGEST_ERROR or heights[-1] > _LARGEST_END * peak:
         known = ", ".join(f"{beta:g}" for beta in BETA_CLASSES)
         raise InputError(
-            must_be(
-                "its stops",
-                f"those that write_svg writes for one of the exponents {known}",
-                shown(f"others, {error[best]:.3f} off {BETA_CLASSES[best]:g}, the nearest"),
-            )
+            f"its stops must be those that write_svg writes for one of the exponents {known}; "
+            f"got others, {error[best]:.3f} off {BETA_CLASSES[best]:g}, the nearest"
         )
     return peak, BETA_CLASSES[best]
 
@@ -233,10 +232,15 @@ def _profiles() -> NDArray[np.floating]:
     return np.stack([profile(_radii() * cut_radius(beta), beta) for beta in BETA_CLASSES])
 
 
+def _shortened(key: str) -> str:
+    """The id of a gradient in an error, cut where it is long."""
+    return repr(key if len(key) <= 60 else key[:57] + "...")
+
+
 @contextmanager
 def _naming(key: str) -> Iterator[None]:
     """Put the gradient before the message of an InputError."""
     try:
         yield
     except InputError as error:
-        raise InputError(f"its gradient {quoted(key)}: {error}") from None
+        raise InputError(f"its gradient {_shortened(key)}: {error}") from None

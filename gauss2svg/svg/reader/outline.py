@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Mapping
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.svg.reader.affine import Affine
 from gauss2svg.svg.reader.values import NUMBER, length
 
@@ -42,7 +42,7 @@ def outline(tag: str, attributes: Mapping[str, str]) -> Affine:
     else:
         rx, ry = (length(attributes.get(name, "0"), name) for name in ("rx", "ry"))
     if rx < 0 or ry < 0:
-        raise InputError(must_be("radii", "0 or more", shown(f"{rx:g} and {ry:g}")))
+        raise InputError(f"radii must be 0 or more; got {rx:g} and {ry:g}")
     cx, cy = (length(attributes.get(name, "0"), name) for name in ("cx", "cy"))
     return rx, 0.0, 0.0, ry, cx, cy
 
@@ -140,5 +140,7 @@ def _arcs(data: str) -> tuple[tuple[float, float, float], list[tuple[float, floa
 
 
 def _not_an_ellipse(data: str) -> InputError:
-    advice = "to undo the edit of its nodes, or to delete it"
-    return InputError(must_be("its d", "an ellipse of two or four arcs", data, advice))
+    return InputError(
+        f"its d must be an ellipse of two or four arcs; got {quoted(data)}. Try to undo the "
+        "edit of its nodes, or to delete it"
+    )

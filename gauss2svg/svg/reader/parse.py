@@ -16,7 +16,7 @@ from xml.etree.ElementTree import TreeBuilder
 
 from defusedxml.ElementTree import DefusedXMLParser, ParseError
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, brief
 from gauss2svg.options import file_name
 
 GZIP = b"\x1f\x8b"
@@ -37,11 +37,14 @@ class _Tree(TreeBuilder):
         self._count += 1
         self._depth += 1
         if self._count > self._most:
-            needed, advice = f"of at most {self._most} elements", "a larger max_elements"
-            raise InputError(must_be("the SVG", needed, shown("more"), f"{advice} if you trust it"))
+            raise InputError(
+                f"the SVG must be of at most {self._most} elements; got more. Try a "
+                "larger max_elements if you trust it"
+            )
         if self._depth > _DEEPEST:
-            needed = f"nested at most {_DEEPEST} deep"
-            raise InputError(must_be("elements", needed, shown("more"), "to ungroup them"))
+            raise InputError(
+                f"elements must be nested at most {_DEEPEST} deep; got more. Try to ungroup them"
+            )
         return super().start(tag, attrs)
 
     def end(self, tag: str, /) -> Any:
@@ -72,7 +75,7 @@ def parse_document(
     elif isinstance(source, (str, bytes)):
         data = source
     else:
-        raise InputError(must_be("source", "a path, text or bytes", shown(type(source).__name__)))
+        raise InputError(f"source must be a path, text or bytes; got {type(source).__name__}")
     _within(data, max_bytes, name)
     try:
         if isinstance(data, bytes) and data.startswith(GZIP):
@@ -87,13 +90,17 @@ def parse_document(
         raise
     except (ParseError, ValueError, LookupError) as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(must_be(name, "an SVG", shown(what), "a file of write_svg")) from None
+        raise InputError(
+            f"{name} must be an SVG; got {brief(what)}. Try a file of write_svg"
+        ) from None
 
 
 def _within(data: str | bytes, max_bytes: int, name: str) -> None:
     if len(data) > max_bytes:
-        needed, advice = f"at most {max_bytes} bytes", "a larger max_bytes if you trust it"
-        raise InputError(must_be(name, needed, shown("more"), advice))
+        raise InputError(
+            f"{name} must be at most {max_bytes} bytes; got more. Try a larger max_bytes if you "
+            "trust it"
+        )
 
 
 def gunzipped(data: bytes, most_bytes: int, name: str) -> bytes:
@@ -105,5 +112,6 @@ def gunzipped(data: bytes, most_bytes: int, name: str) -> bytes:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
             return stream.read(most_bytes + 1)
     except (OSError, EOFError, zlib.error) as error:
-        got = shown(error)
-        raise InputError(must_be(name, "a complete gzip file", got, "to re-save it")) from error
+        raise InputError(
+            f"{name} must be a complete gzip file; got {brief(error)}. Try to re-save it"
+        ) from error

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, OVER, RHO_LIMIT, Scene
 from gauss2svg.svg.minimal.shapes import arc_beta
 from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
@@ -108,8 +108,9 @@ def read_svg(
     """
     root = parse_document(source, max_bytes, max_elements)
     if root.tag != SVG + "svg":
-        got = shown(f"<{_bare(root.tag)[:40]}>")
-        raise InputError(must_be("the document", "an <svg> in the namespace of SVG", got))
+        raise InputError(
+            f"the document must be an <svg> in the namespace of SVG; got <{_bare(root.tag)[:40]}>"
+        )
     reader = _Reader(root, background, skip_hidden, max_elements)
     reader.walk_root()
     return reader.scene()
@@ -147,7 +148,7 @@ class _Reader:
                     _read_rules(element, opacities, added)
         self._gradients = Gradients(self._by_id, opacities)
         if len(added) > 1:
-            raise InputError(must_be("the SVG", "one drawing", shown("several additive ones")))
+            raise InputError("the SVG must be one drawing; got several additive ones")
         self._sum = Differences(added.pop(), self._by_id, self._gradients) if added else None
         with _naming(root):
             self._width, self._height, onto, self._user_size = read_canvas(root.attrib)
@@ -174,8 +175,10 @@ class _Reader:
             return
         with _naming(element):
             if tag not in SHAPES and tag not in ("g", "rect", "use"):
-                advice = "to delete it" + _ADVICE.get(tag, "")
-                raise InputError(must_be("elements", "ellipses alone", shown(tag), advice))
+                raise InputError(
+                    f"elements must be ellipses alone; got {brief(tag)}. Try to delete it"
+                    f"{_ADVICE.get(tag, '')}"
+                )
             state, attributes = self._inherit(element.attrib, parent, may_mask=tag == "circle")
             hidden = tag not in ("g", "use") and state.visibility != "visible"
             if hidden or _is_undisplayed(attributes):
@@ -206,14 +209,19 @@ class _Reader:
         target = self._by_id.get(key.removeprefix("#"))
         if target is None or target.tag not in (SVG + "circle", SVG + "use"):
             raise InputError(
-                must_be("its reference", "to a circle", key, "to delete it" + _ADVICE["use"])
+                f"its reference must be to a circle; got {quoted(key)}. Try to delete it"
+                f"{_ADVICE['use']}"
             )
         if state.uses == _MOST_USES:
-            needed = f"used through at most {_MOST_USES} others"
-            raise InputError(must_be("a circle", needed, shown("more"), "to unlink the clone"))
+            raise InputError(
+                f"a circle must be used through at most {_MOST_USES} others; got more. Try to "
+                "unlink the clone"
+            )
         if attributes.get("filter", "none") != "none":
-            got = attributes["filter"]
-            raise InputError(must_be("filter of a use", "none", got, "to remove it"))
+            raise InputError(
+                f"filter of a use must be none; got {quoted(attributes['filter'])}. Try to "
+                "remove it"
+            )
         x, y = (length(attributes.get(name, "0"), name) for name in ("x", "y"))
         onto = compose(state.onto, (1.0, 0.0, 0.0, 1.0, x, y))
         return target, replace(state, onto=onto, uses=state.uses + 1)
@@ -229,19 +237,24 @@ class _Reader:
         if "style" in own:
             style = declarations(own["style"])
             if "transform" in style:
-                raise InputError(must_be("its transform", "an attribute", shown("a style")))
+                raise InputError("its transform must be an attribute; got a style")
             attributes = {**own, **style}
             for name, value in style.items():
                 if "animation" in name:
                     check_animation(name, value, "to remove it")
         for name in _UNREAD:
             if name in attributes:
-                raise InputError(must_be(f"its {name}", "absent", attributes[name], "to remove it"))
+                raise InputError(
+                    f"its {name} must be absent; got {quoted(attributes[name])}. Try to remove it"
+                )
         for name, harmless in _EFFECTS.items():
             if name == "mask" and may_mask:
                 continue
             if attributes.get(name, harmless).lower() not in (harmless, "inherit"):
-                raise InputError(must_be(f"its {name}", harmless, attributes[name], "to remove it"))
+                raise InputError(
+                    f"its {name} must be {harmless}; got {quoted(attributes[name])}. Try to "
+                    "remove it"
+                )
         changes: dict[str, Any] = {
             field: attributes[name]
             for name, field in _INHERITED.items()
@@ -256,14 +269,17 @@ class _Reader:
     def _group(self, element: Any, attributes: dict[str, str], state: _State) -> None:
         with _naming(element):
             if state.depth > _DEEPEST:
-                needed = f"nested at most {_DEEPEST} deep"
-                raise InputError(must_be("groups", needed, shown("more"), "to ungroup them"))
+                raise InputError(
+                    f"groups must be nested at most {_DEEPEST} deep; got more. Try to ungroup them"
+                )
             if self._sum is not None and element.get("id") == self._sum.group:
                 self._sum.begin(attributes)
                 state = replace(state, is_added=True)
             elif attributes.get("filter", "none") != "none":
-                got, advice = attributes["filter"], "to remove it"
-                raise InputError(must_be("filter of a group", "none", got, advice))
+                raise InputError(
+                    f"filter of a group must be none; got {quoted(attributes['filter'])}. Try to "
+                    "remove it"
+                )
             number = _round_of(element)
             # A group of nothing but a fill is minimal markup's, which has no rounds.
             if number is None and state.depth == 1 and set(element.attrib) != {"fill"}:
@@ -279,12 +295,9 @@ class _Reader:
             if over + beneath > 1 and share(attributes.get("opacity", "1"), "opacity") < 1:
                 shapes = f"{over} shape{'s' * (over != 1)}" + " and the background" * bool(beneath)
                 raise InputError(
-                    must_be(
-                        f"opacity of a group of {shapes}",
-                        "1, as shapes are composited one by one",
-                        attributes["opacity"],
-                        "to set it to 1, or to set that of each shape",
-                    )
+                    f"opacity of a group of {shapes} must be 1, as shapes are composited one by "
+                    f"one; got {quoted(attributes['opacity'])}. Try to set it to 1, or to set "
+                    "that of each shape"
                 )
 
     def _rectangle(self, attributes: dict[str, str], state: _State, is_path: bool = False) -> None:
@@ -301,12 +314,9 @@ class _Reader:
         round_corners = any(length(attributes.get(name, "0"), name) for name in ("rx", "ry"))
         if covered or round_corners or attributes.get("filter", "none") != "none":
             raise InputError(
-                must_be(
-                    "the background",
-                    f"upright over all of the canvas, {self._width:g}x{self._height:g} px",
-                    shown(covered or "rounded corners or a filter"),
-                    "to resize it",
-                )
+                "the background must be upright over all of the canvas, "
+                f"{self._width:g}x{self._height:g} px; got "
+                f"{brief(covered or 'rounded corners or a filter')}. Try to resize it"
             )
         if state.fill == "none":
             return
@@ -319,12 +329,8 @@ class _Reader:
             return
         if alpha < 1 and self._background is None:
             raise InputError(
-                must_be(
-                    "opacity of the background",
-                    "1",
-                    alpha,
-                    "to delete it, or read_svg(.., background=(1, 1, 1)) for what is under it",
-                )
+                f"opacity of the background must be 1; got {quoted(alpha)}. Try to delete it, "
+                "or read_svg(.., background=(1, 1, 1)) for what is under it"
             )
         under = 0.0 if self._background is None else self._background
         self._background = alpha * paint + (1 - alpha) * under
@@ -333,23 +339,27 @@ class _Reader:
         """Add the shapes of an element: several where it is a path of minimal markup."""
         blur, mask = (self._referred(attributes, name) for name in ("filter", "mask"))
         if blur is not None and mask is not None:
-            raise InputError(must_be("its mask", "none under a filter", attributes["mask"]))
+            raise InputError(
+                f"its mask must be none under a filter; got {quoted(attributes['mask'])}"
+            )
         arcs = open_arcs(attributes.get("d", "")) if tag == "path" else []
         edges = arcs or [outline(tag, attributes)]
         alpha = state.opacity * share(state.fill_opacity, "fill-opacity")
         if len(edges) > 1 and (alpha < 1 or blur is not None or reference(state.fill) is not None):
-            needed = "opaque and of one colour"
-            raise InputError(must_be("ellipses of one path", needed, shown("another fill")))
+            raise InputError(
+                "ellipses of one path must be opaque and of one colour; got another fill"
+            )
         if len(self._shapes) + len(edges) > self._most_shapes:
-            needed, advice = f"of at most {self._most_shapes} shapes", "a larger max_elements"
-            raise InputError(must_be("the SVG", needed, shown("more"), f"{advice} if you trust it"))
+            raise InputError(
+                f"the SVG must be of at most {self._most_shapes} shapes; got more. Try a "
+                "larger max_elements if you trust it"
+            )
         last = self._shapes[-1][2] if self._shapes else 0
         for edge in edges:
             if self._sum is not None:
                 self._check_added(state, alpha)
                 if blur is not None or mask is not None:
-                    got = shown("another")
-                    raise InputError(must_be("a shape of an additive file", "a gradient", got))
+                    raise InputError("a shape of an additive file must be a gradient; got another")
                 shape = self._sum.shape(edge, state.fill, state.onto)
             else:
                 shape = read_shape(edge, state.fill, state.onto, self._gradients, blur, mask)
@@ -362,8 +372,10 @@ class _Reader:
     def _check_added(self, state: _State, alpha: float) -> None:
         """Raise InputError for what is not drawn as a difference in an additive file."""
         if not state.is_added or alpha != 1:
-            needed = "opaque and in the group of differences"
-            raise InputError(must_be("shapes of an additive file", needed, shown("another")))
+            raise InputError(
+                "shapes of an additive file must be opaque and in the group of differences; "
+                "got another"
+            )
 
     def _referred(self, attributes: dict[str, str], name: str) -> Any | None:
         """The filter or mask that an element refers to; raises InputError where it is missing."""
@@ -372,7 +384,7 @@ class _Reader:
         found = self._by_id.get(reference(attributes[name]) or "")
         if found is None or found.tag != SVG + name:
             raise InputError(
-                must_be(f"its {name}", "in the file", attributes[name], "to remove it")
+                f"its {name} must be in the file; got {quoted(attributes[name])}. Try to remove it"
             )
         return found
 
@@ -439,7 +451,9 @@ def _round_of(group: Any) -> int | None:
     if match is None:
         return None
     if int(match[1]) < 1:
-        raise InputError(must_be("its round", "1 or more", int(match[1]), "to rename it"))
+        raise InputError(
+            f"its round must be 1 or more; got {quoted(int(match[1]))}. Try to rename it"
+        )
     return int(match[1]) - 1
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import tinycss2
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.svg.additive.differences import ADDITIVE, difference_sheet
 from gauss2svg.svg.reader.values import NUMBER
 
@@ -59,10 +59,12 @@ def check_sheet(text: str) -> None:
     The rule of write_svg by which a fragment of the address hides later rounds is skipped.
     """
     if len(text) > _LONGEST_SHEET:
-        needed = f"of at most {_LONGEST_SHEET} characters"
-        raise InputError(must_be("the style sheet", needed, len(text), _ADVICE))
+        raise InputError(
+            f"the style sheet must be of at most {_LONGEST_SHEET} characters; got {len(text)}. "
+            f"Try {_ADVICE}"
+        )
     if "\\" in text:
-        raise InputError(must_be("the style sheet", _NEEDED, shown("an escape"), _ADVICE))
+        raise InputError(f"the style sheet must be {_NEEDED}; got an escape. Try {_ADVICE}")
     nodes = _parsed(tinycss2.parse_stylesheet, text)
     while nodes:
         node = nodes.pop()
@@ -81,20 +83,21 @@ def check_sheet(text: str) -> None:
                 nodes += inside
         else:
             what = f"@{node.at_keyword[:60]}" if node.type == "at-rule" else f"{text[:60]!r}"
-            raise InputError(must_be("the style sheet", _NEEDED, shown(what), _ADVICE))
+            raise InputError(f"the style sheet must be {_NEEDED}; got {what}. Try {_ADVICE}")
 
 
 def check_animation(name: str, value: str | list[Any], advice: str) -> None:
     """Raise InputError for a property other than animation, and for one that does not end."""
     if not name.removeprefix("-webkit-").startswith("animation"):
-        raise InputError(must_be("the style", "animation only", shown(name[:60]), advice))
+        raise InputError(f"the style must be animation only; got {name[:60]}. Try {advice}")
     tokens = (
         _parsed(tinycss2.parse_component_value_list, value) if isinstance(value, str) else value
     )
     for token in tokens:
         if token.type == "ident" and token.lower_value in _LASTING:
             raise InputError(
-                must_be(name[:60], "one that ends as it began", token.value, "to remove it")
+                f"{name[:60]} must be one that ends as it began; got {quoted(token.value)}. Try "
+                "to remove it"
             )
 
 
@@ -107,16 +110,19 @@ def check_smil(tag: str, attributes: Any) -> None:
         )
     for name in ("fill", "repeatCount", "repeatDur", "dur"):
         if attributes.get(name) in ("freeze", "indefinite"):
-            needed = "such that animation ends as it began"
-            raise InputError(must_be(name, needed, attributes[name], "to delete the element"))
+            raise InputError(
+                f"{name} must be such that animation ends as it began; got "
+                f"{quoted(attributes[name])}. Try to delete the element"
+            )
 
 
 def _parsed(parse: Callable[..., list[Any]], text: str) -> list[Any]:
     try:
         tokens = parse(text, skip_comments=True)
     except ValueError:  # int() of thousands of digits
-        needed, got = "of shorter numbers", shown("thousands of digits")
-        raise InputError(must_be("the style", needed, got, _ADVICE)) from None
+        raise InputError(
+            f"the style must be of shorter numbers; got thousands of digits. Try {_ADVICE}"
+        ) from None
     return [token for token in tokens if token.type != "whitespace"]
 
 

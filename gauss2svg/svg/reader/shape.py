@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import BLURRED, PLAIN, SOFT
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg.blur import BLURS, blur_of
@@ -61,8 +61,10 @@ def read_shape(
     key = reference(fill)
     if blur is not None:
         if key is not None or not _is_circle(edge):
-            needed = "a circle of one colour, as it is blurred"
-            raise InputError(must_be("it", needed, shown("another"), "to remove its filter"))
+            raise InputError(
+                "it must be a circle of one colour, as it is blurred; got another. Try to "
+                "remove its filter"
+            )
         deviation = _deviation(blur)
         beta, radius, peak = blurred_profile(edge[0], deviation)
         _check_region(blur, edge, deviation)
@@ -83,8 +85,7 @@ def read_shape(
 def in_user_space(disc: Affine, edge: Affine) -> Affine:
     """A disc in the bounding box of an upright ellipse; raises InputError for a tilted one."""
     if edge[1] or edge[2]:
-        got = shown("a tilted bounding box")
-        raise InputError(must_be("units of its gradient", "userSpaceOnUse", got))
+        raise InputError("units of its gradient must be userSpaceOnUse; got a tilted bounding box")
     rx, _, _, ry, cx, cy = edge
     return compose((2 * rx, 0.0, 0.0, 2 * ry, cx - rx, cy - ry), disc)
 
@@ -100,11 +101,12 @@ def _of_mask(mask: Any, edge: Affine, gradients: Gradients) -> Gradient:
     key = reference(circle.get("fill", ""))
     same = set(circle) == {"r", "fill"} and set(mask.attrib) == {"id"}
     if key is None or not same or outline("circle", circle) != edge:
-        got = shown("another mask")
-        raise InputError(must_be("its mask", "the same circle, as write_svg writes it", got))
+        raise InputError(
+            "its mask must be the same circle, as write_svg writes it; got another mask"
+        )
     gradient = gradients.get(key, in_mask=True)
     if gradient.in_box:
-        raise InputError(must_be("units of its gradient", "userSpaceOnUse", shown("its box")))
+        raise InputError("units of its gradient must be userSpaceOnUse; got its box")
     return gradient
 
 
@@ -120,8 +122,10 @@ def blurred_profile(radius: float, deviation: float) -> tuple[float, float, floa
     """
     ratio = radius / deviation
     if not _LEAST_RATIO < ratio < 1 / _LEAST_RATIO:
-        got = shown(f"a radius of {radius:g} and a deviation of {deviation:g}")
-        raise InputError(must_be("its blur", "one of write_svg", got, "to remove its filter"))
+        raise InputError(
+            f"its blur must be one of write_svg; got a radius of {radius:g} and a deviation of "
+            f"{deviation:g}. Try to remove its filter"
+        )
     blur = min(BLURS, key=lambda known: abs(math.log(ratio * known.deviation)))
     if abs(ratio * blur.deviation - 1) > _SAME_RATIO:
         blur = blur_of(ratio)
@@ -132,22 +136,26 @@ def _deviation(blur: Any) -> float:
     """Standard deviation of a filter that is one Gaussian blur; raises InputError for others."""
     steps = list(blur)
     if len(steps) != 1 or steps[0].tag != SVG + "feGaussianBlur":
-        got = shown(f"{len(steps)} steps")
-        raise InputError(must_be("its filter", "one feGaussianBlur", got, "to remove it"))
+        raise InputError(
+            f"its filter must be one feGaussianBlur; got {len(steps)} steps. Try to remove it"
+        )
     units = blur.get("primitiveUnits", "userSpaceOnUse")
     if units != "userSpaceOnUse":
         raise InputError(
-            must_be("primitiveUnits of its filter", "userSpaceOnUse", units, "to remove it")
+            f"primitiveUnits of its filter must be userSpaceOnUse; got {quoted(units)}. Try to "
+            "remove it"
         )
     for name, needed in _STEP.items():
         if steps[0].get(name, needed) != needed:
-            got, needed = steps[0].get(name), needed or "absent"
-            raise InputError(must_be(f"{name} of its blur", needed, got, "to remove its filter"))
+            raise InputError(
+                f"{name} of its blur must be {needed or 'absent'}; got "
+                f"{quoted(steps[0].get(name))}. Try to remove its filter"
+            )
     deviation = set(numbers(steps[0].get("stdDeviation", ""), "stdDeviation"))
     if len(deviation) != 1 or min(deviation) <= 0:
-        got = steps[0].get("stdDeviation")
         raise InputError(
-            must_be("its stdDeviation", "one number above 0", got, "to remove its filter")
+            "its stdDeviation must be one number above 0; got "
+            f"{quoted(steps[0].get('stdDeviation'))}. Try to remove its filter"
         )
     return deviation.pop()
 
@@ -168,12 +176,9 @@ def _check_region(blur: Any, edge: Affine, deviation: float) -> None:
         beyond = min(center[axis] - low, low + size - center[axis]) - radius
         if beyond < _REACH * deviation:
             raise InputError(
-                must_be(
-                    f"{start} and {extent} of its filter",
-                    f"at least {_REACH:g} standard deviations around the circle",
-                    shown(f"{beyond / deviation:.2g}"),
-                    "to enlarge them",
-                )
+                f"{start} and {extent} of its filter must be at least {_REACH:g} standard "
+                f"deviations around the circle; got {beyond / deviation:.2g}. Try to enlarge "
+                "them"
             )
 
 

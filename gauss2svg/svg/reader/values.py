@@ -10,7 +10,7 @@ import re
 
 from PIL import ImageColor
 
-from gauss2svg.errors import InputError, must_be
+from gauss2svg.errors import InputError, quoted
 
 Color = tuple[float, float, float]
 
@@ -46,7 +46,8 @@ def length(text: str, name: str, whole: float | None = None) -> float:
     pixels = pixels_of(text, whole)
     if pixels is None or not math.isfinite(pixels):
         raise InputError(
-            must_be(name, "a finite number, alone or in px, mm, cm, in, pt, pc or Q", text)
+            f"{name} must be a finite number, alone or in px, mm, cm, in, pt, pc or Q; got "
+            f"{quoted(text)}"
         )
     return pixels
 
@@ -55,7 +56,7 @@ def numbers(text: str, name: str) -> list[float]:
     """Finite numbers, separated by white space or commas; raises InputError for anything else."""
     found = [float(one) for one in _ONE.findall(text)] if _LIST.fullmatch(text) else [math.inf]
     if not all(map(math.isfinite, found)):
-        raise InputError(must_be(name, "finite numbers", text))
+        raise InputError(f"{name} must be finite numbers; got {quoted(text)}")
     return found
 
 
@@ -63,7 +64,9 @@ def view_box(text: str) -> tuple[float, float, float, float]:
     """x, y, width and height of a viewBox; raises InputError for anything else."""
     found = numbers(text, "viewBox")
     if len(found) != 4 or min(found[2:]) <= 0:
-        raise InputError(must_be("viewBox", "x, y, and a width and a height above 0", text))
+        raise InputError(
+            f"viewBox must be x, y, and a width and a height above 0; got {quoted(text)}"
+        )
     return found[0], found[1], found[2], found[3]
 
 
@@ -79,7 +82,7 @@ def color(text: str, name: str) -> Color:
     except ValueError:
         levels = ()
     if len(levels) != 3:
-        raise InputError(must_be(name, "an opaque colour, such as #1a2b3c", text))
+        raise InputError(f"{name} must be an opaque colour, such as #1a2b3c; got {quoted(text)}")
     return levels[0] / 255, levels[1] / 255, levels[2] / 255
 
 
@@ -101,13 +104,10 @@ def declarations(style: str) -> dict[str, str]:
     found: dict[str, str] = {}
     for name, colon, value in (part.partition(":") for part in style.split(";")):
         if "\\" in name or "!" in value:
-            got = (name + colon + value).strip()
-            raise InputError(must_be("its style", "without escapes and !important", got))
+            raise InputError(
+                "its style must be without escapes and !important; got "
+                f"{quoted((name + colon + value).strip())}"
+            )
         if colon:
             found[name.strip().lower()] = value.strip()
     return found
-
-
-def quoted(text: str | None) -> str:
-    """A value as a message shows it, cut where it is long."""
-    return repr(text if text is None or len(text) <= 60 else text[:57] + "...")

@@ -1,4 +1,4 @@
-"""Whether the data of an image file reach its last pixel, where the decoder does not ask.
+"""Damage of image files: whether their data reach the last pixel, where the decoder does not ask.
 
 Pillow refuses what ends early in a GIF, WebP, BMP or AVIF. The pixels that it does not find it
 leaves black in a PNG and in a TIFF, and libjpeg makes them grey: `jpeg` says where.
@@ -43,21 +43,21 @@ _FAX_TAGS = (_COMPRESSION, 262, 266, 292, 293)  # and photometric, order of bits
 _Tags = dict[int, Any]
 
 
-def lack_of(image: Image.Image) -> Callable[[Image.Image], str]:
-    """What to ask of an image after it is loaded, given before: what its file lacks, "" if nothing.
+def damage_of(image: Image.Image) -> Callable[[Image.Image], str]:
+    """A function to call with the loaded image, which says what its file lacks, "" if nothing.
 
     A file that cannot be understood lacks nothing here: that is for its decoder to say.
     """
     known, data = FORMATS.get(image.format or ""), _file_of(image)
-    if known is None or not known.lack or not data:
+    if known is None or not known.damage or not data:
         return lambda _: ""
-    check = resolve_name(known.lack)
+    check = resolve_name(known.damage)
     tags = dict(getattr(image, "tag_v2", {}))  # loading turns the image, and they go
     return lambda loaded: check(data, loaded, tags)
 
 
-def help_of_jpeg(image: Any) -> list[str]:
-    """Notes of what a JPEG that is not loaded yet lacks; of an end marker it is given one.
+def mend_jpeg(image: Any) -> list[str]:
+    """Give an image that is not loaded yet, if a JPEG, the end marker that it lacks; returns notes.
 
     Raises OSError where it lacks more than the last bytes of its picture.
     """
@@ -74,7 +74,7 @@ def help_of_jpeg(image: Any) -> list[str]:
 
 
 def _file_of(image: Any) -> bytes:
-    """All of the file of an image that is not loaded yet, or nothing."""
+    """The whole file of an image that is not loaded yet, or nothing."""
     file = getattr(image, "fp", None)
     if file is None or not getattr(image, "tile", None):
         return b""
@@ -85,14 +85,14 @@ def _file_of(image: Any) -> bytes:
     return data
 
 
-def lack_of_parts(offsets: Sequence[int], counts: Sequence[int], number: int) -> str:
+def damage_of_parts(offsets: Sequence[int], counts: Sequence[int], number: int) -> str:
     """What a TIFF lacks of its number of strips or tiles; 0 or none stands for one left out."""
     present = sum(1 for offset, count in zip(offsets, counts, strict=False) if offset and count)
     missing = number - min(present, number)
     return f"{missing} of its {number} strips or tiles have no data" if missing else ""
 
 
-def lack_of_tiff(file: bytes, _: Image.Image, tags: _Tags) -> str:
+def damage_of_tiff(file: bytes, _: Image.Image, tags: _Tags) -> str:
     """What a TIFF lacks of its strips or tiles, "" if nothing."""
     width, height = _number(tags, _WIDTH, 1), _number(tags, _HEIGHT, 1)
     across, down = width, _number(tags, _ROWS_PER_STRIP, height)
@@ -106,7 +106,7 @@ def lack_of_tiff(file: bytes, _: Image.Image, tags: _Tags) -> str:
     counts = _as_tuple(tags.get(sizes)) or (1,) * len(offsets)
     if not offsets:  # as in old files of JPEG data
         return ""
-    if missing := lack_of_parts(offsets, counts, columns * rows * planes):
+    if missing := damage_of_parts(offsets, counts, columns * rows * planes):
         return missing
     ends, number = _ENDS.get(_number(tags, _COMPRESSION, 1)), columns * rows * planes
     if ends is None or across * down > _MOST_PART_PIXELS:
@@ -156,7 +156,7 @@ def _as_tuple(value: Any) -> tuple[int, ...]:
     return value if isinstance(value, tuple) else () if value is None else (value,)
 
 
-def lack_of_png(file: bytes, image: Image.Image, _tags: _Tags) -> str:
+def damage_of_png(file: bytes, image: Image.Image, _tags: _Tags) -> str:
     """What a PNG lacks, by the length of its unpacked rows; "" if nothing."""
     bits, color_type, _, _, interlaced = file[24:29]
     samples = bits * _PNG_CHANNELS.get(color_type, 0)
