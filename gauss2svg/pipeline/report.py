@@ -15,11 +15,11 @@ from gauss2svg.measure.paint import paint_ms
 from gauss2svg.measure.perceptual import Scores
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.photo import Photo
+from gauss2svg.pipeline.aims import unreached
 from gauss2svg.pipeline.drawings import outline_bytes
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.search.outcome import Outcome
-from gauss2svg.pipeline.unreached import unreached
 from gauss2svg.scene.names import ADAPTIVE, GAUSSIAN
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.file import bytes_by_part

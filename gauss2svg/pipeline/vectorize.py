@@ -19,14 +19,13 @@ from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
-from gauss2svg.pipeline.document import document_for
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.run import ProgressCallback, Run
 from gauss2svg.pipeline.search.outcome import Outcome, Search, Watch, best_of
-from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.pipeline.search.subject import Subject, document_for
 from gauss2svg.pipeline.sizes import Sizes, sizes_of
 from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.svg.document import Document

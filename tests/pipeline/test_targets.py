@@ -8,11 +8,11 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.options import byte_size
+from gauss2svg.pipeline.aims import unreached
 from gauss2svg.pipeline.options import Goal
 from gauss2svg.pipeline.plan import LARGEST_COLOR_ERROR
 from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.pipeline.search.export import Export
-from gauss2svg.pipeline.unreached import unreached
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.svg.document import Document
