@@ -80,6 +80,11 @@ class Job:
         """Whether it neither waits nor runs."""
         return self.state not in (QUEUED, RUNNING)
 
+    @property
+    def is_zipped(self) -> bool:
+        """Whether the command would write its SVG gzipped."""
+        return bool(self.report and self.report["gzip"])
+
     def change(self, **values: Any) -> None:
         """Set attributes and wake all who wait for news."""
         for name, value in values.items():

@@ -18,10 +18,8 @@ from gauss2svg.cli.main import build_app, main
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.options import Options, option_names
 from gauss2svg.studio import frames
-from gauss2svg.studio.estimate import Estimator
-from gauss2svg.studio.form import form, options_of
-from gauss2svg.studio.jobs import Jobs
 from gauss2svg.studio.lines import lines_of
+from gauss2svg.studio.options import form, options_of
 from gauss2svg.studio.service import create_app
 from gauss2svg.studio.share import workers_and_threads
 
@@ -50,10 +48,7 @@ WITH = {
 def test_every_option_is_described_except_the_servers_own():
     names = [option["name"] for option in OPTIONS]
     own = {"checkpoint", "checkpoint_every", "resume", "threads", "max_memory", "max_pixels"}
-    assert (
-        names == [name for name in option_names() if name not in own]
-        or set(names) == set(option_names()) - own
-    )
+    assert names == [name for name in option_names() if name not in own]
     assert set(CHANGED) == set(names)
     defaults = Options().flat()
     for option in OPTIONS:
@@ -119,28 +114,6 @@ def test_lines_say_only_what_is_not_the_default():
     assert lines_of("a.png", options_of({"relocate": True, "seed": 0})) == lines_of(
         "a.png", Options()
     )
-
-
-def estimated(width: int = 768, height: int = 512, **options) -> dict:
-    return Estimator(Jobs(1, 1)).estimate(width, height, options_of(options), None)
-
-
-def test_estimates_grow_with_quality_and_keep_to_what_is_asked():
-    presets = [estimated(quality=q) for q in ("draft", "fast", "balanced", "high", "max")]
-    for key in ("gaussians", "bytes", "gzip_bytes", "psnr"):
-        values = [found[key] for found in presets]
-        assert values == sorted(set(values))
-    assert estimated(gaussians=500)["gaussians"] == 500
-    assert estimated(max_bytes=50_000)["bytes"] == 50_000
-    assert estimated(target_psnr=32.6)["psnr"] == pytest.approx(32.6, abs=0.5)
-    assert estimated(time_limit=0.25)["seconds"] == 0.25
-    assert estimated(width=4000, height=3000, quality="draft")["seconds"] > presets[0]["seconds"]
-
-
-@pytest.mark.parametrize("size", [(0, 10), (10, -1), (None, 5), ("9", 9), (10**12, 1)])
-def test_an_estimate_of_no_size_is_refused(size):
-    with pytest.raises(InputError):
-        estimated(*size)
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,10 @@ import httpx
 import pytest
 from PIL import Image
 
-from gauss2svg.studio import guard, photos
+from gauss2svg.studio import guard, uploads
 from gauss2svg.studio.guard import Bounded, Guard
-from gauss2svg.studio.photos import display_name, link, size_of, stem_of
 from gauss2svg.studio.service import create_app
+from gauss2svg.studio.uploads import display_name, link, size_of, stem_of
 
 TOKEN, PORT = "t0ken", 8137
 BEARER = {"Authorization": f"Bearer {TOKEN}"}
@@ -62,7 +62,7 @@ def test_the_address_with_the_token_opens_the_page_by_a_cookie():
     assert answer.headers["location"] == "/"
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
-    assert "SameSite=Strict" in cookie
+    assert "SameSite=strict" in cookie
     page = ask("GET", "/", headers={"Cookie": cookie.partition(";")[0]})
     assert page.status_code == 200
     assert TOKEN not in page.text
@@ -179,7 +179,7 @@ def test_a_photo_that_the_disk_does_not_take_is_a_line_without_its_path(code, st
     async def refuse(upload, path):
         raise OSError(code, os.strerror(code), str(path))
 
-    monkeypatch.setattr(photos, "save", refuse)
+    monkeypatch.setattr(uploads, "save", refuse)
     answer = post_photo(b"photo")
     assert answer.status_code == status
     assert line_of(answer) == f"the photo cannot be kept: {os.strerror(code)}"
@@ -378,8 +378,8 @@ def test_the_description_of_the_service_has_types_of_its_answers_and_errors():
                 said = route["responses"][status]["content"]["application/json"]["schema"]
                 assert said == {"$ref": "#/components/schemas/Error"}
     state = document["paths"]["/api/jobs/{name}"]["get"]["responses"]["200"]
-    assert state["content"]["application/json"]["schema"]["$ref"].endswith("/State")
-    assert {"id", "state", "place", "lines"} <= document["components"]["schemas"]["State"][
+    assert state["content"]["application/json"]["schema"]["$ref"].endswith("/JobState")
+    assert {"id", "state", "place", "lines"} <= document["components"]["schemas"]["JobState"][
         "properties"
     ].keys()
 

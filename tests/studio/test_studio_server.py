@@ -244,22 +244,6 @@ def test_a_photo_that_breaks_while_it_is_decoded_fails_in_a_line_with_its_name(s
     assert str(server.scratch) not in found["error"]
 
 
-def test_estimates_learn_from_runs_of_the_same_photo(server):
-    body = {"width": 451, "height": 300, "options": {"quality": "draft"}}
-    rule = server.client.post("/api/estimate", json=body).json()
-    assert rule["based_on"] == "rule"
-    report = server.wait(job := server.submit("chelsea.png", quality="draft"))["report"]
-    runs = server.client.post("/api/estimate", json={**body, "of": job["id"]}).json()
-    assert runs["based_on"] == "runs"
-    assert runs["gaussians"] == report["gaussians"]
-    assert runs["bytes"] == pytest.approx(report["svg_bytes"], rel=0.01)
-    assert runs["psnr"] == pytest.approx(report["psnr_svg"], abs=0.1)
-    body["options"] = {"quality": "balanced"}
-    more = server.client.post("/api/estimate", json={**body, "of": job["id"]}).json()
-    assert more["gaussians"] > runs["gaussians"]
-    assert more["psnr"] > runs["psnr"]
-
-
 def test_it_is_mounted_in_another_application_and_leaves_nothing(png, tmp_path):
     (tmp_path / "scratch").mkdir()
     (tmp_path / "p.png").write_bytes(png)

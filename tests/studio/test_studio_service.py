@@ -11,7 +11,7 @@ from PIL import Image
 
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.photo.formats import SUFFIXES
-from gauss2svg.studio import photos, pool, server
+from gauss2svg.studio import pool, server, uploads
 from gauss2svg.studio.service import create_app
 
 HOME = "http://127.0.0.1:8137"
@@ -89,7 +89,7 @@ def test_the_studio_and_batches_take_the_same_files_of_a_folder_for_photos(tmp_p
         (tmp_path / f"a{suffix}").write_bytes(picture.getvalue())
         (tmp_path / f".a{suffix}").write_bytes(picture.getvalue())
     found = {source.path for source in photos_of([str(tmp_path)])}
-    assert found == {str(sample.path) for sample in photos.samples_in(tmp_path)}
+    assert found == {str(sample.path) for sample in uploads.samples_in(tmp_path)}
     assert len(found) == len(SUFFIXES)
 
 
