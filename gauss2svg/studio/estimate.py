@@ -25,8 +25,9 @@ from gauss2svg.svg.format import MINIMAL
 
 
 class Figures(NamedTuple):
-    """What a run gives; psnr in dB, seconds of the CPU on one thread."""
+    """What a run gives: px of its fit, psnr in dB, seconds."""
 
+    pixels: float
     gaussians: float
     bytes: float
     gzip_bytes: float
@@ -34,17 +35,16 @@ class Figures(NamedTuple):
     psnr: float
 
 
-# What presets give two photos of scikit-image: geometric means, and of PSNR the mean. A sweep test
-# holds them against runs (docs/decisions/studio.md).
+# What presets give two photos of scikit-image on one thread: geometric means, and of PSNR the mean.
+# A sweep test holds them against runs (docs/decisions/studio.md).
 PROMISED_FOR = ("chelsea", "coffee")
 PROMISES = {
-    "draft": Figures(222, 39_400, 6100, 1.1, 26.8),
-    "fast": Figures(1160, 138_000, 22_700, 1.7, 31.4),
-    "balanced": Figures(3260, 391_000, 61_800, 2.8, 35.5),
-    "high": Figures(6890, 1_028_000, 147_000, 7.0, 39.9),
-    "max": Figures(12_000, 3_500_000, 500_000, 20.0, 43.0),
+    "draft": Figures(98_000, 222, 39_400, 6110, 1.1, 26.8),
+    "fast": Figures(180_000, 1160, 137_500, 22_700, 1.7, 31.4),
+    "balanced": Figures(180_000, 3260, 391_000, 61_800, 2.8, 35.5),
+    "high": Figures(180_000, 6890, 1_028_000, 147_000, 7.0, 39.9),
+    "max": Figures(180_000, 15_400, 5_500_000, 523_000, 17.7, 44.7),
 }
-_PIXELS = math.sqrt(451 * 300 * 600 * 400)  # of them, by the same mean
 _BY_PIXELS = 0.25  # power of the pixels by which Gaussians grow
 _SECOND_THREAD = 0.6  # what each further thread adds to the speed of the first
 
@@ -96,9 +96,10 @@ def _estimate(found: Figures, based_on: Literal["rule", "runs"]) -> Estimate:
 
 
 def _given(report: dict[str, Any]) -> Figures:
+    pixels = report["fit_width"] * report["fit_height"]
     names = ("gaussians", "svg_bytes", "svgz_bytes", "total_s")
     equal = math.inf  # PSNR of a raster that is the photo
-    return Figures(*(report[name] for name in names), psnr=report["psnr_svg"] or equal)
+    return Figures(pixels, *(report[name] for name in names), psnr=report["psnr_svg"] or equal)
 
 
 def _promised(options: Options, size: Size, hardness: float) -> Figures:
@@ -107,52 +108,62 @@ def _promised(options: Options, size: Size, hardness: float) -> Figures:
     row = PROMISES[plan.quality or DEFAULT_PRESET]
     load = load_of(plan, Header(*size, has_alpha=False))
     pixels = load.fit_width * load.fit_height
-    needed = hardness * _grown(pixels)
+    needed = hardness * pixels**_BY_PIXELS
     each, each_gzipped = row.bytes / row.gaussians, row.gzip_bytes / row.gaussians
     if plan.markup == MINIMAL:
         each, each_gzipped = bytes_each.MINIMAL[0], bytes_each.MINIMAL_GZIPPED[0]
     if goal.target_psnr is not None:
-        count = needed * _typical_count(goal.target_psnr)
+        count = needed * _shared(goal.target_psnr)
     elif goal.byte_limit is not None:
         count = goal.byte_limit / (each_gzipped if plan.counts_gzipped else each)
     elif plan.only_time_limits and goal.time_limit is not None:
         fit = load.fit_width, load.fit_height
         count = gaussians_within(goal.time_limit, fit, math.prod(load.measured))
     else:
-        count = needed * row.gaussians
+        count = needed * row.gaussians / row.pixels**_BY_PIXELS
     if plan.count is not None and not plan.count_adapts:
         count = plan.count
     else:
         count = min(count, load.gaussians, pixels / CAP.pixels_each)
     share = count / row.gaussians
     return Figures(
+        pixels=pixels,
         gaussians=count,
         bytes=each * count,
         gzip_bytes=each_gzipped * count,
         # Half of the time goes by the pixels, half by the Gaussians.
-        seconds=row.seconds * pixels / _PIXELS * (1 + share) / 2,
-        psnr=_typical_psnr(count / needed),
+        seconds=row.seconds * pixels / row.pixels * (1 + share) / 2,
+        psnr=_reached(count / needed),
     )
 
 
 def _hardness(report: dict[str, Any]) -> float:
     """Times the Gaussians of the table that a run had for its dB."""
     given = _given(report)
-    grown = _grown(report["fit_width"] * report["fit_height"])
-    return max(given.gaussians, 1) / (grown * _typical_count(given.psnr))
+    return max(given.gaussians, 1) / (given.pixels**_BY_PIXELS * _shared(given.psnr))
 
 
-def _grown(pixels: float) -> float:
-    return (pixels / _PIXELS) ** _BY_PIXELS
+def _curve() -> tuple[list[float], list[float]]:
+    """PSNR (dB) of the table over doublings of Gaussians, shared by photos of all sizes.
+
+    Under the first preset it is a straight line, down to one Gaussian of a fit like its.
+    """
+    rows = list(PROMISES.values())
+    decibels = [row.psnr for row in rows]
+    doublings = [math.log2(row.gaussians / row.pixels**_BY_PIXELS) for row in rows]
+    down = math.log2(rows[0].gaussians)
+    slope = (decibels[1] - decibels[0]) / (doublings[1] - doublings[0])
+    return [decibels[0] - slope * down, *decibels], [doublings[0] - down, *doublings]
 
 
-_DECIBELS = [row.psnr for row in PROMISES.values()]
-_DOUBLINGS = [math.log2(row.gaussians) for row in PROMISES.values()]
+_DECIBELS, _DOUBLINGS = _curve()
 
 
-def _typical_count(psnr: float) -> float:
+def _shared(psnr: float) -> float:
+    """Gaussians for a PSNR, over the power of the pixels."""
     return 2.0 ** float(np.interp(psnr, _DECIBELS, _DOUBLINGS))
 
 
-def _typical_psnr(count: float) -> float:
-    return float(np.interp(math.log2(max(count, 1)), _DOUBLINGS, _DECIBELS))
+def _reached(shared: float) -> float:
+    """PSNR (dB) of so many."""
+    return float(np.interp(math.log2(max(shared, 2.0 ** _DOUBLINGS[0])), _DOUBLINGS, _DECIBELS))

@@ -116,9 +116,10 @@ def test_what_a_preset_promises_is_what_it_gives(preset):
     for name in PROMISED_FOR:
         photo, begun = getattr(data, name)(), time.process_time()
         report = vectorize(photo, quality=preset, run=RunOptions(threads=1)).report
-        found = (report[key] for key in ("gaussians", "svg_bytes", "svgz_bytes"))
         seconds = time.process_time() - begun
-        figures.append(Figures(*found, seconds=seconds, psnr=report["psnr_svg"]))
+        pixels = report["fit_width"] * report["fit_height"]
+        found = (report[key] for key in ("gaussians", "svg_bytes", "svgz_bytes"))
+        figures.append(Figures(pixels, *found, seconds=seconds, psnr=report["psnr_svg"]))
         job = ran(report, quality=preset)
         again = estimated(*photo.shape[1::-1], job, of=job, quality=preset)
         assert (again.gaussians, again.bytes) == (report["gaussians"], report["svg_bytes"])
@@ -127,7 +128,7 @@ def test_what_a_preset_promises_is_what_it_gives(preset):
     )
     given = given._replace(psnr=sum(one.psnr for one in figures) / len(figures))
     promised = PROMISES[preset]
-    for name in ("gaussians", "bytes", "gzip_bytes"):
+    for name in ("pixels", "gaussians", "bytes", "gzip_bytes"):
         assert getattr(promised, name) == pytest.approx(getattr(given, name), rel=0.1), given
     assert promised.psnr == pytest.approx(given.psnr, abs=0.3), given
     assert given.seconds / 3 < promised.seconds < 3 * given.seconds, given

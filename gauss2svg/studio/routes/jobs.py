@@ -15,6 +15,7 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response, StreamingResponse
 from pydantic import ValidationError
+from starlette.datastructures import FormData
 from starlette.exceptions import HTTPException
 
 from gauss2svg.errors import InputError, brief
@@ -57,16 +58,21 @@ async def _submitted(request: Request, jobs: AllJobs, samples: Samples) -> Job:
     jobs.check_room()
     with _disk_errors():
         async with request.form(max_files=1, max_fields=len(PhotoForm.model_fields)) as given:
-            try:
-                # A field that is left empty is none.
-                fields = {name: value for name, value in given.items() if value != ""}
-                form = PhotoForm.model_validate(fields)
-            except ValidationError as error:
-                raise RequestValidationError(error.errors()) from error
-            job = await _new_job(form, jobs, samples)
+            job = await _new_job(_checked(given), jobs, samples)
     with _removed_on_error(job.folder):
         jobs.submit(job)
     return job
+
+
+def _checked(given: FormData) -> PhotoForm:
+    """The fields of a form; one that is left empty is none, and so is a photo that is text."""
+    fields = {name: value for name, value in given.items() if value}
+    if isinstance(fields.get("photo"), str):
+        del fields["photo"]
+    try:
+        return PhotoForm.model_validate(fields)
+    except ValidationError as error:
+        raise RequestValidationError(error.errors()) from error
 
 
 async def _new_job(form: PhotoForm, jobs: Jobs, samples: dict[str, Sample]) -> Job:
