@@ -20,6 +20,7 @@ from gauss2svg.studio.jobs import (
     QueueFullError,
 )
 from gauss2svg.studio.pool import WorkerDiedError
+from gauss2svg.studio.routes.jobs import _stream
 
 
 class Pretender:
@@ -287,6 +288,23 @@ def test_news_of_any_number_of_steps_are_one_for_a_slow_reader():
             Pretender.made[0].say(job.id, "progress", progress={"iteration": number})
         await until(lambda: (job.progress or {}).get("iteration") == 9999)
         assert await job.news(seen) == job.version
+
+    with_queue(story)
+
+
+def test_a_reader_that_does_not_read_stops_no_fit_and_then_gets_the_newest():
+    async def story(queue):
+        job = new_job(queue)
+        stream = _stream(job, queue)
+        assert '"state": "queued"' in await anext(stream)
+        await until(lambda: job.state == RUNNING)
+        for number in range(1000):
+            Pretender.made[0].say(job.id, "progress", progress={"iteration": number})
+        await until(lambda: (job.progress or {}).get("iteration") == 999)
+        assert '"iteration": 999' in await anext(stream)
+        Pretender.made[0].finish(job)
+        await job.when()
+        assert [event.count('"state": "done"') for event in [e async for e in stream]] == [1]
 
     with_queue(story)
 

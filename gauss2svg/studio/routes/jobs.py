@@ -216,18 +216,20 @@ async def events(job: KnownJob, jobs: AllJobs) -> StreamingResponse:
 
 async def _stream(job: Job, jobs: Jobs) -> AsyncIterator[str]:
     with jobs.reading(job):
-        told = JobState.model_validate(job).model_dump()
+        told = set[str]()
         while True:
-            seen = job.version
-            yield f"event: state\ndata: {json.dumps(told)}\n\n"
-            if job.is_over:
+            # Of the moment that is told: it may be over before a slow reader has read this.
+            seen, is_last = job.version, job.is_over
+            state = JobState.model_validate(job).model_dump(exclude=told)
+            yield f"event: state\ndata: {json.dumps(state)}\n\n"
+            if is_last:
                 return
+            told = _FIXED
             while job.version == seen:
                 try:
                     await asyncio.wait_for(job.news(seen), _ALIVE_S)
                 except TimeoutError:
                     yield ": alive\n\n"
-            told = JobState.model_validate(job).model_dump(exclude=_FIXED)
 
 
 @router.get("/jobs/{name}/frame", response_class=Response)
