@@ -304,7 +304,7 @@ class Jobs:
         except WorkerDiedError as error:
             self._fail(job, f"its worker process was lost: {error}")
         except (OSError, ValueError) as error:
-            worker.kill()  # it may be in the midst of messages
+            await worker.end()  # it may be in the midst of messages, which are not the next job's
             self._fail(job, f"its files were lost: {error}")
         finally:
             job.change(ready=True, worker=None)

@@ -69,20 +69,57 @@ def letters(text: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "option", [o for o in OPTIONS if o["min"] is not None], ids=lambda o: o["name"]
+    "option", [o for o in OPTIONS if o["min"] is not None], ids=lambda option: option["name"]
 )
 def test_limits_are_those_that_are_checked(option):
-    for inside in (option["min"], option["max"]):
-        if not (option["above"] and inside == option["min"]):
-            gauss2svg_options(option["name"], inside)
-    whole = option["type"] == "integer"
-    if option["max"] is not None and option["name"] != "segments":
+    least, most = option["min"], option["max"]
+    step = 1 if option["type"] == "integer" else 0.5
+    inside = [least + step if option["above"] else least]
+    outside = [least if option["above"] else least - step]
+    if most is not None:
+        inside, outside = [*inside, most], [*outside, most + step]
+    for value in inside:
+        Options.from_flat({option["name"]: value})
+    for value in outside:
         with pytest.raises(InputError):
-            gauss2svg_options(option["name"], option["max"] + (1 if whole else 0.5))
+            Options.from_flat({option["name"]: value})
 
 
-def gauss2svg_options(name: str, value) -> Options:
-    return Options.from_flat({name: value})
+@pytest.mark.parametrize("option", OPTIONS, ids=lambda option: option["name"])
+def test_what_may_be_left_out_is_what_may_be_none(option):
+    if option["optional"]:
+        assert Options.from_flat({option["name"]: None}).flat()[option["name"]] is None
+    else:
+        with pytest.raises(InputError):
+            Options.from_flat({option["name"]: None})
+
+
+@pytest.mark.parametrize(
+    ("name", "label", "kind", "unit", "words"),
+    [
+        ("quality", "Quality", "choice", None, []),
+        ("gaussians", "Gaussians", "integer", None, ["auto"]),
+        ("target_psnr", "Target PSNR", "number", "dB", []),
+        ("max_bytes", "Max bytes", "size", "B", []),
+        ("time_limit", "Time limit", "number", "s", []),
+        ("relocate", "Relocate", "boolean", None, []),
+        ("title", "Title", "text", None, []),
+        ("segments", "Segments", "integer", None, []),
+        ("max_size", "Max size", "integer", "px", []),
+    ],
+)
+def test_options_have_the_fields_of_their_kinds(name, label, kind, unit, words):
+    (option,) = [option for option in OPTIONS if option["name"] == name]
+    found = (option["label"], option["type"], option["unit"], option["words"])
+    assert found == (label, kind, unit, words)
+
+
+def test_scores_without_their_packages_are_not_offered(monkeypatch):
+    for installed in ((), ("ssimulacra2",)):
+        monkeypatch.setattr("gauss2svg.studio.options.packages", lambda given=installed: given)
+        found = {score["slug"]: score["installed"] for score in form()["scores"]}
+        assert found["psnr"]
+        assert found["ssimulacra2"] == bool(installed)
 
 
 @pytest.mark.parametrize("name", CHANGED)

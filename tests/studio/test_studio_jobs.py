@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import types
 from pathlib import Path
 from typing import ClassVar
 
@@ -133,6 +134,25 @@ def test_past_its_bound_the_queue_takes_none_and_afterwards_it_does():
     with_queue(story)
 
 
+def test_who_is_sent_away_is_told_to_come_again_after_a_share_of_what_fits_take(monkeypatch):
+    clock = types.SimpleNamespace(monotonic=lambda: now)
+    monkeypatch.setattr(module, "time", clock)
+    now = 0.0
+
+    async def story(queue):
+        nonlocal now
+        assert queue.wait_s == 2  # until a fit is over they are thought to take 5 s
+        for _ in range(30):
+            job = new_job(queue)
+            await until(lambda job=job: job.state == RUNNING)
+            now += 60
+            job.worker.finish(job)
+            await until(lambda job=job: job.ready)
+        assert queue.wait_s == 30
+
+    with_queue(story, workers=2)
+
+
 def test_a_canceled_fit_frees_its_worker_which_stays():
     async def story(queue):
         first, second = new_job(queue), new_job(queue)
@@ -256,6 +276,8 @@ def test_older_jobs_keep_their_results_and_lose_what_is_looked_at(monkeypatch):
         new_job(queue)
         assert [(job.folder / "photo.png").exists() for job in made] == [False, False, True]
         assert all((job.folder / "report.json").exists() for job in made)
+        assert [bool(job.frame) for job in made] == [False, False, True]
+        assert ["forgotten" in job.flaw for job in made] == [True, True, False]
 
     with_queue(story)
 
@@ -357,6 +379,20 @@ def test_forgetting_a_job_whose_files_are_written_frees_its_core(obeys):
         await until(lambda: not job.folder.exists())
         assert worker.killed == (not obeys)
         assert job.state == DONE
+
+    with_queue(story)
+
+
+def test_a_worker_whose_files_cannot_be_read_is_replaced():
+    async def story(queue):
+        first, second = new_job(queue), new_job(queue)
+        await until(lambda: first.state == RUNNING)
+        (first.folder / "report.json").write_text("{")
+        Pretender.made[0].say(first.id, "done")
+        await until(lambda: second.state == RUNNING)
+        assert first.state == FAILED
+        assert "its files were lost" in first.error
+        assert [worker.is_alive for worker in Pretender.made] == [False, True]
 
     with_queue(story)
 
