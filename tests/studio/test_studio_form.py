@@ -146,6 +146,14 @@ def test_the_lines_are_read_back_as_the_same_options(name, monkeypatch):
     assert Options(goal=goal, **groups).flat() == options.flat()
 
 
+def test_lines_name_a_file_of_the_kind_that_is_written():
+    assert lines_of("a.png", options_of({"gzip": True})) == {
+        "command": "gauss2svg a.png -o a.svgz --gzip",
+        "python": "from gauss2svg import SvgOptions, vectorize\n\n"
+        "vectorize('a.png', svg=SvgOptions(gzip=True)).save('a.svgz')",
+    }
+
+
 def test_lines_say_only_what_is_not_the_default():
     assert lines_of("a.png", Options())["command"] == "gauss2svg a.png -o a.svg"
     assert lines_of("a.png", options_of({"relocate": True, "seed": 0})) == lines_of(

@@ -318,8 +318,46 @@ def test_an_svg_with_a_script_is_no_photo():
 
 
 @pytest.mark.parametrize("data", [b"", b"no photo", b"\x89PNG\r\n\x1a\nrubbish"])
-def test_what_is_no_photo_is_refused_in_a_line(data):
-    assert post_photo(data).status_code == 422
+def test_what_is_no_photo_is_refused_in_a_line_and_not_kept(data, monkeypatch):
+    kept = []
+    new_folder = STUDIO.jobs.new_folder
+    monkeypatch.setattr(STUDIO.jobs, "new_folder", lambda: kept.append(new_folder()) or kept[-1])
+    monkeypatch.setattr(STUDIO.jobs, "close", lambda: asyncio.sleep(0))  # which would remove it
+    answer = post_photo(data)
+    assert answer.status_code == 422
+    assert line_of(answer).startswith("photo.png must be")
+    assert [folder.exists() for folder in kept] == [False]
+
+
+@pytest.mark.parametrize(
+    ("fields", "word"),
+    [
+        ({}, "the photo must be given"),
+        ({"photo": "photo.png"}, "the photo must be given"),
+        ({"sample": "", "of": "", "options": "", "keep": ""}, "the photo must be given"),
+        ({"sample": "coffee.png", "keep": "perhaps"}, "keep"),
+    ],
+)
+def test_a_form_without_a_photo_is_refused_in_a_line(fields, word):
+    answer = ask("POST", "/api/jobs", headers=BEARER, data=fields, files={"x": b""})
+    assert answer.status_code == 422
+    assert line_of(answer).partition(":")[0].startswith(word)
+
+
+@pytest.mark.parametrize("name", ["of", "sample"])
+def test_a_job_or_a_sample_that_is_not_there_is_not_found(name):
+    answer = ask("POST", "/api/jobs", headers=BEARER, data={name: "none"}, files={"x": b""})
+    assert answer.status_code == 404
+    assert "none" in line_of(answer)
+
+
+def test_a_form_of_two_photos_or_many_fields_is_refused():
+    two = [("photo", ("a.png", b"a")), ("photo", ("b.png", b"b"))]
+    assert ask("POST", "/api/jobs", headers=BEARER, files=two).status_code == 400
+    many = {str(number): "1" for number in range(6)}
+    answer = ask("POST", "/api/jobs", headers=BEARER, data=many, files={"x": b""})
+    assert answer.status_code == 400
+    assert "Too many fields" in line_of(answer)
 
 
 @pytest.mark.parametrize(
@@ -350,6 +388,7 @@ def test_a_file_name_is_shown_and_is_never_a_path(given, name):
         ('{"resume": "/etc/passwd"}', "resume"),
         ('{"segments": "/etc/passwd"}', "segments"),
         ('{"threads": 99}', "threads"),
+        ('{"form": "blur", "renderer": "cairo"}', "renderer"),
         ('{"max_pixels": 1}', "max_pixels"),
         ('{"nonsense": 1}', "nonsense"),
         ('{"gaussians": -1}', "gaussians"),
