@@ -60,28 +60,20 @@ def estimate_of(width: Any, height: Any, options: Options, jobs: Jobs, of: Job |
     """
     width = whole_number("width", width, 1, MOST_PIXELS)
     height = whole_number("height", height, 1, MOST_PIXELS)
-    ran = [
-        (job.digest, options_of(job.options), job.report)
-        for job in jobs.known.values()
-        if job.state == DONE and job.report is not None
-    ]
-    same = [run for run in ran if of is not None and run[0] == of.digest]
-    for _, its_options, report in reversed(same):
-        if its_options == options:
+    ran = [(j, j.report) for j in jobs.known.values() if j.state == DONE and j.report is not None]
+    same = [(job, report) for job, report in ran if of is not None and job.digest == of.digest]
+    for job, report in reversed(same):
+        if options_of(job.options) == options:
             return _estimate(_given(report), "runs")
-    found = _promised(options, (width, height), _hardness(same[-1][2]) if same else 1.0)
-    timed = [run for run in ran if run[1].goal.time_limit is None]
-    if timed:
-        _, its_options, report = timed[-1]
+    hardness = _hardness(same[-1][1]) if same else 1.0
+    found = _promised(options, (width, height), hardness, jobs.threads)
+    seconds = found.seconds
+    for job, report in [run for run in ran if run[1]["time_limit"] is None][-1:]:
         size = report["width"], report["height"]
-        promised = _promised(its_options, size, _hardness(report))
-        found = found._replace(seconds=found.seconds * report["total_s"] / promised.seconds)
-    else:
-        threaded = 1 + _SECOND_THREAD * (jobs.threads - 1)
-        found = found._replace(seconds=found.seconds / threaded)
-    limit = options.goal.time_limit or math.inf
-    found = found._replace(seconds=min(found.seconds, limit))
-    return _estimate(found, "runs" if same else "rule")
+        its = _promised(options_of(job.options), size, _hardness(report), jobs.threads)
+        seconds *= report["total_s"] / its.seconds
+    seconds = min(seconds, options.goal.time_limit or math.inf)
+    return _estimate(found._replace(seconds=seconds), "runs" if same else "rule")
 
 
 def _estimate(found: Figures, based_on: Literal["rule", "runs"]) -> Estimate:
@@ -102,7 +94,7 @@ def _given(report: dict[str, Any]) -> Figures:
     return Figures(pixels, *(report[name] for name in names), psnr=report["psnr_svg"] or equal)
 
 
-def _promised(options: Options, size: Size, hardness: float) -> Figures:
+def _promised(options: Options, size: Size, hardness: float, threads: int) -> Figures:
     """Figures by the table, for a photo that needs so many times the Gaussians for its dB."""
     plan, goal = Plan(options), options.goal
     row = PROMISES[plan.quality or DEFAULT_PRESET]
@@ -118,21 +110,21 @@ def _promised(options: Options, size: Size, hardness: float) -> Figures:
         count = goal.byte_limit / (each_gzipped if plan.counts_gzipped else each)
     elif plan.only_time_limits and goal.time_limit is not None:
         fit = load.fit_width, load.fit_height
-        count = gaussians_within(goal.time_limit, fit, math.prod(load.measured))
+        count = gaussians_within(goal.time_limit, fit, math.prod(load.measured), threads)
     else:
         count = needed * row.gaussians / row.pixels**_BY_PIXELS
     if plan.count is not None and not plan.count_adapts:
         count = plan.count
     else:
         count = min(count, load.gaussians, pixels / CAP.pixels_each)
-    share = count / row.gaussians
+    # Half of the time goes by the pixels, half by the Gaussians.
+    work = pixels / row.pixels * (1 + count / row.gaussians) / 2
     return Figures(
         pixels=pixels,
         gaussians=count,
         bytes=each * count,
         gzip_bytes=each_gzipped * count,
-        # Half of the time goes by the pixels, half by the Gaussians.
-        seconds=row.seconds * pixels / row.pixels * (1 + share) / 2,
+        seconds=row.seconds * work / (1 + _SECOND_THREAD * (threads - 1)),
         psnr=_reached(count / needed),
     )
 

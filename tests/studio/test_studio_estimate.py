@@ -18,11 +18,12 @@ from gauss2svg.studio.schemas import Estimate
 # What scikit-image's coffee gave with each of these.
 DRAFT = {
     "gaussians": 298, "svg_bytes": 46_619, "svgz_bytes": 7559, "total_s": 2.5, "psnr_svg": 26.09,
-    "width": 600, "height": 400, "fit_width": 384, "fit_height": 256,
+    "width": 600, "height": 400, "fit_width": 384, "fit_height": 256, "time_limit": None,
 }  # fmt: skip
 BALANCED = {
     "gaussians": 5347, "svg_bytes": 575_482, "svgz_bytes": 95_910, "total_s": 7.6,
     "psnr_svg": 35.42, "width": 600, "height": 400, "fit_width": 600, "fit_height": 400,
+    "time_limit": None,
 }  # fmt: skip
 
 
@@ -32,8 +33,10 @@ def ran(report: dict, digest: str = "coffee", state: str = DONE, **options) -> J
     return job
 
 
-def estimated(width=768, height=512, *runs: Job, of: Job | None = None, **options) -> Estimate:
-    jobs = Jobs(1, 1)
+def estimated(
+    width=768, height=512, *runs: Job, of: Job | None = None, threads=1, **options
+) -> Estimate:
+    jobs = Jobs(1, threads)
     jobs.known.update({job.id: job for job in runs})
     return estimate_of(width, height, options_of(options), jobs, of)
 
@@ -53,11 +56,26 @@ def test_estimates_keep_to_what_is_asked():
     for psnr in (27.5, 33.0, 41.0):
         assert estimated(target_psnr=psnr).psnr == psnr
     assert estimated(40, 30, quality="max").gaussians <= 400
+    assert estimated(4000, 3000, quality="draft", target_psnr=80).gaussians <= 50_000
+    assert estimated(max_bytes=3000).gaussians > 40  # of minimal markup
+
+
+def test_few_gaussians_have_few_decibels():
+    few = [estimated(gaussians=count).psnr for count in (1, 10, 100, 1000)]
+    assert few == sorted(few)
+    assert few[0] < 16 < 22 < few[2]
 
 
 def test_larger_photos_take_longer_until_the_fit_is_reduced():
     seconds = [estimated(side, side, quality="fast").seconds for side in (100, 300, 768, 3000)]
     assert seconds[0] < seconds[1] < seconds[2] == seconds[3]
+
+
+def test_threads_save_time_and_allow_more_in_a_time():
+    one, four = (estimated(threads=threads) for threads in (1, 4))
+    assert one.seconds / 4 < four.seconds < one.seconds / 2
+    one, four = (estimated(threads=threads, time_limit=2).gaussians for threads in (1, 4))
+    assert one < four
 
 
 @pytest.mark.parametrize("size", [(0, 10), (10, -1), (None, 5), ("9", 9), (10**12, 1)])
@@ -97,7 +115,7 @@ def test_runs_of_other_photos_say_how_fast_the_machine_is_and_nothing_else():
 
 def test_runs_that_failed_or_had_limited_time_say_nothing_of_speed():
     rule = estimated(quality="high")
-    limited = ran(BALANCED | {"total_s": 1000.0}, time_limit=1000)
+    limited = ran(BALANCED | {"total_s": 1000.0, "time_limit": 1000.0}, time_limit=1000)
     assert estimated(768, 512, limited, quality="high") == rule
     failed = ran(BALANCED, state=FAILED)
     assert estimated(768, 512, failed, of=failed, quality="high") == rule
