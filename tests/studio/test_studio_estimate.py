@@ -56,7 +56,8 @@ def test_estimates_keep_to_what_is_asked():
     for psnr in (27.5, 33.0, 41.0):
         assert estimated(target_psnr=psnr).psnr == psnr
     assert estimated(40, 30, quality="max").gaussians <= 400
-    assert estimated(4000, 3000, quality="draft", target_psnr=80).gaussians <= 50_000
+    hard = ran(BALANCED | {"gaussians": 300_000})
+    assert estimated(600, 400, hard, of=hard, quality="draft").gaussians == PRESETS["draft"].cap
     assert estimated(max_bytes=3000).gaussians > 40  # of minimal markup
 
 

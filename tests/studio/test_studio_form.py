@@ -2,6 +2,7 @@
 
 import asyncio
 import io
+import re
 import shlex
 import subprocess
 import sys
@@ -227,6 +228,8 @@ def test_the_page_says_where_photos_go(is_local):
     text = asyncio.run(page())
     assert ("Photos stay on this machine" in text) == is_local
     assert ("Photos go to this server only" in text) != is_local
+    # Files that are refused may be chosen too, so that the page says why.
+    assert {".png", ".tif", ".heic"} <= set(re.search('accept="([^"]+)"', text)[1].split(","))
 
 
 def test_a_full_queue_refuses_before_a_photo_is_read():

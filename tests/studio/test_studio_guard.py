@@ -491,6 +491,30 @@ def test_errors_are_one_line_of_json(method, path, status):
     assert line_of(answer)
 
 
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (OSError(errno.EIO, "Input/output error", "/private"), "OSError: Input/output error"),
+        (ZeroDivisionError("division\nby zero"), "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_a_bug_is_a_line_without_a_path(error, line, monkeypatch):
+    def fail():
+        raise error
+
+    monkeypatch.setattr("gauss2svg.studio.routes.pages.form", fail)
+
+    async def one():
+        transport = httpx.ASGITransport(STUDIO, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url=HOME) as client:
+            return await client.get("/api/options")
+
+    answer = asyncio.run(one())
+    assert answer.status_code == 500
+    assert line_of(answer) == line
+    assert answer.headers["cache-control"] == "no-store"
+
+
 def test_the_description_of_the_service_has_types_of_its_answers_and_errors():
     document = STUDIO.api.openapi()
     for path, methods in document["paths"].items():

@@ -2,10 +2,12 @@
 
 import asyncio
 import json
+import sys
 import types
 from pathlib import Path
 from typing import ClassVar
 
+import psutil
 import pytest
 
 from gauss2svg.studio import jobs as module
@@ -436,3 +438,13 @@ def test_the_folder_is_private():
         assert Path(queue.folder).stat().st_mode & 0o077 == 0
 
     with_queue(story)
+
+
+def test_a_process_that_is_no_worker_is_ended(monkeypatch, tmp_path):
+    program, noted = tmp_path / "python", tmp_path / "pid"
+    program.write_text(f"#!/bin/sh\necho $$ > {noted}; echo rubbish; exec sleep 99\n")
+    program.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(program))
+    with pytest.raises(WorkerDiedError):
+        asyncio.run(pool.Worker.started(tmp_path))
+    assert not psutil.pid_exists(int(noted.read_text()))
