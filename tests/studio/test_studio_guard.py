@@ -420,7 +420,7 @@ def test_the_size_of_a_png_is_read_without_its_pixels(tmp_path, monkeypatch):
     assert size_of(path, "a.png") == (8, 6)
 
 
-def test_the_size_of_a_photo_is_that_of_it_upright(tmp_path):
+def test_the_size_of_a_photo_is_that_of_it_upright(tmp_path, monkeypatch):
     exif = Image.Exif()
     exif[ExifTags.Base.Orientation] = 6
     Image.new("RGB", (8, 6)).save(tmp_path / "turned", "JPEG", exif=exif)
@@ -428,6 +428,12 @@ def test_the_size_of_a_photo_is_that_of_it_upright(tmp_path):
     exif[ExifTags.Base.Orientation] = 3
     Image.new("RGB", (8, 6)).save(tmp_path / "reversed", "JPEG", exif=exif)
     assert size_of(tmp_path / "reversed", "a.jpg") == (8, 6)
+
+    def fail(_):  # as on hostile bytes
+        raise SyntaxError("not a TIFF file")
+
+    monkeypatch.setattr(Image.Image, "getexif", fail)
+    assert size_of(tmp_path / "turned", "a.jpg") == (8, 6)
 
 
 def test_what_is_kept_is_what_was_sent_and_its_digest_is_the_file_s(tmp_path, monkeypatch):
