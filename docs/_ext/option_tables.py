@@ -21,7 +21,7 @@ from gauss2svg.photo.formats import FORMATS
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, RENDERERS
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.registry import renderer_named
-from gauss2svg.studio.answers import ERRORS
+from gauss2svg.studio.schemas import ERRORS
 
 _OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z0-9-]*|-)(?![\w-])")
 _SPECIAL = re.compile(r"([\\`*_<>#|\[\]{}])")

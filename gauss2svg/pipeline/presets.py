@@ -7,6 +7,7 @@ import math
 from dataclasses import dataclass
 
 from gauss2svg.fit.options import MOST_GAUSSIANS
+from gauss2svg.pipeline import bytes_each
 
 # Fewer cost PSNR visibly even with a thousand Gaussians (docs/decisions/palette.md).
 _FEWEST_COLORS = 192
@@ -69,16 +70,14 @@ PRESETS = {
 }  # fmt: skip
 DEFAULT_PRESET = "balanced"
 
-# Of the file, palette included (docs/decisions/numbers.md); measured if the bytes are limited.
-KILOBYTES_PER_GAUSSIAN = 0.12
 CAP_FOR_TARGET = 50000  # largest number of Gaussians for a target, whatever the preset
 # PSNR (dB) from which more Gaussians do not show: an error of half a level of 255 has 54.1.
 INDISTINGUISHABLE = 54.0
 # PSNR (dB) of the model from which the 8 bits of a raster decide, and more Gaussians gain nothing.
 NOTHING_TO_GAIN = 58.0
-# Bytes of a shape at least and usually, Gaussians that a second fits at most, and px of the fit for
-# each usual shape that a limit allows (docs/decisions/time.md, also for the next two).
-_LEAST_BYTES, _USUAL_BYTES, _MOST_A_SECOND, _PIXELS_EACH = 60, 100, 5000, 30
+# Gaussians that a second fits at most, and px of the fit for each usual shape that a limit allows
+# (docs/decisions/time.md, also for the next two).
+_MOST_A_SECOND, _PIXELS_EACH = 5000, 30
 _LEAST_CAP = 150  # of Gaussians, however small the limit is
 # PSNR (dB) from which the numbers of a dearer preset are worth their time, or their bytes.
 FINE_FROM = ("max", 46.0), ("high", 40.0)
@@ -92,8 +91,8 @@ def budget_preset(max_bytes: int | None, time_limit: float | None) -> Preset:
     if time_limit is not None:
         caps.append(int(_MOST_A_SECOND * time_limit))
     if max_bytes is not None:
-        caps.append(max_bytes // _LEAST_BYTES)
-        square = math.sqrt(_PIXELS_EACH * max_bytes / _USUAL_BYTES)
+        caps.append(max_bytes // bytes_each.TUNING.least)
+        square = math.sqrt(_PIXELS_EACH * max_bytes / bytes_each.TUNING.limited)
         side = round(min(max(square, usual.max_size), finest.max_size))
     return dataclasses.replace(
         usual, gain=0.0, enough=NOTHING_TO_GAIN, cap=max(_LEAST_CAP, min(caps)), max_size=side

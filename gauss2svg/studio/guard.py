@@ -1,27 +1,23 @@
 """Who may use the server, how much a request may bring, and what a page may load.
 
-Pure ASGI. `Bounded` is around every application of the studio, also where it is mounted; `Guard`
-only around that of the command, for a mounted one is its host's to guard.
+ASGI middleware. `Bounded` is around every application of the studio, also where it is mounted;
+`Guard` only around that of the command, for a mounted one is its host's to guard.
 """
 
 from __future__ import annotations
 
 import asyncio
 import ipaddress
-import json
 import secrets
-from collections.abc import Awaitable, Callable, MutableMapping
-from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
+from starlette.requests import HTTPConnection
+from starlette.responses import JSONResponse, RedirectResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from gauss2svg.errors import quoted
-
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Any]]
-Send = Callable[[Any], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
 
 MOST_UPLOADED = 256 * 10**6  # bytes of a request
 _BODY_S, _CHUNK_S = 300.0, 20.0  # in which a body must be there, and in which more of it must come
@@ -35,24 +31,29 @@ PICTURE_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'none'; sandbox"
 )
 _OTHER_SITE = "a page of another site may not use the studio"
-_HEADERS = [
-    (b"content-security-policy", PAGE_POLICY.encode()),
-    (b"x-content-type-options", b"nosniff"),
-    (b"referrer-policy", b"no-referrer"),
-    (b"cross-origin-resource-policy", b"same-origin"),
-    (b"cross-origin-opener-policy", b"same-origin"),
-    (b"cache-control", b"no-store"),
-]
+_HEADERS = {
+    "content-security-policy": PAGE_POLICY,
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "cache-control": "no-store",
+}
 
 
 class RefusedError(HTTPException):
     """A request that is refused: status and line."""
 
+    def answer(self) -> JSONResponse:
+        """The answer, after which what is left of a body is not read."""
+        headers = {"Connection": "close", "Cache-Control": "no-store"}
+        return JSONResponse({"error": self.detail}, self.status_code, headers)
+
 
 class Bounded:
     """Bounds bodies in bytes and time, and adds the headers of safety."""
 
-    def __init__(self, app: App, most: int | None = None) -> None:
+    def __init__(self, app: ASGIApp, most: int | None = None) -> None:
         self._app = app
         self._most = MOST_UPLOADED if most is None else most
 
@@ -64,7 +65,7 @@ class Bounded:
         answered = whole = False
         read, until = 0, asyncio.get_running_loop().time() + _BODY_S
 
-        async def bounded() -> Any:
+        async def bounded() -> Message:
             nonlocal read, whole
             if whole:  # from now on only a disconnection can come
                 return await receive()
@@ -80,26 +81,26 @@ class Bounded:
                 raise self._too_large()
             return message
 
-        async def with_headers(message: Any) -> None:
+        async def with_headers(message: Message) -> None:
             nonlocal answered
             if message["type"] == "http.response.start":
                 answered = True
-                given = {name for name, _ in message["headers"]}
-                more = [pair for pair in _HEADERS if pair[0] not in given]
-                message = {**message, "headers": [*message["headers"], *more]}
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers.setdefault(name, value)
             await send(message)
 
         try:
             if _is_of_another_site(scope):
                 raise RefusedError(403, _OTHER_SITE)
-            length = _header(scope, b"content-length")
+            length = Headers(scope=scope).get("content-length", "")
             if length.isdecimal() and int(length) > self._most:
                 raise self._too_large()
             await self._app(scope, bounded, with_headers)
         except RefusedError as error:
             if answered:
                 raise
-            await _refuse(with_headers, error)
+            await error.answer()(scope, receive, with_headers)
 
     def _too_large(self) -> RefusedError:
         most = f"{self._most / 1e6:g} MB"
@@ -113,7 +114,7 @@ class Guard:
     local  whether it is served to this machine only; else addresses in digits are its names too
     """
 
-    def __init__(self, app: App, token: str, port: int, names: set[str], local: bool) -> None:
+    def __init__(self, app: ASGIApp, token: str, port: int, names: set[str], local: bool) -> None:
         self._app = app
         self._token = token
         self._port = port
@@ -135,63 +136,56 @@ class Guard:
             return
         if scope["type"] != "http":
             return
+        asked = HTTPConnection(scope)
         try:
-            opened = self._check(scope)
+            opened = self._check(asked)
         except RefusedError as error:
-            await _refuse(send, error)
+            await error.answer()(scope, receive, send)
             return
         if not opened:
             await self._app(scope, receive, send)
             return
-        cookie = f"{self._cookie}={self._token}; HttpOnly; SameSite=Strict; Path=/"
+        # So that the token does not stay in the address.
+        home = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
+        home.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
+        if asked.headers.get("sec-fetch-site", "") in ("", "none", "same-origin"):
+            await home(scope, receive, send)
+            return
 
-        async def with_cookie(message: Any) -> None:
+        async def with_cookie(message: Message) -> None:
             if message["type"] == "http.response.start":
-                headers = [*message["headers"], (b"set-cookie", cookie.encode())]
-                message = {**message, "headers": headers}
+                MutableHeaders(scope=message).append("set-cookie", home.headers["set-cookie"])
             await send(message)
 
-        if _header(scope, b"sec-fetch-site") in ("", "none", "same-origin"):
-            # So that the token does not stay in the address.
-            await _answer(with_cookie, 303, b"", {"Location": "/"})
-        else:  # browsers would leave out the cookie after a link of another site
-            await self._app(scope, receive, with_cookie)
+        # Browsers would leave out the cookie after a link of another site.
+        await self._app(scope, receive, with_cookie)
 
-    def _check(self, scope: Scope) -> bool:
+    def _check(self, asked: HTTPConnection) -> bool:
         """Whether the page is opened by the token in its address; raises RefusedError."""
-        host = _header(scope, b"host")
+        headers, token = asked.headers, asked.query_params.get("token", "")
+        host = headers.get("host", "")
         if not self._is_ours(host):
             raise RefusedError(
                 421,
                 "the address must be the one that the studio has printed; got "
                 f"{quoted(host)}. Try that one",
             )
-        if not _is_own_origin(scope):
+        if not _is_own_origin(headers):
             raise RefusedError(403, _OTHER_SITE)
-        asked = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
-        is_page = scope["method"] == "GET" and scope["path"] == "/"
-        if (
-            is_page
-            and self._ticket
-            and secrets.compare_digest(asked.encode(), self._ticket.encode())
-        ):
+        is_page = (asked.scope["method"], asked.scope["path"]) == ("GET", "/")
+        if is_page and self._ticket and _equal(token, self._ticket):
             self._ticket = ""
             return True
-        opened = is_page and self._fits(asked)
-        if not opened and _header(scope, b"sec-fetch-site") in ("cross-site", "same-site"):
+        opened = is_page and _equal(token, self._token)
+        if not opened and headers.get("sec-fetch-site") in ("cross-site", "same-site"):
             raise RefusedError(403, _OTHER_SITE)
-        scheme, _, bearer = _header(scope, b"authorization").partition(" ")
-        # By hand: a parser gives up all cookies for one odd one of another server.
-        cookies = [part.strip().partition("=") for part in _header(scope, b"cookie").split(";")]
-        given = [value for name, _, value in cookies if name == self._cookie]
+        scheme, _, bearer = headers.get("authorization", "").partition(" ")
+        given = [token, asked.cookies.get(self._cookie, "")]
         given.append(bearer if scheme.lower() == "bearer" else "")
-        if not any(self._fits(text) for text in [*given, asked]):
+        if not any(_equal(text, self._token) for text in given):
             line = "the token must be given; try the address that the studio has printed"
             raise RefusedError(401, line)
         return opened
-
-    def _fits(self, text: str) -> bool:
-        return secrets.compare_digest(text.encode(), self._token.encode())
 
     def _is_ours(self, host: str) -> bool:
         try:
@@ -205,18 +199,23 @@ class Guard:
         return name in self._names or _is_address(name)
 
 
-def _is_own_origin(scope: Scope) -> bool:
-    origin = _header(scope, b"origin")
+def _equal(given: str, secret: str) -> bool:
+    return secrets.compare_digest(given.encode(), secret.encode())
+
+
+def _is_own_origin(headers: Headers) -> bool:
+    origin = headers.get("origin", "")
     try:
-        return not origin or urlsplit(origin).netloc.lower() == _header(scope, b"host").lower()
+        return not origin or urlsplit(origin).netloc.lower() == headers.get("host", "").lower()
     except ValueError:
         return False
 
 
 def _is_of_another_site(scope: Scope) -> bool:
-    site, mode = _header(scope, b"sec-fetch-site"), _header(scope, b"sec-fetch-mode")
+    headers = Headers(scope=scope)
+    site, mode = headers.get("sec-fetch-site", ""), headers.get("sec-fetch-mode", "")
     if not site:
-        return not _is_own_origin(scope)
+        return not _is_own_origin(headers)
     # A link to the studio is no use of it.
     is_link = scope["method"] == "GET" and mode in ("", "navigate")
     return site in ("cross-site", "same-site") and not is_link
@@ -228,21 +227,3 @@ def _is_address(name: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _header(scope: Scope, name: bytes) -> str:
-    return next((v.decode("latin-1") for n, v in scope["headers"] if n == name), "")
-
-
-async def _refuse(send: Send, error: RefusedError) -> None:
-    body = json.dumps({"error": error.detail}).encode()
-    # What is left of a body is not read.
-    headers = {"Content-Type": "application/json", "Connection": "close"}
-    await _answer(send, error.status_code, body, headers)
-
-
-async def _answer(send: Send, status: int, body: bytes, headers: dict[str, str]) -> None:
-    headers = {**headers, "Content-Length": str(len(body)), "Cache-Control": "no-store"}
-    pairs = [(name.lower().encode(), value.encode()) for name, value in headers.items()]
-    await send({"type": "http.response.start", "status": status, "headers": pairs})
-    await send({"type": "http.response.body", "body": body})

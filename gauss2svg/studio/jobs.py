@@ -80,6 +80,11 @@ class Job:
         """Whether it neither waits nor runs."""
         return self.state not in (QUEUED, RUNNING)
 
+    @property
+    def is_zipped(self) -> bool:
+        """Whether the command would write its SVG gzipped."""
+        return bool(self.report and self.report["gzip"])
+
     def change(self, **values: Any) -> None:
         """Set attributes and wake all who wait for news."""
         for name, value in values.items():
@@ -299,7 +304,7 @@ class Jobs:
         except WorkerDiedError as error:
             self._fail(job, f"its worker process was lost: {error}")
         except (OSError, ValueError) as error:
-            worker.kill()  # it may be in the midst of messages
+            await worker.end()  # it may be in the midst of messages, which are not the next job's
             self._fail(job, f"its files were lost: {error}")
         finally:
             job.change(ready=True, worker=None)

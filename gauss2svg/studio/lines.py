@@ -8,7 +8,7 @@ from typing import Any
 from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.processes import command_line
-from gauss2svg.studio.form import flag_of
+from gauss2svg.studio.options import flag_of
 
 
 def lines_of(name: str, options: Options) -> dict[str, str]:

@@ -32,7 +32,7 @@ class Worker:
         """A worker that is warm: kernels loaded, one tiny fit done. Raises WorkerDiedError."""
         try:
             process = await asyncio.create_subprocess_exec(
-                sys.executable, "-P", "-m", "gauss2svg.studio.worker", str(folder),
+                sys.executable, "-P", "-m", "gauss2svg.studio.worker_process", str(folder),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 limit=_LONGEST_LINE,

@@ -21,7 +21,7 @@ from gauss2svg.photo.formats import FORMATS
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.photo import Photo
-from gauss2svg.studio.photos import REFUSED
+from gauss2svg.studio.uploads import REFUSED
 
 RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (12, 19, 3), dtype=np.uint8)

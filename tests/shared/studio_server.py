@@ -65,7 +65,7 @@ class Server:
         return [
             child
             for child in psutil.Process(self.process.pid).children()
-            if "gauss2svg.studio.worker" in child.cmdline()
+            if "gauss2svg.studio.worker_process" in child.cmdline()
         ]
 
 

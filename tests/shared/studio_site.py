@@ -111,6 +111,7 @@ class StudioVisit(Visit):
 
     def close(self) -> None:
         """Close it; fails on a console message, an error or a request that should not be."""
+        self._context.close()  # so that nothing more is heard
         self.complaints = [
             line
             for line in self.complaints
@@ -135,18 +136,25 @@ class StudioBrowser:
         self._browser.close()
 
 
+_photos: dict[str, Path] = {}
+_servers: list[Server] = []
+
+
 @pytest.fixture(scope="module")
 def photos(tmp_path_factory) -> dict[str, Path]:
-    """Photos that the server offers as samples."""
-    return write_photos(tmp_path_factory.mktemp("photos"))
+    """Photos that the server offers as samples; one folder for all modules."""
+    if not _photos:
+        _photos.update(write_photos(tmp_path_factory.mktemp("photos")))
+    return _photos
 
 
 @pytest.fixture(scope="module")
-def server(photos: dict[str, Path]):
-    """The studio of those photos."""
-    running = Server(photos[PLAIN].parent)
-    yield running
-    running.close()
+def server(photos: dict[str, Path], pytestconfig) -> Server:
+    """The studio of those photos, which takes seconds to start; one for all modules."""
+    if not _servers:
+        _servers.append(Server(photos[PLAIN].parent))
+        pytestconfig.add_cleanup(_servers[0].close)
+    return _servers[0]
 
 
 @pytest.fixture(scope="module")

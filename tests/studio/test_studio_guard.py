@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+import hashlib
 import io
 import json
 import os
@@ -10,16 +11,24 @@ import zlib
 
 import httpx
 import pytest
-from PIL import Image
+from PIL import ExifTags, Image
+from starlette.datastructures import UploadFile
 
-from gauss2svg.studio import guard, photos
+from gauss2svg.studio import guard, uploads
 from gauss2svg.studio.guard import Bounded, Guard
-from gauss2svg.studio.photos import display_name, link, size_of, stem_of
 from gauss2svg.studio.service import create_app
+from gauss2svg.studio.uploads import display_name, link, size_of, stem_of
 
 TOKEN, PORT = "t0ken", 8137
 BEARER = {"Authorization": f"Bearer {TOKEN}"}
 HOME = f"http://127.0.0.1:{PORT}"
+SAFETY = {
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-resource-policy": "same-origin",
+    "cross-origin-opener-policy": "same-origin",
+    "cache-control": "no-store",
+}
 
 
 STUDIO = create_app()
@@ -62,7 +71,7 @@ def test_the_address_with_the_token_opens_the_page_by_a_cookie():
     assert answer.headers["location"] == "/"
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
-    assert "SameSite=Strict" in cookie
+    assert "SameSite=strict" in cookie
     page = ask("GET", "/", headers={"Cookie": cookie.partition(";")[0]})
     assert page.status_code == 200
     assert TOKEN not in page.text
@@ -161,12 +170,49 @@ def test_in_a_network_digits_are_an_address_and_strange_names_are_not(base, stat
 def test_the_page_may_load_only_what_is_here():
     answer = ask("GET", "/", headers=BEARER)
     policy = answer.headers["content-security-policy"]
-    assert policy.startswith("default-src 'none'")
-    assert "unsafe" not in policy
-    assert "http" not in policy
-    assert answer.headers["x-content-type-options"] == "nosniff"
-    assert answer.headers["referrer-policy"] == "no-referrer"
+    directives = dict(one.split(" ", 1) for one in policy.split("; "))
+    for name in ("default-src", "frame-ancestors", "base-uri", "form-action"):
+        assert directives.pop(name) == "'none'"
+    assert {"'self'", "blob:", "data:"} >= {w for ws in directives.values() for w in ws.split()}
+    assert directives["script-src"] == "'self'"
     assert "://" not in answer.text.replace("http://www.w3.org/", "")
+
+
+@pytest.mark.parametrize("path", ["/", "/static/main.js", "/api/options", "/api/jobs/none", "/no"])
+def test_every_answer_has_the_headers_of_safety(path):
+    headers = ask("GET", path, headers=BEARER).headers
+    assert {name: headers[name] for name in headers if name in SAFETY} == SAFETY
+    assert headers["content-security-policy"]
+
+
+@pytest.mark.parametrize(
+    ("headers", "status"),
+    [({}, 401), (BEARER | {"Origin": "null"}, 403), (BEARER | {"Host": "rebound"}, 421)],
+)
+def test_what_is_refused_is_not_kept_and_ends_its_connection(headers, status):
+    answer = ask("GET", "/api/options", headers=headers)
+    assert answer.status_code == status
+    assert answer.headers["connection"] == "close"
+    assert answer.headers["cache-control"] == "no-store"
+
+
+@pytest.mark.parametrize("path", ["/", "/api/options", "/api/jobs/none"])
+def test_no_link_of_another_site_opens_anything_by_the_cookie(path):
+    headers = {"Cookie": f"gauss2svg-{PORT}={TOKEN}", "Sec-Fetch-Mode": "navigate"}
+    assert ask("GET", path, headers=headers | {"Sec-Fetch-Site": "cross-site"}).status_code == 403
+    assert ask("GET", path, headers=headers | {"Sec-Fetch-Site": "none"}).status_code != 403
+
+
+@pytest.mark.parametrize("scheme", ["Basic", "Token", ""])
+def test_the_token_is_taken_of_no_other_scheme(scheme):
+    headers = {"Authorization": f"{scheme} {TOKEN}"}
+    assert ask("GET", "/api/options", headers=headers).status_code == 401
+
+
+def test_a_cookie_of_the_same_name_for_a_longer_path_locks_nobody_out():
+    # Browsers send the longest path first.
+    cookie = f"gauss2svg-{PORT}=junk; gauss2svg-{PORT}={TOKEN}"
+    assert ask("GET", "/api/options", headers={"Cookie": cookie}).status_code == 200
 
 
 def post_photo(data: bytes, name: str = "photo.png", options: str = "{}", **more):
@@ -179,7 +225,7 @@ def test_a_photo_that_the_disk_does_not_take_is_a_line_without_its_path(code, st
     async def refuse(upload, path):
         raise OSError(code, os.strerror(code), str(path))
 
-    monkeypatch.setattr(photos, "save", refuse)
+    monkeypatch.setattr(uploads, "save", refuse)
     answer = post_photo(b"photo")
     assert answer.status_code == status
     assert line_of(answer) == f"the photo cannot be kept: {os.strerror(code)}"
@@ -218,23 +264,27 @@ def test_an_upload_whose_length_is_not_said_ends_at_the_bound(monkeypatch):
     assert sent < 1.5e6
 
 
-def test_a_body_that_comes_too_slowly_is_given_up(monkeypatch):
-    monkeypatch.setattr(guard, "_CHUNK_S", 0.05)
+@pytest.mark.parametrize(("bound", "pause"), [("_CHUNK_S", 30), ("_BODY_S", 0.01)])
+def test_a_body_that_comes_too_slowly_is_given_up(monkeypatch, bound, pause):
+    monkeypatch.setattr(guard, bound, 0.05)
 
     async def app(scope, receive, send):
-        await receive()
+        while True:
+            await receive()
 
     async def receive():
-        await asyncio.sleep(30)
+        await asyncio.sleep(pause)
+        return {"type": "http.request", "body": b"a", "more_body": True}
 
     sent = []
 
     async def send(message):
         sent.append(message)
 
-    asyncio.run(Bounded(app)({"type": "http", "headers": []}, receive, send))
+    bounded = Bounded(app)({"type": "http", "headers": []}, receive, send)
+    asyncio.run(asyncio.wait_for(bounded, 5))
     assert sent[0]["status"] == 408
-    assert "slow" in json.loads(sent[1]["body"])["error"] or "pauses" in sent[1]["body"].decode()
+    assert "without long pauses" in json.loads(sent[1]["body"])["error"]
 
 
 def bomb() -> bytes:
@@ -268,8 +318,46 @@ def test_an_svg_with_a_script_is_no_photo():
 
 
 @pytest.mark.parametrize("data", [b"", b"no photo", b"\x89PNG\r\n\x1a\nrubbish"])
-def test_what_is_no_photo_is_refused_in_a_line(data):
-    assert post_photo(data).status_code == 422
+def test_what_is_no_photo_is_refused_in_a_line_and_not_kept(data, monkeypatch):
+    kept = []
+    new_folder = STUDIO.jobs.new_folder
+    monkeypatch.setattr(STUDIO.jobs, "new_folder", lambda: kept.append(new_folder()) or kept[-1])
+    monkeypatch.setattr(STUDIO.jobs, "close", lambda: asyncio.sleep(0))  # which would remove it
+    answer = post_photo(data)
+    assert answer.status_code == 422
+    assert line_of(answer).startswith("photo.png must be")
+    assert [folder.exists() for folder in kept] == [False]
+
+
+@pytest.mark.parametrize(
+    ("fields", "word"),
+    [
+        ({}, "the photo must be given"),
+        ({"photo": "photo.png"}, "the photo must be given"),
+        ({"sample": "", "of": "", "options": "", "keep": ""}, "the photo must be given"),
+        ({"sample": "coffee.png", "keep": "perhaps"}, "keep"),
+    ],
+)
+def test_a_form_without_a_photo_is_refused_in_a_line(fields, word):
+    answer = ask("POST", "/api/jobs", headers=BEARER, data=fields, files={"x": b""})
+    assert answer.status_code == 422
+    assert line_of(answer).partition(":")[0].startswith(word)
+
+
+@pytest.mark.parametrize("name", ["of", "sample"])
+def test_a_job_or_a_sample_that_is_not_there_is_not_found(name):
+    answer = ask("POST", "/api/jobs", headers=BEARER, data={name: "none"}, files={"x": b""})
+    assert answer.status_code == 404
+    assert "none" in line_of(answer)
+
+
+def test_a_form_of_two_photos_or_many_fields_is_refused():
+    two = [("photo", ("a.png", b"a")), ("photo", ("b.png", b"b"))]
+    assert ask("POST", "/api/jobs", headers=BEARER, files=two).status_code == 400
+    many = {str(number): "1" for number in range(6)}
+    answer = ask("POST", "/api/jobs", headers=BEARER, data=many, files={"x": b""})
+    assert answer.status_code == 400
+    assert "Too many fields" in line_of(answer)
 
 
 @pytest.mark.parametrize(
@@ -285,6 +373,7 @@ def test_what_is_no_photo_is_refused_in_a_line(data):
         ("", "photo"),
         (None, "photo"),
         ("x" * 500 + ".jpeg", "x" * 100 + ".jpeg"),
+        ("x." + "y" * 500, "x." + "y" * 8),
         ("\u00fcber s\u00fc\u00df.jpg", "\u00fcber s\u00fc\u00df.jpg"),
     ],
 )
@@ -299,6 +388,7 @@ def test_a_file_name_is_shown_and_is_never_a_path(given, name):
         ('{"resume": "/etc/passwd"}', "resume"),
         ('{"segments": "/etc/passwd"}', "segments"),
         ('{"threads": 99}', "threads"),
+        ('{"form": "blur", "renderer": "cairo"}', "renderer"),
         ('{"max_pixels": 1}', "max_pixels"),
         ('{"nonsense": 1}', "nonsense"),
         ('{"gaussians": -1}', "gaussians"),
@@ -328,6 +418,44 @@ def test_the_size_of_a_png_is_read_without_its_pixels(tmp_path, monkeypatch):
     Image.new("RGB", (8, 6)).save(path, "PNG")
     monkeypatch.setattr("PIL.ImageFile.ImageFile.load", None)
     assert size_of(path, "a.png") == (8, 6)
+
+
+def test_the_size_of_a_photo_is_that_of_it_upright(tmp_path, monkeypatch):
+    exif = Image.Exif()
+    exif[ExifTags.Base.Orientation] = 6
+    Image.new("RGB", (8, 6)).save(tmp_path / "turned", "JPEG", exif=exif)
+    assert size_of(tmp_path / "turned", "a.jpg") == (6, 8)
+    exif[ExifTags.Base.Orientation] = 3
+    Image.new("RGB", (8, 6)).save(tmp_path / "reversed", "JPEG", exif=exif)
+    assert size_of(tmp_path / "reversed", "a.jpg") == (8, 6)
+
+    def fail(_):  # as on hostile bytes
+        raise SyntaxError("not a TIFF file")
+
+    monkeypatch.setattr(Image.Image, "getexif", fail)
+    assert size_of(tmp_path / "turned", "a.jpg") == (8, 6)
+
+
+def test_what_is_kept_is_what_was_sent_and_its_digest_is_the_file_s(tmp_path, monkeypatch):
+    data = os.urandom(3 << 20)
+    upload = UploadFile(io.BytesIO(data))
+    digest = asyncio.run(uploads.save(upload, tmp_path / "photo"))
+    assert (tmp_path / "photo").read_bytes() == data
+    assert digest == hashlib.sha256(data).hexdigest() == uploads.digest_of(tmp_path / "photo")
+
+    def refuse(*_):
+        raise OSError(errno.EXDEV, "another disk")
+
+    monkeypatch.setattr(os, "link", refuse)
+    link(tmp_path / "photo", tmp_path / "copy")
+    assert (tmp_path / "copy").read_bytes() == data
+
+
+def test_the_samples_of_a_folder_are_bounded_in_number(tmp_path, monkeypatch):
+    monkeypatch.setattr(uploads, "_MOST_SAMPLES", 3)
+    for number in range(5):
+        Image.new("RGB", (3, 2)).save(tmp_path / f"{number}.png")
+    assert [one.name for one in uploads.samples_in(tmp_path)] == ["0.png", "1.png", "2.png"]
 
 
 def test_a_sample_by_a_symbolic_link_is_a_photo(tmp_path):
@@ -369,6 +497,30 @@ def test_errors_are_one_line_of_json(method, path, status):
     assert line_of(answer)
 
 
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (OSError(errno.EIO, "Input/output error", "/private"), "OSError: Input/output error"),
+        (ZeroDivisionError("division\nby zero"), "ZeroDivisionError: division by zero"),
+    ],
+)
+def test_a_bug_is_a_line_without_a_path(error, line, monkeypatch):
+    def fail():
+        raise error
+
+    monkeypatch.setattr("gauss2svg.studio.routes.pages.form", fail)
+
+    async def one():
+        transport = httpx.ASGITransport(STUDIO, raise_app_exceptions=False)
+        async with httpx.AsyncClient(transport=transport, base_url=HOME) as client:
+            return await client.get("/api/options")
+
+    answer = asyncio.run(one())
+    assert answer.status_code == 500
+    assert line_of(answer) == line
+    assert answer.headers["cache-control"] == "no-store"
+
+
 def test_the_description_of_the_service_has_types_of_its_answers_and_errors():
     document = STUDIO.api.openapi()
     for path, methods in document["paths"].items():
@@ -378,8 +530,8 @@ def test_the_description_of_the_service_has_types_of_its_answers_and_errors():
                 said = route["responses"][status]["content"]["application/json"]["schema"]
                 assert said == {"$ref": "#/components/schemas/Error"}
     state = document["paths"]["/api/jobs/{name}"]["get"]["responses"]["200"]
-    assert state["content"]["application/json"]["schema"]["$ref"].endswith("/State")
-    assert {"id", "state", "place", "lines"} <= document["components"]["schemas"]["State"][
+    assert state["content"]["application/json"]["schema"]["$ref"].endswith("/JobState")
+    assert {"id", "state", "place", "lines"} <= document["components"]["schemas"]["JobState"][
         "properties"
     ].keys()
 

@@ -2,9 +2,12 @@
 
 import asyncio
 import json
+import sys
+import types
 from pathlib import Path
 from typing import ClassVar
 
+import psutil
 import pytest
 
 from gauss2svg.studio import jobs as module
@@ -20,6 +23,7 @@ from gauss2svg.studio.jobs import (
     QueueFullError,
 )
 from gauss2svg.studio.pool import WorkerDiedError
+from gauss2svg.studio.routes.jobs import _stream
 
 
 class Pretender:
@@ -130,6 +134,25 @@ def test_past_its_bound_the_queue_takes_none_and_afterwards_it_does():
         assert new_job(queue).place == 3
 
     with_queue(story)
+
+
+def test_who_is_sent_away_is_told_to_come_again_after_a_share_of_what_fits_take(monkeypatch):
+    clock = types.SimpleNamespace(monotonic=lambda: now)
+    monkeypatch.setattr(module, "time", clock)
+    now = 0.0
+
+    async def story(queue):
+        nonlocal now
+        assert queue.wait_s == 2  # until a fit is over they are thought to take 5 s
+        for _ in range(30):
+            job = new_job(queue)
+            await until(lambda job=job: job.state == RUNNING)
+            now += 60
+            job.worker.finish(job)
+            await until(lambda job=job: job.ready)
+        assert queue.wait_s == 30
+
+    with_queue(story, workers=2)
 
 
 def test_a_canceled_fit_frees_its_worker_which_stays():
@@ -255,6 +278,8 @@ def test_older_jobs_keep_their_results_and_lose_what_is_looked_at(monkeypatch):
         new_job(queue)
         assert [(job.folder / "photo.png").exists() for job in made] == [False, False, True]
         assert all((job.folder / "report.json").exists() for job in made)
+        assert [bool(job.frame) for job in made] == [False, False, True]
+        assert ["forgotten" in job.flaw for job in made] == [True, True, False]
 
     with_queue(story)
 
@@ -287,6 +312,23 @@ def test_news_of_any_number_of_steps_are_one_for_a_slow_reader():
             Pretender.made[0].say(job.id, "progress", progress={"iteration": number})
         await until(lambda: (job.progress or {}).get("iteration") == 9999)
         assert await job.news(seen) == job.version
+
+    with_queue(story)
+
+
+def test_a_reader_that_does_not_read_stops_no_fit_and_then_gets_the_newest():
+    async def story(queue):
+        job = new_job(queue)
+        stream = _stream(job, queue)
+        assert '"state": "queued"' in await anext(stream)
+        await until(lambda: job.state == RUNNING)
+        for number in range(1000):
+            Pretender.made[0].say(job.id, "progress", progress={"iteration": number})
+        await until(lambda: (job.progress or {}).get("iteration") == 999)
+        assert '"iteration": 999' in await anext(stream)
+        Pretender.made[0].finish(job)
+        await job.when()
+        assert [event.count('"state": "done"') for event in [e async for e in stream]] == [1]
 
     with_queue(story)
 
@@ -343,6 +385,20 @@ def test_forgetting_a_job_whose_files_are_written_frees_its_core(obeys):
     with_queue(story)
 
 
+def test_a_worker_whose_files_cannot_be_read_is_replaced():
+    async def story(queue):
+        first, second = new_job(queue), new_job(queue)
+        await until(lambda: first.state == RUNNING)
+        (first.folder / "report.json").write_text("{")
+        Pretender.made[0].say(first.id, "done")
+        await until(lambda: second.state == RUNNING)
+        assert first.state == FAILED
+        assert "its files were lost" in first.error
+        assert [worker.is_alive for worker in Pretender.made] == [False, True]
+
+    with_queue(story)
+
+
 @pytest.mark.parametrize("way", ["incomplete", "failed", "killed"])
 def test_what_fails_after_a_fit_is_done_costs_no_fit(way):
     async def story(queue):
@@ -382,3 +438,13 @@ def test_the_folder_is_private():
         assert Path(queue.folder).stat().st_mode & 0o077 == 0
 
     with_queue(story)
+
+
+def test_a_process_that_is_no_worker_is_ended(monkeypatch, tmp_path):
+    program, noted = tmp_path / "python", tmp_path / "pid"
+    program.write_text(f"#!/bin/sh\necho $$ > {noted}; echo rubbish; exec sleep 99\n")
+    program.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(program))
+    with pytest.raises(WorkerDiedError):
+        asyncio.run(pool.Worker.started(tmp_path))
+    assert not psutil.pid_exists(int(noted.read_text()))

@@ -233,27 +233,26 @@ def test_every_run_is_a_point_that_brings_its_picture_back(done, server):
     expect(page.locator("#figures")).to_contain_text(PSNR.text(reports[1]["psnr_svg"]))
 
 
-@pytest.mark.parametrize("way", ["point", "table", "side"])
-def test_two_runs_stand_side_by_side(done, way):
+def test_two_runs_stand_side_by_side_by_the_chart_the_table_or_the_list(done):
     page = done().page
     first = job_of(page)
     run(page, 2, 15)
     second = job_of(page)
-    if way == "point":
-        page.locator("#chart [data-run='1'] .target").click(modifiers=["Shift"])
-    elif way == "table":
+    for compare in (
+        lambda: page.locator("#chart [data-run='1'] .target").click(modifiers=["Shift"]),
+        lambda: page.locator("[data-action=compare-1]").click(),
+        lambda: page.locator("#left").select_option("1"),
+    ):
+        compare()
+        expect(page.locator("#badge-left")).to_contain_text("Run 1")
+        expect(page.locator("#badge-right")).to_contain_text("Run 2")
+        assert difference(page, f"api/jobs/{first}/picture.svg", "#photo") == 0
+        assert difference(page, f"api/jobs/{second}/picture.svg") == 0
+        expect(page.locator("[data-action=compare-1]")).to_have_attribute("aria-pressed", "true")
+        assert "% run 1" in page.locator("#slider").get_attribute("aria-valuetext")
         page.locator("[data-action=compare-1]").click()
-    else:
-        page.locator("#left").select_option("1")
-    expect(page.locator("#badge-left")).to_contain_text("Run 1")
-    expect(page.locator("#badge-right")).to_contain_text("Run 2")
-    assert difference(page, f"api/jobs/{first}/picture.svg", "#photo") == 0
-    assert difference(page, f"api/jobs/{second}/picture.svg") == 0
-    expect(page.locator("[data-action=compare-1]")).to_have_attribute("aria-pressed", "true")
-    assert "% run 1" in page.locator("#slider").get_attribute("aria-valuetext")
-    page.locator("[data-action=compare-1]").click()
-    expect(page.locator("#badge-left")).to_have_text("Photo")
-    assert difference(page, f"api/samples/{PLAIN}", "#photo") == 0
+        expect(page.locator("#badge-left")).to_have_text("Photo")
+        assert difference(page, f"api/samples/{PLAIN}", "#photo") == 0
 
 
 def test_names_are_text(visit):
@@ -366,14 +365,20 @@ def test_nothing_glides_where_no_motion_is_wanted(done):
     assert page.evaluate(moves) > 0
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_points_are_seen(done, scheme):
-    page = done(color_scheme=scheme).page
+def test_points_are_seen_by_day_and_by_night(done):
+    page = done(color_scheme="light").page
     for number, count in enumerate((15, 20, 30, 60), 2):
         run(page, number, count)
     points = page.locator("#chart .point")
     assert points.count() == 5
     page.locator("#chart").scroll_into_view_if_needed()
+    check_points(page)
+    page.emulate_media(color_scheme="dark")
+    check_points(page)
+
+
+def check_points(page):
+    """Each point has its colour where it lies."""
     for number in range(1, 6):
         wanted = page.locator(f"#chart [data-run='{number}']").evaluate(
             "e => getComputedStyle(e).fill"

@@ -1,17 +1,20 @@
 """A real studio: fits, cancellations, deaths and ends."""
 
+import base64
 import concurrent.futures
 import gzip
 import io
 import itertools
 import json
 import os
+import shlex
 import signal
 import socket
 import subprocess
 import sys
 import time
 import zipfile
+from xml.etree import ElementTree
 
 import numpy as np
 import psutil
@@ -21,6 +24,7 @@ from skimage import data
 from studio_server import running
 
 from gauss2svg import check, vectorize
+from gauss2svg.cli.main import main
 from gauss2svg.files import as_png
 from gauss2svg.pipeline.options import Options
 
@@ -40,7 +44,9 @@ def png(photo) -> bytes:
 
 
 @pytest.mark.parametrize("packed", [False, True])
-def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path, packed):
+def test_the_service_and_the_command_write_the_same_bytes(
+    server, png, tmp_path, packed, monkeypatch
+):
     options = {"quality": "draft", "iterations": 40, "seed": 3, "markup": "minimal", "gzip": packed}
     job = server.wait(server.submit(png, **options))
     with server.client.stream("GET", f"/api/jobs/{job['id']}/picture.svg") as stream:
@@ -49,13 +55,12 @@ def test_the_service_and_the_command_write_the_same_bytes(server, png, tmp_path,
         "/api/vectorize", data={"options": json.dumps(options)}, files={"photo": ("p.png", png)}
     )
     (tmp_path / "p.png").write_bytes(png)
-    # the line that the page shows, as it would be typed
-    words = job["lines"]["command"].split()
-    subprocess.run([sys.executable, "-P", "-m", *words], cwd=tmp_path, check=True)
+    # The lines that the page shows, as they would be typed.
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(job["lines"]["command"])[1:]) == 0
     suffix = "svgz" if packed else "svg"
     command = (tmp_path / f"p.{suffix}").read_bytes()
-    script = job["lines"]["python"].replace("p.svg", "q.svg")
-    subprocess.run([sys.executable, "-P", "-c", script], cwd=tmp_path, check=True)
+    exec(job["lines"]["python"].replace("p.svg", "q.svg"), {})
     assert served == command == (tmp_path / f"q.{suffix}").read_bytes()
     assert direct.content == (gzip.decompress(command) if packed else command)
     assert float(direct.headers["X-Gauss2svg-psnr-svg"]) == job["report"]["psnr_svg"]
@@ -103,8 +108,9 @@ def test_every_file_of_a_job_is_what_it_says(server, png, photo):
     shown = np.asarray(Image.open(io.BytesIO(get("photo.png").content)))
     assert np.array_equal(shown, np.round(photo * 255))
     assert Image.open(io.BytesIO(get("errors.png").content)).size == (128, 128)
-    assert get("outlines.svg").text.startswith("<?xml") or "<svg" in get("outlines.svg").text
-    assert get("data-uri.txt").text.startswith("data:image/svg+xml;base64,")
+    assert ElementTree.fromstring(get("outlines.svg").text).tag == "{http://www.w3.org/2000/svg}svg"
+    kind, _, encoded = get("data-uri.txt").text.partition(",")
+    assert (kind, base64.b64decode(encoded).decode()) == ("data:image/svg+xml;base64", svg)
     report = get("report.json").json()
     assert report["width"] == 128
     assert report["max_memory"] < psutil.virtual_memory().total  # its share
@@ -186,7 +192,9 @@ def test_a_killed_worker_costs_its_own_fit_and_says_so(server, png):
     assert server.wait(other)["state"] == "done"
 
 
-def test_twenty_clients_at_once_lose_nothing(server, png):
+def test_twenty_clients_at_once_lose_nothing(server, photo):
+    png = as_png(photo[:40, :40])
+
     def one(seed: int):
         files = {"photo": ("p.png", png)}
         options = {"quality": "draft", "iterations": 5, "seed": seed}
@@ -214,50 +222,12 @@ def test_past_the_bound_a_client_is_told_when_to_come_again(server, png):
         server.client.delete(f"/api/jobs/{job['id']}")
 
 
-def test_a_reader_that_never_reads_takes_no_room_and_stops_no_fit(server, png):
-    job = server.submit(png, quality="draft", iterations=2000, gaussians=100)
-    reader = socket.create_connection(_address(server))
-    reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    reader.sendall(
-        f"GET /api/jobs/{job['id']}/events HTTP/1.1\r\nHost: {_host(server)}\r\n"
-        f"Authorization: Bearer {server.token}\r\n\r\n".encode()
-    )
-    assert server.wait(job)["state"] == "done"
-    reader.close()
-
-
-def test_a_request_whose_head_never_ends_is_given_up(server):
-    loris = socket.create_connection(_address(server))
-    loris.sendall(b"GET / HTTP/1.1\r\nHost: x\r\n")
-    loris.settimeout(20)
-    begun = time.monotonic()
-    assert loris.recv(100) == b""
-    assert 5 < time.monotonic() - begun < 15
-    loris.close()
-
-
 def test_a_photo_that_breaks_while_it_is_decoded_fails_in_a_line_with_its_name(server, png):
     job = server.submit(png[: len(png) // 2])
     found = server.wait(job)
     assert found["state"] == "failed"
     assert "p.png must be a complete image" in found["error"]
     assert str(server.scratch) not in found["error"]
-
-
-def test_estimates_learn_from_runs_of_the_same_photo(server):
-    body = {"width": 451, "height": 300, "options": {"quality": "draft"}}
-    rule = server.client.post("/api/estimate", json=body).json()
-    assert rule["based_on"] == "rule"
-    report = server.wait(job := server.submit("chelsea.png", quality="draft"))["report"]
-    runs = server.client.post("/api/estimate", json={**body, "of": job["id"]}).json()
-    assert runs["based_on"] == "runs"
-    assert runs["gaussians"] == report["gaussians"]
-    assert runs["bytes"] == pytest.approx(report["svg_bytes"], rel=0.01)
-    assert runs["psnr"] == pytest.approx(report["psnr_svg"], abs=0.1)
-    body["options"] = {"quality": "balanced"}
-    more = server.client.post("/api/estimate", json={**body, "of": job["id"]}).json()
-    assert more["gaussians"] > runs["gaussians"]
-    assert more["psnr"] > runs["psnr"]
 
 
 def test_it_is_mounted_in_another_application_and_leaves_nothing(png, tmp_path):
@@ -288,8 +258,7 @@ asyncio.run(main())
     assert not list((tmp_path / "scratch").iterdir())
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("busy", [False, True])
+@pytest.mark.parametrize(("number", "busy"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
 def test_a_signal_ends_it_cleanly_with_nothing_left(png, number, busy):
     with running("--jobs", "1") as server:
         if busy:
@@ -313,14 +282,6 @@ def test_workers_outlive_a_killed_server_by_no_moment_and_remove_its_folder(png)
         server.process.kill()
         worker.wait(5)
         assert not list(server.scratch.iterdir())
-
-
-def test_another_host_warns_and_wants_the_token():
-    with running("--host", "0.0.0.0") as server:
-        assert "warning: anyone who reaches 0.0.0.0" in server.said
-        answer = server.client.get("/api/options", headers={"Authorization": ""})
-        assert answer.status_code == 401
-        assert server.client.get("/api/options").status_code == 200
 
 
 def _address(server) -> tuple[str, int]:

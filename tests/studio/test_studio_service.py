@@ -1,9 +1,11 @@
 """What the studio serves of a folder, and to whom while others hold connections; all in process."""
 
 import asyncio
+import contextlib
 import io
 import os
 import socket
+import time
 
 import httpx
 import pytest
@@ -11,13 +13,32 @@ from PIL import Image
 
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.photo.formats import SUFFIXES
-from gauss2svg.studio import photos, pool, server
+from gauss2svg.studio import pool, server, uploads
 from gauss2svg.studio.service import create_app
 
 HOME = "http://127.0.0.1:8137"
-
-
 ASK = b"GET / HTTP/1.1\r\nHost: here\r\n\r\n"
+
+
+async def application(_scope, _receive, send):
+    await send({"type": "http.response.start", "status": 204, "headers": []})
+    await send({"type": "http.response.body", "body": b""})
+
+
+@contextlib.asynccontextmanager
+async def listening():
+    """The port of a server that answers 204."""
+    config = server._config(application)
+    config.lifespan = "off"
+    one = server._Server(config, lambda: asyncio.sleep(0), lambda: None)
+    taken = server._socket("127.0.0.1", 0)
+    listens = asyncio.Event()
+    one._ready = listens.set
+    serving = asyncio.create_task(one.serve([taken]))
+    await listens.wait()
+    yield taken.getsockname()[1]
+    one.should_exit = True
+    await serving
 
 
 @pytest.mark.parametrize("asked", [False, True])
@@ -25,40 +46,56 @@ def test_connections_that_send_nothing_more_shut_nobody_out(monkeypatch, asked):
     monkeypatch.setattr(server, "_MOST_CONNECTIONS", 10)
     monkeypatch.setattr(server, "_MOST_WAITING", 5)
 
-    async def application(_scope, _receive, send):
-        await send({"type": "http.response.start", "status": 204, "headers": []})
-        await send({"type": "http.response.body", "body": b""})
-
     async def visited():
-        config = server._config(application)
-        config.lifespan = "off"
-        one = server._Server(config, lambda: asyncio.sleep(0), lambda: None)
-        listening = server._socket("127.0.0.1", 0)
-        listens = asyncio.Event()
-        one._ready = listens.set
-        serving = asyncio.create_task(one.serve([listening]))
-        await listens.wait()
-        port = listening.getsockname()[1]
-        idle = []
-        for _ in range(30):
-            idle.append(await asyncio.open_connection("127.0.0.1", port))
-            if asked:  # and is kept alive
-                idle[-1][1].write(ASK)
-                await idle[-1][0].readuntil(b"\r\n\r\n")
-        reader, writer = await asyncio.open_connection("127.0.0.1", port)
-        writer.write(ASK)
-        answer = await reader.readline()
-        # Those that came first have gone; the last ones may still send their request.
-        assert await idle[0][0].read() == b""
-        idle[-1][1].write(ASK)
-        late = await idle[-1][0].readline()
-        one.should_exit = True
-        await serving
+        async with listening() as port:
+            idle = []
+            for _ in range(30):
+                idle.append(await asyncio.open_connection("127.0.0.1", port))
+                if asked:  # and is kept alive
+                    idle[-1][1].write(ASK)
+                    await idle[-1][0].readuntil(b"\r\n\r\n")
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            writer.write(ASK)
+            answer = await reader.readline()
+            # Those that came first have gone; the last ones may still send their request.
+            assert await idle[0][0].read() == b""
+            idle[-1][1].write(ASK)
+            late = await idle[-1][0].readline()
         for _, opened in [*idle, (reader, writer)]:
             opened.close()
         return answer, late
 
     assert asyncio.run(visited()) == (b"HTTP/1.1 204 No Content\r\n",) * 2
+
+
+@pytest.mark.parametrize("sent", [b"", b"GET / HTTP/1.1\r\nHost: x\r\n", ASK])
+def test_a_request_whose_head_never_ends_is_given_up(monkeypatch, sent):
+    monkeypatch.setattr(server, "_HEAD_S", 0.2)
+
+    async def waited():
+        async with listening() as port:
+            reader, writer = await asyncio.open_connection("127.0.0.1", port)
+            begun = time.monotonic()
+            writer.write(sent)
+            answer = await asyncio.wait_for(reader.read(), 5)
+            writer.close()
+            return answer, time.monotonic() - begun
+
+    answer, seconds = asyncio.run(waited())
+    assert answer.startswith(b"HTTP/1.1 204") == (sent == ASK)
+    assert seconds > 0.15
+
+
+@pytest.mark.parametrize(
+    ("host", "warns"), [("127.0.0.1", False), ("localhost", False), ("0.0.0.0", True)]
+)
+def test_a_host_that_others_reach_warns(monkeypatch, host, warns):
+    monkeypatch.setattr(server._Server, "run", lambda self, sockets: self._ready())
+    said = []
+    server.serve(None, host, 0, 1, 1, browser=False, say=said.append)
+    warning = f"warning: anyone who reaches {host} and knows the token"
+    assert [line.startswith(warning) for line in said] == [True, False][not warns :]
+    assert "http://127.0.0.1:" in said[-1] or "http://localhost:" in said[-1]
 
 
 def test_a_sample_whose_name_is_no_utf_8_is_listed_and_served(tmp_path):
@@ -89,7 +126,7 @@ def test_the_studio_and_batches_take_the_same_files_of_a_folder_for_photos(tmp_p
         (tmp_path / f"a{suffix}").write_bytes(picture.getvalue())
         (tmp_path / f".a{suffix}").write_bytes(picture.getvalue())
     found = {source.path for source in photos_of([str(tmp_path)])}
-    assert found == {str(sample.path) for sample in photos.samples_in(tmp_path)}
+    assert found == {str(sample.path) for sample in uploads.samples_in(tmp_path)}
     assert len(found) == len(SUFFIXES)
 
 

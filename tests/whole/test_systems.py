@@ -26,7 +26,7 @@ from gauss2svg.measure.drawing import import_path
 from gauss2svg.photo.listing import slug_of
 from gauss2svg.processes import command_line, crash_of, end_of, end_tree, own_group
 from gauss2svg.raster import chromium, program
-from gauss2svg.studio.photos import stem_of
+from gauss2svg.studio.uploads import stem_of
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,7 @@ from gauss2svg.fit.options import DensifyOptions, FitConfig, FitProgress, FitRes
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk
+from gauss2svg.pipeline.bytes_each import MINIMAL, MINIMAL_GZIPPED
 from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.outcome import Outcome, Watch
@@ -79,8 +80,6 @@ class ByBytesTuning:
 
 TUNING = ByBytesTuning()
 
-# Bytes of a soft shape, a plain ellipse, and one of a drawing, until they are measured.
-_EACH, _EACH_GZIPPED = (62, 44, 36), (22, 20, 18)
 _GRIDS, _DRAWING_GRIDS = (0.8, 1.2), (4.0, 8.0)
 _SHARED_BY_DRAWING = 0.1
 # Placement and learning rate of each fit to a photo.
@@ -122,7 +121,7 @@ class ByBytes:
         caps = [plan.count] if plan.count is not None else []
         caps += [plan.preset.cap] if plan.options.goal.quality is not None else []
         self._most = min(caps, default=math.inf)
-        self._each = _EACH_GZIPPED if plan.counts_gzipped else _EACH
+        self._each = MINIMAL_GZIPPED if plan.counts_gzipped else MINIMAL
         self.is_drawing = is_drawing(subject.photo) and self._options.learned_falloff
         self._files = SmallFiles(plan, subject)
         self._files.subject = self._reduced(subject)

@@ -20,8 +20,9 @@ from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, ROUNDS
 from gauss2svg.fit.session import FitSession
+from gauss2svg.pipeline import bytes_each
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.presets import CAP_FOR_TARGET, KILOBYTES_PER_GAUSSIAN
+from gauss2svg.pipeline.presets import CAP_FOR_TARGET
 from gauss2svg.pipeline.search.export import Exporter
 from gauss2svg.pipeline.time_budget import TimeBudget
 
@@ -30,7 +31,6 @@ from gauss2svg.pipeline.time_budget import TimeBudget
 class CapTuning:
     """How many Gaussians a limit of bytes stands for (docs/decisions/markup.md).
 
-    gzipped                compressed share of the bytes, until it is measured
     least_measured         Gaussians from which the bytes of one are measured
     overfill_growing       times the allowed bytes that growth aims at: the least useful shapes go
                            afterwards
@@ -46,7 +46,6 @@ class CapTuning:
     writing_loss           share of the scene's error that writing is expected to add
     """
 
-    gzipped: float = 0.17
     least_measured: int = 200
     overfill_growing: float = 1.25
     overfill_refining: float = 1.03
@@ -82,9 +81,8 @@ class Growth:
 
     def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
         self._plan, self._exporter, self._budget = plan, exporter, budget
-        self._bytes_each = KILOBYTES_PER_GAUSSIAN * 1000
-        if plan.counts_gzipped:
-            self._bytes_each *= TUNING.gzipped
+        usual = bytes_each.TUNING
+        self._bytes_each = usual.usual * (usual.gzipped if plan.counts_gzipped else 1.0)
         self._bytes_known = False
         self.for_target = 0
         self.expected: int | None = None
@@ -111,15 +109,15 @@ class Growth:
         return self.expected or self.cap.gaussians
 
     def _first_limits(self, pixels: int) -> GrowthLimits:
-        plan, aim = self._plan, self._plan.aim
+        plan, aim, kilobytes = self._plan, self._plan.aim, bytes_each.TUNING.usual / 1000
         each = TUNING.pixels_each_of_budget if plan.is_budget else TUNING.pixels_each
         if plan.count is None:
             cap = min(plan.preset.cap, max(1, pixels // each))
-            limits = GrowthLimits(plan.preset.gain, KILOBYTES_PER_GAUSSIAN, plan.enough, cap)
+            limits = GrowthLimits(plan.preset.gain, kilobytes, plan.enough, cap)
             self.for_target = max(cap, min(CAP_FOR_TARGET, pixels))
         else:
             self.for_target = cap = plan.count
-            limits = GrowthLimits(0.0, KILOBYTES_PER_GAUSSIAN, math.inf, cap, cap_named="gaussians")
+            limits = GrowthLimits(0.0, kilobytes, math.inf, cap, cap_named="gaussians")
         if plan.byte_limit is not None or aim is not None:  # the best, not what is worth its bytes
             limits = dataclasses.replace(limits, gain=0.0)
         if aim is not None and aim.slope is None:  # that of the growth, which can aim at it

@@ -1,4 +1,4 @@
-"""The process in which fits run, one at a time: `python -m gauss2svg.studio.worker FOLDER`.
+"""The process in which fits run, one at a time: `python -m gauss2svg.studio.worker_process FOLDER`.
 
 Reads lines of JSON from standard input:
 
@@ -35,11 +35,11 @@ from gauss2svg.files import as_json, as_png, write_whole
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.alpha import over
 from gauss2svg.photo.stderr import own_standard_error
+from gauss2svg.pipeline import bytes_each
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.presets import KILOBYTES_PER_GAUSSIAN
 from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.run import Progress
 from gauss2svg.pipeline.vectorize import vectorize_by
@@ -153,7 +153,7 @@ class _Worker:
                 "psnr": fit.psnr if np.isfinite(fit.psnr) else None,
                 "elapsed_s": fit.elapsed_s,
                 "remaining_s": fit.remaining_s,
-                "bytes_estimate": round(1000 * KILOBYTES_PER_GAUSSIAN * fit.gaussians),
+                "bytes_estimate": bytes_each.TUNING.usual * fit.gaussians,
             }
             self._send(job, "progress", frame, progress=figures)
 

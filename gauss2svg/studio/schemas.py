@@ -1,14 +1,29 @@
-"""The JSON that the service answers with, as its OpenAPI document describes it."""
+"""The JSON of the service, and the fields of its form, as its OpenAPI document describes them."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Literal
+from urllib.parse import quote
 
-from typing_extensions import TypedDict  # pydantic's condition before Python 3.12
+from fastapi import UploadFile
+from pydantic import BaseModel, ConfigDict, Field, computed_field
 
 
-class State(TypedDict):
+class PhotoForm(BaseModel):
+    """A photo, given in one of three ways, and the options of its run."""
+
+    photo: UploadFile | None = Field(None, description="the file of a photo")
+    sample: str = Field("", description="or a name of /api/samples")
+    of: str = Field("", description="or the id of a job, whose photo is taken again")
+    options: str = Field("{}", description="JSON of options of /api/options")
+    keep: bool = Field(False, description="run on when nobody reads its events any more")
+
+
+class JobState(BaseModel):
     """A job; lines are the command and the Python that make the same file."""
+
+    model_config = ConfigDict(from_attributes=True)
 
     id: str
     state: str  # queued, running, done, stopped, failed or canceled
@@ -23,7 +38,7 @@ class State(TypedDict):
     lines: dict[str, str]
 
 
-class Estimate(TypedDict):
+class Estimate(BaseModel):
     """What a run will give; psnr in dB, None without Gaussians."""
 
     gaussians: int
@@ -34,16 +49,22 @@ class Estimate(TypedDict):
     based_on: Literal["rule", "runs"]
 
 
-class Sample(TypedDict):
-    """A picture to pick; width and height in px."""
+class Sample(BaseModel):
+    """A picture that can be picked; width and height in px."""
 
     name: str
-    url: str
+    path: Path = Field(exclude=True)
     width: int
     height: int
 
+    @computed_field
+    @property
+    def url(self) -> str:
+        """Address of its file, relative to the page."""
+        return f"api/samples/{quote(self.name, safe='')}"
 
-class Error(TypedDict):
+
+class Error(BaseModel):
     """Why a request was refused, in one line."""
 
     error: str

@@ -9,7 +9,7 @@ import re
 import unicodedata
 from collections.abc import Sequence
 from pathlib import Path, PurePath
-from typing import Any, NamedTuple
+from typing import Any
 
 from PIL import ExifTags, Image
 
@@ -19,6 +19,7 @@ from gauss2svg.files import is_device, reading
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.open import UnreadTiffError, opened
 from gauss2svg.photo.tags import SWAPPED
+from gauss2svg.studio.schemas import Sample
 
 _SURROGATE = re.compile("[\ud800-\udfff]")  # what of a file's name is no Unicode
 _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
@@ -28,15 +29,6 @@ _MOST_SAMPLES = 100
 _LONGEST_NAME = 100
 _LONGEST_STEM = 200  # bytes
 _CHUNK = 1 << 20
-
-
-class Sample(NamedTuple):
-    """A picture to pick."""
-
-    name: str
-    path: Path
-    width: int
-    height: int
 
 
 def display_name(given: str | None) -> str:
@@ -96,7 +88,8 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
         except InputError:  # it says so when it is picked nowhere: it is no photo to pick
             continue
         if width is not None and height is not None:
-            found.append(Sample(_unicode(path.name), path, width, height))
+            name = _unicode(path.name)
+            found.append(Sample(name=name, path=path, width=width, height=height))
     if folder is not None and not found:
         raise _no_folder(folder, "no photo is in it")
     return found

@@ -1,0 +1,255 @@
+"""Routes that make jobs and follow them."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import json
+import shutil
+from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import Response, StreamingResponse
+from pydantic import ValidationError
+from starlette.datastructures import FormData
+from starlette.exceptions import HTTPException
+
+from gauss2svg.errors import InputError, brief
+from gauss2svg.studio import uploads
+from gauss2svg.studio.estimate import estimate_of
+from gauss2svg.studio.guard import PICTURE_POLICY
+from gauss2svg.studio.jobs import CANCELED, FAILED, Job, Jobs
+from gauss2svg.studio.lines import lines_of
+from gauss2svg.studio.options import options_of
+from gauss2svg.studio.routes.dependencies import (
+    AllJobs,
+    KnownJob,
+    Samples,
+    job_named,
+    sample_named,
+)
+from gauss2svg.studio.schemas import Estimate, JobState, PhotoForm, Sample
+from gauss2svg.svg.file import file_bytes
+
+_MOST_JSON = 64_000  # characters of what is given as JSON
+_ALIVE_S = 15.0  # between two lines of an event stream that has nothing to tell
+_FIXED = {"name", "width", "height", "options", "lines"}  # told once of a job
+_FIGURES = ("gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s", "stop_reason")
+_FORM = {
+    "requestBody": {
+        "required": True,
+        "content": {"multipart/form-data": {"schema": PhotoForm.model_json_schema()}},
+    }
+}
+
+router = APIRouter(prefix="/api")
+
+
+async def _submitted(request: Request, jobs: AllJobs, samples: Samples) -> Job:
+    """The job of a form, queued.
+
+    FastAPI reads a form before it resolves any dependency: here a full queue refuses the upload
+    unread, and a full disk has its own status.
+    """
+    jobs.check_room()
+    with _disk_errors():
+        async with request.form(max_files=1, max_fields=len(PhotoForm.model_fields)) as given:
+            job = await _new_job(_checked(given), jobs, samples)
+    with _removed_on_error(job.folder):
+        jobs.submit(job)
+    return job
+
+
+def _checked(given: FormData) -> PhotoForm:
+    """The fields of a form; one that is left empty is none, and so is a photo that is text."""
+    fields = {name: value for name, value in given.items() if value}
+    if isinstance(fields.get("photo"), str):
+        del fields["photo"]
+    try:
+        return PhotoForm.model_validate(fields)
+    except ValidationError as error:
+        raise RequestValidationError(error.errors()) from error
+
+
+async def _new_job(form: PhotoForm, jobs: Jobs, samples: dict[str, Sample]) -> Job:
+    options = _parsed("options", form.options)
+    checked = options_of(options)
+    folder = jobs.new_folder()
+    path = folder / "photo"
+    with _removed_on_error(folder):
+        name, digest = await _keep_photo(form, path, jobs, samples)
+        width, height = await asyncio.to_thread(uploads.size_of, path, name)
+    lines = lines_of(name, checked)
+    return Job(folder, name, options, width, height, keep=form.keep, digest=digest, lines=lines)
+
+
+async def _keep_photo(
+    form: PhotoForm, path: Path, jobs: Jobs, samples: dict[str, Sample]
+) -> tuple[str, str]:
+    """Write the photo to a path; returns its name and digest."""
+    if form.photo is not None:
+        name = uploads.display_name(form.photo.filename)
+        return name, await uploads.save(form.photo, path)
+    if form.of:
+        other = await job_named(form.of, jobs)
+        await asyncio.to_thread(uploads.link, other.photo, path)
+        return other.name, other.digest
+    if form.sample:
+        sample = await sample_named(form.sample, samples)
+        await asyncio.to_thread(uploads.link, sample.path, path)
+        return sample.name, await asyncio.to_thread(uploads.digest_of, path)
+    raise InputError(
+        "the photo must be given: a file as photo, a sample, or the job that it is of; got none"
+    )
+
+
+@contextmanager
+def _removed_on_error(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+@contextmanager
+def _disk_errors() -> Iterator[None]:
+    """Errors of the disk as answers, without a path, which is private."""
+    try:
+        yield
+    except OSError as error:
+        status = 507 if error.errno in (errno.ENOSPC, errno.EDQUOT) else 500
+        line = f"the photo cannot be kept: {error.strerror or 'an error of the disk'}"
+        raise HTTPException(status, line) from error
+
+
+SubmittedJob = Annotated[Job, Depends(_submitted)]
+
+
+@router.post("/jobs", status_code=201, response_model=JobState, openapi_extra=_FORM)
+async def submit(job: SubmittedJob) -> Job:
+    """Queue a photo; answers with its id and its place in line."""
+    return job
+
+
+@router.post("/vectorize", openapi_extra=_FORM, response_class=Response)
+async def vectorize(request: Request, job: SubmittedJob, jobs: AllJobs) -> Response:
+    """The SVG of a photo; a client that goes away cancels it."""
+    over = asyncio.ensure_future(job.when())
+    gone = asyncio.ensure_future(_disconnection(request))
+    await asyncio.wait({over, gone}, return_when=asyncio.FIRST_COMPLETED)
+    gone.cancel()
+    over.cancel()
+    if not job.is_over:
+        jobs.forget(job)
+        raise HTTPException(499, "the client has gone")
+    if job.report is None:
+        status = {CANCELED: 409, FAILED: 422}.get(job.state, 500)
+        raise HTTPException(status, job.error or f"the job was {job.state}")
+    headers = {f"X-Gauss2svg-{name.replace('_', '-')}": str(job.report[name]) for name in _FIGURES}
+    headers |= {"X-Gauss2svg-job": job.id, "Content-Security-Policy": PICTURE_POLICY}
+    svg = await asyncio.to_thread((job.folder / "picture.svg").read_text, "utf-8")
+    data = await asyncio.to_thread(file_bytes, svg, job.is_zipped)
+    if job.is_zipped:
+        headers["Content-Encoding"] = "gzip"
+    return Response(data, media_type="image/svg+xml", headers=headers)
+
+
+async def _disconnection(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+async def _small_object(request: Request) -> dict[str, Any]:
+    """The JSON object of a body that is bounded in bytes and depth."""
+    body = b""
+    async for chunk in request.stream():
+        body += chunk
+        if len(body) > _MOST_JSON:
+            break
+    given = _parsed("the body", body.decode(errors="replace"))
+    if not isinstance(given, dict):
+        raise InputError(f"the body must be an object; got {type(given).__name__}")
+    return given
+
+
+def _parsed(what: str, text: str) -> Any:
+    if len(text) > _MOST_JSON:
+        raise InputError(f"{what} must be at most {_MOST_JSON} characters; got more")
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{what} must be JSON; got {brief(error)}") from error
+    except RecursionError as error:
+        raise InputError(f"{what} must be JSON; got one too deep") from error
+
+
+@router.post("/estimate")
+async def estimate(
+    given: Annotated[dict[str, Any], Depends(_small_object)], jobs: AllJobs
+) -> Estimate:
+    """What a run will give: JSON {width, height, options, of?} in, figures out."""
+    of = jobs.known.get(str(given.get("of")))
+    sides = given.get("width"), given.get("height")
+    if of is not None and of.width and of.height:
+        sides = of.width, of.height
+    return estimate_of(*sides, options_of(given.get("options", {})), jobs, of)
+
+
+@router.get("/jobs/{name}", response_model=JobState)
+async def state(job: KnownJob) -> Job:
+    """State, progress, and the report once it is there."""
+    return job
+
+
+@router.get("/jobs/{name}/events", response_class=StreamingResponse)
+async def events(job: KnownJob, jobs: AllJobs) -> StreamingResponse:
+    """Server-sent events: the state, then what of it changes; a slow reader gets the newest."""
+    return StreamingResponse(
+        _stream(job, jobs), media_type="text/event-stream", headers={"X-Accel-Buffering": "no"}
+    )
+
+
+async def _stream(job: Job, jobs: Jobs) -> AsyncIterator[str]:
+    with jobs.reading(job):
+        told = set[str]()
+        while True:
+            # Of the moment that is told: it may be over before a slow reader has read this.
+            seen, is_last = job.version, job.is_over
+            state = JobState.model_validate(job).model_dump(exclude=told)
+            yield f"event: state\ndata: {json.dumps(state)}\n\n"
+            if is_last:
+                return
+            told = _FIXED
+            while job.version == seen:
+                try:
+                    await asyncio.wait_for(job.news(seen), _ALIVE_S)
+                except TimeoutError:
+                    yield ": alive\n\n"
+
+
+@router.get("/jobs/{name}/frame", response_class=Response)
+async def frame(job: KnownJob) -> Response:
+    """JPEG of the fit as it is; waits for the first."""
+    await job.when(framed=True)
+    if not job.frame:
+        raise HTTPException(404, f"the job was {job.state} before its first frame")
+    headers = {"X-Gauss2svg-frame": str(job.frames)}
+    return Response(job.frame, media_type="image/jpeg", headers=headers)
+
+
+@router.post("/jobs/{name}/stop", response_model=JobState)
+async def stop(job: KnownJob, jobs: AllJobs) -> Job:
+    """End a fit with the best so far."""
+    jobs.stop(job)
+    return job
+
+
+@router.delete("/jobs/{name}", status_code=204, response_class=Response)
+async def forget(job: KnownJob, jobs: AllJobs) -> None:
+    """Cancel a job and forget it."""
+    jobs.forget(job)

@@ -1,0 +1,84 @@
+"""Routes of the page: itself, its files, its options, and the pictures that it offers."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from fastapi import APIRouter, Request
+from fastapi.responses import FileResponse, HTMLResponse, Response
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from starlette.exceptions import HTTPException
+
+from gauss2svg.gallery.pages import legend
+from gauss2svg.measure.heatmap import MOST
+from gauss2svg.photo.formats import SUFFIXES
+from gauss2svg.studio.options import form
+from gauss2svg.studio.routes.dependencies import AllJobs, KnownSample, Samples
+from gauss2svg.studio.schemas import Sample
+from gauss2svg.studio.uploads import REFUSED
+from gauss2svg.version import __version__
+
+router = APIRouter()
+_STATIC = {
+    file.name: file
+    for package in ("gauss2svg.gallery", "gauss2svg.studio")
+    for file in files(package).joinpath("static").iterdir()
+}
+# Not Python's own, which systems can change: a browser runs no script of another kind.
+_KINDS = {
+    ".css": "text/css",
+    ".js": "text/javascript",
+    ".svg": "image/svg+xml",
+    ".txt": "text/plain",
+}
+_TEMPLATES = Environment(
+    loader=ChoiceLoader([PackageLoader(f"gauss2svg.{room}") for room in ("studio", "bench")]),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+)
+
+
+@router.get("/", include_in_schema=False)
+async def page(request: Request, jobs: AllJobs) -> HTMLResponse:
+    """The page."""
+    html = _TEMPLATES.get_template("studio.html.jinja").render(
+        version=__version__,
+        workers=jobs.workers,
+        legend=legend(),
+        most_levels=MOST,
+        suffixes=(*SUFFIXES, *REFUSED),
+        is_local=request.app.state.is_local,
+    )
+    return HTMLResponse(html)
+
+
+@router.get("/static/{name}", include_in_schema=False)
+async def static(name: str) -> Response:
+    """A style sheet, a script, or a licence."""
+    if name not in _STATIC:
+        raise HTTPException(404, f"no static file {name}")
+    kind = _KINDS.get(Path(name).suffix, "application/octet-stream")
+    return Response(_STATIC[name].read_bytes(), media_type=kind)
+
+
+@router.get("/api/options")
+async def options() -> dict[str, Any]:
+    """Options by groups, with domains, defaults and help; presets; scores."""
+    return form()
+
+
+@router.get("/api/samples", name="samples", response_model=list[Sample])
+async def listed_samples(samples: Samples) -> Collection[Sample]:
+    """Pictures that can be picked in place of an upload."""
+    return samples.values()
+
+
+@router.get("/api/samples/{name}", response_class=FileResponse)
+async def sample(sample: KnownSample) -> FileResponse:
+    """The file of a picture."""
+    return FileResponse(sample.path)
