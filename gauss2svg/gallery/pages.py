@@ -37,7 +37,8 @@ DATA, TABLE = "gallery.json", "gallery.csv"
 ASSETS = "assets"
 OUTPUTS = (INDEX, TRADE_OFF, HOW, DATA, TABLE)
 _STATIC = (
-    "gallery.css", "gallery.js", "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
+    "gallery.css", "gallery.js", "viewer.js",
+    "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
 )  # fmt: skip
 _LEGEND_COLORS = 9  # of the error map's legend
 # (key of a report, unit, title of the axis, its text on a page, its text at a tick)
@@ -225,9 +226,11 @@ def _viewer(one: PhotoResult) -> list[dict[str, Any]]:
                 "picture": f"{slug}/{PICTURE}",
                 "errors": f"{slug}/{ERRORS}",
                 "outlines": f"{slug}/{OUTLINES}" if own else None,
-                "rounds": svg.rounds,
-                "worst": svg.worst,
-                "typical": svg.typical,
+                "rounds": [(number, numbers.whole(count)) for number, count in svg.rounds],
+                **{
+                    kind: crop | {"psnr": PSNR.text(crop["psnr"])}
+                    for kind, crop in (("worst", svg.worst), ("typical", svg.typical))
+                },
             }
         )
     return found

@@ -121,7 +121,7 @@ def _add_pages(app: FastAPI, queue: Jobs, is_local: bool) -> None:
         for file in files(package).joinpath("static").iterdir()
     }
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader(f"gauss2svg.{p}") for p in ("studio", "bench")]),
+        loader=ChoiceLoader([PackageLoader(f"gauss2svg.{p}") for p in ("studio", "gallery", "bench")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

@@ -176,7 +176,7 @@ def test_zoom_is_exact_and_both_sides_move_in_step(visit, headless, zoom):
 
     def check_layout():
         place = box(page, "#photo")
-        assert box(page, "#svg") == place == box(page, "#outlines")
+        assert box(page, "#svg") == place == box(page, "#outlines-right")
         assert (place["width"], place["height"]) == (SIZE["x"] * zoom, SIZE["y"] * zoom)
         return place
 
@@ -333,7 +333,7 @@ def test_divider_names_what_is_beside_the_photo(visit):
 
 def test_outlines_lie_over_both_sides(visit, headless):
     page = opened(visit)
-    assert not page.locator("#outlines").is_visible()
+    assert not page.locator("#outlines-right").is_visible()
     stage = box(page, "#stage")
     plain = shot(page, stage)
     page.get_by_label("Outlines").check()
@@ -360,7 +360,7 @@ def test_a_variant_is_chosen_everywhere(gallery, visit, headless, by_hand):
         page = opened(visit, f"{PAGE}/index.html#{OTHER}")
         assert page.get_by_role("radio", name=NAME).is_checked()
     page.evaluate(DECODED)
-    assert page.locator("#badge").text_content() == f"SVG, {NAME}"
+    assert page.locator("#badge-right").text_content() == f"SVG, {NAME}"
     assert set(page.locator("[data-chosen]").all_text_contents()) == {NAME}
     found = record(gallery, OTHER)
     for kind in ("worst", "typical"):
@@ -370,9 +370,9 @@ def test_a_variant_is_chosen_everywhere(gallery, visit, headless, by_hand):
     check_halves(page, headless, 0.5, right=f"{OTHER}/picture.svg")
     page.get_by_label("Error map").check()
     assert page.locator("#svg").get_attribute("src") == f"{OTHER}/errors.png"
-    assert page.locator("#badge").text_content() == f"Errors, {NAME}"
+    assert page.locator("#badge-right").text_content() == f"Errors, {NAME}"
     page.get_by_label("Outlines").check()
-    assert page.locator("#outlines").get_attribute("src") == f"{OTHER}/outlines.svg"
+    assert page.locator("#outlines-right").get_attribute("src") == f"{OTHER}/outlines.svg"
 
 
 @pytest.mark.parametrize(("variant", "compared"), [(MAIN, "worst"), (OTHER, "typical")])

@@ -1,9 +1,6 @@
-// Elements, and the lines that tell what happened.
+// Elements (found by `by` and `all` of viewer.js), and the lines that tell what happened.
 
 const SVG = "http://www.w3.org/2000/svg";
-
-export const by = (id) => document.getElementById(id);
-export const all = (selector, root = document) => [...root.querySelectorAll(selector)];
 
 // Attributes by name; functions are listeners, null and false are left out.
 function fill(element, attributes, children) {

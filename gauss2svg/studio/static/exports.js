@@ -1,7 +1,7 @@
 // The ways out: files, the clipboard, and the lines that make the same file.
 
 import { getBlob, getText, ofJob } from "./api.js";
-import { all, by, complain, say } from "./dom.js";
+import { complain, say } from "./dom.js";
 
 export class Exports {
   constructor(limits) {

@@ -1,6 +1,6 @@
 // The main control: what a run aims at, and how much of it.
 
-import { all, by, make } from "./dom.js";
+import { make } from "./dom.js";
 import { shortSize, whole } from "./numbers.js";
 
 const TICKS = 100; // of the slider on a logarithmic scale

@@ -1,6 +1,6 @@
 // Photos come in: dropped, pasted, chosen, or picked among the samples.
 
-import { by, make } from "./dom.js";
+import { make } from "./dom.js";
 
 const NO_PHOTO = "There was no photo in it. Try a JPEG, PNG or WebP file.";
 

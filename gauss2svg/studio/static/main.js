@@ -1,7 +1,7 @@
 // What the page knows, and what follows from a change of it.
 
 import { ApiError, getBlob, getEstimate, getJob, getOptions, getSamples, ofJob, zipOf } from "./api.js";
-import { all, by, complain, debounced, say } from "./dom.js";
+import { complain, debounced, say } from "./dom.js";
 import { Exports } from "./exports.js";
 import { Goal } from "./goal.js";
 import { listen, showSamples } from "./intake.js";
@@ -11,7 +11,6 @@ import { about, whole } from "./numbers.js";
 import { figuresOf, showProgress, Strip } from "./progress.js";
 import { Picture } from "./rounds.js";
 import { named, Trade } from "./trade.js";
-import { Viewer } from "./viewer.js";
 
 const TYPICAL = { width: 768, height: 512 }; // px, before there is a photo
 const ESTIMATE_MS = 200; // after the last change
@@ -25,7 +24,7 @@ class Studio {
     const estimate = debounced(() => this.estimate(), ESTIMATE_MS);
     this.goal = new Goal(options, estimate);
     this.more = new More(groups, estimate);
-    this.viewer = new Viewer((source) => this.missing(source));
+    this.viewer = new Viewer((zoom, shown) => tellZoom(zoom, shown), (source) => this.missing(source));
     this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
     this.exports = new Exports(limits);
     this.strip = new Strip((photo) => this.open(photo));
@@ -51,8 +50,10 @@ class Studio {
       this.beside = this.runs.find((run) => String(run.number) === by("left").value) ?? null;
       this.showAll();
     });
-    const ramp = all(".ramp")[0];
-    ramp.style.background = `linear-gradient(to right,${ramp.dataset.colors})`;
+    for (const [id, act] of Object.entries({
+      closer: () => this.viewer.closer(), farther: () => this.viewer.farther(),
+      fit: () => this.viewer.fit(), actual: () => this.viewer.zoomTo(1),
+    })) by(id).addEventListener("click", act);
   }
 
   // ---- photos and runs come in
@@ -119,9 +120,7 @@ class Studio {
     }
     if (isDone(run) && run.photo.cannotBeSeen) this.tried(this.fetchPhoto(run));
     if (!isDone(run)) this.drop(run);
-    if (this.shown === run) {
-      by("rounds").value = by("rounds").max = run.picture.rounds.length || 1;
-    }
+    if (this.shown === run) this.viewer.setRounds(roundsOf(run));
     if (isDone(run)) say(`${named(run)} is done: ${figuresOf(run)}`);
     this.showAll();
     this.estimate();
@@ -219,9 +218,7 @@ class Studio {
   setShown(run) {
     this.shown = run;
     this.beside = null;
-    const rounds = run?.picture?.rounds.length || 1;
-    by("rounds").max = rounds;
-    by("rounds").value = rounds;
+    this.viewer.setRounds(roundsOf(run));
   }
 
   show(run) {
@@ -278,26 +275,14 @@ class Studio {
     else viewer.show("left", photo.cannotBeSeen ? null : { src: photo.url, name: "photo", alt: `The photo ${photo.name}`, badge: "Photo" });
     for (const control of [look.outlined, ...look.side]) control.disabled = !done;
     const isErrors = done !== null && look.side.value === "errors";
-    if (isErrors) viewer.show("right", { src: ofJob(done.id, "errors.png"), name: "error map", alt: `Error map of ${named(done)}`, badge: `Errors, run ${done.number}`, pixels: true });
-    else if (done) viewer.show("right", pictureSide(done, done.picture.upTo(Number(by("rounds").value)), !beside));
+    if (isErrors) viewer.show("right", { src: ofJob(done.id, "errors.png"), name: "error map", alt: `Error map of ${named(done)}`, badge: `Errors, run ${done.number}`, isErrors });
+    else if (done) viewer.show("right", pictureSide(done, done.picture.upTo(viewer.round), !beside));
     else viewer.show("right", frameSide(shown));
     // The photo until there are shapes, the shapes as they come, and in the end both.
     viewer.divide(done ? 50 : frameSide(shown) ? 0 : 100);
     const isOutlined = done !== null && look.outlined.checked;
     viewer.outline("right", isOutlined ? ofJob(done.id, "outlines.svg") : null);
     viewer.outline("left", isOutlined ? ofJob((beside ?? done).id, "outlines.svg") : null);
-    by("legend").hidden = !isErrors;
-    this.showRounds(done, isErrors);
-  }
-
-  showRounds(done, isErrors) {
-    const rounds = done?.picture.rounds ?? [], field = by("rounds");
-    by("rounds-field").hidden = rounds.length < 2;
-    if (rounds.length < 2) return;
-    field.disabled = isErrors;
-    const [number, count] = rounds[Math.min(Number(field.value), rounds.length) - 1];
-    by("round").textContent = `after round ${number}: ${whole(count)} shapes`;
-    field.setAttribute("aria-valuetext", by("round").textContent);
   }
 
   // What may be left of the divider: the photo, or another run of it.
@@ -349,6 +334,15 @@ class Studio {
       if (error.status !== 422 || !this.more.blame(error.message, false)) complain("goal-error", error.message);
     }
   }
+}
+
+const roundsOf = (run) =>
+  (run?.picture?.rounds ?? []).map(([number, count]) => `after round ${number}: ${whole(count)} shapes`);
+
+function tellZoom(zoom, shown) {
+  by("zoom").textContent = `${Math.round(shown * 100)} %`;
+  by("fit").setAttribute("aria-pressed", zoom === null);
+  by("actual").setAttribute("aria-pressed", zoom === 1);
 }
 
 function pictureSide(run, src, isAlone = false) {

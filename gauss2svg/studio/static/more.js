@@ -1,6 +1,6 @@
 // The less used options, made from the server's description of them.
 
-import { by, make } from "./dom.js";
+import { make } from "./dom.js";
 
 export class More {
   constructor(groups, changed) {

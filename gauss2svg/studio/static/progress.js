@@ -1,6 +1,6 @@
 // The run that is under way: its figures, its bar, and the line of photos.
 
-import { by, make } from "./dom.js";
+import { make } from "./dom.js";
 import { isActive, isDone } from "./job.js";
 import { decibels, seconds, size, whole } from "./numbers.js";
 

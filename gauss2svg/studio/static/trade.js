@@ -1,7 +1,7 @@
 // Every finished run: a point of the chart, a row of the table.
 
 import { chartOf, mark } from "./chart.js";
-import { all, by, make } from "./dom.js";
+import { make } from "./dom.js";
 import { score, seconds, shortSeconds, shortSize, size, whole } from "./numbers.js";
 
 const COSTS = {
