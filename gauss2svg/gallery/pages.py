@@ -42,7 +42,7 @@ _STATIC = (
 )  # fmt: skip
 _LEGEND_COLORS = 9  # of the error map's legend
 # (key of a report, unit, title of the axis, its text on a page, its text at a tick)
-_COSTS = (
+COSTS = (
     ("svg_bytes", "bytes", "size of the SVG", numbers.size, numbers.short_size),
     ("total_s", "seconds", "time, photo to measured SVG", numbers.seconds, numbers.short_seconds),
 )
@@ -258,7 +258,7 @@ def _charts(
     series = {variant.slug: at for at, variant in enumerate(variants)}
     found = []
     for axis in axes:
-        for name, word, cost_title, format_cost, format_tick in _COSTS:
+        for name, word, cost_title, format_cost, format_tick in COSTS:
             points = [
                 Point(
                     cost=svg.report[name],

@@ -13,14 +13,14 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, HTMLResponse, JSONResponse, Response
 from fastapi.routing import APIRoute
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from starlette.exceptions import HTTPException
 
+from gauss2svg.bench.chart import template_environment
 from gauss2svg.errors import Gauss2SvgError, on_one_line
 from gauss2svg.gallery.pages import legend
 from gauss2svg.measure.heatmap import MOST
 from gauss2svg.photo.formats import SUFFIXES
-from gauss2svg.studio import photos
+from gauss2svg.studio import chart, photos
 from gauss2svg.studio.answers import ERRORS, Sample
 from gauss2svg.studio.fits import add_fits
 from gauss2svg.studio.form import form
@@ -84,6 +84,7 @@ def create_app(
     _add_photos(app, samples)
     add_fits(app, queue, samples)
     add_results(app, queue)
+    app.include_router(chart.router)
     for route in app.routes:
         if isinstance(route, APIRoute):
             route.summary = route.description.partition(".")[0].partition(":")[0]
@@ -120,13 +121,7 @@ def _add_pages(app: FastAPI, queue: Jobs, is_local: bool) -> None:
         for package in ("gauss2svg.gallery", "gauss2svg.studio")
         for file in files(package).joinpath("static").iterdir()
     }
-    environment = Environment(
-        loader=ChoiceLoader([PackageLoader(f"gauss2svg.{p}") for p in ("studio", "gallery", "bench")]),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    environment = template_environment("gauss2svg.gallery", "gauss2svg.studio")
     kinds = {".css": "text/css", ".js": "text/javascript", ".svg": _SVG, ".txt": "text/plain"}
 
     @app.get("/", include_in_schema=False)

@@ -7,8 +7,8 @@ import pytest
 import studio_site
 from gallery_site import PHONE, WIDE, box, shot
 from playwright.sync_api import expect
+from screens import CONTROLS, OVERFLOW, grave_faults
 from studio_site import HOSTILE, PLAIN, aim, await_run, difference, draft, job_of, pick
-from test_gallery_browser import CONTROLS, OVERFLOW, grave_faults
 
 from gauss2svg.measure.scores import PSNR, SSIM
 
@@ -200,8 +200,7 @@ def test_every_run_is_a_point_that_brings_its_picture_back(done, server):
     page = done().page
     run(page, 2, 20)
     run(page, 3, 60)
-    points = page.locator("#chart .point")
-    assert points.count() == 3
+    expect(page.locator("#chart .point")).to_have_count(3)
     reports = {}
     for number in (1, 2, 3):
         point = page.locator(f"#chart [data-run='{number}']")
@@ -371,8 +370,7 @@ def test_points_are_seen(done, scheme):
     page = done(color_scheme=scheme).page
     for number, count in enumerate((15, 20, 30, 60), 2):
         run(page, number, count)
-    points = page.locator("#chart .point")
-    assert points.count() == 5
+    expect(page.locator("#chart .point")).to_have_count(5)
     page.locator("#chart").scroll_into_view_if_needed()
     for number in range(1, 6):
         wanted = page.locator(f"#chart [data-run='{number}']").evaluate(

@@ -31,10 +31,10 @@ export const getSamples = () => json("api/samples");
 export const getText = async (path) => (await answer(path)).text();
 export const getBlob = async (path) => (await answer(path)).blob();
 
-export function getEstimate(asked, signal) {
-  const headers = { "content-type": "application/json" };
-  return json("api/estimate", { method: "POST", headers, body: JSON.stringify(asked), signal });
-}
+const asking = (asked, signal) =>
+  ({ method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(asked), signal });
+export const getEstimate = (asked, signal) => json("api/estimate", asking(asked, signal));
+export const getChart = async (asked, signal) => (await answer("api/chart", asking(asked, signal))).text();
 // A photo whose bytes the server has already is not sent again; a 404 says that it has them no longer.
 export function postJob(photo, options) {
   const body = new FormData();

@@ -1,18 +1,14 @@
 // Every finished run: a point of the chart, a row of the table.
 
-import { chartOf, mark } from "./chart.js";
-import { make } from "./dom.js";
-import { score, seconds, shortSeconds, shortSize, size, whole } from "./numbers.js";
-
-const COSTS = {
-  svg_bytes: { title: "size of the SVG", tick: shortSize, name: "size" },
-  total_s: { title: "time, photo to measured SVG", tick: shortSeconds, name: "time" },
-};
+import { ApiError } from "./api.js";
+import { chartOf, mark, ring } from "./chart.js";
+import { complain, make } from "./dom.js";
+import { score, seconds, size, whole } from "./numbers.js";
 
 export class Trade {
   // scores: the axes of the server; show(run) and compare(run) are called by clicks.
   constructor(scores, show, compare) {
-    Object.assign(this, { scores, show, compare, runs: [], shown: null, compared: null });
+    Object.assign(this, { scores, show, compare, runs: [], shown: null, compared: null, drawn: "", asking: new AbortController() });
     const radio = (axis, at) => make("label", {},
       make("input", { type: "radio", name: "score", value: axis.key, checked: at === 0 }), make("span", {}, axis.name));
     by("scores").append(...scores.map(radio));
@@ -36,19 +32,33 @@ export class Trade {
     return this.measured.find((axis) => axis.key === form.score.value) ?? this.measured[0];
   }
 
-  drawChart() {
-    const axis = this.axis(), cost = COSTS[by("axes").elements.cost.value];
-    const key = by("axes").elements.cost.value;
+  // Asks for the chart anew where its points or axes are others; the one of before stays until then.
+  async drawChart() {
+    const axis = this.axis(), cost = by("axes").elements.cost.value;
     const has = (run) => axis.best === null || (run.report[axis.key] ?? null) !== null;
     const points = this.runs.filter(has).map((run) => ({
-      cost: run.report[key], score: run.report[axis.key], series: run.photo.series, run: run.number,
+      cost: run.report[cost], score: run.report[axis.key], series: run.photo.series, run: run.number,
       text: `${named(run)}: ${score(axis, run.report[axis.key])}, ${size(run.report.svg_bytes)}, ${seconds(run.report.total_s)}`,
-      isShown: run === this.shown, isCompared: run === this.compared,
       choose: (event) => (event.shiftKey ? this.compare(run) : this.show(run)),
     }));
-    const focused = document.activeElement?.closest?.(".point")?.dataset.run;
-    by("chart").replaceChildren(chartOf(points, axis, cost, `${axis.title}, over ${cost.title}, logarithmic; the table has the numbers`));
-    if (focused) by("chart").querySelector(`[data-run="${focused}"]`)?.focus({ preventScroll: true });
+    const drawn = JSON.stringify([axis.key, cost, points]);
+    if (drawn !== this.drawn) {
+      this.drawn = drawn;
+      this.asking.abort();
+      this.asking = new AbortController();
+      try {
+        const chart = await chartOf(points, axis.key, cost, this.asking.signal);
+        const focused = document.activeElement?.closest(".point")?.getAttribute("data-run");
+        by("chart").replaceChildren(chart);
+        if (focused) all(`[data-run="${focused}"]`, chart, SVGElement)[0]?.focus({ preventScroll: true });
+      } catch (error) {
+        if (error.name === "AbortError") return;
+        if (!(error instanceof ApiError)) throw error;
+        this.drawn = "";
+        complain("photo-error", error.message);
+      }
+    }
+    ring(by("chart"), this.shown?.number, this.compared?.number);
   }
 
   fillTable() {
