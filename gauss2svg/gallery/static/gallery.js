@@ -37,7 +37,7 @@
     function arrange() {
       const wanted = find.value.trim().toLocaleLowerCase(), floor = least.valueAsNumber;
       let shown = 0;
-      for (const card of cards.toSorted(compare)) {
+      for (const card of [...cards].sort(compare)) {
         const psnr = numberOf(card, "psnr_svg");
         const fits = card.name.toLocaleLowerCase().includes(wanted)
           && (Number.isNaN(floor) || (psnr !== null && psnr >= floor));
