@@ -1,6 +1,7 @@
 """Laws of the studio's page in a browser: the stage, the trade, and access for everyone."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -224,6 +225,9 @@ def test_every_run_is_a_point_that_brings_its_picture_back(done, server):
         for score, of in (("PSNR", "psnr_svg"), ("SSIM", "ssim_svg")):
             page.locator("#axes").get_by_label(cost, exact=True).check()
             page.locator("#axes").get_by_label(score, exact=True).check()
+            drawn = page.locator("#chart > svg")
+            words = {"Size": "size of the SVG", "Time": "time, photo to"}[cost]
+            expect(drawn).to_have_attribute("aria-label", re.compile(f"^{score}.*{words}"))
             places = {n: box(page, f"#chart [data-run='{n}'] .target") for n in reports}
             for axis, field, sign in (("x", key, 1), ("y", of, -1)):
                 seen = sorted(reports, key=lambda n: sign * places[n][axis])
