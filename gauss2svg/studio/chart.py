@@ -22,10 +22,10 @@ router = APIRouter()
 class PointAsked(BaseModel):
     """A run: its cost, its score, None where the pictures are equal, its series and tooltip."""
 
-    cost: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    score: Annotated[float, Field(allow_inf_nan=False)] | None
-    series: Annotated[int, Field(ge=0)]
-    text: str
+    cost: Annotated[float, Field(ge=1e-9, le=1e15)]
+    score: Annotated[float, Field(ge=-1e6, le=1e6)] | None
+    series: Annotated[int, Field(ge=0, le=1e6)]
+    text: Annotated[str, Field(max_length=1000)]
 
 
 class ChartAsked(BaseModel):
@@ -36,9 +36,9 @@ class ChartAsked(BaseModel):
     points: Annotated[list[PointAsked], Field(min_length=1, max_length=_MOST_POINTS)]
 
 
-@router.post("/api/chart", include_in_schema=False)
+@router.post("/api/chart", response_class=Response, summary="A chart of a score over a cost")
 def draw_chart(asked: ChartAsked) -> Response:
-    """The chart of some runs as SVG, its points in their order; a line joins those of a series."""
+    """A chart of a score over a cost as SVG, its points in their order."""
     axis, (title, at_tick) = _AXES[asked.score], _COSTS[asked.cost]
     points = [
         Point(one.cost, one.score, one.series, group=one.series, text=one.text)

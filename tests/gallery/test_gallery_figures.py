@@ -84,12 +84,12 @@ points = st.lists(
 )
 
 
-@pytest.mark.parametrize(("frame", "most_ticks"), [(PAGE, 11), (BESIDE, 7)])
+@pytest.mark.parametrize("frame", [PAGE, BESIDE])
 @given(points)
 @example([Point(1.27, 30.0, 0, None, "")])
 @example([Point(7.0, None, 0, 0, "")] * 2)
 @example([Point(1.0, 30.0, 0, 0, ""), Point(1.0, 30.0, 1, 0, "")])
-def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, most_ticks, given_points):
+def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, given_points):
     chart = scatter(given_points, lambda cost: f"{cost:g}", frame=frame)
     assert chart.frame == frame
     assert [placed.point for placed in chart.points] == given_points
@@ -109,10 +109,11 @@ def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, most_ticks, giv
         assert all(placed.y > chart.equal_y for placed in finite)
 
     assert chart.x_ticks
-    assert len(chart.x_ticks) <= most_ticks
+    assert len(chart.x_ticks) < 12
     places = [x for x, _ in chart.x_ticks]
     assert places == sorted(set(places))
     assert all(frame.left <= x <= frame.right for x in places)
+    assert all(other - one >= 28 for one, other in pairwise(places))  # so that texts fit
     assert 2 <= len(chart.y_ticks) <= 9
     assert all(frame.top <= y <= frame.bottom for y, _ in chart.y_ticks)
     levels = [float(text) for _, text in chart.y_ticks]
