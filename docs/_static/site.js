@@ -4,24 +4,26 @@ addEventListener("DOMContentLoaded", () => {
     document.querySelector(`.${name}`)?.setAttribute("aria-label", label);
   }
   for (const box of document.querySelectorAll("pre, .table-wrapper")) {
-    if (box.scrollWidth > box.clientWidth) box.tabIndex = 0;
+    if (box instanceof HTMLElement && box.scrollWidth > box.clientWidth) box.tabIndex = 0;
   }
 });
 
 // The start page's picture: without this script its last frame.
 addEventListener("DOMContentLoaded", () => {
   const start = document.getElementById("start");
-  if (!start) return;
-  const [image, list] = [start.querySelector("img"), start.querySelector("ol")];
-  const [label, slider] = [start.querySelector("label"), start.querySelector("input")];
-  const address = (k) => image.src.replace(/\d+(?=\.webp)/, list.dataset.frames.split(" ")[k]);
+  const image = start?.querySelector("img"), lines = [...start?.querySelectorAll("li") ?? []];
+  const frames = start?.querySelector("ol")?.dataset.frames?.split(" ");
+  const label = start?.querySelector("label"), slider = start?.querySelector("input");
+  if (!image || !frames || !label || !slider) return;
+  /** @param {number} k */
+  const address = (k) => image.src.replace(/\d+(?=\.webp)/, frames[k]);
   const show = () => {
     const k = Number(slider.value);
     image.src = address(k);
-    slider.ariaValueText = list.children[k].textContent;
-    for (const [n, line] of [...list.children].entries()) line.hidden = n !== k;
+    slider.ariaValueText = lines[k].textContent;
+    for (const [n, line] of lines.entries()) line.hidden = n !== k;
   };
-  for (let k = 0; k < list.children.length; k++) new Image().src = address(k);
+  for (const k of lines.keys()) new Image().src = address(k);
   slider.addEventListener("input", show);
   label.hidden = false;
   show();

@@ -10,10 +10,25 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
 from gauss2svg.measure.scores import PSNR, Score
 
-WIDTH, HEIGHT = 720, 440  # user units
-_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 20, 34, 46
 _MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
-_MOST_DECADES_WITH_ALL_STEPS = 2.5
+_MOST_DECADES = 2.5  # of the cost axis; a longer one has ticks at powers of ten alone
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where the axes of a chart lie, in user units; a narrow one has fewer ticks."""
+
+    width: float
+    height: float
+    left: float
+    right: float
+    top: float
+    bottom: float
+    is_narrow: bool = False
+
+
+PAGE = Frame(720, 440, left=52, right=700, top=34, bottom=394)
+BESIDE = Frame(340, 270, left=42, right=326, top=30, bottom=226, is_narrow=True)  # a picture
 
 
 @dataclass(frozen=True)
@@ -61,16 +76,14 @@ class Chart:
     points: list[Placed]
     equal_y: float | None
     score: str
-    left: float = _LEFT
-    right: float = WIDTH - _RIGHT
-    top: float = _TOP
-    bottom: float = HEIGHT - _BOTTOM
-    width: float = WIDTH
-    height: float = HEIGHT
+    frame: Frame
 
 
 def scatter(
-    points: Sequence[Point], format_cost: Callable[[float], str], axis: Score = PSNR
+    points: Sequence[Point],
+    format_cost: Callable[[float], str],
+    axis: Score = PSNR,
+    frame: Frame = PAGE,
 ) -> Chart | None:
     """A chart of a score over cost, on a logarithmic axis; None without points.
 
@@ -92,11 +105,11 @@ def scatter(
 
     def x_of(cost: float) -> float:
         share = math.log(cost / low) / math.log(high / low)
-        return round(_LEFT + share * (WIDTH - _RIGHT - _LEFT), 1)
+        return round(frame.left + share * (frame.right - frame.left), 1)
 
     def y_of(height: float) -> float:
         share = (height - bottom) / (ceiling - bottom)
-        return round(HEIGHT - _BOTTOM - share * (HEIGHT - _BOTTOM - _TOP), 1)
+        return round(frame.bottom - share * (frame.bottom - frame.top), 1)
 
     placed = [
         Placed(
@@ -111,7 +124,7 @@ def scatter(
     heights = [bottom + k * step for k in range(round((top - bottom) / step) + 1)]
     highest = math.inf if axis.best is None else sign * axis.best + step / 2
     return Chart(
-        x_ticks=[(x_of(value), format_cost(value)) for value in _ticks(low, high)],
+        x_ticks=[(x_of(value), format_cost(value)) for value in _ticks(low, high, frame.is_narrow)],
         y_ticks=[(y_of(at), _tick(sign * at)) for at in heights if at < highest],
         lines=[
             " ".join(f"{one.x},{one.y}" for one in sorted(group, key=lambda one: one.x))
@@ -120,6 +133,7 @@ def scatter(
         points=placed,
         equal_y=y_of(ceiling) if some_equal else None,
         score=axis.title,
+        frame=frame,
     )
 
 
@@ -146,16 +160,20 @@ def _tick(value: float) -> str:
     return f"{round(value, 6) + 0.0:g}"
 
 
-def _ticks(low: float, high: float) -> list[float]:
-    """Ticks at 1, 2 and 5 of each power of ten; powers alone on a long axis, more on a short."""
+def _ticks(low: float, high: float, is_narrow: bool) -> list[float]:
+    """Ticks at 1, 2 and 5 of each power of ten; fewer on a long axis, more on a short."""
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
 
     def between(*steps: float) -> list[float]:
         found = [step * 10.0**exponent for exponent in exponents for step in steps]
         return [value for value in found if low <= value <= high]
 
-    if math.log10(high / low) > _MOST_DECADES_WITH_ALL_STEPS:
+    decades = math.log10(high / low)
+    if decades > _MOST_DECADES:
         return between(1)
+    if is_narrow and decades > _MOST_DECADES / 2:
+        return between(1, 3)
     usual = between(1, 2, 5)
     # Of these no two neighbours are as far apart as the ends of the shortest axis.
-    return usual if len(usual) > 1 else between(1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
+    found = usual if len(usual) > 1 else between(1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
+    return found[::2] if is_narrow and len(found) > 4 else found

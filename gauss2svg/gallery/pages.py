@@ -37,11 +37,12 @@ DATA, TABLE = "gallery.json", "gallery.csv"
 ASSETS = "assets"
 OUTPUTS = (INDEX, TRADE_OFF, HOW, DATA, TABLE)
 _STATIC = (
-    "gallery.css", "gallery.js", "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
+    "gallery.css", "gallery.js", "viewer.js",
+    "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
 )  # fmt: skip
 _LEGEND_COLORS = 9  # of the error map's legend
 # (key of a report, unit, title of the axis, its text on a page, its text at a tick)
-_COSTS = (
+COSTS = (
     ("svg_bytes", "bytes", "size of the SVG", numbers.size, numbers.short_size),
     ("total_s", "seconds", "time, photo to measured SVG", numbers.seconds, numbers.short_seconds),
 )
@@ -225,9 +226,11 @@ def _viewer(one: PhotoResult) -> list[dict[str, Any]]:
                 "picture": f"{slug}/{PICTURE}",
                 "errors": f"{slug}/{ERRORS}",
                 "outlines": f"{slug}/{OUTLINES}" if own else None,
-                "rounds": svg.rounds,
-                "worst": svg.worst,
-                "typical": svg.typical,
+                "rounds": [(number, numbers.whole(count)) for number, count in svg.rounds],
+                **{
+                    kind: crop | {"psnr": PSNR.text(crop["psnr"])}
+                    for kind, crop in (("worst", svg.worst), ("typical", svg.typical))
+                },
             }
         )
     return found
@@ -255,7 +258,7 @@ def _charts(
     series = {variant.slug: at for at, variant in enumerate(variants)}
     found = []
     for axis in axes:
-        for name, word, cost_title, format_cost, format_tick in _COSTS:
+        for name, word, cost_title, format_cost, format_tick in COSTS:
             points = [
                 Point(
                     cost=svg.report[name],

@@ -16,8 +16,8 @@ from starlette.exceptions import HTTPException
 from gauss2svg.errors import Gauss2SvgError, on_one_line
 from gauss2svg.studio.guard import Bounded
 from gauss2svg.studio.jobs import Jobs, QueueFullError
+from gauss2svg.studio.routes import chart, pages, results
 from gauss2svg.studio.routes import jobs as job_routes
-from gauss2svg.studio.routes import pages, results
 from gauss2svg.studio.schemas import ERRORS
 from gauss2svg.studio.share import workers_and_threads
 from gauss2svg.studio.uploads import samples_in
@@ -74,7 +74,7 @@ def create_app(
     app.state.samples = {sample.name: sample for sample in samples_in(folder)}
     app.state.is_local = is_local
     app.state.drawing = asyncio.Semaphore(1)  # a PNG takes the time and the memory of a fit
-    for routes in (pages, job_routes, results):
+    for routes in (pages, job_routes, results, chart):
         app.include_router(routes.router)
     return Studio(app, queue)
 

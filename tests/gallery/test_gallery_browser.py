@@ -8,13 +8,13 @@ from urllib.parse import unquote, urlsplit
 import numpy as np
 import pytest
 from gallery_site import COUNTS, HOSTILE, PHONE, WIDE, box, pages_of, shot
+from screens import CONTROLS, OVERFLOW, grave_faults
 
 from gauss2svg.bench import numbers
 from gauss2svg.measure.scores import PSNR, SCORES
 
 pytestmark = pytest.mark.browser
 
-GRAVE = ("serious", "critical")
 SLUGS = [f"gaussians-{count}" for count in COUNTS]
 KEYS = ("photo", "psnr_svg", "ssim_svg", "flip_svg", "svg_bytes", "gaussians", "total_s")
 # Sum of the shifts that the browser has seen; 1 is a screenful by its whole height.
@@ -25,8 +25,6 @@ SHIFT = """() => new Promise((done) => {
     }).observe({type: "layout-shift", buffered: true});
     setTimeout(() => done(sum), 100);
 })"""
-OVERFLOW = "() => document.documentElement.scrollWidth - document.documentElement.clientWidth"
-CONTROLS = "input, select, button, textarea, output, [role=slider], .handle, .badge"
 
 
 def names(page):
@@ -41,19 +39,6 @@ def rows_of(gallery, variant):
 def natural(name):
     return [(part.isdigit(), int(part) if part.isdigit() else part.lower())
             for part in re.split(r"(\d+)", name)]  # fmt: skip
-
-
-def grave_faults(page, **options):
-    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
-    # Without preload: it reads style sheets once more, which files may not do to each other.
-    options |= {"resultTypes": ["violations"], "preload": False}
-    found = axe.run(page, options=options).response["violations"]
-    return [
-        (fault["id"], node["html"])
-        for fault in found
-        if fault["impact"] in GRAVE
-        for node in fault["nodes"]
-    ]
 
 
 def check_access(page):

@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.bench import numbers
-from gauss2svg.bench.chart import HEIGHT, WIDTH, Point, scatter
+from gauss2svg.bench.chart import BESIDE, PAGE, Point, scatter
 from gauss2svg.gallery.crops import worst_and_typical
 from gauss2svg.measure.scores import PSNR, SSIM
 
@@ -84,17 +84,18 @@ points = st.lists(
 )
 
 
+@pytest.mark.parametrize("frame", [PAGE, BESIDE])
 @given(points)
 @example([Point(1.27, 30.0, 0, None, "")])
 @example([Point(7.0, None, 0, 0, "")] * 2)
 @example([Point(1.0, 30.0, 0, 0, ""), Point(1.0, 30.0, 1, 0, "")])
-def test_points_and_ticks_lie_in_the_frame_in_their_order(given_points):
-    chart = scatter(given_points, lambda cost: f"{cost:g}")
-    assert (chart.width, chart.height) == (WIDTH, HEIGHT)
+def test_points_and_ticks_lie_in_the_frame_in_their_order(frame, given_points):
+    chart = scatter(given_points, lambda cost: f"{cost:g}", frame=frame)
+    assert chart.frame == frame
     assert [placed.point for placed in chart.points] == given_points
     for placed in chart.points:
-        assert chart.left < placed.x < chart.right
-        assert chart.top <= placed.y <= chart.bottom
+        assert frame.left < placed.x < frame.right
+        assert frame.top <= placed.y <= frame.bottom
         assert (placed.y == chart.equal_y) == (placed.point.score is None)
     assert (chart.equal_y is None) == all(point.score is not None for point in given_points)
     by_cost = sorted(chart.points, key=lambda placed: placed.point.cost)
@@ -111,9 +112,10 @@ def test_points_and_ticks_lie_in_the_frame_in_their_order(given_points):
     assert len(chart.x_ticks) < 12
     places = [x for x, _ in chart.x_ticks]
     assert places == sorted(set(places))
-    assert all(chart.left <= x <= chart.right for x in places)
+    assert all(frame.left <= x <= frame.right for x in places)
+    assert all(other - one >= 28 for one, other in pairwise(places))  # so that texts fit
     assert 2 <= len(chart.y_ticks) <= 9
-    assert all(chart.top <= y <= chart.bottom for y, _ in chart.y_ticks)
+    assert all(frame.top <= y <= frame.bottom for y, _ in chart.y_ticks)
     levels = [float(text) for _, text in chart.y_ticks]
     assert levels == sorted(set(levels))
     for placed in finite:

@@ -176,7 +176,7 @@ def test_zoom_is_exact_and_both_sides_move_in_step(visit, headless, zoom):
 
     def check_layout():
         place = box(page, "#photo")
-        assert box(page, "#svg") == place == box(page, "#outlines")
+        assert box(page, "#svg") == place == box(page, "#outlines-right")
         assert (place["width"], place["height"]) == (SIZE["x"] * zoom, SIZE["y"] * zoom)
         return place
 
@@ -239,6 +239,100 @@ def test_enlarged_the_svg_stays_sharp(visit):
     part = np.asarray(blown_up, float)[top : top + len(screen), left : left + screen.shape[1]]
     assert np.abs(part - screen).max() >= 2 * SAME
     assert np.abs(part - screen).mean() < 6  # and is the same part of the same picture
+
+
+def zoom_of(page):
+    """Pixels of the screen for one of the photo; both sides are checked to lie in step."""
+    place = box(page, "#photo")
+    assert box(page, "#svg") == pytest.approx(place, abs=0.01)
+    return place["width"] / SIZE["x"]
+
+
+def zoom_told(page):
+    """What the buttons of the zoom show, None where it is between them."""
+    chosen = page.locator("[name=zoom]:checked")
+    return chosen.get_attribute("value") if chosen.count() else None
+
+
+def test_keys_zoom_and_move(visit):
+    page = opened(visit)
+    fit = zoom_of(page)
+    for key, wanted, told in (
+        ("+", 1.5 * fit, None), ("+", 2.25 * fit, None), ("-", 1.5 * fit, None), ("1", 1, "1"),
+        ("0", fit, "fit"), ("-", fit, "fit"), ("=", 1.5 * fit, None),
+    ):  # fmt: skip
+        slide_to(page, key)
+        assert zoom_of(page) == pytest.approx(wanted, rel=0.01), key
+        assert zoom_told(page) == told, key
+    before = box(page, "#photo")
+    slide_to(page, "Shift+ArrowLeft")
+    assert box(page, "#photo")["x"] - before["x"] == pytest.approx(60, abs=2)
+    assert zoom_of(page) == pytest.approx(1.5 * fit, rel=0.01)
+
+
+def test_a_zoom_in_steps_ends_as_sharp_as_one_at_once(visit, headless):
+    page = opened(visit)
+    for key in ("Home", "+"):
+        slide_to(page, key)
+    page.wait_for_function("document.getElementById('stage').style.getPropertyValue('--by') == 1")
+    stage, place = box(page, "#stage"), box(page, "#svg")
+    assert alike(shot(page, stage), headless.alone(f"{PAGE}/{MAIN}/picture.svg", place, stage))
+
+
+def test_the_wheel_zooms_around_the_pointer_where_zoom_is_meant(visit):
+    page = opened(visit, viewport={"width": 1280, "height": 700})
+    stage = box(page, "#stage")
+    x, y = stage["x"] + stage["width"] / 4, stage["y"] + stage["height"] / 4
+    page.mouse.move(x, y)
+    page.keyboard.down("Control")
+    page.mouse.wheel(0, -100)
+    page.keyboard.up("Control")
+    page.wait_for_selector("#stage.zoomed")
+    place = box(page, "#photo")
+    assert (x - place["x"]) / place["width"] == pytest.approx(0.25, abs=0.01)
+    assert (y - place["y"]) / place["height"] == pytest.approx(0.25, abs=0.01)
+    slide_to(page, "0")
+    page.evaluate("document.activeElement.blur()")
+    page.mouse.wheel(0, 200)
+    page.wait_for_function("scrollY > 0")
+    assert zoom_told(page) == "fit"
+
+
+def test_two_fingers_zoom_and_leave_the_divider(visit):
+    one = visit(has_touch=True, viewport=SCREEN)
+    page = one.go(f"{PAGE}/index.html")
+    stage, fit = box(page, "#stage"), zoom_of(page)
+    x, y = stage["x"] + stage["width"] / 2, stage["y"] + stage["height"] / 2
+    one.touch("Start", (x - 40, y), (x + 40, y))
+    for step in (50, 60, 70, 80):
+        one.touch("Move", (x - step, y), (x + step, y))
+    one.touch("End")
+    assert zoom_of(page) == pytest.approx(2 * fit, rel=0.1)
+    assert share(page) == 50
+
+
+def test_the_side_that_is_hardly_seen_has_no_name(visit):
+    page = visit(viewport=SCREEN).go(f"{PAGE}/index.html")
+    left, right = page.locator("#badge-left"), page.locator("#badge-right")
+    for key, seen in (("Home", (False, True)), ("End", (True, False)), ("PageDown", (True, False))):
+        slide_to(page, key)
+        assert (left.is_visible(), right.is_visible()) == seen, key
+    slide_to(page, "PageDown")
+    assert left.is_visible()
+    assert right.is_visible()
+
+
+def test_nothing_glides_where_no_motion_is_wanted(visit):
+    page = opened(visit, reduced_motion="reduce")
+    moves = """() => {
+        const slider = document.getElementById("slider");
+        slider.value = slider.value > 50 ? 20 : 80;
+        return slider.shadowRoot.getAnimations().length + document.getAnimations().length;
+    }"""
+    assert page.evaluate(moves) == 0
+    assert page.evaluate("getComputedStyle(document.documentElement).scrollBehavior") == "auto"
+    page.emulate_media(reduced_motion="no-preference")
+    assert page.evaluate(moves) > 0
 
 
 def test_divider_is_dragged_by_its_handle_where_the_picture_is_zoomed(visit):
@@ -333,7 +427,7 @@ def test_divider_names_what_is_beside_the_photo(visit):
 
 def test_outlines_lie_over_both_sides(visit, headless):
     page = opened(visit)
-    assert not page.locator("#outlines").is_visible()
+    assert not page.locator("#outlines-right").is_visible()
     stage = box(page, "#stage")
     plain = shot(page, stage)
     page.get_by_label("Outlines").check()
@@ -360,7 +454,7 @@ def test_a_variant_is_chosen_everywhere(gallery, visit, headless, by_hand):
         page = opened(visit, f"{PAGE}/index.html#{OTHER}")
         assert page.get_by_role("radio", name=NAME).is_checked()
     page.evaluate(DECODED)
-    assert page.locator("#badge").text_content() == f"SVG, {NAME}"
+    assert page.locator("#badge-right").text_content() == f"SVG, {NAME}"
     assert set(page.locator("[data-chosen]").all_text_contents()) == {NAME}
     found = record(gallery, OTHER)
     for kind in ("worst", "typical"):
@@ -370,9 +464,9 @@ def test_a_variant_is_chosen_everywhere(gallery, visit, headless, by_hand):
     check_halves(page, headless, 0.5, right=f"{OTHER}/picture.svg")
     page.get_by_label("Error map").check()
     assert page.locator("#svg").get_attribute("src") == f"{OTHER}/errors.png"
-    assert page.locator("#badge").text_content() == f"Errors, {NAME}"
+    assert page.locator("#badge-right").text_content() == f"Errors, {NAME}"
     page.get_by_label("Outlines").check()
-    assert page.locator("#outlines").get_attribute("src") == f"{OTHER}/outlines.svg"
+    assert page.locator("#outlines-right").get_attribute("src") == f"{OTHER}/outlines.svg"
 
 
 @pytest.mark.parametrize(("variant", "compared"), [(MAIN, "worst"), (OTHER, "typical")])

@@ -181,7 +181,7 @@ def test_better_is_higher_in_a_chart_and_no_tick_is_better_than_equal(axis):
     worse, better = ends[axis.slug]
     chart = scatter([Point(1, worse, 0, None, ""), Point(9, better, 0, None, "")], str, axis)
     assert chart.points[0].y > chart.points[1].y
-    assert chart.top <= chart.points[1].y < chart.points[0].y <= chart.bottom
+    assert chart.frame.top <= chart.points[1].y < chart.points[0].y <= chart.frame.bottom
     ticks = [(y, float(text)) for y, text in chart.y_ticks]
     assert 3 <= len(ticks) <= 8
     assert [value for _, value in ticks] == sorted({v for _, v in ticks}, reverse=axis.falls)

@@ -1,7 +1,12 @@
-"""Screenshots of a page on a busy machine."""
+"""What a page looks like: screenshots on a busy machine, and faults of access."""
+
+import pytest
 
 _REFUSED = "Unable to capture screenshot"
 _TRIES, _PAUSE_MS = 5, 200
+_GRAVE = ("serious", "critical")
+OVERFLOW = "() => document.documentElement.scrollWidth - document.documentElement.clientWidth"
+CONTROLS = "input, select, button, textarea, output, [role=slider], .handle, .badge"
 
 
 def captured(page, **options) -> bytes:
@@ -14,3 +19,17 @@ def captured(page, **options) -> bytes:
                 raise
             page.wait_for_timeout(_PAUSE_MS)
     return page.screenshot(**options)
+
+
+def grave_faults(page, **options) -> list[tuple[str, str]]:
+    """Grave faults of accessibility that axe finds in a page, as (name, markup)."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright").Axe()
+    # Without preload: it reads style sheets once more, which files may not do to each other.
+    options |= {"resultTypes": ["violations"], "preload": False}
+    found = axe.run(page, options=options).response["violations"]
+    return [
+        (fault["id"], node["html"])
+        for fault in found
+        if fault["impact"] in _GRAVE
+        for node in fault["nodes"]
+    ]

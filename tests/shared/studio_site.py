@@ -24,7 +24,7 @@ HOSTILE = "<img src=x onerror=alert(1)>&\"'.png"
 PLAIN, UPRIGHT = "cat.png", "cup.png"
 _ENDS_S = 20
 # The page ends streams and requests that it no longer needs.
-_ENDED = re.compile(r"/(events|estimate|frame\?n=\d+): net::ERR_ABORTED$")
+_ENDED = re.compile(r"/(events|estimate|chart|frame\?n=\d+): net::ERR_ABORTED$")
 
 
 def write_photos(folder: Path) -> dict[str, Path]:

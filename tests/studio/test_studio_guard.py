@@ -5,9 +5,11 @@ import errno
 import hashlib
 import io
 import json
+import math
 import os
 import struct
 import zlib
+from xml.etree import ElementTree
 
 import httpx
 import pytest
@@ -488,6 +490,7 @@ def test_the_stem_of_a_name_is_one_on_every_system(name, stem):
         ("GET", "/docs", 404),
         ("POST", "/api/jobs", 422),
         ("POST", "/api/estimate", 422),
+        ("POST", "/api/chart", 422),
         ("PUT", "/api/jobs", 405),
     ],
 )
@@ -519,6 +522,33 @@ def test_a_bug_is_a_line_without_a_path(error, line, monkeypatch):
     assert answer.status_code == 500
     assert line_of(answer) == line
     assert answer.headers["cache-control"] == "no-store"
+
+
+@pytest.mark.parametrize(
+    ("cost", "score", "drawn"),
+    [
+        (1e-9, 1e6, True), (1e15, -1e6, True), (5.0, None, True),
+        (0, 30, False), (-1, 30, False), (1e300, 30, False), (5, 1e300, False),
+        (math.nan, 30, False), (5, math.inf, False), ("5 s", 30, False),
+    ],
+)  # fmt: skip
+def test_a_chart_is_drawn_of_what_can_be_and_its_texts_are_text(cost, score, drawn):
+    hostile = '<script>alert(1)</script>&"'
+    points = [
+        {"cost": one, "score": other, "series": at, "text": hostile}
+        for at, (one, other) in enumerate([(cost, score), (10, 20.0)])
+    ]
+    body = json.dumps({"score": "psnr_svg", "cost": "total_s", "points": points})
+    headers = {**BEARER, "Content-Type": "application/json"}
+    answer = ask("POST", "/api/chart", headers=headers, content=body)
+    if not drawn:
+        assert answer.status_code == 422
+        assert line_of(answer).startswith("body.points.0.")
+        return
+    assert answer.headers["content-type"].startswith("image/svg+xml")
+    texts = [one.text for one in ElementTree.fromstring(answer.text).iter() if one.text]
+    assert texts.count(hostile) == 2
+    assert {"PSNR, dB", "time, photo to measured SVG"} <= set(texts)
 
 
 def test_the_description_of_the_service_has_types_of_its_answers_and_errors():

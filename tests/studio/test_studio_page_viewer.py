@@ -1,14 +1,15 @@
 """Laws of the studio's page in a browser: the stage, the trade, and access for everyone."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 import studio_site
 from gallery_site import PHONE, WIDE, box, shot
 from playwright.sync_api import expect
+from screens import CONTROLS, OVERFLOW, grave_faults
 from studio_site import HOSTILE, PLAIN, aim, await_run, difference, draft, job_of, pick
-from test_gallery_browser import CONTROLS, OVERFLOW, grave_faults
 
 from gauss2svg.measure.scores import PSNR, SSIM
 
@@ -80,73 +81,19 @@ def test_divider_shows_the_photo_on_its_left_and_the_svg_on_its_right(done):
     assert "% SVG" in slider.get_attribute("aria-valuetext")
 
 
-def test_zoom_by_buttons_keys_and_wheel_keeps_both_sides_in_step(done):
+def test_zoom_is_set_and_told_by_buttons(done):
     page = done().page
     fit = zoom(page)
-    page.locator("#closer").click()
-    assert zoom(page) == pytest.approx(1.5 * fit, rel=0.01)
-    page.locator("#slider").focus()
-    page.keyboard.press("+")
-    assert zoom(page) == pytest.approx(2.25 * fit, rel=0.01)
-    page.keyboard.press("-")
-    assert zoom(page) == pytest.approx(1.5 * fit, rel=0.01)
-    before = box(page, "#photo")
-    page.keyboard.press("Shift+ArrowLeft")
-    after = box(page, "#photo")
-    assert after["x"] - before["x"] == pytest.approx(60, abs=2)
-    assert box(page, "#svg") == pytest.approx(after, abs=0.01)
-    page.keyboard.press("0")
-    assert zoom(page) == pytest.approx(fit, rel=0.001)
-    page.locator("#actual").click()
-    assert zoom(page) == pytest.approx(1, rel=0.01)
-    page.locator("#fit").click()
-    # The place under the pointer stays where it is.
-    stage = box(page, "#stage")
-    x, y = stage["x"] + stage["width"] / 4, stage["y"] + stage["height"] / 4
-    page.mouse.move(x, y)
-    page.keyboard.down("Control")
-    page.mouse.wheel(0, -100)
-    page.keyboard.up("Control")
-    expect(page.locator("#stage")).to_have_class("stage zoomed")
-    place = box(page, "#photo")
-    assert (x - place["x"]) / place["width"] == pytest.approx(0.25, abs=0.01)
-    assert (y - place["y"]) / place["height"] == pytest.approx(0.25, abs=0.01)
-
-
-def test_the_wheel_scrolls_the_page_unless_zoom_is_meant(done):
-    page = done(viewport={"width": 1280, "height": 700}).page
-    page.locator("#title").focus()
-    stage = box(page, "#stage")
-    page.mouse.move(stage["x"] + 100, stage["y"] + 100)
-    page.mouse.wheel(0, 200)
-    for _ in range(50):
-        if page.evaluate("scrollY") > 0:
-            break
-        page.wait_for_timeout(100)
-    assert page.evaluate("scrollY") > 0
-    expect(page.locator("#fit")).to_have_attribute("aria-pressed", "true")
-
-
-def test_a_zoomed_picture_is_dragged_and_two_fingers_zoom(done):
-    one = done(has_touch=True)
-    page = one.page
-    stage, fit = box(page, "#stage"), zoom(page)
-    x, y = stage["x"] + stage["width"] / 2, stage["y"] + stage["height"] / 2
-    one.touch("Start", (x - 40, y), (x + 40, y))
-    for step in (50, 60, 70, 80):
-        one.touch("Move", (x - step, y), (x + step, y))
-    one.touch("End")
-    assert zoom(page) == pytest.approx(2 * fit, rel=0.1)
-    expect(page.locator("#slider")).to_have_attribute("aria-valuenow", "50")
-    before = box(page, "#photo")
-    page.mouse.move(x + 100, y + 60)
-    page.mouse.down()
-    page.mouse.move(x + 130, y + 80, steps=3)
-    page.mouse.up()
-    after = box(page, "#photo")
-    assert (after["x"] - before["x"], after["y"] - before["y"]) == pytest.approx((30, 20), abs=2)
-    assert box(page, "#svg") == pytest.approx(after, abs=0.01)
-    expect(page.locator("#slider")).to_have_attribute("aria-valuenow", "50")
+    for button, wanted, pressed in (
+        ("closer", 1.5 * fit, ""), ("closer", 2.25 * fit, ""), ("farther", 1.5 * fit, ""),
+        ("actual", 1, "actual"), ("fit", fit, "fit"),
+    ):  # fmt: skip
+        page.locator(f"#{button}").click()
+        assert zoom(page) == pytest.approx(wanted, rel=0.01)
+        expect(page.locator("#zoom")).to_have_text(f"{round(100 * zoom(page))} %")
+        for one in ("actual", "fit"):
+            told = page.locator(f"#{one}").get_attribute("aria-pressed")
+            assert told == str(one == pressed).lower()
 
 
 def test_rounds_show_what_was_there_after_each(done):
@@ -200,8 +147,7 @@ def test_every_run_is_a_point_that_brings_its_picture_back(done, server):
     page = done().page
     run(page, 2, 20)
     run(page, 3, 60)
-    points = page.locator("#chart .point")
-    assert points.count() == 3
+    expect(page.locator("#chart .point")).to_have_count(3)
     reports = {}
     for number in (1, 2, 3):
         point = page.locator(f"#chart [data-run='{number}']")
@@ -225,6 +171,9 @@ def test_every_run_is_a_point_that_brings_its_picture_back(done, server):
         for score, of in (("PSNR", "psnr_svg"), ("SSIM", "ssim_svg")):
             page.locator("#axes").get_by_label(cost, exact=True).check()
             page.locator("#axes").get_by_label(score, exact=True).check()
+            drawn = page.locator("#chart > svg")
+            words = {"Size": "size of the SVG", "Time": "time, photo to"}[cost]
+            expect(drawn).to_have_attribute("aria-label", re.compile(f"^{score}.*{words}"))
             places = {n: box(page, f"#chart [data-run='{n}'] .target") for n in reports}
             for axis, field, sign in (("x", key, 1), ("y", of, -1)):
                 seen = sorted(reports, key=lambda n: sign * places[n][axis])
@@ -352,25 +301,11 @@ def test_controls_are_large_enough_and_named(done):
     expect(page.get_by_role("slider", name="Divider")).to_be_visible()
 
 
-def test_nothing_glides_where_no_motion_is_wanted(done):
-    page = done(reduced_motion="reduce").page
-    moves = """() => {
-        const slider = document.getElementById("slider");
-        slider.value = slider.value > 50 ? 20 : 80;
-        return slider.shadowRoot.getAnimations().length + document.getAnimations().length;
-    }"""
-    assert page.evaluate(moves) == 0
-    assert page.evaluate("getComputedStyle(document.documentElement).scrollBehavior") == "auto"
-    page.emulate_media(reduced_motion="no-preference")
-    assert page.evaluate(moves) > 0
-
-
 def test_points_are_seen_by_day_and_by_night(done):
     page = done(color_scheme="light").page
     for number, count in enumerate((15, 20, 30, 60), 2):
         run(page, number, count)
-    points = page.locator("#chart .point")
-    assert points.count() == 5
+    expect(page.locator("#chart .point")).to_have_count(5)
     page.locator("#chart").scroll_into_view_if_needed()
     check_points(page)
     page.emulate_media(color_scheme="dark")

@@ -9,9 +9,9 @@ from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, HTMLResponse, Response
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from starlette.exceptions import HTTPException
 
+from gauss2svg.bench.chart import template_environment
 from gauss2svg.gallery.pages import legend
 from gauss2svg.measure.heatmap import MOST
 from gauss2svg.photo.formats import SUFFIXES
@@ -34,13 +34,7 @@ _KINDS = {
     ".svg": "image/svg+xml",
     ".txt": "text/plain",
 }
-_TEMPLATES = Environment(
-    loader=ChoiceLoader([PackageLoader(f"gauss2svg.{room}") for room in ("studio", "bench")]),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+_TEMPLATES = template_environment("gauss2svg.gallery", "gauss2svg.studio")
 
 
 @router.get("/", include_in_schema=False)

@@ -1,6 +1,24 @@
 // The server's answers; addresses are relative, so that the page works wherever it is mounted.
 
+/** @typedef {string | number | boolean | null} Value of an option */
+/** @typedef {Record<string, Value>} Options */
+/** @typedef {{ name: string, label: string, flag: string | null, type: "integer" | "number" | "boolean" | "choice" | "size" | "text",
+ *   choices: (string | number)[] | null, min: number | null, max: number | null, default: Value, help: string, unit: string | null }} Option */
+/** @typedef {{ title: string, options: Option[] }} Group */
+/** @typedef {{ key: string, name: string, title: string, unit: string, digits: number, best: number | null }} Score */
+/** @typedef {{ groups: Group[], scores: Score[], limits: Limits }} Form */
+/** @typedef {{ png_pixels: number }} Limits */
+/** @typedef {{ name: string, url: string, width: number, height: number }} Sample */
+/** @typedef {{ gaussians: number, bytes: number, seconds: number, psnr: number | null }} Figures */
+/** @typedef {Record<string, number | null> & { width: number, height: number, gaussians: number, svg_bytes: number,
+ *   svgz_bytes: number, total_s: number, psnr_svg: number | null } & { unreached: string[], notes: string[] }} Report */
+/** @typedef {{ phase?: string, round?: number, iteration?: number, done?: number, frame?: number, gaussians?: number,
+ *   psnr?: number | null, bytes_estimate?: number, elapsed_s?: number, remaining_s?: number }} Progress */
+/** @typedef {{ id: string, state: string, place: number, progress: Progress | null, report: Report, error: string,
+ *   width: number | null, height: number | null, lines: Record<string, string> }} State of a job; its report once it is done */
+
 export class ApiError extends Error {
+  /** @param {string} line @param {number} status of the answer; 0: none came @param {number} [retryAfter] in s */
   constructor(line, status, retryAfter) {
     super(line);
     this.status = status;
@@ -8,6 +26,7 @@ export class ApiError extends Error {
   }
 }
 
+/** @param {string} path @param {RequestInit} [request] */
 async function answer(path, request) {
   let response;
   try {
@@ -24,28 +43,44 @@ async function answer(path, request) {
   }
   throw new ApiError(line, response.status, Number(response.headers.get("retry-after")) || 1);
 }
+/** @param {string} path @param {RequestInit} [request] */
 const json = async (path, request) => (await answer(path, request)).json();
 
-export const getOptions = () => json("api/options");
-export const getSamples = () => json("api/samples");
+export const getOptions = () => /** @type {Promise<Form>} */ (json("api/options"));
+export const getSamples = () => /** @type {Promise<Sample[]>} */ (json("api/samples"));
+/** @param {string} path */
 export const getText = async (path) => (await answer(path)).text();
+/** @param {string} path */
 export const getBlob = async (path) => (await answer(path)).blob();
 
-export function getEstimate(asked, signal) {
-  const headers = { "content-type": "application/json" };
-  return json("api/estimate", { method: "POST", headers, body: JSON.stringify(asked), signal });
-}
-// A photo whose bytes the server has already is not sent again; a 404 says that it has them no longer.
+/** @param {object} asked @param {AbortSignal} signal */
+const asking = (asked, signal) =>
+  ({ method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(asked), signal });
+/** @param {object} asked @param {AbortSignal} signal */
+export const getEstimate = (asked, signal) => /** @type {Promise<Figures>} */ (json("api/estimate", asking(asked, signal)));
+/** @param {object} asked @param {AbortSignal} signal */
+export const getChart = async (asked, signal) => (await answer("api/chart", asking(asked, signal))).text();
+/**
+ * A photo whose bytes the server has already is not sent again; a 404 says that it has them no longer.
+ * @param {import("./job.js").Photo} photo
+ * @param {Options} options
+ * @returns {Promise<State>}
+ */
 export function postJob(photo, options) {
   const body = new FormData();
   if (photo.job) body.append("of", photo.job);
   else if (photo.file) body.append("photo", photo.file, photo.name);
-  else body.append("sample", photo.sample);
+  else body.append("sample", photo.name);
   body.append("options", JSON.stringify(options));
   return json("api/jobs", { method: "POST", body });
 }
+/** @param {string} id */
 export const getJob = (id) => json(ofJob(id));
+/** @param {string} id */
 export const stopJob = (id) => answer(`${ofJob(id)}/stop`, { method: "POST" });
+/** @param {string} id */
 export const cancelJob = (id) => answer(ofJob(id), { method: "DELETE" });
+/** @param {string} id @param {string} [name] */
 export const ofJob = (id, name = "") => `api/jobs/${encodeURIComponent(id)}${name && "/"}${name}`;
+/** @param {string[]} ids */
 export const zipOf = (ids) => `api/zip?ids=${ids.map(encodeURIComponent).join(",")}`;

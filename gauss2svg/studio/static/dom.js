@@ -1,38 +1,57 @@
-// Elements, and the lines that tell what happened.
+// Elements (found by `by` and `all` of viewer.js), and the lines that tell what happened.
 
 const SVG = "http://www.w3.org/2000/svg";
 
-export const by = (id) => document.getElementById(id);
-export const all = (selector, root = document) => [...root.querySelectorAll(selector)];
+/** @typedef {Record<string, any>} Attributes by name; functions are listeners, null and false are left out */
+/** @typedef {(Node | string | null)[]} Children of which null is left out */
 
-// Attributes by name; functions are listeners, null and false are left out.
+/**
+ * @template {Element} T
+ * @param {T} element
+ * @param {Attributes} attributes
+ * @param {Children} children
+ */
 function fill(element, attributes, children) {
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") element.addEventListener(name, value);
     else if (value !== null && value !== undefined && value !== false) element.setAttribute(name, value === true ? "" : value);
   }
-  element.append(...children.filter((one) => one !== null));
+  for (const one of children) if (one !== null) element.append(one);
   return element;
 }
+/**
+ * @template {keyof HTMLElementTagNameMap} Tag
+ * @param {Tag} tag
+ * @param {Attributes} attributes
+ * @param {Children} children
+ */
 export const make = (tag, attributes = {}, ...children) =>
   fill(document.createElement(tag), attributes, children);
-export const draw = (tag, attributes = {}, ...children) =>
-  fill(document.createElementNS(SVG, tag), attributes, children);
+/** @param {string} tag @param {Attributes} attributes */
+export const draw = (tag, attributes) => fill(document.createElementNS(SVG, tag), attributes, []);
 
-// Read by screen readers when they pause.
+/**
+ * Tells a line to screen readers, which read it when they pause.
+ * @param {string} text
+ */
 export function say(text) {
   by("live").textContent = text;
 }
 
-// An error beside what caused it; "" takes it away.
+/**
+ * Shows an error beside what caused it; "" takes it away.
+ * @param {string} id
+ * @param {string} text
+ */
 export function complain(id, text) {
   const line = by(id);
   line.textContent = text;
   line.hidden = text === "";
 }
 
+/** @param {() => void} action @param {number} milliseconds */
 export function debounced(action, milliseconds) {
-  let timer;
+  let timer = 0;
   return () => {
     clearTimeout(timer);
     timer = setTimeout(action, milliseconds);

@@ -1,46 +1,52 @@
 // The ways out: files, the clipboard, and the lines that make the same file.
 
 import { getBlob, getText, ofJob } from "./api.js";
-import { all, by, complain, say } from "./dom.js";
+import { complain, say } from "./dom.js";
+
+/** @import { DoneRun } from "./job.js" */
 
 export class Exports {
+  /** @param {import("./api.js").Limits} limits */
   constructor(limits) {
     this.limits = limits;
-    this.run = null;
-    by("png-width").addEventListener("input", () => this.setPng());
+    this.run = /** @type {DoneRun | null} */ (null);
+    this.width = by("png-width", HTMLInputElement);
+    this.width.addEventListener("input", () => this.setPng());
     by("save").addEventListener("click", (event) => {
-      const button = event.target.closest("[data-copy]");
-      if (button) this.copy(button);
+      const button = event.target instanceof Element && event.target.closest("button");
+      if (button && button.dataset.copy) this.copy(button, button.dataset.copy);
     });
   }
 
+  /** @param {DoneRun | null} run */
   show(run) {
     const isOther = run !== this.run;
     this.run = run;
     by("save").hidden = run === null;
     if (run === null || !isOther) return;
     complain("save-error", "");
-    for (const link of all("[data-file]", by("save"))) link.href = ofJob(run.id, link.dataset.file);
-    by("png-width").max = widest(run.report, this.limits.png_pixels);
-    by("png-width").value = run.report.width;
+    for (const link of all("[data-file]", by("save"), HTMLAnchorElement)) link.href = ofJob(run.id, link.dataset.file);
+    this.width.max = String(widest(run.report, this.limits.png_pixels));
+    this.width.value = String(run.report.width);
     this.setPng();
     by("command").textContent = run.lines.command;
     by("python").textContent = run.lines.python;
   }
 
   setPng() {
-    const field = by("png-width"), link = by("png");
+    const field = this.width, link = by("png", HTMLAnchorElement);
     const isValid = field.validity.valid && field.value !== "";
     complain("png-error", isValid ? "" : `The width must be 1 to ${field.max} px; got ${field.value || "nothing"}.`);
     link.classList.toggle("off", !isValid);
-    if (isValid) link.href = ofJob(this.run.id, `picture.png?width=${field.value}&download=1`);
+    if (isValid && this.run) link.href = ofJob(this.run.id, `picture.png?width=${field.value}&download=1`);
     else link.removeAttribute("href");
   }
 
-  async copy(button) {
+  /** @param {HTMLButtonElement} button @param {string} what */
+  async copy(button, what) {
     complain("save-error", "");
     try {
-      await this.write(button.dataset.copy);
+      await this.write(what);
       say(`${button.textContent} done`);
       const before = button.textContent;
       button.textContent = "Copied";
@@ -50,7 +56,9 @@ export class Exports {
     }
   }
 
+  /** @param {string} what */
   write(what) {
+    if (this.run === null) throw new TypeError("there is no run");
     if (!navigator.clipboard) throw new Error("the browser opens its clipboard to this machine's own address and to https only");
     const { id, picture, lines } = this.run;
     if (what === "png") return navigator.clipboard.write([new ClipboardItem({ "image/png": getBlob(ofJob(id, "picture.png")) })]);
@@ -64,7 +72,11 @@ export class Exports {
   }
 }
 
-// The largest width of a PNG of so many pixels, whose height follows.
+/**
+ * The largest width of a PNG of so many pixels, whose height follows.
+ * @param {{ width: number, height: number }} size
+ * @param {number} most
+ */
 function widest({ width, height }, most) {
   let wide = Math.ceil(Math.sqrt(most * width / height)) + 1;
   while (wide > 1 && wide * Math.max(1, Math.round(wide * height / width)) > most) wide -= 1;

@@ -1,18 +1,24 @@
 // The main control: what a run aims at, and how much of it.
 
-import { all, by, make } from "./dom.js";
+import { make } from "./dom.js";
 import { shortSize, whole } from "./numbers.js";
 
 const TICKS = 100; // of the slider on a logarithmic scale
+/** @typedef {{ toSlider: (value: number) => number, fromSlider: (at: number) => number, least: number, most: number, step: number }} Scale */
+/** @typedef {{ scale: Scale, start: number, unit: string, toOption: (value: number) => number, per: number, step: number | "any",
+ *   text: (value: number) => string }} Kind */
+
+/** @param {number} least @param {number} most @returns {Scale} */
 const log = (least, most) => ({
   toSlider: (value) => Math.round(TICKS * Math.log(value / least) / Math.log(most / least)),
   fromSlider: (at) => Number((least * (most / least) ** (at / TICKS)).toPrecision(2)),
   least: 0, most: TICKS, step: 1,
 });
+/** @param {number} least @param {number} most @param {number} step @returns {Scale} */
 const linear = (least, most, step) => ({ toSlider: Number, fromSlider: Number, least, most, step });
 
 // scale: of the slider, which spans what is usual; the number field takes all that the option does.
-const KINDS = {
+const KINDS = /** @type {Record<string, Kind>} */ ({
   gaussians: {
     scale: log(20, 30000), start: 3000, unit: "shapes", toOption: Math.round, per: 1, step: 1,
     text: (value) => `${whole(value)} shapes`,
@@ -29,21 +35,22 @@ const KINDS = {
     scale: log(0.5, 120), start: 5, unit: "s", toOption: Number, per: 1, step: "any",
     text: (value) => `in ${value} s`,
   },
-};
+});
 
 export class Goal {
+  /** @param {Record<string, import("./api.js").Option>} options by their names @param {() => void} changed */
   constructor(options, changed) {
-    this.form = by("goal");
-    this.slider = by("amount");
-    this.number = by("exact");
-    this.preset = by("preset");
+    this.slider = by("amount", HTMLInputElement);
+    this.number = by("exact", HTMLInputElement);
+    this.preset = by("preset", HTMLSelectElement);
+    this.kinds = all("[name=kind]", by("goal"), HTMLInputElement);
     this.values = Object.fromEntries(Object.entries(KINDS).map(([kind, one]) => [kind, one.start]));
-    this.options = options; // by name
+    this.options = options;
     const quality = options.quality;
-    this.presets = quality.choices;
+    this.presets = (quality.choices ?? []).map(String);
     this.preset.append(...this.presets.map((name) => make("option", { value: name }, name)));
-    this.preset.value = quality.default ?? "balanced";
-    for (const radio of all("[name=kind]", this.form)) radio.addEventListener("input", () => {
+    this.preset.value = String(quality.default ?? "balanced");
+    for (const radio of this.kinds) radio.addEventListener("input", () => {
       this.showKind();
       changed();
     });
@@ -67,10 +74,13 @@ export class Goal {
   }
 
   get kind() {
-    return this.form.elements.kind.value;
+    return this.kinds.find((one) => one.checked)?.value ?? "quality";
   }
 
-  // The option that the control stands for, and its value.
+  /**
+   * The option that the control stands for, and its value.
+   * @returns {import("./api.js").Options}
+   */
   chosen() {
     if (this.kind === "quality") return { quality: this.preset.value };
     return { [this.kind]: KINDS[this.kind].toOption(this.values[this.kind]) };
@@ -87,25 +97,25 @@ export class Goal {
     by("kind-help").textContent = this.options[this.kind].help;
     const kind = KINDS[this.kind];
     const scale = isQuality ? linear(0, this.presets.length - 1, 1) : kind.scale;
-    this.slider.min = scale.least;
-    this.slider.max = scale.most;
-    this.slider.step = scale.step;
+    this.slider.min = String(scale.least);
+    this.slider.max = String(scale.most);
+    this.slider.step = String(scale.step);
     if (!isQuality) {
       const option = this.options[this.kind];
-      this.number.step = kind.step;
-      this.number.min = (option.min ?? 0) / kind.per;
-      this.number.max = option.max === null || option.max === undefined ? "" : option.max / kind.per;
+      this.number.step = String(kind.step);
+      this.number.min = String((option.min ?? 0) / kind.per);
+      this.number.max = option.max === null ? "" : String(option.max / kind.per);
       by("unit").textContent = kind.unit;
     }
     this.showValue();
   }
 
-  // from: the control that has the value already.
+  /** @param {HTMLInputElement | null} from the control that has the value already */
   showValue(from = null) {
     const value = this.values[this.kind];
-    if (this.kind === "quality") this.slider.value = this.presets.indexOf(this.preset.value);
-    else if (from !== this.slider) this.slider.value = KINDS[this.kind].scale.toSlider(value);
-    if (this.kind !== "quality" && from !== this.number) this.number.value = value;
+    if (this.kind === "quality") this.slider.value = String(this.presets.indexOf(this.preset.value));
+    else if (from !== this.slider) this.slider.value = String(KINDS[this.kind].scale.toSlider(value));
+    if (this.kind !== "quality" && from !== this.number) this.number.value = String(value);
     this.slider.setAttribute("aria-valuetext", this.text());
   }
 }

@@ -1,26 +1,32 @@
 // Photos come in: dropped, pasted, chosen, or picked among the samples.
 
-import { by, make } from "./dom.js";
+import { make } from "./dom.js";
 
 const NO_PHOTO = "There was no photo in it. Try a JPEG, PNG or WebP file.";
 
+/** @import { Photo } from "./job.js" */
+
+/** @param {(photos: Photo[]) => void} take @param {(line: string) => void} complain */
 export function listen(take, complain) {
-  const files = by("files");
+  const files = by("files", HTMLInputElement);
   for (const id of ["choose", "add"]) by(id).addEventListener("click", () => files.click());
   files.addEventListener("change", () => {
-    take([...files.files].map(ofFile));
+    take([...files.files ?? []].map(ofFile));
     files.value = ""; // so that the same file may be chosen again
   });
+  /** @param {DataTransfer | null} transfer */
   const given = (transfer) => {
-    const found = [...transfer.files].map(ofFile);
+    const found = [...transfer?.files ?? []].map(ofFile);
     if (found.length) take(found);
     else complain(NO_PHOTO);
   };
   let depth = 0; // of elements that the pointer is over
+  /** @param {number} change */
   const over = (change) => {
     depth = Math.max(depth + change, 0);
     document.body.classList.toggle("dropping", depth > 0);
   };
+  /** @param {DragEvent} event */
   const hasFiles = (event) => event.dataTransfer?.types.includes("Files");
   window.addEventListener("dragenter", (event) => { if (hasFiles(event)) over(1); });
   window.addEventListener("dragleave", (event) => { if (hasFiles(event)) over(-1); });
@@ -31,15 +37,17 @@ export function listen(take, complain) {
     given(event.dataTransfer);
   });
   window.addEventListener("paste", (event) => {
-    const isText = event.target.closest?.("input, textarea, select");
-    if (event.clipboardData.files.length || !isText) given(event.clipboardData);
+    const isText = event.target instanceof Element && event.target.closest("input, textarea, select");
+    if (event.clipboardData?.files.length || !isText) given(event.clipboardData);
   });
 }
 
+/** @param {File} file @returns {Photo} */
 function ofFile(file) {
   return { file, name: file.name || "pasted.png", url: URL.createObjectURL(file) };
 }
 
+/** @param {import("./api.js").Sample[]} samples @param {(photos: Photo[]) => void} take */
 export function showSamples(samples, take) {
   by("pick").hidden = samples.length === 0;
   by("samples").replaceChildren(...samples.map(({ name, url, width, height }) => {
@@ -47,7 +55,7 @@ export function showSamples(samples, take) {
       src: url, alt: "", loading: "lazy", width, height, error: () => { picture.hidden = true; },
     });
     const button = make("button", {
-      type: "button", class: "sample", click: () => take([{ sample: name, name, url, width, height }]),
+      type: "button", class: "sample", click: () => take([{ name, url, width, height }]),
     }, picture, make("span", {}, name));
     return make("li", {}, button);
   }));

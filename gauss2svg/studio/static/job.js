@@ -7,19 +7,34 @@ const PAUSE_MS = 1000; // before a full queue is asked again, where the server n
 const LOST = "The server does not answer; it is asked again.";
 const GONE = "The server no longer knows this run. Try to run it again";
 
-export const ENDED = ["done", "stopped", "failed", "canceled"];
+/** @import { Options, Progress, State } from "./api.js" */
+/** @typedef {{ name: string, url: string, file?: File, width?: number, height?: number, series?: number, cannotBeSeen?: boolean,
+ *   job?: string | null }} Photo series: its mark; job: one whose photo the server has; without a file it is a sample */
+/** @typedef {{ number: number, photo: Photo, asked: Options, aim: string, lost?: string, isStopping?: boolean, isCanceled?: boolean,
+ *   isEnded?: boolean, status?: number, figures?: Progress, lastFrame?: Shown, picture?: import("./rounds.js").Picture,
+ *   end?: () => void }} OfPage */
+/** @typedef {Omit<Partial<State>, "state"> & { state: string } & OfPage} Run */
+/** @typedef {Run & State & { picture: import("./rounds.js").Picture }} DoneRun */
+
+const ENDED = ["done", "stopped", "failed", "canceled"];
+/** @param {Run} run @returns {run is Run & State} */
 export const isDone = (run) => run.state === "done" || run.state === "stopped";
+/** @param {Run} run */
 export const isActive = (run) => !ENDED.includes(run.state);
+/** @param {Run | null | undefined} run @returns {run is DoneRun} */
+export const hasPicture = (run) => run?.picture !== undefined;
 
 // Runs wait here, not at the server, beyond what it fits and the page follows at once.
 export class Lane {
+  /** @param {number} most that run at once @param {(run: Run) => void} changed called with a run whenever it changes */
   constructor(most, changed) {
     this.most = Math.min(most, MOST_FOLLOWED);
-    this.changed = changed; // called with a run whenever it changes
-    this.waiting = [];
+    this.changed = changed;
+    this.waiting = /** @type {Run[]} */ ([]);
     this.running = 0;
   }
 
+  /** @param {Run} run */
   add(run) {
     run.state = "waiting";
     this.waiting.push(run);
@@ -35,9 +50,10 @@ export class Lane {
   }
 
   next() {
-    while (this.running < this.most && this.waiting.length) {
-      this.running += 1;
+    while (this.running < this.most) {
       const run = this.waiting.shift();
+      if (run === undefined) return;
+      this.running += 1;
       this.follow(run).catch((error) => {
         if (!(error instanceof ApiError)) throw error;
         Object.assign(run, { state: "failed", error: error.message, status: error.status });
@@ -50,6 +66,7 @@ export class Lane {
     }
   }
 
+  /** @param {Run} run */
   async follow(run) {
     run.state = "queued";
     this.changed(run);
@@ -57,34 +74,37 @@ export class Lane {
     if (posted === null) return;
     run.id = posted.id;
     if (run.isCanceled) { // while it was posted
-      await cancelJob(run.id);
+      await cancelJob(posted.id);
       return;
     }
-    run.photo.job = run.id;
+    run.photo.job = posted.id;
     Object.assign(run, posted); // later only what changes is sent
-    await new Promise((ended) => {
-      run.events = new EventSource(ofJob(run.id, "events"));
-      run.end = () => {
-        run.events.close();
+    await /** @type {Promise<void>} */ (new Promise((ended) => {
+      const events = new EventSource(ofJob(posted.id, "events"));
+      const end = () => {
+        events.close();
         ended();
       };
-      run.events.addEventListener("state", (event) => {
+      run.end = end;
+      events.addEventListener("state", (event) => {
         run.lost = "";
         Object.assign(run, JSON.parse(event.data));
-        if (!isActive(run)) return run.end();
-        this.changed(run);
+        if (isActive(run)) this.changed(run);
+        else end();
       });
-      run.events.addEventListener("error", () => {
-        if (run.events.readyState === EventSource.CLOSED) {
+      events.addEventListener("error", () => {
+        if (events.readyState === EventSource.CLOSED) {
           Object.assign(run, { state: "failed", error: GONE });
-          return run.end();
+          end();
+          return;
         }
         run.lost = LOST;
         this.changed(run);
       });
-    });
+    }));
   }
 
+  /** @param {Run} run */
   async post(run) {
     while (!run.isCanceled) {
       try {
@@ -103,10 +123,12 @@ export class Lane {
     return null;
   }
 
+  /** @param {Run} run */
   async stop(run) {
     if (run.id) await stopJob(run.id);
   }
 
+  /** @param {Run} run */
   async cancel(run) {
     run.isCanceled = true;
     run.state = "canceled";
@@ -114,7 +136,7 @@ export class Lane {
     this.changed(run);
     if (run.id) {
       if (run.photo.job === run.id) run.photo.job = null;
-      run.end();
+      run.end?.();
       await cancelJob(run.id);
     }
     this.tell();

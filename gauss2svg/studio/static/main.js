@@ -1,31 +1,40 @@
 // What the page knows, and what follows from a change of it.
 
 import { ApiError, getBlob, getEstimate, getJob, getOptions, getSamples, ofJob, zipOf } from "./api.js";
-import { all, by, complain, debounced, say } from "./dom.js";
+import { complain, debounced, say } from "./dom.js";
 import { Exports } from "./exports.js";
 import { Goal } from "./goal.js";
 import { listen, showSamples } from "./intake.js";
-import { isActive, isDone, Lane } from "./job.js";
+import { hasPicture, isActive, isDone, Lane } from "./job.js";
 import { More } from "./more.js";
 import { about, whole } from "./numbers.js";
 import { figuresOf, showProgress, Strip } from "./progress.js";
 import { Picture } from "./rounds.js";
 import { named, Trade } from "./trade.js";
-import { Viewer } from "./viewer.js";
 
 const TYPICAL = { width: 768, height: 512 }; // px, before there is a photo
 const ESTIMATE_MS = 200; // after the last change
 const OF_JOB = /^api\/jobs\/([^/]+)\/((?!frame).*)/; // frames are followed by others
 const FORGOTTEN = "The server has forgotten this run, and keeps its newest ones only. Try to run it again.";
 
+/** @import { Form, Options } from "./api.js" */
+/** @import { DoneRun, Photo, Run } from "./job.js" */
+
 class Studio {
+  /** @param {Form} form */
   constructor({ groups, scores, limits }) {
-    Object.assign(this, { photos: [], runs: [], photo: null, shown: null, beside: null });
+    this.photos = /** @type {Photo[]} */ ([]);
+    this.runs = /** @type {Run[]} */ ([]);
+    this.photo = /** @type {Photo | null} */ (null);
+    this.shown = /** @type {Run | null} */ (null);
+    this.beside = /** @type {DoneRun | null} */ (null);
+    this.asking = new AbortController();
+    this.left = by("left", HTMLSelectElement);
     const options = Object.fromEntries(groups.flatMap((group) => group.options).map((one) => [one.name, one]));
     const estimate = debounced(() => this.estimate(), ESTIMATE_MS);
     this.goal = new Goal(options, estimate);
     this.more = new More(groups, estimate);
-    this.viewer = new Viewer((source) => this.missing(source));
+    this.viewer = new Viewer((zoom, shown) => tellZoom(zoom, shown), (source) => this.missing(source));
     this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
     this.exports = new Exports(limits);
     this.strip = new Strip((photo) => this.open(photo));
@@ -44,18 +53,22 @@ class Studio {
     by("run-all").addEventListener("click", () => this.run(this.photos));
     by("stop").addEventListener("click", () => this.stop());
     by("cancel").addEventListener("click", () => this.cancel());
-    by("look").addEventListener("input", () => this.showStage());
-    by("look").addEventListener("submit", (event) => event.preventDefault());
+    this.look = by("look", HTMLFormElement);
+    this.look.addEventListener("input", () => this.showStage());
+    this.look.addEventListener("submit", (event) => event.preventDefault());
     by("rounds").addEventListener("input", () => this.showStage());
-    by("left").addEventListener("input", () => {
-      this.beside = this.runs.find((run) => String(run.number) === by("left").value) ?? null;
+    this.left.addEventListener("input", () => {
+      this.beside = this.runs.filter(hasPicture).find((run) => String(run.number) === this.left.value) ?? null;
       this.showAll();
     });
-    const ramp = all(".ramp")[0];
-    ramp.style.background = `linear-gradient(to right,${ramp.dataset.colors})`;
+    for (const [id, act] of Object.entries({
+      closer: () => this.viewer.closer(), farther: () => this.viewer.farther(),
+      fit: () => this.viewer.fit(), actual: () => this.viewer.zoomTo(1),
+    })) by(id).addEventListener("click", act);
   }
 
   // ---- photos and runs come in
+  /** @param {Photo[]} photos */
   take(photos) {
     complain("photo-error", "");
     photos.forEach((photo) => { photo.series = this.photos.push(photo) - 1; });
@@ -65,13 +78,14 @@ class Studio {
     by("title").scrollIntoView({ block: "nearest" });
   }
 
+  /** @param {Photo[]} photos */
   run(photos) {
     complain("goal-error", "");
     const asked = this.asked();
     if (asked === null) return;
     for (const photo of photos) {
       const number = Math.max(0, ...this.runs.map((run) => run.number)) + 1;
-      const run = { number, photo, asked, aim: this.aim(), state: "waiting", progress: null };
+      const run = /** @type {Run} */ ({ number, photo, asked, aim: this.aim(), state: "waiting", progress: null });
       this.runs.push(run);
       if (photo === this.photo) this.setShown(run);
       this.lane.add(run);
@@ -80,9 +94,12 @@ class Studio {
     say(photos.length > 1 ? `${photos.length} runs started` : "Run started");
   }
 
-  // The options of the form; null where a field of it holds what it may not.
+  /**
+   * The options of the form; null where a field of it holds what it may not.
+   * @returns {Options | null}
+   */
   asked() {
-    const field = by("exact");
+    const field = by("exact", HTMLInputElement);
     if (this.goal.kind !== "quality" && (!field.validity.valid || field.value === "")) {
       complain("goal-error", field.validationMessage || "A number is missing.");
       field.focus();
@@ -96,17 +113,19 @@ class Studio {
     return this.goal.text() + (many ? `, ${many} more option${many > 1 ? "s" : ""}` : "");
   }
 
+  /** @param {Run} run */
   async changed(run) {
     if (!run.isEnded && !isActive(run)) {
       run.isEnded = true;
       await this.ended(run);
-    } else if (run.state === "running" && !run.photo.width && run.width) this.measure(run.photo, run.width, run.height);
+    } else if (run.state === "running" && !run.photo.width && run.width && run.height) this.measure(run.photo, run.width, run.height);
     const isOfShown = run === this.active();
     if (isActive(run) && isOfShown) this.showStage();
     this.strip.update(this.photos, this.photo, (photo) => this.newest(photo));
     showProgress(this.active());
   }
 
+  /** @param {Run} run */
   async ended(run) {
     if (isDone(run)) {
       try {
@@ -119,15 +138,16 @@ class Studio {
     }
     if (isDone(run) && run.photo.cannotBeSeen) this.tried(this.fetchPhoto(run));
     if (!isDone(run)) this.drop(run);
-    if (this.shown === run) {
-      by("rounds").value = by("rounds").max = run.picture.rounds.length || 1;
-    }
+    if (this.shown === run) this.viewer.setRounds(roundsOf(run));
     if (isDone(run)) say(`${named(run)} is done: ${figuresOf(run)}`);
     this.showAll();
     this.estimate();
   }
 
-  // A run without a result leaves no point; its reason stands beside what caused it.
+  /**
+   * A run without a result leaves no point; its reason stands beside what caused it.
+   * @param {Run} run
+   */
   drop(run) {
     const isAlone = !this.runs.some((one) => one !== run && one.photo === run.photo);
     this.runs = this.runs.filter((one) => one !== run);
@@ -136,10 +156,10 @@ class Studio {
       say("Run canceled");
       return;
     }
-    const line = run.error.includes(run.photo.name) ? run.error : `${run.photo.name}: ${run.error}`;
-    if (run.id === undefined && this.more.blame(run.error)) return;
+    const error = run.error ?? "", line = error.includes(run.photo.name) ? error : `${run.photo.name}: ${error}`;
+    if (run.id === undefined && this.more.blame(error)) return;
     // A photo that the server refuses is not kept.
-    if (run.id === undefined && isAlone && [413, 415, 422].includes(run.status)) {
+    if (run.id === undefined && isAlone && [413, 415, 422].includes(run.status ?? 0)) {
       this.photos = this.photos.filter((one) => one !== run.photo);
       URL.revokeObjectURL(run.photo.url);
       if (this.photo === run.photo) this.open(this.photos.at(-1) ?? null);
@@ -147,15 +167,19 @@ class Studio {
     complain("photo-error", line);
   }
 
-  // The photo in a format that every browser shows, where it came in another.
+  /**
+   * The photo in a format that every browser shows, where it came in another.
+   * @param {Run & { id: string }} run
+   */
   async fetchPhoto(run) {
     run.photo.url = URL.createObjectURL(await getBlob(ofJob(run.id, "photo.png")));
     run.photo.cannotBeSeen = false;
     this.showStage();
   }
 
+  /** @param {Photo} photo */
   newest(photo) {
-    return this.runs.filter((run) => run.photo === photo).at(-1);
+    return this.runs.findLast((run) => run.photo === photo);
   }
 
   // The run under way of the photo that is shown.
@@ -166,15 +190,18 @@ class Studio {
 
   async stop() {
     const run = this.active();
+    if (run === null) return;
     run.isStopping = true;
     showProgress(run);
     await this.tried(this.lane.stop(run));
   }
 
   async cancel() {
-    await this.tried(this.lane.cancel(this.active()));
+    const run = this.active();
+    if (run) await this.tried(this.lane.cancel(run));
   }
 
+  /** @param {Promise<void>} asked */
   async tried(asked) {
     try {
       await asked;
@@ -185,29 +212,34 @@ class Studio {
   }
 
   // ---- what is shown
+  /** @param {Photo | null} photo */
   open(photo) {
     this.photo = photo;
     by("empty").hidden = photo !== null;
     by("viewer").hidden = by("add").hidden = photo === null;
     document.body.classList.toggle("has-photo", photo !== null);
-    by("pick").open = photo === null;
+    by("pick", HTMLDetailsElement).open = photo === null;
     if (photo === null) {
       this.setShown(null);
       this.showAll();
       return;
     }
     this.setShown(this.newest(photo) ?? null);
-    if (photo.width) this.viewer.open(photo.width, photo.height);
+    if (photo.width && photo.height) this.viewer.open(photo.width, photo.height);
     else {
       const picture = new Image();
-      picture.onload = () => this.measure(photo, picture.naturalWidth, picture.naturalHeight);
-      picture.onerror = () => { photo.cannotBeSeen = true; this.showStage(); };
+      picture.addEventListener("load", () => this.measure(photo, picture.naturalWidth, picture.naturalHeight));
+      picture.addEventListener("error", () => {
+        photo.cannotBeSeen = true;
+        this.showStage();
+      });
       picture.src = photo.url;
     }
     this.showAll();
     this.estimate();
   }
 
+  /** @param {Photo} photo @param {number} width @param {number} height */
   measure(photo, width, height) {
     Object.assign(photo, { width, height });
     if (photo !== this.photo) return;
@@ -216,14 +248,14 @@ class Studio {
     this.estimate();
   }
 
+  /** @param {Run | null} run */
   setShown(run) {
     this.shown = run;
     this.beside = null;
-    const rounds = run?.picture?.rounds.length || 1;
-    by("rounds").max = rounds;
-    by("rounds").value = rounds;
+    this.viewer.setRounds(roundsOf(run));
   }
 
+  /** @param {DoneRun} run */
   show(run) {
     const isOther = run.photo !== this.photo;
     if (isOther) this.open(run.photo);
@@ -233,8 +265,9 @@ class Studio {
     say(`${named(run)}: ${figuresOf(run)}`);
   }
 
+  /** @param {DoneRun} run */
   compare(run) {
-    if (run.photo !== this.shown?.photo || run === this.shown || !this.shown.picture) {
+    if (run.photo !== this.shown?.photo || run === this.shown || !hasPicture(this.shown)) {
       this.show(run);
       return;
     }
@@ -249,18 +282,18 @@ class Studio {
     this.showStage();
     showProgress(this.active());
     this.strip.update(this.photos, this.photo, (photo) => this.newest(photo));
-    const finished = this.runs.filter((run) => run.picture);
+    const finished = this.runs.filter(hasPicture);
     this.trade.update(finished, this.shown, this.beside);
-    const done = this.shown?.picture ? this.shown : null;
+    const done = hasPicture(this.shown) ? this.shown : null;
     this.exports.show(done);
     by("figures").textContent = done ? figuresOf(done) : "";
     by("notes").textContent = done ? [...done.report.unreached, ...done.report.notes].join("; ") : "";
     by("measured").textContent = done ? `Run ${done.number} gave ${about({ ...done.report, bytes: done.report.svg_bytes, seconds: done.report.total_s, psnr: done.report.psnr_svg })}` : "";
     by("run-all").hidden = this.photos.length < 2;
     by("run-all").textContent = `Run all ${this.photos.length}`;
-    const latest = this.photos.map((photo) => finished.filter((run) => run.photo === photo).at(-1)).filter(Boolean);
+    const latest = this.photos.flatMap((photo) => finished.filter((run) => run.photo === photo).slice(-1));
     by("zip").hidden = latest.length < 2;
-    by("zip").href = zipOf(latest.map((run) => run.id));
+    by("zip", HTMLAnchorElement).href = zipOf(latest.map((run) => run.id));
   }
 
   showHeading() {
@@ -272,49 +305,44 @@ class Studio {
   showStage() {
     const { photo, shown, beside, viewer } = this;
     if (photo === null) return;
-    const done = shown?.picture ? shown : null, look = by("look").elements;
+    const done = hasPicture(shown) ? shown : null, outlined = all("[name=outlined]", this.look, HTMLInputElement)[0];
+    const sides = all("[name=side]", this.look, HTMLInputElement);
     this.listSides(done);
     if (beside) viewer.show("left", pictureSide(beside, beside.picture.whole));
     else viewer.show("left", photo.cannotBeSeen ? null : { src: photo.url, name: "photo", alt: `The photo ${photo.name}`, badge: "Photo" });
-    for (const control of [look.outlined, ...look.side]) control.disabled = !done;
-    const isErrors = done !== null && look.side.value === "errors";
-    if (isErrors) viewer.show("right", { src: ofJob(done.id, "errors.png"), name: "error map", alt: `Error map of ${named(done)}`, badge: `Errors, run ${done.number}`, pixels: true });
-    else if (done) viewer.show("right", pictureSide(done, done.picture.upTo(Number(by("rounds").value)), !beside));
+    for (const control of [outlined, ...sides]) control.disabled = !done;
+    const isErrors = sides.some((one) => one.checked && one.value === "errors");
+    if (done && isErrors) viewer.show("right", { src: ofJob(done.id, "errors.png"), name: "error map", alt: `Error map of ${named(done)}`, badge: `Errors, run ${done.number}`, isErrors });
+    else if (done) viewer.show("right", pictureSide(done, done.picture.upTo(viewer.round), !beside));
     else viewer.show("right", frameSide(shown));
     // The photo until there are shapes, the shapes as they come, and in the end both.
     viewer.divide(done ? 50 : frameSide(shown) ? 0 : 100);
-    const isOutlined = done !== null && look.outlined.checked;
-    viewer.outline("right", isOutlined ? ofJob(done.id, "outlines.svg") : null);
-    viewer.outline("left", isOutlined ? ofJob((beside ?? done).id, "outlines.svg") : null);
-    by("legend").hidden = !isErrors;
-    this.showRounds(done, isErrors);
+    const strokesOf = (/** @type {DoneRun | null} */ run) => (run && outlined.checked ? ofJob(run.id, "outlines.svg") : null);
+    viewer.outline("right", strokesOf(done));
+    viewer.outline("left", strokesOf(done && (beside ?? done)));
   }
 
-  showRounds(done, isErrors) {
-    const rounds = done?.picture.rounds ?? [], field = by("rounds");
-    by("rounds-field").hidden = rounds.length < 2;
-    if (rounds.length < 2) return;
-    field.disabled = isErrors;
-    const [number, count] = rounds[Math.min(Number(field.value), rounds.length) - 1];
-    by("round").textContent = `after round ${number}: ${whole(count)} shapes`;
-    field.setAttribute("aria-valuetext", by("round").textContent);
-  }
-
-  // What may be left of the divider: the photo, or another run of it.
+  /**
+   * Lists what may be left of the divider: the photo, or another run of it.
+   * @param {DoneRun | null} done
+   */
   listSides(done) {
-    const others = this.runs.filter((run) => run.picture && run.photo === this.photo && run !== done);
+    const others = this.runs.filter(hasPicture).filter((run) => run.photo === this.photo && run !== done);
     by("left-field").hidden = !done || others.length === 0;
     const listed = ["", ...others.map((run) => String(run.number))].join();
-    if (by("left").dataset.listed !== listed) {
-      by("left").dataset.listed = listed;
-      by("left").replaceChildren(new Option("Photo", ""), ...others.map((run) => new Option(`Run ${run.number}, ${run.aim}`, run.number)));
+    if (this.left.dataset.listed !== listed) {
+      this.left.dataset.listed = listed;
+      this.left.replaceChildren(new Option("Photo", ""), ...others.map((run) => new Option(`Run ${run.number}, ${run.aim}`, String(run.number))));
     }
-    by("left").value = this.beside ? this.beside.number : "";
+    this.left.value = this.beside ? String(this.beside.number) : "";
   }
 
-  // A picture that the browser could not show: once more, and else the server says why.
+  /**
+   * Asks for a picture that the browser could not show once more; else the server says why.
+   * @param {string} source
+   */
   async missing(source) {
-    if (source.startsWith("blob:") && source === this.photo?.url) {
+    if (this.photo && source.startsWith("blob:") && source === this.photo.url) {
       this.photo.cannotBeSeen = true;
       this.showStage();
     }
@@ -333,12 +361,12 @@ class Studio {
   }
 
   async estimate() {
-    this.asking?.abort();
+    this.asking.abort();
     this.asking = new AbortController();
     const place = this.photo?.width ? this.photo : TYPICAL;
     const options = { ...this.more.chosen(this.goal.kind), ...this.goal.chosen() };
     try {
-      const of = this.runs.filter((run) => run.picture && run.photo === this.photo).at(-1)?.id;
+      const of = this.runs.findLast((run) => hasPicture(run) && run.photo === this.photo)?.id;
       const found = await getEstimate({ width: place.width, height: place.height, options, of }, this.asking.signal);
       by("estimate").textContent = `About ${about(found)}${place === TYPICAL ? `, for a photo of ${TYPICAL.width} \u00d7 ${TYPICAL.height} px` : ""}`;
       complain("goal-error", "");
@@ -351,12 +379,25 @@ class Studio {
   }
 }
 
+/** @param {Run | null} run */
+const roundsOf = (run) =>
+  (run?.picture?.rounds ?? []).map(({ number, count }) => `after round ${number}: ${whole(count)} shapes`);
+
+/** @param {number | null} zoom @param {number} shown */
+function tellZoom(zoom, shown) {
+  by("zoom").textContent = `${Math.round(shown * 100)} %`;
+  by("fit").setAttribute("aria-pressed", String(zoom === null));
+  by("actual").setAttribute("aria-pressed", String(zoom === 1));
+}
+
+/** @param {DoneRun} run @param {string} src @param {boolean} isAlone */
 function pictureSide(run, src, isAlone = false) {
   return { src, name: isAlone ? "SVG" : `run ${run.number}`, alt: `${run.photo.name} as SVG, ${run.aim}`, badge: `${isAlone ? "SVG" : `Run ${run.number}`}, ${run.aim}` };
 }
 
+/** @param {Run | null} run */
 function frameSide(run) {
-  if (!run?.progress?.frame) return run?.lastFrame ?? null;
+  if (!run?.id || !run.progress?.frame) return run?.lastFrame ?? null;
   run.lastFrame = { src: ofJob(run.id, `frame?n=${run.progress.frame}`), name: "shapes so far", alt: "The shapes so far", badge: "So far" };
   return run.lastFrame;
 }

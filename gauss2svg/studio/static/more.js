@@ -1,10 +1,14 @@
 // The less used options, made from the server's description of them.
 
-import { by, make } from "./dom.js";
+import { make } from "./dom.js";
+
+/** @import { Group, Option, Options, Value } from "./api.js" */
+/** @typedef {{ option: Option, control: HTMLInputElement | HTMLSelectElement, row: HTMLElement, error: HTMLElement }} OptionField */
 
 export class More {
+  /** @param {Group[]} groups @param {() => void} changed */
   constructor(groups, changed) {
-    this.fields = new Map(); // by option name: {option, control, row, line}
+    this.fields = /** @type {Map<string, OptionField>} */ (new Map()); // by the names of options
     for (const group of groups) {
       const rows = group.options.map((option) => this.row(option));
       by("groups").append(make("details", { class: "group" },
@@ -22,6 +26,7 @@ export class More {
     this.count();
   }
 
+  /** @param {Option} option */
   row(option) {
     const id = `option-${option.name}`, help = `${id}-help`, line = `${id}-error`;
     const control = this.control(option, { id, "aria-describedby": `${help} ${line}` });
@@ -31,15 +36,17 @@ export class More {
     const row = make("div", { class: option.type === "boolean" ? "option bool" : "option" },
       label, make("span", { class: "value" }, control, unit),
       make("p", { class: "help", id: help }, option.help, " ", make("code", {}, option.flag ?? "")), error);
-    this.fields.set(option.name, { option, control, row, error });
-    this.set(this.fields.get(option.name), option.default);
+    const field = { option, control, row, error };
+    this.fields.set(option.name, field);
+    this.set(field, option.default);
     return row;
   }
 
+  /** @param {Option} option @param {import("./dom.js").Attributes} attributes */
   control(option, attributes) {
     if (option.type === "boolean") return make("input", { type: "checkbox", ...attributes });
     if (option.type === "choice") {
-      const choices = option.choices.map((one) => make("option", { value: one }, String(one)));
+      const choices = (option.choices ?? []).map((one) => make("option", { value: one }, String(one)));
       if (option.default === null) choices.unshift(make("option", { value: "" }, "automatic"));
       return make("select", attributes, ...choices);
     }
@@ -50,22 +57,27 @@ export class More {
     });
   }
 
-  set({ option, control }, value) {
-    if (option.type === "boolean") control.checked = value === true;
-    else control.value = value ?? "";
+  /** @param {OptionField} field @param {Value} value */
+  set({ control }, value) {
+    if (isCheckbox(control)) control.checked = value === true;
+    else control.value = String(value ?? "");
   }
 
+  /** @param {OptionField} field */
   value({ option, control }) {
-    if (option.type === "boolean") return control.checked;
+    if (isCheckbox(control)) return control.checked;
     if (control.value === "") return option.default;
     if (option.type === "integer" || option.type === "number") return Number(control.value);
-    if (option.type === "choice") return option.choices.find((one) => String(one) === control.value);
+    if (option.type === "choice") return option.choices?.find((one) => String(one) === control.value) ?? null;
     return control.value;
   }
 
-  // Options that differ from their defaults; `main` is set elsewhere.
+  /**
+   * Options that differ from their defaults.
+   * @param {string} main the name of one that is set elsewhere
+   */
   chosen(main) {
-    const found = {};
+    const found = /** @type {Options} */ ({});
     for (const [name, one] of this.fields) {
       one.row.hidden = name === main;
       const value = this.value(one);
@@ -79,7 +91,7 @@ export class More {
     for (const one of this.fields.values()) {
       const isChanged = this.value(one) !== one.option.default;
       one.row.classList.toggle("changed", isChanged);
-      many += isChanged;
+      many += Number(isChanged);
       one.error.hidden = true;
     }
     by("changed").textContent = many ? `${many} changed` : "";
@@ -93,20 +105,32 @@ export class More {
     return !bad;
   }
 
-  // Shows a line of the server at the option that it names; false where it is not seen there.
+  /**
+   * Shows a line of the server at the option that it names; false where it is not seen there.
+   * @param {string} line
+   * @param {boolean} isRun whether a run was asked for, not an estimate
+   */
   blame(line, isRun = true) {
-    const one = this.fields.get(/^[a-z_]+/.exec(line)?.[0]);
+    const one = this.fields.get(/^[a-z_]+/.exec(line)?.[0] ?? "");
     if (one) this.refuse(one, line, isRun);
     return one !== undefined && one.error.checkVisibility();
   }
 
-  // isRun: a run was asked for, so the field gets the focus; an estimate does not take it away.
+  /**
+   * Shows a line at a field, which gets the focus where a run was asked for; an estimate does not take it away.
+   * @param {OptionField} field
+   * @param {string} line
+   * @param {boolean} isRun
+   */
   refuse({ control, row, error }, line, isRun = true) {
     error.textContent = line;
     error.hidden = false;
     if (!isRun) return;
-    by("more").open = true;
-    row.closest("details").open = true;
+    by("more", HTMLDetailsElement).open = true;
+    row.closest("details")?.setAttribute("open", "");
     control.focus();
   }
 }
+
+/** @param {HTMLInputElement | HTMLSelectElement} control @returns {control is HTMLInputElement} */
+const isCheckbox = (control) => control.type === "checkbox";

@@ -1,56 +1,63 @@
 // The run that is under way: its figures, its bar, and the line of photos.
 
-import { by, make } from "./dom.js";
+import { make } from "./dom.js";
 import { isActive, isDone } from "./job.js";
 import { decibels, seconds, size, whole } from "./numbers.js";
 
-const PHASES = {
+/** @import { Photo, Run } from "./job.js" */
+
+const PHASES = /** @type {Record<string, string>} */ ({
   read: "Reading the photo", compile: "Preparing, the first time only", write: "Writing the SVG",
   measure: "Measuring it", correct: "Correcting colours",
-};
+});
+/** @param {number} place */
 const ahead = (place) => (place === 1 ? "one before it" : `${place} before it`);
 
+/** @param {Run} run */
 function standing(run) {
+  const place = run.place ?? 0;
   if (run.lost) return run.lost;
   if (run.isStopping) return "Stopping with the best so far";
-  if (run.state === "waiting") return `Waiting, ${ahead(run.place)}`;
-  if (run.state === "queued") return run.place > 1 ? `In the queue, ${ahead(run.place - 1)}` : "In the queue, next";
+  if (run.state === "waiting") return `Waiting, ${ahead(place)}`;
+  if (run.state === "queued") return place > 1 ? `In the queue, ${ahead(place - 1)}` : "In the queue, next";
   const now = run.progress;
   if (!now) return "Starting";
-  return PHASES[now.phase] ?? `Round ${now.round}`;
+  return PHASES[now.phase ?? ""] ?? `Round ${now.round}`;
 }
 
+/** @param {Run | null} run */
 export function showProgress(run) {
   by("progress").hidden = run === null;
   if (run === null) return;
-  const figures = run.figures ?? run.progress; // those of the fit stay while it is written
-  const isFitting = run.progress?.iteration !== undefined;
-  if (isFitting) run.figures = run.progress;
+  const now = run.progress ?? {}, isFitting = now.iteration !== undefined;
+  const figures = run.figures ?? now; // those of the fit stay while it is written
+  if (isFitting) run.figures = now;
   by("standing").textContent = standing(run);
-  const bar = by("bar"), done = isFitting ? run.progress.done : null;
+  const bar = by("bar", HTMLProgressElement);
   // Without a value the bar says only that something happens, such as a measurement.
-  if (done === null) bar.removeAttribute("value");
-  else bar.value = done;
-  const has = figures?.gaussians !== undefined;
+  if (!isFitting) bar.removeAttribute("value");
+  else bar.value = now.done ?? 0;
+  const has = figures.gaussians !== undefined;
   for (const [id, text] of [
     ["now-shapes", has ? whole(figures.gaussians) : ""], ["now-psnr", has ? decibels(figures.psnr) : ""],
     ["now-size", has ? `about ${size(figures.bytes_estimate)}` : ""], ["now-time", has ? seconds(figures.elapsed_s) : ""],
-    ["now-left", has && isFitting && run.progress.remaining_s > 0 ? seconds(run.progress.remaining_s) : ""],
+    ["now-left", has && isFitting && Number(now.remaining_s) > 0 ? seconds(now.remaining_s) : ""],
   ]) {
     by(id).textContent = text;
-    by(id).parentElement.hidden = text === "";
+    by(id).closest("div")?.toggleAttribute("hidden", text === "");
   }
-  by("stop").disabled = !isFitting || run.isStopping === true;
+  by("stop", HTMLButtonElement).disabled = !isFitting || run.isStopping === true;
 }
 
-export function figuresOf(run) {
-  const { report } = run;
+/** @param {{ report: import("./api.js").Report }} run */
+export function figuresOf({ report }) {
   const parts = [`${whole(report.gaussians)} shapes`, decibels(report.psnr_svg)];
   if (report.ssim_svg !== null && report.ssim_svg !== undefined) parts.push(`SSIM ${report.ssim_svg.toFixed(3)}`);
   parts.push(`${size(report.svg_bytes)} (${size(report.svgz_bytes)} gzipped)`, seconds(report.total_s));
   return parts.join(" \u00b7 ");
 }
 
+/** @param {Run | undefined} run */
 function inShort(run) {
   if (!run) return "";
   if (isDone(run)) return `${decibels(run.report.psnr_svg)}, ${size(run.report.svg_bytes)}`;
@@ -61,17 +68,18 @@ function inShort(run) {
 
 // The line of photos, where there are several; kept in place, so that the focus stays.
 export class Strip {
+  /** @param {(photo: Photo) => void} choose */
   constructor(choose) {
     this.choose = choose;
-    this.items = new Map();
+    this.items = /** @type {Map<Photo, { item: HTMLElement, button: HTMLElement, state: HTMLElement }>} */ (new Map());
   }
 
+  /** @param {Photo[]} photos @param {Photo | null} current @param {(photo: Photo) => Run | undefined} newest */
   update(photos, current, newest) {
     by("strip").hidden = photos.length < 2;
     for (const photo of photos) {
-      if (!this.items.has(photo)) this.add(photo);
-      const { button, state } = this.items.get(photo);
-      button.setAttribute("aria-pressed", photo === current);
+      const { button, state } = this.items.get(photo) ?? this.add(photo);
+      button.setAttribute("aria-pressed", String(photo === current));
       state.textContent = inShort(newest(photo));
     }
     for (const [photo, { item }] of this.items) if (!photos.includes(photo)) {
@@ -80,6 +88,7 @@ export class Strip {
     }
   }
 
+  /** @param {Photo} photo */
   add(photo) {
     const picture = make("img", { src: photo.url, alt: "", error: () => { picture.hidden = true; } });
     const state = make("span", { class: "soft" });
@@ -87,6 +96,8 @@ export class Strip {
       picture, make("span", { class: "name" }, photo.name), state);
     const item = make("li", {}, button);
     by("thumbnails").append(item);
-    this.items.set(photo, { item, button, state });
+    const added = { item, button, state };
+    this.items.set(photo, added);
+    return added;
   }
 }

@@ -1,61 +1,92 @@
 // Every finished run: a point of the chart, a row of the table.
 
-import { chartOf, mark } from "./chart.js";
-import { all, by, make } from "./dom.js";
-import { score, seconds, shortSeconds, shortSize, size, whole } from "./numbers.js";
+import { ApiError } from "./api.js";
+import { chartOf, mark, ring } from "./chart.js";
+import { complain, make } from "./dom.js";
+import { score, seconds, size, whole } from "./numbers.js";
 
-const COSTS = {
-  svg_bytes: { title: "size of the SVG", tick: shortSize, name: "size" },
-  total_s: { title: "time, photo to measured SVG", tick: shortSeconds, name: "time" },
-};
+/** @import { Score } from "./api.js" */
+/** @import { DoneRun, Run } from "./job.js" */
 
 export class Trade {
-  // scores: the axes of the server; show(run) and compare(run) are called by clicks.
+  /**
+   * @param {Score[]} scores the axes of the server
+   * @param {(run: DoneRun) => void} show called by clicks
+   * @param {(run: DoneRun) => void} compare
+   */
   constructor(scores, show, compare) {
-    Object.assign(this, { scores, show, compare, runs: [], shown: null, compared: null });
+    this.scores = scores;
+    this.show = show;
+    this.compare = compare;
+    this.runs = /** @type {DoneRun[]} */ ([]);
+    this.measured = /** @type {Score[]} */ ([]);
+    this.shown = /** @type {Run | null} */ (null);
+    this.compared = /** @type {Run | null} */ (null);
+    this.drawn = "";
+    this.asking = new AbortController();
+    this.axes = by("axes", HTMLFormElement);
+    /** @param {Score} axis @param {number} at */
     const radio = (axis, at) => make("label", {},
       make("input", { type: "radio", name: "score", value: axis.key, checked: at === 0 }), make("span", {}, axis.name));
     by("scores").append(...scores.map(radio));
-    by("axes").addEventListener("input", () => this.drawChart());
-    by("axes").addEventListener("submit", (event) => event.preventDefault());
+    this.axes.addEventListener("input", () => this.drawChart());
+    this.axes.addEventListener("submit", (event) => event.preventDefault());
   }
 
+  /** @param {DoneRun[]} runs @param {Run | null} shown @param {Run | null} compared */
   update(runs, shown, compared) {
-    Object.assign(this, { runs, shown, compared });
+    this.runs = runs;
+    this.shown = shown;
+    this.compared = compared;
     by("trade").hidden = by("runs-section").hidden = runs.length === 0;
     if (!runs.length) return;
     this.measured = this.scores.filter((axis) => runs.some((run) => axis.key in run.report && (run.report[axis.key] !== null || axis.best === null)));
-    for (const input of all("[name=score]", by("axes")))
-      input.closest("label").hidden = !this.measured.some((axis) => axis.key === input.value);
+    for (const input of all("[name=score]", this.axes, HTMLInputElement))
+      input.labels?.[0].toggleAttribute("hidden", !this.measured.some((axis) => axis.key === input.value));
     this.drawChart();
     this.fillTable();
   }
 
   axis() {
-    const form = by("axes").elements;
-    return this.measured.find((axis) => axis.key === form.score.value) ?? this.measured[0];
+    const chosen = new FormData(this.axes).get("score");
+    return this.measured.find((axis) => axis.key === chosen) ?? this.measured[0];
   }
 
-  drawChart() {
-    const axis = this.axis(), cost = COSTS[by("axes").elements.cost.value];
-    const key = by("axes").elements.cost.value;
+  // Asks for the chart anew where its points or axes are others; the one of before stays until then.
+  async drawChart() {
+    const axis = this.axis(), cost = String(new FormData(this.axes).get("cost"));
+    /** @param {DoneRun} run */
     const has = (run) => axis.best === null || (run.report[axis.key] ?? null) !== null;
     const points = this.runs.filter(has).map((run) => ({
-      cost: run.report[key], score: run.report[axis.key], series: run.photo.series, run: run.number,
+      cost: Number(run.report[cost]), score: run.report[axis.key], series: run.photo.series ?? 0, run: run.number,
       text: `${named(run)}: ${score(axis, run.report[axis.key])}, ${size(run.report.svg_bytes)}, ${seconds(run.report.total_s)}`,
-      isShown: run === this.shown, isCompared: run === this.compared,
-      choose: (event) => (event.shiftKey ? this.compare(run) : this.show(run)),
+      choose: (/** @type {MouseEvent | KeyboardEvent} */ event) => (event.shiftKey ? this.compare(run) : this.show(run)),
     }));
-    const focused = document.activeElement?.closest?.(".point")?.dataset.run;
-    by("chart").replaceChildren(chartOf(points, axis, cost, `${axis.title}, over ${cost.title}, logarithmic; the table has the numbers`));
-    if (focused) by("chart").querySelector(`[data-run="${focused}"]`)?.focus({ preventScroll: true });
+    const drawn = JSON.stringify([axis.key, cost, points]);
+    if (drawn !== this.drawn) {
+      this.drawn = drawn;
+      this.asking.abort();
+      this.asking = new AbortController();
+      try {
+        const chart = await chartOf(points, axis.key, cost, this.asking.signal);
+        const focused = document.activeElement?.closest(".point")?.getAttribute("data-run");
+        by("chart").replaceChildren(chart);
+        if (focused) all(`[data-run="${focused}"]`, chart, SVGElement)[0]?.focus({ preventScroll: true });
+      } catch (error) {
+        if (error.name === "AbortError") return;
+        if (!(error instanceof ApiError)) throw error;
+        this.drawn = "";
+        complain("photo-error", error.message);
+      }
+    }
+    ring(by("chart"), this.shown?.number, this.compared?.number);
   }
 
   fillTable() {
     const columns = ["Run", "Aim", "Shapes", ...this.measured.map((axis) => axis.name), "Size", "Gzipped", "Time", "Beside the shown"];
     const texts = ["Run", "Aim", "Beside the shown"];
     const heads = columns.map((name) => make("th", { scope: "col", class: texts.includes(name) ? "text" : null }, name));
-    const focused = document.activeElement?.dataset.action;
+    const focused = document.activeElement?.getAttribute("data-action");
     by("runs").replaceChildren(
       make("caption", {}, "All runs, measured on the rasterised SVG against the photo"),
       make("thead", {}, make("tr", {}, ...heads)),
@@ -63,8 +94,10 @@ export class Trade {
     if (focused) all("[data-action]", by("runs")).find((one) => one.dataset.action === focused)?.focus({ preventScroll: true });
   }
 
+  /** @param {DoneRun} run */
   row(run) {
     const { report } = run, isShown = run === this.shown, isCompared = run === this.compared;
+    /** @param {string} words */
     const cell = (words) => make("td", {}, words);
     const compare = make("button", {
       class: "small", type: "button", "aria-pressed": String(isCompared), "data-action": `compare-${run.number}`,
@@ -72,7 +105,7 @@ export class Trade {
       disabled: isShown || run.photo !== this.shown?.photo, click: () => this.compare(run),
     }, "Compare");
     return make("tr", { "aria-current": isShown ? "true" : null },
-      make("th", { scope: "row" }, mark(run.photo.series), make("button", {
+      make("th", { scope: "row" }, mark(run.photo.series ?? 0), make("button", {
         class: "plain-button", type: "button", "data-action": `show-${run.number}`, click: () => this.show(run),
       }, `${run.number}, ${run.photo.name}`)),
       make("td", { class: "text" }, run.aim),
@@ -82,4 +115,5 @@ export class Trade {
   }
 }
 
+/** @param {Run} run */
 export const named = (run) => `Run ${run.number}, ${run.photo.name}, ${run.aim}`;
