@@ -10,7 +10,6 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import dask.config
-import psutil
 from distributed import Client, LocalCluster
 from distributed.security import Security
 from numba.core import config
@@ -19,6 +18,7 @@ from gauss2svg.batch.job import Job
 from gauss2svg.batch.work import cannot_run, check_worker
 from gauss2svg.errors import ClusterError, Gauss2SvgError, quoted
 from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.processes import end_family
 
 _CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
 _COUNT_S = 1.0  # for which a number of workers is taken as known
@@ -166,11 +166,7 @@ def _end(cluster: LocalCluster) -> None:
         nanny.close_gracefully()  # and start no other
         if nanny.pid is None:  # it is being started again
             continue
-        with suppress(psutil.NoSuchProcess):
-            worker = psutil.Process(nanny.pid)
-            for process in (worker, *worker.children(recursive=True)):  # such as other tools
-                with suppress(psutil.NoSuchProcess):
-                    process.kill()
+        end_family(nanny.pid)  # with such as other tools
 
 
 @contextmanager
