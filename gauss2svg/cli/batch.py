@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.fit.options import DensifyOptions, FitOptions
-from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
-from gauss2svg.svg.document import Document
+from gauss2svg.cli.parameters import Quiet, options_of
+from gauss2svg.cli.streams import say
+from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
 STATUS_SOME_FAILED = 1
 _SHOW_S = 0.2  # between two states of the bar
@@ -46,18 +45,8 @@ def batch_command(
             help='TOML file of options, such as quality = "draft"; those given here count first.',
         ),
     ] = None,
-    goal: Annotated[Goal, Parameter(name="*", group="Goal")] = Goal(),
-    svg: Annotated[SvgOptions, Parameter(name="*", group="SVG")] = SvgOptions(),
-    document: Annotated[Document, Parameter(name="*", group="Document")] = Document(),
-    fit: Annotated[FitOptions, Parameter(name="*", group="Fit")] = FitOptions(),
-    densify: Annotated[
-        DensifyOptions,
-        Parameter(name="*", group="Densification", negative_bool="no-", negative=None),
-    ] = DensifyOptions(),
-    run: Annotated[RunOptions, Parameter(name="*", group="Resources")] = RunOptions(),
-    quiet: Annotated[
-        bool, Parameter(negative="", help="Show neither progress nor summary.")
-    ] = False,
+    given: Any = Options(),
+    quiet: Quiet = False,
 ) -> int:
     """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
     from gauss2svg.batch.many import Batch
@@ -66,7 +55,6 @@ def batch_command(
     from gauss2svg.files import refuse_option_like
 
     refuse_option_like(*photos, output)
-    given = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
     with Batch(photos, output, given, batch) as made:
         with counting_bar(quiet) as update:
             summary, count = Summary(), made.index.count
@@ -77,7 +65,7 @@ def batch_command(
                 nonlocal has_waited
                 # A worker of this machine that died is being started again.
                 if not (has_waited or quiet) and batch.scheduler is not None:
-                    _print(f"no workers at {batch.scheduler} yet; waiting for them")
+                    say(f"no workers at {batch.scheduler} yet; waiting for them")
                 has_waited = True
 
             def add(records: Iterable[Any]) -> None:
@@ -94,16 +82,20 @@ def batch_command(
             if made.index.left:
                 with made.connected() as client:
                     if not quiet:
-                        _print(f"Dask's dashboard: {client.dashboard_link}")
+                        say(f"Dask's dashboard: {client.dashboard_link}")
                     add(made.records(client, waiting))
         tables = made.finish()
     if not quiet:
         for line in summary.lines():
-            _print(line)
-        _print(f"see {', '.join(made.store.path(name) for name in tables)}")
+            say(line)
+        say(f"see {', '.join(made.store.path(name) for name in tables)}")
     elif summary.failed:
-        _print(f"{summary.failed} failed; see {made.store.path(tables[0])}")
+        say(f"{summary.failed} failed; see {made.store.path(tables[0])}")
     return STATUS_SOME_FAILED if summary.failed else 0
+
+
+_TITLES = GROUP_TITLES | {"run": "Resources"}  # there is one checkpoint for all photos: the folder
+batch_command.__annotations__["given"] = options_of({k: Group(t) for k, t in _TITLES.items()})
 
 
 def _state(summary: Any, rate: float, count: int) -> str:
@@ -144,9 +136,3 @@ def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None
         if isinstance(value, (dict, list)):
             raise InputError(f"{key} of {path} must be a plain value; got {quoted(value)}")
     Toml(path, use_commands_as_keys=False)(app, commands, arguments)
-
-
-def _print(line: str) -> None:
-    from gauss2svg.errors import on_one_line
-
-    print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)
