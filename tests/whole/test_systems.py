@@ -15,7 +15,7 @@ from conftest import has_ended
 from PIL import Image
 
 from gauss2svg import files, processes
-from gauss2svg.batch import preload
+from gauss2svg.batch import worker
 from gauss2svg.batch.stores import Store
 from gauss2svg.cli import signals
 from gauss2svg.cli.main import main
@@ -329,7 +329,7 @@ def test_ctrl_break_ends_a_command_as_sigterm_does(monkeypatch):
     ignored = []
     monkeypatch.setattr(signal, "SIGBREAK", 21, raising=False)
     monkeypatch.setattr(signal, "signal", lambda number, _: ignored.append(number))
-    preload.dask_setup(None)
+    worker.dask_setup(None)
     assert ignored == [signal.SIGINT, 21]
 
 
