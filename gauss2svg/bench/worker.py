@@ -42,7 +42,8 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
     from gauss2svg.bench.tuning import apply_constants, options_in
     from gauss2svg.measure.perceptual import perceptual_scores
     from gauss2svg.pipeline.options import Options
-    from gauss2svg.pipeline.vectorize import vectorize_by, warm_up
+    from gauss2svg.pipeline.vectorize import vectorize_by
+    from gauss2svg.pipeline.warm_up import warm_up
 
     apply_constants(request["settings"])
     given = options_in(request["settings"])
@@ -50,7 +51,7 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
     given |= {"seed": request["seed"], "threads": request["threads"], "full_size": True}
     options = Options.from_flat(given)
     warming = time.perf_counter()
-    warm_up(options)
+    warm_up(given)
     warmup_s = time.perf_counter() - warming
     watch = Stopwatch()
     result = vectorize_by(options, request["image"])

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
+from gauss2svg.cli.lines import say
 from gauss2svg.cli.parameters import Quiet, options_of
-from gauss2svg.cli.streams import say
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
 STATUS_SOME_FAILED = 1

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import words_of
-from gauss2svg.cli.streams import say
+from gauss2svg.cli.lines import say, words
 
 if TYPE_CHECKING:
     from gauss2svg.bench.runner import BenchProgress
@@ -61,7 +60,7 @@ def bench_command(
     from gauss2svg.files import expanded
     from gauss2svg.measure.perceptual import packages_missing
 
-    names = words_of(peers)
+    names = words(peers)
     axes = parse_axes(axis or ())
     absent = check_peers(names)[1]
     if absent:

@@ -7,8 +7,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import Photos, Quiet, words_of
-from gauss2svg.cli.streams import say
+from gauss2svg.cli.lines import say, words
+from gauss2svg.cli.parameters import Photos, Quiet
 from gauss2svg.gallery.options import GalleryOptions
 
 STATUS_SOME_FAILED = 1
@@ -58,9 +58,9 @@ def gallery_command(
         gallery = build_gallery(
             expanded(photos),
             output,
-            variants=None if variants is None else words_of(variants),
-            counts=None if counts is None else [_whole(word) for word in words_of(counts)],
-            peers=words_of(peers),
+            variants=None if variants is None else words(variants),
+            counts=None if counts is None else [_whole(word) for word in words(counts)],
+            peers=words(peers),
             options=options,
             command=command_line(["gauss2svg", *sys.argv[1:]]),
             progress=lambda at: update("; ".join(at.now), at.done, at.total),

@@ -1,4 +1,4 @@
-"""Parameters that several commands have: photos, --quiet, the options of a run, lists of words."""
+"""Parameters that several commands have: photos, --quiet, the options of a run."""
 
 from __future__ import annotations
 
@@ -34,8 +34,3 @@ def options_of(shown: Mapping[str, Group]) -> Any:
     made = {"__new__": lambda _, **groups: Options(**groups), "__module__": __name__}
     parsed = dataclasses.make_dataclass("Options", fields, namespace=made, kw_only=True)
     return Annotated[parsed, Parameter(name="*")]
-
-
-def words_of(text: str) -> list[str]:
-    """What commas separate."""
-    return [word.strip() for word in text.split(",") if word.strip()]

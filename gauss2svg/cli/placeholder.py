@@ -9,8 +9,9 @@ from urllib.parse import quote
 
 from cyclopts import Parameter
 
+from gauss2svg.cli.lines import say
 from gauss2svg.cli.parameters import Photos, Quiet
-from gauss2svg.cli.streams import say, standard_stream
+from gauss2svg.cli.streams import standard_stream
 from gauss2svg.options import OptionGroup
 from gauss2svg.pipeline.placeholder import DEFAULT_BYTES, Placeholder, check_bytes
 

@@ -1,4 +1,4 @@
-"""The standard streams of a process, which may be closed or break, and lines for a person."""
+"""The standard streams of a process, which may be closed or break."""
 
 from __future__ import annotations
 
@@ -7,12 +7,7 @@ import sys
 from contextlib import suppress
 from typing import Any
 
-from gauss2svg.errors import InputError, on_one_line
-
-
-def say(line: str) -> None:
-    """Tell a person one line, on standard error."""
-    print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr, flush=True)
+from gauss2svg.errors import InputError
 
 
 def standard_stream(stream: Any, name: str) -> Any:

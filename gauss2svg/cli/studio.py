@@ -5,7 +5,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.streams import say
+from gauss2svg.cli.lines import say
 
 
 def studio_command(

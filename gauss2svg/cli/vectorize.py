@@ -10,8 +10,9 @@ from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
+from gauss2svg.cli.lines import say
 from gauss2svg.cli.parameters import options_of
-from gauss2svg.cli.streams import say, standard_stream
+from gauss2svg.cli.streams import standard_stream
 from gauss2svg.photo.formats import TITLES
 from gauss2svg.pipeline.options import GROUP_TITLES, Options
 

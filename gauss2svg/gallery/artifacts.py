@@ -31,7 +31,8 @@ from gauss2svg.measure.perceptual import packages, packages_missing, perceptual_
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
 from gauss2svg.photo.load import WHITE, header_of, load_image, load_reduced
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.vectorize import vectorize_by, warm_up
+from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.pipeline.warm_up import warm_up
 from gauss2svg.svg.reader.parse import parse_document
 
 RECORD = "record.json"
@@ -119,7 +120,7 @@ def _own(source: str, request: Request) -> _Made:
     given |= {"fragments": True, "full_size": True}
     options = Options.from_flat({**request["settings"], **given})
     if TOOL not in _warm:  # imports and compilation are not part of the time
-        warm_up(Options.from_flat({"quality": "draft", "threads": request["threads"]}))
+        warm_up({"quality": "draft", "threads": request["threads"]})
         _warm.add(TOOL)
     watch = Stopwatch()
     result = vectorize_by(options, source)

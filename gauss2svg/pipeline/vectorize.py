@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gauss2svg.errors import InputError, instance, must_be, shown
 from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions, FitProgress
@@ -34,7 +32,6 @@ from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.limits import LARGEST_NUMBER
 
-_WARM_UP_SIDE = 32  # px
 _MOST_REACH = 5  # canvas sides that a shape may extend to: sigma is at most 1, the cut-off is at 3
 
 
@@ -123,12 +120,6 @@ def vectorize_by(
         outcome = best_of(_searches(plan, run, subject, checkpoint, saved))
     subject.release()
     return _result(plan, run, photo, subject, outcome, checkpoint)
-
-
-def warm_up(options: Options) -> Result:
-    """Two steps on noise: after them nothing that these options use is compiled or imported."""
-    noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-    return vectorize_by(options.changed(iterations=2), noise)
 
 
 def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Sizes]:

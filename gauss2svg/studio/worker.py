@@ -41,7 +41,8 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import KILOBYTES_PER_GAUSSIAN
 from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.run import Progress
-from gauss2svg.pipeline.vectorize import vectorize_by, warm_up
+from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.pipeline.warm_up import warm_up
 from gauss2svg.studio.frames import FrameMaker, as_jpeg
 from gauss2svg.svg.format import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
@@ -63,7 +64,7 @@ class _Worker:
 
     def run(self, folder: str) -> None:
         threading.Thread(target=self._listen, args=(folder,), daemon=True).start()
-        as_jpeg(warm_up(Options.from_flat({"quality": "draft"})).scene)
+        as_jpeg(warm_up({"quality": "draft"}).scene)
         self._send("", "ready")
         while True:
             request = self._requests.get()
