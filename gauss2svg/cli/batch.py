@@ -16,6 +16,9 @@ from gauss2svg.pipeline.options import GROUP_TITLES, Options
 STATUS_SOME_FAILED = 1
 _SHOW_S = 0.2  # between two states of the bar
 _OPTIONS_FILE = "--options"
+_TITLES = GROUP_TITLES | {"run": "Resources"}  # there is one checkpoint for all photos: the folder
+_Parsed = options_of({key: Group(title) for key, title in _TITLES.items()})
+_DEFAULTS = _Parsed()
 
 
 def batch_command(
@@ -45,7 +48,7 @@ def batch_command(
             help='TOML file of options, such as quality = "draft"; those given here count first.',
         ),
     ] = None,
-    given: Any = Options(),
+    given: Annotated[_Parsed, Parameter(name="*")] = _DEFAULTS,  # pyright: ignore[reportInvalidTypeForm]
     quiet: Quiet = False,
 ) -> int:
     """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
@@ -55,7 +58,7 @@ def batch_command(
     from gauss2svg.files import refuse_option_like
 
     refuse_option_like(*photos, output)
-    with Batch(photos, output, given, batch) as made:
+    with Batch(photos, output, Options(**vars(given)), batch) as made:
         with counting_bar(quiet) as update:
             summary, count = Summary(), made.index.count
             update("", 0, count)
@@ -92,10 +95,6 @@ def batch_command(
     elif summary.failed:
         say(f"{summary.failed} failed; see {made.store.path(tables[0])}")
     return STATUS_SOME_FAILED if summary.failed else 0
-
-
-_TITLES = GROUP_TITLES | {"run": "Resources"}  # there is one checkpoint for all photos: the folder
-batch_command.__annotations__["given"] = options_of({k: Group(t) for k, t in _TITLES.items()})
 
 
 def _state(summary: Any, rate: float, count: int) -> str:

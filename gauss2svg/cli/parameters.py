@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from gauss2svg.pipeline.options import GROUPS, Options
+from gauss2svg.pipeline.options import GROUPS
 
 Photos = Annotated[list[str], Parameter(negative="", help="Photos.")]
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]
@@ -17,10 +17,10 @@ _NEGATED: dict[str, Any] = {"densify": {"negative_bool": "no-", "negative": None
 
 
 def options_of(shown: Mapping[str, Group]) -> Any:
-    """The type of a parameter that holds `Options`: the fields of its groups are options.
+    """A class with some groups of `Options` as the parser takes them: each field is an option.
 
-    shown  the groups by their keys of GROUPS, with the titles under which help lists them; one that
-           is left out has its defaults
+    shown  the groups by their keys of GROUPS, with the titles under which help lists them
+    `Options(**vars(parsed))` has the defaults of the others.
     """
     fields = [
         (
@@ -30,7 +30,6 @@ def options_of(shown: Mapping[str, Group]) -> Any:
         )
         for key, group in shown.items()
     ]
-    # The parser reads the fields of this class, and gets what it makes: plain Options.
-    made = {"__new__": lambda _, **groups: Options(**groups), "__module__": __name__}
-    parsed = dataclasses.make_dataclass("Options", fields, namespace=made, kw_only=True)
-    return Annotated[parsed, Parameter(name="*")]
+    # The parser takes classes of the module `types` for builtins.
+    namespace = {"__module__": __name__}
+    return dataclasses.make_dataclass("ParsedOptions", fields, namespace=namespace, kw_only=True)

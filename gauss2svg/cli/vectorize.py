@@ -70,22 +70,22 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
         for order, key in enumerate(_ORDER[:1] if short else _ORDER)
     }
+    parsed = options_of(groups)
+    defaults = parsed()
 
     def command(
         *photo: Annotated[str, Parameter(allow_leading_hyphen=True, group="Parameters")],
         output: Annotated[
             str | None, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)
         ] = None,
-        options: Any = Options(),
+        options: Annotated[parsed, Parameter(name="*")] = defaults,  # pyright: ignore[reportInvalidTypeForm]
         files: Annotated[
             OutputFiles, Parameter(name="*", group=Group("Output files", sort_key=0.5))
         ] = OutputFiles(),
     ) -> int:
-        return _run(_one_photo(photo), output, options, files)
+        return _run(_one_photo(photo), output, Options(**vars(options)), files)
 
     command.__doc__ = HELP + _PARAMETERS
-    # A type that is made here, which no annotation in place can name.
-    command.__annotations__["options"] = options_of(groups)
     return command
 
 
