@@ -30,15 +30,15 @@ from gauss2svg.batch.records import STATE
 
 _STAND_IN = '''
 """Loaded by workers: in place of vectorising a photo and writing its SVG."""
-from gauss2svg.batch import work
+from gauss2svg.batch import worker
 
-def stand_in(job, options, photo):
+def stand_in(spec, options, photo):
     return {
         "width": 768, "height": 512, "gaussians": 5000, "psnr_svg": 32.125, "unreached": [],
         "bytes": 0,
     }
 
-work._vectorized = stand_in
+worker._vectorized = stand_in
 '''
 _POLL_S = 0.2
 

@@ -1,6 +1,6 @@
-"""Child processes on each system: how they begin and end with all they start, and how they ended.
+"""Child processes: `run` waits for one, `own_group` and `end_tree` are for those that stay.
 
-Each function takes the system as an argument, by default that of this process.
+What differs between systems takes the system as an argument, by default that of this process.
 """
 
 from __future__ import annotations
@@ -9,11 +9,17 @@ import os
 import re
 import shlex
 import signal
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import TypedDict
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, NamedTuple, TypedDict
+
+if TYPE_CHECKING:
+    import subprocess
 
 WINDOWS = "nt"  # as os.name says
+_MOST_SAID = 4000  # bytes of standard error in which its last line is looked for
 _NEW_GROUP = 0x200  # CREATE_NEW_PROCESS_GROUP, which subprocess has on Windows alone
 # Exit statuses of Windows from here on are those of exceptions (ntstatus.h).
 _LEAST_EXCEPTION = 0xC0000000
@@ -36,6 +42,108 @@ class _Group(TypedDict, total=False):
     creationflags: int
 
 
+class Ended(NamedTuple):
+    """How a process ended.
+
+    status     its exit status
+    output     its standard output
+    complaint  the last line of its standard error, "" for none
+    """
+
+    status: int
+    output: bytes
+    complaint: str
+
+
+def run(
+    command: Sequence[str],
+    data: bytes | None = None,
+    *,
+    timeout_s: float | None = None,
+    folder: Path | None = None,
+    environment: Mapping[str, str] | None = None,
+    apart: bool = True,
+    tied: bool = False,
+    ending_s: float = 0.0,
+) -> Ended:
+    """Run a command to its end; the group that it leads ends with an exception here.
+
+    data         standard input; None: the null device
+    timeout_s    after which the group is killed; None: no limit
+    environment  variables besides those of this process
+    apart        whether it leads a group of its own; without one it ends with the group of this
+                 process, and is for a process that is itself killed after a time limit
+    tied         whether its standard input is open as long as this process lives, and has nothing
+    ending_s     seconds in which a process may end its own children when it is asked to end, by
+                 SIGTERM; on Windows, where nobody can be asked, they are found by their parent
+
+    Raises TimeoutError, and another OSError where the command cannot be started.
+    """
+    import subprocess
+    import tempfile
+
+    source = subprocess.DEVNULL if data is None and not tied else subprocess.PIPE
+    with (
+        # No pipe, which has no end while anything that the process has left behind is alive.
+        tempfile.TemporaryFile() as stderr,
+        subprocess.Popen(
+            command,
+            stdin=source,
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+            cwd=folder,
+            env={**os.environ, **(environment or {})},
+            **(own_group() if apart else _Group()),
+        ) as process,
+    ):
+        tie = process.stdin if tied else None
+        if tie is not None:
+            process.stdin = None  # `communicate` would close it
+        try:
+            output, _ = process.communicate(data, timeout_s)
+        except subprocess.TimeoutExpired as error:
+            raise TimeoutError(f"not done in {timeout_s:g} s") from error
+        finally:  # also at an interrupt, which another process group does not receive
+            if process.poll() is None:
+                _end(process, apart, ending_s)
+            if tie is not None:
+                tie.close()
+        return Ended(process.returncode, output, _last_line(stderr))
+
+
+def _end(process: subprocess.Popen[bytes], apart: bool, ending_s: float) -> None:
+    import subprocess
+
+    if ending_s and os.name != WINDOWS:
+        process.terminate()
+        with suppress(subprocess.TimeoutExpired):  # it is inside a library
+            process.communicate(timeout=ending_s)
+            return
+    if apart:
+        end_tree(process.pid)
+    else:
+        process.kill()
+
+
+def _last_line(stream: IO[bytes]) -> str:
+    stream.seek(0, os.SEEK_END)
+    stream.seek(max(0, stream.tell() - _MOST_SAID))
+    lines = stream.read().decode(errors="replace").strip().splitlines()
+    return lines[-1].strip() if lines else ""
+
+
+def module_command(name: str, *words: str) -> list[str]:
+    """The command that runs a module in a Python of its own, to start with `module_path`."""
+    return [sys.executable, "-P", "-m", name, *words]
+
+
+def module_path() -> dict[str, str]:
+    """The variable by which another Python imports as this one, but not from the current folder."""
+    entries = [os.path.abspath(entry) for entry in sys.path if entry]
+    # Last: the package itself may be imported from there.
+    return {"PYTHONPATH": os.pathsep.join([*entries, str(Path(__file__).parents[1])])}
+
+
 def own_group(system: str = os.name) -> _Group:
     """Keywords of Popen for a process that `end_tree` ends, and that no Ctrl-C here reaches."""
     return {"creationflags": _NEW_GROUP} if system == WINDOWS else {"start_new_session": True}
@@ -48,11 +156,16 @@ def end_tree(process_id: int, system: str = os.name) -> None:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(process_id, signal.SIGKILL)
         return
+    end_family(process_id)
+
+
+def end_family(process_id: int) -> None:
+    """Kill any process and what it has started, which are found by their parents."""
     import psutil
 
     with suppress(psutil.NoSuchProcess):
         root = psutil.Process(process_id)
-        for process in (*root.children(recursive=True), root):
+        for process in (root, *root.children(recursive=True)):
             with suppress(psutil.NoSuchProcess):
                 process.kill()
 

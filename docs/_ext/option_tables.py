@@ -1,7 +1,8 @@
 """Directives that list what the code has.
 
 `{options}` of a command, `{statuses}` of the studio, `{formats}` of photos, `{features}` that
-renderers draw wrongly, `{forms}` that they draw, `{scores}`.
+renderers draw wrongly, `{forms}` that they draw, `{scores}`. cyclopts' own directive has neither
+ranges nor a page for a group alone, and nothing that a link to an option could lead to.
 """
 
 from __future__ import annotations

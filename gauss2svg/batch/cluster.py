@@ -10,15 +10,15 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import dask.config
-import psutil
 from distributed import Client, LocalCluster
 from distributed.security import Security
 from numba.core import config
 
-from gauss2svg.batch.job import Job
-from gauss2svg.batch.work import cannot_run, check_worker
+from gauss2svg.batch.spec import BatchSpec
+from gauss2svg.batch.worker import cannot_run, check_worker
 from gauss2svg.errors import ClusterError, Gauss2SvgError, quoted
 from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.processes import end_family
 
 _CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
 _COUNT_S = 1.0  # for which a number of workers is taken as known
@@ -67,7 +67,7 @@ def local_client(
         compile_kernels(blend=blend)
     preload = dask.config.get(_PRELOAD)
     preload = [preload] if isinstance(preload, str) else list(preload)
-    given = {**_LOCAL, _PRELOAD: [*preload, "gauss2svg.batch.preload"]}
+    given = {**_LOCAL, _PRELOAD: [*preload, "gauss2svg.batch.worker"]}
     with dask.config.set(given), _quiet(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Port .* is already in use")  # another is taken
         cluster = LocalCluster(
@@ -121,23 +121,23 @@ def remote_client(scheduler: str) -> Iterator[Client]:
             client.close(timeout=_CLOSE_S)
 
 
-def check_workers(client: Client, job: Job) -> None:
+def check_workers(client: Client, spec: BatchSpec) -> None:
     """Raise ClusterError for workers that cannot do the work, before any of it begins.
 
     One of every machine then compiles the kernels. Workers that join later check themselves.
     """
     # A client's methods return coroutines only inside of coroutines.
-    checked: Any = client.run(check_worker, job, on_error="return")
+    checked: Any = client.run(check_worker, spec, on_error="return")
     for address, found in checked.items():
         if isinstance(found, Gauss2SvgError):
             raise found
         if isinstance(found, Exception):
-            raise cannot_run(f"worker {address}", found, job) from found
+            raise cannot_run(f"worker {address}", found, spec) from found
     first: dict[str, str] = {}
     for address, worker in client.scheduler_info(n_workers=-1)["workers"].items():
         first.setdefault(worker["host"], address)
     if first:
-        client.run(_compile, job.options.fit.blend, workers=list(first.values()))
+        client.run(_compile, spec.options.fit.blend, workers=list(first.values()))
 
 
 def counter(client: Client) -> Callable[[], int]:
@@ -166,11 +166,7 @@ def _end(cluster: LocalCluster) -> None:
         nanny.close_gracefully()  # and start no other
         if nanny.pid is None:  # it is being started again
             continue
-        with suppress(psutil.NoSuchProcess):
-            worker = psutil.Process(nanny.pid)
-            for process in (worker, *worker.children(recursive=True)):  # such as other tools
-                with suppress(psutil.NoSuchProcess):
-                    process.kill()
+        end_family(nanny.pid)  # with such as other tools
 
 
 @contextmanager

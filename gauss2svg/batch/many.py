@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.inputs import folder_of, photos_of
-from gauss2svg.batch.job import Job, unchanged
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import (
     FOLDER,
@@ -24,6 +23,7 @@ from gauss2svg.batch.records import (
     identity_of,
     versions,
 )
+from gauss2svg.batch.spec import BatchSpec, unchanged
 from gauss2svg.batch.stores import Store, is_url, opened, without_file_protocol
 from gauss2svg.errors import InputError, brief, instance, quoted
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
@@ -159,9 +159,9 @@ class Batch:
 
     def unchanged(self) -> Iterator[PhotoRecord]:
         """The records of photos that are as an earlier run left them; these need no worker."""
-        job, photos = self._job(), self.index.photos(known=True)
+        spec, photos = self._spec(), self.index.photos(known=True)
         while some := list(islice(photos, _COMPARED)):
-            found = (unchanged(job, photo) for photo, _ in some)
+            found = (unchanged(spec, photo) for photo, _ in some)
             records = [record for record in found if record is not None]
             self.index.keep(record.output for record in records)
             yield from records
@@ -175,7 +175,7 @@ class Batch:
         Raises ClusterError and OutputError.
         """
         from gauss2svg.batch.cluster import check_workers, counter
-        from gauss2svg.batch.drive import Driver
+        from gauss2svg.batch.driver import Driver
 
         if self.options.run.threads is None:
             self.options = self.options.changed(threads=1)
@@ -183,13 +183,13 @@ class Batch:
         if not folder:
             folder = secrets.token_hex(16).encode()
             self.store.write(FOLDER, folder)
-        job = self._job(folder)
-        written = as_json({**job.versions, "options": self.options.flat()})
-        self.store.write(f"{STATE}/options-{job.identity}.json", written)
-        check_workers(client, job)
+        spec = self._spec(folder)
+        written = as_json({**spec.versions, "options": self.options.flat()})
+        self.store.write(f"{STATE}/options-{spec.identity}.json", written)
+        check_workers(client, spec)
         workers = counter(client)
         idle = lambda: None if workers() else waiting()  # noqa: E731
-        for record in Driver(client, job, self.index, workers, idle).records():
+        for record in Driver(client, spec, self.index, workers, idle).records():
             self.index.add_record(record)
             yield record
 
@@ -200,10 +200,10 @@ class Batch:
         self.store.sweep(time.time() - _STALE_S)
         return write_table(self.store, self.index)
 
-    def _job(self, folder: bytes | None = None) -> Job:
+    def _spec(self, folder: bytes | None = None) -> BatchSpec:
         identity = identity_of(self.options)
         failed = self.batch.retry_failed
-        return Job(self.options, self.store, versions(), identity, folder, failed)
+        return BatchSpec(self.options, self.store, versions(), identity, folder, failed)
 
     def _folds_case(self) -> bool:
         if not self.store.is_local:

@@ -7,7 +7,7 @@ import json
 import os
 import re
 import secrets
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -180,39 +180,23 @@ class Store:
 
     def read(self, name: str) -> bytes | None:
         """The content of a file; None where there is none."""
-        try:
-            if self.is_local:
-                return Path(self.root, name).read_bytes()
-            fs, path = filesystem(self.path(name))
-            return fs.cat_file(path)
-        except FileNotFoundError:
-            return None
-        except Exception as error:
-            raise self._unreadable(name, error) from error
+        return self._looked_up(
+            name, lambda path: Path(path).read_bytes(), lambda fs, path: fs.cat_file(path)
+        )
 
     def size(self, name: str) -> int | None:
         """Bytes of a file; None where there is none."""
-        try:
-            if self.is_local:
-                return os.stat(self.path(name)).st_size
-            fs, path = filesystem(self.path(name))
-            return fs.info(path)["size"]
-        except (FileNotFoundError, NotADirectoryError):
-            return None
-        except Exception as error:
-            raise self._unreadable(name, error) from error
+        return self._looked_up(
+            name,
+            lambda path: os.stat(path).st_size,
+            lambda fs, path: fs.info(path)["size"],
+            absent=(FileNotFoundError, NotADirectoryError),
+        )
 
     def names(self, folder: str) -> list[str]:
         """The files of a folder, sorted."""
-        try:
-            if self.is_local:
-                return sorted(os.listdir(Path(self.root, folder)))
-            fs, path = filesystem(self.path(folder))
-            return sorted(one.rpartition("/")[2] for one in fs.ls(path, detail=False))
-        except FileNotFoundError:
-            return []
-        except Exception as error:
-            raise self._unreadable(folder, error) from error
+        paths = self._looked_up(folder, os.listdir, lambda fs, path: fs.ls(path, detail=False))
+        return sorted(one.rpartition("/")[2] for one in paths or ())
 
     def prepare(self) -> None:
         """Create the folder; raises OutputError where nothing can be written.
@@ -271,8 +255,21 @@ class Store:
                     fs.rm_file(part)
                 raise
 
-    def _unreadable(self, name: str, error: Exception) -> OutputError:
-        return OutputError(f"cannot read {self.path(name)}: {reason_of(error)}. {_AGAIN}")
+    def _looked_up(
+        self,
+        name: str,
+        here: Callable[[str], Any],
+        there: Callable[[Any, str], Any],
+        absent: tuple[type[Exception], ...] = (FileNotFoundError,),
+    ) -> Any:
+        """What is found at a path of this machine or on a file system; None where nothing is."""
+        where = self.path(name)
+        try:
+            return here(where) if self.is_local else there(*filesystem(where))
+        except absent:
+            return None
+        except Exception as error:
+            raise OutputError(f"cannot read {where}: {reason_of(error)}. {_AGAIN}") from error
 
     def _make(self, folder: Path) -> None:
         try:

@@ -20,8 +20,7 @@ from msgspec.structs import astuple
 
 from gauss2svg.batch.index import PhotoIndex
 from gauss2svg.batch.records import PARTS, STATE, PhotoRecord
-from gauss2svg.batch.stores import Store
-from gauss2svg.batch.stores import reason_of as why
+from gauss2svg.batch.stores import Store, reason_of
 from gauss2svg.errors import OutputError
 from gauss2svg.files import as_cell
 
@@ -43,7 +42,7 @@ class Summary:
         """Count a photo; one that failed counts as failed also where it was skipped."""
         if record.error is not None:
             self.failed += 1
-            reason = reason_of(record)
+            reason = kind_of_failure(record)
             known = reason in self.reasons or len(self.reasons) < _MOST_REASONS
             self.reasons[reason if known else "other reasons"] += 1
         elif record.skipped:
@@ -79,7 +78,7 @@ class Summary:
             yield f"failed, {count:,}: {reason}"
 
 
-def reason_of(record: PhotoRecord) -> str:
+def kind_of_failure(record: PhotoRecord) -> str:
     """An error without what is the photo's own: its name and numbers."""
     text = record.error or ""
     for name in (record.input, os.path.basename(record.input)):
@@ -107,27 +106,22 @@ def write_table(store: Store, index: PhotoIndex) -> list[str]:
 def _made(store: Store, name: str, make: Any) -> Iterator[Any]:
     """Make a file on this machine, beside the outputs where they are here, and move it there."""
     folder = store.path(PARTS) if store.is_local else None
+    path = ""
     try:
         descriptor, path = tempfile.mkstemp(dir=folder)
         os.close(descriptor)
-    except OSError as error:
-        raise _unwritable(store.path(name), error) from error
-    made = Path(path)
-    try:
-        with make(made) as add:
+        with make(Path(path)) as add:
             yield add
-        os.chmod(made, 0o666 & ~_umask())
-        store.adopt(made, name)
+        os.chmod(path, 0o666 & ~_umask())
+        store.adopt(Path(path), name)
     except OutputError:
         raise
     except (OSError, ValueError) as error:  # pyarrow's are both
-        raise _unwritable(store.path(name), error) from error
+        why = f"{reason_of(error)}. Try the same command again"
+        raise OutputError(f"cannot write {store.path(name)}: {why}") from error
     finally:
-        made.unlink(missing_ok=True)
-
-
-def _unwritable(path: str, error: Exception) -> OutputError:
-    return OutputError(f"cannot write {path}: {why(error)}. Try the same command again")
+        with suppress(FileNotFoundError):
+            os.unlink(path)
 
 
 def _umask() -> int:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import io
 import shutil
-import subprocess
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.errors import InputError, PeerError, quoted
+from gauss2svg.processes import end_of, run
 
 Conversion = Callable[[], object]
 
@@ -102,16 +102,9 @@ def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
     command += ["-s", str(side)]
 
     def convert() -> None:
-        done = subprocess.run(
-            command,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-            check=False,
-        )
-        if done.returncode:
-            raise PeerError(f"primitive ended with status {done.returncode}: {done.stderr}")
+        ended = run(command, apart=False)  # what runs the peer is killed after a time limit
+        if ended.status:
+            raise PeerError(f"primitive {end_of(ended.status)}: {ended.complaint or 'no message'}")
 
     return convert
 

@@ -5,61 +5,22 @@ Not a worker of `batch`: Dask's own memory would count as the run's (docs/decisi
 
 from __future__ import annotations
 
-import errno
 import json
-import subprocess
-import sys
-import tempfile
 from collections.abc import Mapping
-from typing import IO, Any
+from typing import Any
 
 from gauss2svg.bench.rows import Row, one_line
-from gauss2svg.processes import end_of, end_tree, own_group
+from gauss2svg.processes import end_of, module_command, module_path, run
 
 
 def in_own_process(request: Mapping[str, Any], timeout: float | None) -> Row:
     """The worker's row; one with "error" if it dies or takes more than timeout seconds."""
-    # -P: the current folder is not on the module path.
-    command = [sys.executable, "-P", "-m", "gauss2svg.bench.worker"]
-    with (
-        tempfile.TemporaryFile() as stdout,
-        tempfile.TemporaryFile() as stderr,
-        # Without a buffer: what one could not write it would try again as it is closed, and raise.
-        # Processes that a peer starts are killed with it.
-        subprocess.Popen(
-            command, 0, stdin=subprocess.PIPE, stdout=stdout, stderr=stderr, **own_group()
-        ) as process,
-    ):
-        assert process.stdin is not None
-        try:
-            _send(process.stdin, json.dumps(request).encode() + b"\n")
-            # Its input stays open: where that ends, its parent is gone.
-            process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            end_tree(process.pid)
-            return {"error": f"timed out after {timeout:g} s. Try a longer --peer-timeout"}
-        except BaseException:
-            end_tree(process.pid)
-            raise
-        if process.returncode == 0:
-            stdout.seek(0)
-            return json.load(stdout)
-        return {"error": one_line(f"{end_of(process.returncode)}: {last_line(stderr)}")}
-
-
-def _send(stream: IO[bytes], data: bytes) -> None:
-    """Write all to a process, which may be dead already: its status tells that."""
-    rest = memoryview(data)
+    command = module_command("gauss2svg.bench.worker", json.dumps(request))
     try:
-        while rest:
-            rest = rest[stream.write(rest) :]
-    except OSError as error:
-        if error.errno not in (errno.EPIPE, errno.EINVAL):  # the second is that of Windows
-            raise
-
-
-def last_line(stream: IO[bytes]) -> str:
-    """The last line that a process wrote to this file."""
-    stream.seek(0)
-    lines = stream.read()[-4000:].decode(errors="replace").strip().splitlines()
-    return lines[-1] if lines else "no message"
+        # What a peer starts is killed with it; where its input ends, its parent is gone.
+        ended = run(command, timeout_s=timeout, environment=module_path(), tied=True)
+    except TimeoutError:
+        return {"error": f"timed out after {timeout:g} s. Try a longer --peer-timeout"}
+    if ended.status == 0:
+        return json.loads(ended.output)
+    return {"error": one_line(f"{end_of(ended.status)}: {ended.complaint or 'no message'}")}

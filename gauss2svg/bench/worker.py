@@ -1,9 +1,9 @@
-"""One run in a process of its own: `python -m gauss2svg.bench.worker`.
+"""One run in a process of its own: `python -m gauss2svg.bench.worker REQUEST`.
 
-It reads a request as a line of JSON from standard input and writes the row as JSON to standard
-output, so that CPU time and peak memory are those of this run alone. Where its input ends, its
-parent is gone, and it ends with what a peer has started. It imports heavy modules only where
-needed, or they would count as a peer's memory.
+Its argument is a request in JSON, and it writes the row as JSON to standard output, so that CPU
+time and peak memory are those of this run alone. Where its standard input ends, its parent is gone,
+and it ends with what a peer has started. It imports heavy modules only where needed, or they would
+count as a peer's memory.
 """
 
 from __future__ import annotations
@@ -20,8 +20,6 @@ from gauss2svg.bench.machine import Stopwatch, peak_bytes
 from gauss2svg.bench.rows import TOOL, finite, one_line
 from gauss2svg.measure.scores import SCORES
 
-_WARM_UP_SIDE = 32  # px
-_WARM_UP: dict[str, Any] = {"iterations": 2}
 _FROM_REPORT = (
     "width", "height", "fit_width", "fit_height", "gaussians", "iterations", "rounds",
     "stop_reason", "threads", "renderer", "psnr_model",
@@ -40,14 +38,12 @@ def answer_to(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _run_own(request: dict[str, Any]) -> dict[str, Any]:
-    import numpy as np
-
     from gauss2svg.bench.grid import AXES
     from gauss2svg.bench.tuning import apply_constants, options_in
     from gauss2svg.measure.perceptual import perceptual_scores
-    from gauss2svg.pipeline.kernels import compile_kernels
     from gauss2svg.pipeline.options import Options
     from gauss2svg.pipeline.vectorize import vectorize_by
+    from gauss2svg.pipeline.warm_up import warm_up
 
     apply_constants(request["settings"])
     given = options_in(request["settings"])
@@ -55,10 +51,7 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
     given |= {"seed": request["seed"], "threads": request["threads"], "full_size": True}
     options = Options.from_flat(given)
     warming = time.perf_counter()
-    compile_kernels()
-    # With the same options, so that no import or code path runs for the first time.
-    noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-    vectorize_by(Options.from_flat(given | _WARM_UP), noise)
+    warm_up(given)
     warmup_s = time.perf_counter() - warming
     watch = Stopwatch()
     result = vectorize_by(options, request["image"])
@@ -96,8 +89,8 @@ def _run_peer(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Read the request, run it, write the row."""
-    request = json.loads(sys.stdin.buffer.readline())
+    """Run the request, write the row."""
+    request = json.loads(sys.argv[1])
     # Of its own, as what a peer starts gets the null device.
     parent, null = os.dup(0), os.open(os.devnull, os.O_RDWR)
     os.dup2(null, 0)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.fit.options import DensifyOptions, FitOptions
-from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
-from gauss2svg.svg.document import Document
+from gauss2svg.cli.lines import say
+from gauss2svg.cli.parameters import Quiet, options_of
+from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
 STATUS_SOME_FAILED = 1
 _SHOW_S = 0.2  # between two states of the bar
 _OPTIONS_FILE = "--options"
+_TITLES = GROUP_TITLES | {"run": "Resources"}  # there is one checkpoint for all photos: the folder
+_Parsed = options_of({key: Group(title) for key, title in _TITLES.items()})
+_DEFAULTS = _Parsed()
 
 
 def batch_command(
@@ -46,18 +48,8 @@ def batch_command(
             help='TOML file of options, such as quality = "draft"; those given here count first.',
         ),
     ] = None,
-    goal: Annotated[Goal, Parameter(name="*", group="Goal")] = Goal(),
-    svg: Annotated[SvgOptions, Parameter(name="*", group="SVG")] = SvgOptions(),
-    document: Annotated[Document, Parameter(name="*", group="Document")] = Document(),
-    fit: Annotated[FitOptions, Parameter(name="*", group="Fit")] = FitOptions(),
-    densify: Annotated[
-        DensifyOptions,
-        Parameter(name="*", group="Densification", negative_bool="no-", negative=None),
-    ] = DensifyOptions(),
-    run: Annotated[RunOptions, Parameter(name="*", group="Resources")] = RunOptions(),
-    quiet: Annotated[
-        bool, Parameter(negative="", help="Show neither progress nor summary.")
-    ] = False,
+    given: Annotated[_Parsed, Parameter(name="*")] = _DEFAULTS,  # pyright: ignore[reportInvalidTypeForm]
+    quiet: Quiet = False,
 ) -> int:
     """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
     from gauss2svg.batch.many import Batch
@@ -66,8 +58,7 @@ def batch_command(
     from gauss2svg.files import refuse_option_like
 
     refuse_option_like(*photos, output)
-    given = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
-    with Batch(photos, output, given, batch) as made:
+    with Batch(photos, output, Options(**vars(given)), batch) as made:
         with counting_bar(quiet) as update:
             summary, count = Summary(), made.index.count
             update("", 0, count)
@@ -77,7 +68,7 @@ def batch_command(
                 nonlocal has_waited
                 # A worker of this machine that died is being started again.
                 if not (has_waited or quiet) and batch.scheduler is not None:
-                    _print(f"no workers at {batch.scheduler} yet; waiting for them")
+                    say(f"no workers at {batch.scheduler} yet; waiting for them")
                 has_waited = True
 
             def add(records: Iterable[Any]) -> None:
@@ -94,15 +85,15 @@ def batch_command(
             if made.index.left:
                 with made.connected() as client:
                     if not quiet:
-                        _print(f"Dask's dashboard: {client.dashboard_link}")
+                        say(f"Dask's dashboard: {client.dashboard_link}")
                     add(made.records(client, waiting))
         tables = made.finish()
     if not quiet:
         for line in summary.lines():
-            _print(line)
-        _print(f"see {', '.join(made.store.path(name) for name in tables)}")
+            say(line)
+        say(f"see {', '.join(made.store.path(name) for name in tables)}")
     elif summary.failed:
-        _print(f"{summary.failed} failed; see {made.store.path(tables[0])}")
+        say(f"{summary.failed} failed; see {made.store.path(tables[0])}")
     return STATUS_SOME_FAILED if summary.failed else 0
 
 
@@ -144,9 +135,3 @@ def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None
         if isinstance(value, (dict, list)):
             raise InputError(f"{key} of {path} must be a plain value; got {quoted(value)}")
     Toml(path, use_commands_as_keys=False)(app, commands, arguments)
-
-
-def _print(line: str) -> None:
-    from gauss2svg.errors import on_one_line
-
-    print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)

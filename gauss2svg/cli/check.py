@@ -9,6 +9,8 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from gauss2svg.cli.lines import say
+from gauss2svg.cli.streams import standard_stream
 from gauss2svg.options import Number, OptionGroup, Renderer, Whole, byte_size
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.pipeline.options import color_name
@@ -84,7 +86,6 @@ def check_command(
     ] = CheckOutput(),
 ) -> int:
     """Measure how closely any SVG matches a photo."""
-    from gauss2svg.cli.streams import standard_stream
     from gauss2svg.cli.terminal import print_check
     from gauss2svg.errors import InputError, brief
     from gauss2svg.files import (
@@ -127,9 +128,6 @@ def check_command(
         print_check(result.report, None if svg == STANDARD_STREAM else svg)
     lowest = result.psnr if result.psnr_black is None else min(result.psnr, result.psnr_black)
     if output.min_psnr is not None and lowest < output.min_psnr:
-        print(
-            f"gauss2svg: PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}",
-            file=sys.stderr,
-        )
+        say(f"PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")
         return STATUS_UNDER
     return 0

@@ -11,10 +11,11 @@ from typing import Any
 
 from cyclopts import App, CoercionError, CycloptsError, Group, Parameter
 
+from gauss2svg.cli.lines import say
 from gauss2svg.cli.signals import SIGNALS, Terminated, raising, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors
 from gauss2svg.cli.vectorize import HELP, vectorize_command
-from gauss2svg.errors import Gauss2SvgError, InputError, on_one_line
+from gauss2svg.errors import Gauss2SvgError, InputError
 from gauss2svg.options import field_named
 from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.options import GROUPS
@@ -103,7 +104,7 @@ def main(arguments: list[str] | None = None) -> int:
         cause = cause or error.__cause__ or error.__context__
         if not isinstance(cause, KeyboardInterrupt):
             raise
-        print("gauss2svg: interrupted; every file is whole or untouched", file=sys.stderr)
+        say("interrupted; every file is whole or untouched")
         return STATUS_TERMINATED if isinstance(cause, Terminated) else STATUS_INTERRUPTED
     return status if isinstance(status, int) else 0
 
@@ -139,7 +140,7 @@ def _as_typed(line: str, given: Sequence[str]) -> str:
 
 
 def _refuse(message: str) -> int:
-    print(f"gauss2svg: {on_one_line(' '.join(message.split()))}", file=sys.stderr)
+    say(" ".join(message.split()))
     return STATUS_BAD_INPUT
 
 

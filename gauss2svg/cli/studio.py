@@ -1,10 +1,11 @@
 """The command `gauss2svg studio`, imported only where it is run."""
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
+
+from gauss2svg.cli.lines import say
 
 
 def studio_command(
@@ -39,9 +40,6 @@ def studio_command(
             'Try pip install "gauss2svg[studio]"'
         ) from error
     from gauss2svg.studio.server import serve
-
-    def say(line: str) -> None:
-        print(f"gauss2svg: {line}", file=sys.stderr, flush=True)
 
     serve(folder, host, port, jobs, threads, browser=not no_browser, say=say)
     return 0

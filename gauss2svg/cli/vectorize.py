@@ -5,16 +5,18 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from inspect import signature
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
+from gauss2svg.cli.lines import say
+from gauss2svg.cli.parameters import options_of
+from gauss2svg.cli.streams import standard_stream
 from gauss2svg.photo.formats import TITLES
+from gauss2svg.pipeline.options import GROUP_TITLES, Options
 
 _BEGUN = time.perf_counter()
-
 
 _EXAMPLES = (
     "gauss2svg photo.jpg -o out.svg                     # adapts to the image",
@@ -24,6 +26,7 @@ _EXAMPLES = (
 HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
+_ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
 _PARAMETERS = f"""
 
 Parameters
@@ -63,39 +66,26 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 
     short  whether it has no others, which the short help need not read
     """
-    from gauss2svg.fit.options import DensifyOptions, FitOptions
-    from gauss2svg.pipeline.options import GROUP_TITLES, Goal, Options, RunOptions, SvgOptions
-    from gauss2svg.svg.document import Document
-
-    def group(key: str, order: int, shown: bool = everything) -> Group:
-        return Group(GROUP_TITLES.get(key, key), sort_key=order, show=shown)
+    groups = {
+        key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
+        for order, key in enumerate(_ORDER[:1] if short else _ORDER)
+    }
+    parsed = options_of(groups)
+    defaults = parsed()
 
     def command(
         *photo: Annotated[str, Parameter(allow_leading_hyphen=True, group="Parameters")],
         output: Annotated[
             str | None, Parameter(name=["--output", "-o"], allow_leading_hyphen=True)
         ] = None,
-        goal: Annotated[Goal, Parameter(name="*", group=group("goal", 1, shown=True))] = Goal(),
+        options: Annotated[parsed, Parameter(name="*")] = defaults,  # pyright: ignore[reportInvalidTypeForm]
         files: Annotated[
-            OutputFiles, Parameter(name="*", group=group("Output files", 2, shown=True))
+            OutputFiles, Parameter(name="*", group=Group("Output files", sort_key=0.5))
         ] = OutputFiles(),
-        svg: Annotated[SvgOptions, Parameter(name="*", group=group("svg", 3))] = SvgOptions(),
-        document: Annotated[Document, Parameter(name="*", group=group("document", 4))] = Document(),
-        fit: Annotated[FitOptions, Parameter(name="*", group=group("fit", 5))] = FitOptions(),
-        densify: Annotated[
-            DensifyOptions,
-            Parameter(name="*", group=group("densify", 6), negative_bool="no-", negative=None),
-        ] = DensifyOptions(),
-        run: Annotated[RunOptions, Parameter(name="*", group=group("run", 7))] = RunOptions(),
     ) -> int:
-        options = Options(goal=goal, fit=fit, densify=densify, svg=svg, document=document, run=run)
-        return _run(_one_photo(photo), output, options, files)
+        return _run(_one_photo(photo), output, Options(**vars(options)), files)
 
     command.__doc__ = HELP + _PARAMETERS
-    if short:
-        whole = signature(command)
-        shown = [whole.parameters[name] for name in ("photo", "output", "goal", "files")]
-        command.__signature__ = whole.replace(parameters=shown)
     return command
 
 
@@ -165,7 +155,6 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
 
 
 def _result(photo: str, output: str, options: Any, files: OutputFiles, interruption: Any) -> Any:
-    from gauss2svg.cli.streams import standard_stream
     from gauss2svg.cli.terminal import show_progress
     from gauss2svg.files import STANDARD_STREAM
     from gauss2svg.pipeline.vectorize import vectorize_by
@@ -195,7 +184,6 @@ def _result(photo: str, output: str, options: Any, files: OutputFiles, interrupt
 def _write(result: Any, output: str, files: OutputFiles) -> None:
     import io
 
-    from gauss2svg.cli.streams import standard_stream
     from gauss2svg.files import STANDARD_STREAM, as_json, as_png, write_all_atomically
     from gauss2svg.svg.file import file_bytes, is_svgz
 
@@ -244,7 +232,7 @@ def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> 
             f"{where}{again}"
         )
     for line in lines:
-        print(f"gauss2svg: {line}", file=sys.stderr)
+        say(line)
 
 
 def _check_files(photo: str, output: str, options: Any, files: OutputFiles) -> None:

@@ -30,9 +30,9 @@ from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.perceptual import packages, packages_missing, perceptual_scores
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
 from gauss2svg.photo.load import WHITE, header_of, load_image, load_reduced
-from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.pipeline.warm_up import warm_up
 from gauss2svg.svg.reader.parse import parse_document
 
 RECORD = "record.json"
@@ -42,7 +42,6 @@ OUTLINES, ERRORS = "outlines.svg", "errors.png"
 THUMBNAIL_PX = 320
 _MOST_WEBP_PX = 16383  # largest side of a WebP image
 _PNG_PHOTO = "photo.png"
-_WARM_UP_SIDE = 32  # px
 
 Request = Mapping[str, Any]
 _ROUND = re.compile(r"round-([0-9]+)")
@@ -121,10 +120,7 @@ def _own(source: str, request: Request) -> _Made:
     given |= {"fragments": True, "full_size": True}
     options = Options.from_flat({**request["settings"], **given})
     if TOOL not in _warm:  # imports and compilation are not part of the time
-        compile_kernels()
-        noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-        warm_up = {"quality": "draft", "iterations": 2, "threads": request["threads"]}
-        vectorize_by(Options.from_flat(warm_up), noise)
+        warm_up({"quality": "draft", "threads": request["threads"]})
         _warm.add(TOOL)
     watch = Stopwatch()
     result = vectorize_by(options, source)

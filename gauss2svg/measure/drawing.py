@@ -8,21 +8,19 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import sys
-from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, RendererError
-from gauss2svg.processes import WINDOWS, crash_of, end_tree, own_group
+from gauss2svg.processes import crash_of, module_command, module_path, run
 from gauss2svg.raster import rasterize, rasterize_rgba
 
 _REFUSED = 2
-_COMMAND = (sys.executable, "-P", "-m", "gauss2svg.measure.drawing")
-_ENDING_S = 5.0  # for a process that is asked to end to end its children
+_MODULE = "gauss2svg.measure.drawing"
+# For a process that is asked to end to end its programs, which lead groups of their own.
+_ENDING_S = 5.0
 
 
 def draw(
@@ -32,56 +30,28 @@ def draw(
 
     Raises RendererError also for a crash and after timeout_s seconds.
     """
-    process = subprocess.Popen(
-        [*_COMMAND, str(width), str(height), renderer, str(channels)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        env={**os.environ, "PYTHONPATH": import_path()},
-        **own_group(),
-    )
-    with process:
-        try:
-            drawn, complaint = process.communicate(svg.encode(), timeout_s)
-        except subprocess.TimeoutExpired as error:
-            raise RendererError(
-                f"{renderer} has not drawn the SVG in {timeout_s:g} s. Try a longer "
-                "--draw-timeout, or another --renderer"
-            ) from error
-        finally:
-            _end(process)
-    if crash := crash_of(process.returncode):
+    words = str(width), str(height), renderer, str(channels)
+    try:
+        ended = run(
+            module_command(_MODULE, *words),
+            svg.encode(),
+            timeout_s=timeout_s,
+            environment=module_path(),
+            ending_s=_ENDING_S,
+        )
+    except TimeoutError as error:
+        raise RendererError(
+            f"{renderer} has not drawn the SVG in {timeout_s:g} s. Try a longer "
+            "--draw-timeout, or another --renderer"
+        ) from error
+    if crash := crash_of(ended.status):
         raise RendererError(
             f"{renderer} crashed on the SVG ({crash}). Try groups that are nested "
             "less deeply, or another --renderer"
         )
-    if process.returncode:
-        said = complaint[-4000:].decode(errors="replace").strip().splitlines()
-        raise RendererError(said[-1] if said else f"{renderer} cannot draw the SVG")
-    return np.frombuffer(drawn, np.float32).reshape(height, width, channels)
-
-
-def import_path() -> str:
-    """Import path of this process without the current folder."""
-    entries = [os.path.abspath(entry) for entry in sys.path if entry]
-    # Last: the package itself may be imported from there.
-    return os.pathsep.join([*entries, str(Path(__file__).parents[2])])
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End the process and the programs that it has started.
-
-    The programs are in groups of their own, which the process ends when it is asked to end itself.
-    On Windows, where nobody can be asked, they are found by their parent.
-    """
-    if process.poll() is not None:
-        return
-    if os.name != WINDOWS:
-        process.terminate()
-        with suppress(subprocess.TimeoutExpired):  # it is inside a library
-            process.communicate(timeout=_ENDING_S)
-            return
-    end_tree(process.pid)
+    if ended.status:
+        raise RendererError(ended.complaint or f"{renderer} cannot draw the SVG")
+    return np.frombuffer(ended.output, np.float32).reshape(height, width, channels)
 
 
 def _end_on_request(*_: object) -> None:

@@ -9,8 +9,6 @@ the process in which FLIP runs.
 from __future__ import annotations
 
 import io
-import os
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,14 +20,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from gauss2svg.errors import InputError
-from gauss2svg.measure.drawing import import_path
 from gauss2svg.measure.memory import SHARE, free_bytes
 from gauss2svg.measure.scores import FLIP, ON_REQUEST, SSIMULACRA2, Score
 from gauss2svg.photo.alpha import views
 from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.processes import module_command, module_path, run
 
 _ADVICE = 'Try pip install "gauss2svg[scores]"'
-_COMMAND = (sys.executable, "-P", "-m", "gauss2svg.measure.perceptual")
+_MODULE = "gauss2svg.measure.perceptual"
 _LEVELS = 255
 
 
@@ -185,18 +183,13 @@ def flip(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
         raise ScoresMissingError(f"FLIP is not installed. {_ADVICE}")
     height, width = photo.shape[:2]
     # In a process of its own: its OpenMP hangs in the child of a process that has used it.
-    done = subprocess.run(
-        [*_COMMAND, str(height), str(width)],
-        input=_eight_bits(photo).tobytes() + _eight_bits(image).tobytes(),
-        capture_output=True,
-        env={**os.environ, "PYTHONPATH": import_path()},
-        check=False,
-    )
-    if done.returncode:
-        said = done.stderr[-400:].decode(errors="replace").strip().splitlines()
-        why = said[-1] if said else "was there enough memory?"
-        raise ChildProcessError(f"its process ended with status {done.returncode}: {why}")
-    return float(done.stdout)
+    command = module_command(_MODULE, str(height), str(width))
+    data = _eight_bits(photo).tobytes() + _eight_bits(image).tobytes()
+    ended = run(command, data, environment=module_path())
+    if ended.status:
+        why = ended.complaint or "was there enough memory?"
+        raise ChildProcessError(f"its process ended with status {ended.status}: {why}")
+    return float(ended.output)
 
 
 def main() -> None:

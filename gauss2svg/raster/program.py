@@ -1,17 +1,16 @@
-"""Installed renderer programs: found where they are, run in a process group, in limited time."""
+"""Installed renderer programs: found where they are, run in limited time, and their errors."""
 
 from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
+from gauss2svg import processes
 from gauss2svg.errors import RendererError
-from gauss2svg.processes import end_tree, own_group
 
 # Inkscape takes up to a minute for a large file of blurs; a program that takes longer hangs.
 TIMEOUT_S = 300
@@ -102,27 +101,15 @@ def run(
     """
     name = Path(command[0]).name
     try:
-        process = subprocess.Popen(
-            command,
-            stdin=subprocess.DEVNULL if stdin is None else subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            cwd=folder,
-            env={**os.environ, **(environment or {})},
-            **own_group(),
+        ended = processes.run(
+            command, stdin, timeout_s=timeout_s, folder=folder, environment=environment
         )
+    except TimeoutError as error:
+        advice = ". Try to draw it smaller, or another --renderer" if task == _DRAWING else ""
+        raise RendererError(f"{name} cannot {task} in {timeout_s:g} s{advice}") from error
     except OSError as error:
         raise RendererError(f"{command[0]} cannot be started: {error.strerror}") from error
-    with process:
-        try:
-            written, complaint = process.communicate(stdin, timeout_s)
-        except subprocess.TimeoutExpired as error:
-            advice = ". Try to draw it smaller, or another --renderer" if task == _DRAWING else ""
-            raise RendererError(f"{name} cannot {task} in {timeout_s:g} s{advice}") from error
-        finally:  # also at an interrupt, which another process group does not receive
-            if process.returncode is None:
-                end_tree(process.pid)
-    if process.returncode:
-        lines = complaint.decode(errors="replace").strip().splitlines() or ["no reason given"]
-        raise RendererError(f"{name} cannot {task}: {lines[-1]} (exit status {process.returncode})")
-    return written
+    if ended.status:
+        why = ended.complaint or "no reason given"
+        raise RendererError(f"{name} cannot {task}: {why} (exit status {ended.status})")
+    return ended.output

@@ -6,13 +6,11 @@ import asyncio
 import contextlib
 import json
 import os
-import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.measure.drawing import import_path
-from gauss2svg.processes import end_of, end_tree, own_group
+from gauss2svg.processes import end_of, end_tree, module_command, module_path, own_group
 
 _LONGEST_LINE = 1 << 20
 
@@ -32,14 +30,14 @@ class Worker:
         """A worker that is warm: kernels loaded, one tiny fit done. Raises WorkerDiedError."""
         try:
             process = await asyncio.create_subprocess_exec(
-                sys.executable, "-P", "-m", "gauss2svg.studio.worker_process", str(folder),
+                *module_command("gauss2svg.studio.worker_process", str(folder)),
                 stdin=asyncio.subprocess.PIPE,
                 stdout=asyncio.subprocess.PIPE,
                 limit=_LONGEST_LINE,
-                env={**os.environ, "PYTHONPATH": import_path()},
+                env={**os.environ, **module_path()},
                 # A Ctrl-C at the terminal is the server's; what a worker starts is killed with it.
                 **own_group(),
-            )  # fmt: skip
+            )
         except NotImplementedError as error:  # a selector's loop on Windows, where it is mounted
             line = "this asyncio loop starts no processes; on Windows its ProactorEventLoop does"
             raise WorkerDiedError(f"could not begin ({line})") from error

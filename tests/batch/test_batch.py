@@ -10,7 +10,7 @@ import pytest
 from batches import TINY_COMMAND, left_parts, lines, outputs, save_photo, save_photos, tiny
 
 import gauss2svg
-from gauss2svg.batch import drive, work
+from gauss2svg.batch import driver, worker
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import RECORDS, STATE
@@ -158,7 +158,7 @@ def test_photo_of_which_a_server_says_no_date_is_read(
     fs.pipe_file(f"/{tmp_path.name}/a.bmp", save_photo(tmp_path / "a.bmp", 0).read_bytes())
     monkeypatch.setattr(MemoryFileSystem, "isfile", lambda _, path: path.endswith(".bmp"))
     monkeypatch.setattr(MemoryFileSystem, "info", lambda *_, **__: info)
-    assert work.stamp_of(url) == ""
+    assert worker.stamp_of(url) == ""
     assert run(url)["done"] == ["a.svg"]
     assert run(url)["skipped"] == ["a.svg"]
     fs.pipe_file(f"/{tmp_path.name}/a.bmp", save_photo(tmp_path / "a.bmp", 1).read_bytes())
@@ -187,7 +187,7 @@ def test_photo_that_failed_at_a_limit_is_taken_up_at_another(run, photos):
 def test_fit_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monkeypatch):
     photo = save_photo(tmp_path / "large.png", 1, 300)
     limit = 254_000_000  # between the estimates of a fit of the preset's size and of one pixel
-    monkeypatch.setattr(work, "allowed", lambda _: limit)
+    monkeypatch.setattr(worker, "allowed", lambda _: limit)
     assert run(photo)["failed"] == ["large.svg"]
     (line,) = lines(tmp_path / "out")
     assert json.loads(line)["error"].startswith("memory must be at least ")
@@ -195,7 +195,7 @@ def test_fit_is_reduced_for_memory_only_where_that_is_given(run, tmp_path, monke
 
 
 def test_fault_of_a_library_costs_its_photo_alone(run, photos, monkeypatch):
-    vectorize_by = work.vectorize_by
+    vectorize_by = worker.vectorize_by
 
     def failing(options, image, **given):
         if str(image).endswith("e.tif"):
@@ -204,16 +204,16 @@ def test_fault_of_a_library_costs_its_photo_alone(run, photos, monkeypatch):
             raise MemoryError("5 GiB")
         return vectorize_by(options, image, **given)
 
-    monkeypatch.setattr(work, "vectorize_by", failing)
+    monkeypatch.setattr(worker, "vectorize_by", failing)
     found = run(photos)
     assert found == {"done": ["a.svg", "b/c d.svg"], "skipped": [], "failed": ["b/a.svg", "e.svg"]}
-    monkeypatch.setattr(work, "vectorize_by", vectorize_by)
+    monkeypatch.setattr(worker, "vectorize_by", vectorize_by)
     assert run(photos, retry_failed=True)["done"] == ["b/a.svg", "e.svg"]
 
 
 def test_shard_that_takes_long_is_handed_back(run, photos, tmp_path, monkeypatch):
-    monkeypatch.setattr(work, "SHARD_S", 0.0)
-    monkeypatch.setattr(drive, "_SHARDS_A_WORKER", 1)
+    monkeypatch.setattr(worker, "SHARD_S", 0.0)
+    monkeypatch.setattr(driver, "_SHARDS_A_WORKER", 1)
     assert len(run(photos)["done"]) == 4
     assert len(lines(tmp_path / "out")) == 4
 
@@ -221,7 +221,7 @@ def test_shard_that_takes_long_is_handed_back(run, photos, tmp_path, monkeypatch
 def test_output_that_cannot_be_written_ends_the_batch_and_loses_nothing(
     run, photos, tmp_path, monkeypatch
 ):
-    write, calls = work.Store.write, Counter()
+    write, calls = worker.Store.write, Counter()
 
     def full(store, name, data):
         calls[name] += 1
@@ -229,11 +229,11 @@ def test_output_that_cannot_be_written_ends_the_batch_and_loses_nothing(
             raise OutputError("cannot write it: No space left on device. Try another folder")
         write(store, name, data)
 
-    monkeypatch.setattr(work.Store, "write", full)
+    monkeypatch.setattr(worker.Store, "write", full)
     with pytest.raises(OutputError, match="No space left"):
         run(photos)
     assert calls["b/c d.svg"] == 3
-    monkeypatch.setattr(work.Store, "write", write)
+    monkeypatch.setattr(worker.Store, "write", write)
     found = run(photos)
     assert set(found["skipped"]) >= {"a.svg", "b/a.svg"}
     assert "b/c d.svg" in found["done"]
@@ -256,9 +256,11 @@ def test_disk_that_cannot_be_written_ends_the_batch(number, photos, tmp_path, mo
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr("gauss2svg.files.os.replace", failing)
-    job = work.Job(tiny(), work.Store(str(tmp_path / "out"), f"{STATE}/parts"), {}, "")
+    spec = worker.BatchSpec(tiny(), worker.Store(str(tmp_path / "out"), f"{STATE}/parts"), {}, "")
     with pytest.raises(OutputError, match=os.strerror(number)):
-        work.vectorize_photo(job, job.options, work.BatchPhoto(str(photos / "a.png"), "a.svg"))
+        worker.vectorize_photo(
+            spec, spec.options, worker.BatchPhoto(str(photos / "a.png"), "a.svg")
+        )
 
 
 @pytest.mark.parametrize("refused", [None, "00.svg", "07.svg"])
@@ -266,7 +268,7 @@ def test_output_that_is_refused_for_a_while_is_no_death_and_keeps_all_lines(
     refused, run, tmp_path, monkeypatch
 ):
     """Photos in more shards than are submitted at once."""
-    write, calls = work.Store.write, Counter()
+    write, calls = worker.Store.write, Counter()
     photos = save_photos(tmp_path / "many", [f"{number:02}.png" for number in range(20)])
 
     def failing(store, name, data):
@@ -275,9 +277,9 @@ def test_output_that_is_refused_for_a_while_is_no_death_and_keeps_all_lines(
             raise OutputError("cannot write it: No space left on device. Try another folder")
         write(store, name, data)
 
-    monkeypatch.setattr(work.Store, "write", failing)
-    monkeypatch.setattr(drive, "MOST_PHOTOS", 4)
-    monkeypatch.setattr(drive, "_SHARDS_A_WORKER", 1)
+    monkeypatch.setattr(worker.Store, "write", failing)
+    monkeypatch.setattr(driver, "MOST_PHOTOS", 4)
+    monkeypatch.setattr(driver, "_SHARDS_A_WORKER", 1)
     monkeypatch.setattr("gauss2svg.batch.records._SHARE", 1e-9)  # lines are held back
     if refused:
         with pytest.raises(OutputError, match="No space left"):
@@ -295,8 +297,8 @@ def test_output_that_is_refused_for_a_while_is_no_death_and_keeps_all_lines(
 def test_record_that_cannot_be_written_does_not_hide_why(
     dask_client, photos, tmp_path, monkeypatch
 ):
-    store = work.Store(str(tmp_path / "out"), f"{STATE}/parts")
-    write, calls = work.Store.write, Counter()
+    store = worker.Store(str(tmp_path / "out"), f"{STATE}/parts")
+    write, calls = worker.Store.write, Counter()
 
     def full(store, name, data):
         calls[name] += 1
@@ -304,11 +306,11 @@ def test_record_that_cannot_be_written_does_not_hide_why(
             raise OutputError(f"cannot write {name}")
         write(store, name, data)
 
-    monkeypatch.setattr(work.Store, "write", full)
-    shard = work.Shard("run-1", (work.BatchPhoto(str(photos / "a.png"), "a.svg"),))
-    job = work.Job(tiny(), store, {}, "")
-    answer = dask_client.submit(work.work, job, shard, pure=False).result()
-    assert answer == work.Answer((), refused="cannot write a.svg")
+    monkeypatch.setattr(worker.Store, "write", full)
+    shard = worker.Shard("run-1", (worker.BatchPhoto(str(photos / "a.png"), "a.svg"),))
+    spec = worker.BatchSpec(tiny(), store, {}, "")
+    answer = dask_client.submit(worker.work, spec, shard, pure=False).result()
+    assert answer == worker.ShardResult((), refused="cannot write a.svg")
 
 
 def test_worker_of_another_version_is_reported_before_anything_is_done(
@@ -324,12 +326,12 @@ def test_worker_of_another_version_is_reported_before_anything_is_done(
 
 
 def test_shard_whose_worker_died_is_not_begun_again(dask_client, photos, tmp_path):
-    store = work.Store(str(tmp_path / "out"), f"{STATE}/parts")
-    shard = work.Shard("run-1", (work.BatchPhoto(str(photos / "a.png"), "a.svg"),))
-    drive.ShardRecord(store, "run-1").write(working=True)
-    job = work.Job(tiny(), store, {}, "")
-    answer = dask_client.submit(work.work, job, shard, pure=False).result()
-    assert answer == work.Answer((), has_died=True)
+    store = worker.Store(str(tmp_path / "out"), f"{STATE}/parts")
+    shard = worker.Shard("run-1", (worker.BatchPhoto(str(photos / "a.png"), "a.svg"),))
+    driver.ShardRecord(store, "run-1").write(working=True)
+    spec = worker.BatchSpec(tiny(), store, {}, "")
+    answer = dask_client.submit(worker.work, spec, shard, pure=False).result()
+    assert answer == worker.ShardResult((), has_died=True)
     assert outputs(tmp_path / "out") == {}
 
 

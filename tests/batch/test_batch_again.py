@@ -10,7 +10,7 @@ import pytest
 from batches import lines, outputs, save_photo, save_photos, tiny
 from clusters import NOBODY, batch_here
 
-from gauss2svg.batch import drive, job, work
+from gauss2svg.batch import driver, spec, worker
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import RECORDS, STATE, PhotoRecord, limits_of, record_of
@@ -31,7 +31,7 @@ def photos(tmp_path):
 @pytest.fixture
 def run(dask_client, photos, tmp_path, monkeypatch):
     """Run a batch to out/; returns the outputs that were sent to workers, and all records."""
-    answers, sent = drive.answers, []
+    answers, sent = driver.answers, []
 
     def seen(client, function, next_request, *rest):
         def noted():
@@ -49,7 +49,7 @@ def run(dask_client, photos, tmp_path, monkeypatch):
         assert sorted(one.output for one in found) == sorted({one.output for one in found})
         return sorted(sent), {one.output: one for one in found}
 
-    monkeypatch.setattr(drive, "answers", seen)
+    monkeypatch.setattr(driver, "answers", seen)
     return run
 
 
@@ -145,7 +145,7 @@ class ReadError(BaseException):
 def without_reading(given, photo):
     """What a worker answers, None where it would read the photo or fails at looking at it."""
     try:
-        found = work.vectorize_photo(given, given.options, photo)
+        found = worker.vectorize_photo(given, given.options, photo)
     except (ReadError, OutputError):
         return None
     return found if found.skipped else None
@@ -155,10 +155,10 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
     def read(_):
         raise ReadError
 
-    monkeypatch.setattr(work, "_digest", read)
+    monkeypatch.setattr(worker, "_digest", read)
     path = str(save_photo(tmp_path / "a.png", 0))
-    stamp, options = work.stamp_of(path), tiny()
-    store = work.Store(str(tmp_path), f"{STATE}/parts")
+    stamp, options = worker.stamp_of(path), tiny()
+    store = worker.Store(str(tmp_path), f"{STATE}/parts")
     for size in (1, 2):
         (tmp_path / f"{size}.svg").write_bytes(bytes(size))
     (tmp_path / "file").write_bytes(b"")
@@ -174,9 +174,9 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
             input=input_, output=output, options=identity, stamp=stamped, sha256="0" * 64,
             error=error, limits=limits, bytes=size,
         )  # fmt: skip
-        given = work.Job(options, store, {}, "same", retry_failed=retry)
-        photo = work.BatchPhoto(now, output, prior)
-        found = job.unchanged(given, photo)
+        given = worker.BatchSpec(options, store, {}, "same", retry_failed=retry)
+        photo = worker.BatchPhoto(now, output, prior)
+        found = spec.unchanged(given, photo)
         assert found == without_reading(given, photo)
         holds = (
             (now, input_, stamped, identity) == (path, path, stamp, "same")
@@ -189,7 +189,7 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
             assert found.line() == prior.line()
             kept += 1
     assert kept == 1 * 2 * 2 + 5 * 2
-    assert job.unchanged(given, work.BatchPhoto(path, "1.svg")) is None
+    assert spec.unchanged(given, worker.BatchPhoto(path, "1.svg")) is None
 
 
 def test_the_driver_looks_at_nothing_of_stores(tmp_path, dask_client, monkeypatch):

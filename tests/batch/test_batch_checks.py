@@ -15,7 +15,7 @@ from clusters import batch_here, under_way
 from fsspec.implementations.local import LocalFileSystem
 from fsspec.implementations.memory import MemoryFileSystem
 
-from gauss2svg.batch import index, inputs, stores, table, work
+from gauss2svg.batch import index, inputs, stores, table, worker
 from gauss2svg.batch.cluster import local_client
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.batch.many import Batch, vectorize_many
@@ -59,7 +59,7 @@ def test_output_folder_that_a_worker_does_not_share_is_told(
 ):
     if is_late:  # it joined after the check
         monkeypatch.setattr("gauss2svg.batch.cluster.check_workers", lambda *_: None)
-    monkeypatch.setattr(work, "FOLDER", "gauss2svg-batch/another")
+    monkeypatch.setattr(worker, "FOLDER", "gauss2svg-batch/another")
     with pytest.raises(
         ClusterError,
         match=r"output must be a folder that all workers see; got another .*/out at worker .* Try",
@@ -99,7 +99,7 @@ def test_worker_that_fails_at_no_photo_is_told_in_a_line(
     def missing(*_):
         raise ModuleNotFoundError("No module named\n'gauss2svg'")
 
-    monkeypatch.setattr("gauss2svg.batch.drive.work", missing)
+    monkeypatch.setattr("gauss2svg.batch.driver.work", missing)
     with pytest.raises(ClusterError, match=r"a worker cannot run gauss2svg: Module.*Try install"):
         list(vectorize_many([photos], tmp_path / "out", tiny(), client=dask_client))
 
@@ -189,7 +189,7 @@ def test_store_that_does_not_answer_is_told_in_a_line(error, photos, monkeypatch
     monkeypatch.setattr("fsspec.core.url_to_fs", fail)
     for call in (
         lambda: list(photos_of(["sftp://host/in"])),
-        lambda: work.stamp_of("sftp://host/in.png"),
+        lambda: worker.stamp_of("sftp://host/in.png"),
         lambda: Batch([photos], "s3://bucket/out", tiny()),
     ):
         with pytest.raises(InputError, match=r"cannot open .*: (no host|refused). Try"):
@@ -305,7 +305,7 @@ def test_list_at_a_url_is_not_held_whole(tmp_path, monkeypatch):
 def test_command_without_a_shared_folder_ends_in_a_line(
     dask_client, photos, tmp_path, monkeypatch, capsys
 ):
-    monkeypatch.setattr(work, "FOLDER", "gauss2svg-batch/another")
+    monkeypatch.setattr(worker, "FOLDER", "gauss2svg-batch/another")
     address = dask_client.scheduler.address
     assert batch_here(photos, "-o", tmp_path / "out", "--scheduler", address) == 2
     assert capsys.readouterr().err.splitlines()[-1].startswith("gauss2svg: output must be a folder")

@@ -5,7 +5,7 @@ from collections import Counter
 import pytest
 from batches import tiny
 
-from gauss2svg.batch import drive, work
+from gauss2svg.batch import driver, worker
 from gauss2svg.batch.many import Batch
 
 
@@ -18,24 +18,24 @@ class Deadly:
         self.made = Counter()
 
     def answers(self, client, function, next_request, *_):
-        (job,) = function.args
+        (spec,) = function.args
         while (shard := next_request()) is not None:
             killers = [p for p in shard.photos if p.output in self.killers]
             at = shard.photos.index(killers[0]) if killers else len(shard.photos)
-            record = drive.ShardRecord(job.store, shard.key)
+            record = driver.ShardRecord(spec.store, shard.key)
             made = [self.record(photo) for photo in shard.photos[:at]]
             if not killers:
-                yield shard, work.Answer(tuple(made))
+                yield shard, worker.ShardResult(tuple(made))
                 continue
             self.deaths[killers[0].output] += 1
             for one in made[: self.recorded]:
                 record.done[one.output] = one
             record.write(working=True)
-            yield shard, work.Answer((), has_died=True)
+            yield shard, worker.ShardResult((), has_died=True)
 
     def record(self, photo):
         self.made[photo.output] += 1
-        return drive.PhotoRecord(input=photo.path, output=photo.output, options="")
+        return driver.PhotoRecord(input=photo.path, output=photo.output, options="")
 
 
 @pytest.mark.parametrize("recorded", [0, 3, 1000])
@@ -46,11 +46,11 @@ def test_photos_that_kill_workers_are_found_and_cost_no_other(
     for number in range(40):
         (tmp_path / f"{number:02}.png").write_bytes(b"")
     deadly = Deadly({f"{number:02}.svg" for number in killers}, recorded)
-    monkeypatch.setattr(drive, "answers", deadly.answers)
-    monkeypatch.setattr(drive, "_SHARDS_A_WORKER", 1)
+    monkeypatch.setattr(driver, "answers", deadly.answers)
+    monkeypatch.setattr(driver, "_SHARDS_A_WORKER", 1)
     with Batch([f"{tmp_path}/*.png"], tmp_path / "out", tiny()) as batch:
-        job = work.Job(batch.options, batch.store, {}, "")
-        found = list(drive.Driver(None, job, batch.index, lambda: 1).records())
+        spec = worker.BatchSpec(batch.options, batch.store, {}, "")
+        found = list(driver.Driver(None, spec, batch.index, lambda: 1).records())
     assert Counter(one.output for one in found) == {f"{n:02}.svg": 1 for n in range(40)}
     failed = {one.output for one in found if one.error is not None}
     assert failed == deadly.killers
@@ -62,7 +62,7 @@ def test_photos_that_kill_workers_are_found_and_cost_no_other(
 
 
 def test_refusals_count_on_where_a_worker_died():
-    driver = drive.Driver(None, work.Job(tiny(), None, {}, ""), None, lambda: 1)
-    photos = tuple(work.BatchPhoto(name, name) for name in "abc")
-    assert list(driver._isolate(work.Shard("x", photos, refusals=2), photos)) == []
-    assert [shard.refusals for shard in driver._again] == [2, 2, 2]
+    one = driver.Driver(None, worker.BatchSpec(tiny(), None, {}, ""), None, lambda: 1)
+    photos = tuple(worker.BatchPhoto(name, name) for name in "abc")
+    assert list(one._isolate(worker.Shard("x", photos, refusals=2), photos)) == []
+    assert [shard.refusals for shard in one._again] == [2, 2, 2]

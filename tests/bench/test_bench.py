@@ -21,7 +21,6 @@ from gauss2svg.bench.rows import finite, flat
 from gauss2svg.bench.runner import run_bench
 from gauss2svg.bench.summary import summarise
 from gauss2svg.cli.main import main
-from gauss2svg.measure.drawing import import_path
 from gauss2svg.measure.scores import SCORES
 
 pytestmark = pytest.mark.process
@@ -280,7 +279,7 @@ def test_output_of_a_peer_is_not_part_of_its_row(picture, tmp_path, monkeypatch)
         f"    open(drawn, 'w').write({BLANK!r})\n"
     )
     (tmp_path / "vtracer.py").write_text(module)
-    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{import_path()}")
+    monkeypatch.syspath_prepend(tmp_path)
     request = {"tool": "vtracer", "settings": {"style": "default"}, "image": str(picture)}
     row = in_own_process(request | {"png": str(picture), "folder": str(tmp_path)}, 60)
     assert row["bytes_raw"] == len(BLANK)

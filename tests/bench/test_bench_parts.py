@@ -1,11 +1,8 @@
 """The parts of a benchmark that need no run: its grid, its fronts, its store, its tables."""
 
 import csv
-import errno
 import json
 import math
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gauss2svg.bench import process
 from gauss2svg.bench.front import distance_below, front
 from gauss2svg.bench.grid import (
     AXES,
@@ -193,42 +189,3 @@ def test_csv_has_a_column_for_every_name():
     assert list(csv.reader(text.splitlines(keepends=True))) == [
         ["a", "b.c", "d"], ["1", "", ""], ['x,"\n', "", "2.5"],
     ]  # fmt: skip
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="the worker is a script of a shell")
-def test_a_worker_that_is_dead_before_its_request_comes_is_told_by_its_status(
-    tmp_path, monkeypatch
-):
-    class Dead(subprocess.Popen):
-        def __init__(self, *given, **named):
-            super().__init__(*given, **named)
-            self.wait()
-
-    worker = tmp_path / "worker"
-    worker.write_text("#!/bin/sh\necho no memory >&2\nexit 3\n")
-    worker.chmod(0o700)
-    monkeypatch.setattr(process.sys, "executable", str(worker))
-    monkeypatch.setattr(process.subprocess, "Popen", Dead)
-    assert process.in_own_process({}, 60) == {"error": "ended with status 3: no memory"}
-
-
-def test_a_request_is_sent_whole_or_to_nobody():
-    taken = []
-
-    def write_some(data):
-        taken.append(bytes(data[:4]))
-        return len(taken[-1])
-
-    process._send(SimpleNamespace(write=write_some), b"0123456789")
-    assert taken == [b"0123", b"4567", b"89"]
-
-    def refuse(number):
-        def write(_):
-            raise OSError(number, "refused")
-
-        return SimpleNamespace(write=write)
-
-    for number in (errno.EPIPE, errno.EINVAL):  # of a process that is dead; here, and on Windows
-        process._send(refuse(number), b"0123456789")
-    with pytest.raises(OSError, match="refused"):
-        process._send(refuse(errno.EIO), b"0123456789")

@@ -118,7 +118,8 @@ def test_pictures_too_large_for_the_memory_have_a_reason(wide, monkeypatch):
 
 
 def test_flip_whose_process_fails_has_a_reason(photo, monkeypatch):
-    monkeypatch.setattr(module, "_COMMAND", (sys.executable, "-c", "import sys; sys.exit(3)"))
+    exits = [sys.executable, "-c", "import sys; sys.exit(3)"]
+    monkeypatch.setattr(module, "module_command", lambda *_: exits)
     assert perceptual_scores(photo, photo).missing[1] == (
         "FLIP is not measured: its process ended with status 3: was there enough memory?"
     )

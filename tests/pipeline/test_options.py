@@ -171,10 +171,11 @@ def test_sizes_are_decimal_and_their_suffix_may_be_of_either_case():
 
 
 def test_the_command_takes_what_the_classes_take(monkeypatch):
+    pytest.importorskip("pydantic")  # by which the parser checks types where it is loaded
     seen = {}
     monkeypatch.setattr(
         "gauss2svg.cli.vectorize._run", lambda photo, output, options, files: seen.update(
-            options.flat(), quiet=files.quiet
+            options.flat(), quiet=files.quiet, kind=type(options)
         ) or 0,
     )  # fmt: skip
     app: App = build_app()
@@ -189,5 +190,6 @@ def test_the_command_takes_what_the_classes_take(monkeypatch):
     assert (seen["segments"], seen["stops"], seen["learning_rate"]) == (30, 8, 0.5)
     assert seen["portable"]
     assert seen["quiet"]
+    assert seen["kind"] is Options  # which workers of a batch can be sent
     with pytest.raises(InputError, match=r"learning_rate must be a number in .*; got 0"):
         app("p.jpg -o o.svg --learning-rate 0", exit_on_error=False)

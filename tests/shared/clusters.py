@@ -25,7 +25,7 @@ _ROOT = os.fspath(Path(gauss2svg.__file__).parents[1])
 _PRELOAD = """
 import ctypes, time
 from pathlib import Path
-from gauss2svg.batch import work
+from gauss2svg.batch import worker
 vectorize_by = __import__("gauss2svg.pipeline.vectorize").pipeline.vectorize.vectorize_by
 def slowly(options, image, **given):
     name = Path(image).stem
@@ -37,7 +37,7 @@ def slowly(options, image, **given):
         ctypes.string_at(0)
     time.sleep(0.2)
     return vectorize_by(options, image, **given)
-work.vectorize_by = slowly
+worker.vectorize_by = slowly
 """
 
 

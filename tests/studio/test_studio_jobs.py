@@ -422,13 +422,13 @@ def test_a_worker_that_sends_no_messages_is_one_that_died(monkeypatch, said, tmp
     program = tmp_path / "python"
     program.write_text(f"#!/bin/sh\nprintf '{said}'; exec sleep 99\n")
     program.chmod(0o700)
-    monkeypatch.setattr(pool.sys, "executable", str(program))
+    monkeypatch.setattr("sys.executable", str(program))
     with pytest.raises(WorkerDiedError, match="no message"):
         asyncio.run(pool.Worker.started(tmp_path))
 
 
 def test_a_worker_that_cannot_begin_is_one_that_died(monkeypatch, tmp_path):
-    monkeypatch.setattr(pool.sys, "executable", str(tmp_path / "none"))
+    monkeypatch.setattr("sys.executable", str(tmp_path / "none"))
     with pytest.raises(WorkerDiedError, match="could not begin"):
         asyncio.run(pool.Worker.started(tmp_path))
 

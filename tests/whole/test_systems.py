@@ -15,16 +15,22 @@ from conftest import has_ended
 from PIL import Image
 
 from gauss2svg import files, processes
-from gauss2svg.batch import preload
+from gauss2svg.batch import worker
 from gauss2svg.batch.stores import Store
 from gauss2svg.cli import signals
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError, RendererError
 from gauss2svg.files import expanded, is_device
 from gauss2svg.measure import drawing
-from gauss2svg.measure.drawing import import_path
 from gauss2svg.photo.listing import slug_of
-from gauss2svg.processes import command_line, crash_of, end_of, end_tree, own_group
+from gauss2svg.processes import (
+    command_line,
+    crash_of,
+    end_of,
+    end_tree,
+    module_path,
+    own_group,
+)
 from gauss2svg.raster import chromium, program
 from gauss2svg.studio.uploads import stem_of
 
@@ -54,7 +60,8 @@ def test_a_crash_is_told_from_an_end_by_the_exit_status_of_its_system(status, sy
 
 def test_a_renderer_that_crashes_on_windows_is_an_error_that_says_so(monkeypatch):
     monkeypatch.setattr(drawing, "crash_of", lambda status: crash_of(0xC00000FD, "nt"))
-    monkeypatch.setattr(drawing, "_COMMAND", (sys.executable, "-c", "import sys; sys.exit(9)"))
+    exits = [sys.executable, "-c", "import sys; sys.exit(9)"]
+    monkeypatch.setattr(drawing, "module_command", lambda *_: exits)
     with pytest.raises(RendererError, match=r"crashed on the SVG \(stack overflow"):
         drawing.draw("<svg/>", 2, 2, "resvg", 60)
 
@@ -90,11 +97,9 @@ def test_a_group_of_processes_is_asked_for_as_its_system_has_it():
 STARTS_WORKER = """
 import subprocess, sys
 worker = subprocess.Popen(
-    [sys.executable, "-P", "-m", "gauss2svg.bench.worker"], stdin=subprocess.PIPE,
+    [sys.executable, "-P", "-m", "gauss2svg.bench.worker", sys.argv[1]], stdin=subprocess.PIPE,
     start_new_session=True,
 )
-worker.stdin.write(sys.argv[1].encode() + b"\\n")
-worker.stdin.flush()
 print(worker.pid, flush=True)
 worker.wait()
 """
@@ -112,7 +117,7 @@ def test_a_run_of_the_benchmark_ends_with_its_parent(tmp_path):
     with subprocess.Popen(
         [sys.executable, "-c", STARTS_WORKER, json.dumps(request)],
         stdout=subprocess.PIPE,
-        env={**os.environ, "PATH": path, "PYTHONPATH": import_path()},
+        env={**os.environ, "PATH": path, **module_path()},
     ) as parent:
         worker = int(parent.stdout.readline())
         until = time.monotonic() + 60
@@ -324,7 +329,7 @@ def test_ctrl_break_ends_a_command_as_sigterm_does(monkeypatch):
     ignored = []
     monkeypatch.setattr(signal, "SIGBREAK", 21, raising=False)
     monkeypatch.setattr(signal, "signal", lambda number, _: ignored.append(number))
-    preload.dask_setup(None)
+    worker.dask_setup(None)
     assert ignored == [signal.SIGINT, 21]
 
 

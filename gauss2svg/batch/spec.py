@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import msgspec
 
-from gauss2svg.batch.records import PhotoRecord, limits_of
+from gauss2svg.batch.records import PhotoRecord, all_versions, limits_of
 from gauss2svg.batch.stores import Store, is_url, stamp_of
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pipeline.options import Options
@@ -22,7 +23,7 @@ class BatchPhoto(msgspec.Struct, frozen=True):
 
 
 @dataclass(frozen=True)
-class Job:
+class BatchSpec:
     """What all photos share.
 
     identity  of the options; folder: content of FOLDER, by which workers know the output folder
@@ -40,8 +41,19 @@ class Job:
         """Identity of all options, which a failure depends on."""
         return limits_of(self.options)
 
+    def record(self, photo: BatchPhoto, **found: Any) -> PhotoRecord:
+        """The record of a photo that was worked on, with what became of it."""
+        return PhotoRecord(
+            input=photo.path,
+            output=photo.output,
+            options=self.identity,
+            limits=self.limits if "error" in found else "",
+            versions=all_versions(),
+            **found,
+        )
 
-def kept(job: Job, photo: BatchPhoto, stamp: str, digest: str = "") -> PhotoRecord | None:
+
+def kept(spec: BatchSpec, photo: BatchPhoto, stamp: str, digest: str = "") -> PhotoRecord | None:
     """The earlier record of a photo, where the photo would become the same again; else None.
 
     stamp  of its file now; digest: SHA-256 of its bytes, which tells where the stamp does not
@@ -49,29 +61,29 @@ def kept(job: Job, photo: BatchPhoto, stamp: str, digest: str = "") -> PhotoReco
     same limits too, and is not kept where failures are taken up.
     """
     prior = photo.prior
-    if prior is None or prior.options != job.identity:
+    if prior is None or prior.options != spec.identity:
         return None
     is_named = prior.input == photo.path
     is_same = digest == prior.sha256 if digest else is_named and stamp == prior.stamp != ""
     if not is_same:
         return None
     if prior.error is not None:
-        holds = is_named and prior.limits == job.limits and not job.retry_failed
+        holds = is_named and prior.limits == spec.limits and not spec.retry_failed
     else:
-        holds = job.store.size(photo.output) == prior.bytes is not None
+        holds = spec.store.size(photo.output) == prior.bytes is not None
     if not holds:
         return None
     return msgspec.structs.replace(prior, input=photo.path, stamp=stamp, skipped=True)
 
 
-def unchanged(job: Job, photo: BatchPhoto) -> PhotoRecord | None:
+def unchanged(spec: BatchSpec, photo: BatchPhoto) -> PhotoRecord | None:
     """The earlier record of a photo of this machine that holds by its stamp, unread; else None.
 
     A worker decides about all others, and where the photo or its output cannot be looked at.
     """
-    if photo.prior is None or is_url(photo.path) or not job.store.is_local:
+    if photo.prior is None or is_url(photo.path) or not spec.store.is_local:
         return None
     try:
-        return kept(job, photo, stamp_of(photo.path))
+        return kept(spec, photo, stamp_of(photo.path))
     except (InputError, OutputError):
         return None

@@ -14,11 +14,11 @@ from itertools import count
 from distributed import Client, KilledWorker
 
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.job import BatchPhoto, Job
-from gauss2svg.batch.records import PhotoRecord, ShardRecord, all_versions
+from gauss2svg.batch.records import PhotoRecord, ShardRecord
+from gauss2svg.batch.spec import BatchPhoto, BatchSpec
 from gauss2svg.batch.stores import stamp_of
 from gauss2svg.batch.tasks import answers
-from gauss2svg.batch.work import Answer, Shard, cannot_run, work
+from gauss2svg.batch.worker import Shard, ShardResult, cannot_run, work
 from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError
 
 MOST_PHOTOS = 500  # of a shard: Dask is made for up to 100 000 tasks
@@ -39,12 +39,12 @@ class Driver:
     def __init__(
         self,
         client: Client,
-        job: Job,
+        spec: BatchSpec,
         index: PhotoIndex,
         workers: Callable[[], int],
         idle: Callable[[], None] = lambda: None,
     ) -> None:
-        self._client, self._job, self._index, self._workers = client, job, index, workers
+        self._client, self._spec, self._index, self._workers = client, spec, index, workers
         self._idle = idle
         # Records of later runs come later by name.
         run = f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}-{secrets.token_hex(3)}"
@@ -60,13 +60,13 @@ class Driver:
         or a worker has other versions.
         """
         for shard, answer in answers(
-            self._client, partial(work, self._job), self._next, self._window, self._idle
+            self._client, partial(work, self._spec), self._next, self._window, self._idle
         ):
-            if isinstance(answer, Answer) and not answer.has_died:
+            if isinstance(answer, ShardResult) and not answer.has_died:
                 yield from answer.records
                 self._hand_out(shard, _left(shard, answer.records), answer.refused)
-            elif isinstance(answer, (Answer, KilledWorker)):
-                record = ShardRecord(self._job.store, shard.key)
+            elif isinstance(answer, (ShardResult, KilledWorker)):
+                record = ShardRecord(self._spec.store, shard.key)
                 if not record.begun:  # its worker died at another, or before it
                     self._hand_back(shard)
                     continue
@@ -78,7 +78,7 @@ class Driver:
             elif isinstance(answer, Gauss2SvgError):
                 raise answer
             else:
-                raise cannot_run("a worker", answer, self._job) from answer
+                raise cannot_run("a worker", answer, self._spec) from answer
 
     def _next(self) -> Shard | None:
         if self._again:
@@ -148,17 +148,13 @@ class Driver:
         stamp = ""
         with suppress(InputError):  # what is not known here is worked on again by the next run
             stamp = stamp_of(photo.path)
-        found = PhotoRecord(
-            input=photo.path,
-            output=photo.output,
+        found = self._spec.record(
+            photo,
             stamp=stamp,
-            options=self._job.identity,
-            limits=self._job.limits,
             error=f"{_MOST_DEATHS} workers died at it, alone; was there enough memory? "
             "Try --max-size or --retry-failed on workers with more",
-            versions=all_versions(),
         )
-        record = ShardRecord(self._job.store, shard.key)
+        record = ShardRecord(self._spec.store, shard.key)
         record.done[photo.output] = found
         record.write()
         return found

@@ -1,10 +1,14 @@
-"""What a worker does with a shard: every photo by the same pipeline as the command's."""
+"""What a worker does with a shard: every photo by the same pipeline as the command's.
+
+A worker process of this machine imports this module by name before it takes up work.
+"""
 
 from __future__ import annotations
 
 import errno
 import hashlib
 import os
+import signal
 import time
 import warnings
 from collections.abc import Callable
@@ -12,8 +16,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from gauss2svg.batch.job import BatchPhoto, Job, kept
-from gauss2svg.batch.records import FOLDER, PhotoRecord, ShardRecord, all_versions, versions
+from gauss2svg.batch.records import FOLDER, PhotoRecord, ShardRecord, versions
+from gauss2svg.batch.spec import BatchPhoto, BatchSpec, kept
 from gauss2svg.batch.stores import Store, is_url, opened, reason_of, stamp_of
 from gauss2svg.errors import (
     ClusterError,
@@ -58,7 +62,7 @@ class Shard:
 
 
 @dataclass(frozen=True)
-class Answer:
+class ShardResult:
     """What became of a shard.
 
     records   of its photos so far
@@ -72,29 +76,39 @@ class Answer:
     refused: str | None = None
 
 
-def work(job: Job, shard: Shard) -> Answer:
+def dask_setup(_: Any) -> None:
+    """Ignore Ctrl-C, and Ctrl-Break of Windows: at a terminal they reach all its processes.
+
+    Dask calls it in workers of this machine, which the driver ends.
+    """
+    for name in ("SIGINT", "SIGBREAK"):
+        if number := getattr(signal, name, None):
+            signal.signal(number, signal.SIG_IGN)
+
+
+def work(spec: BatchSpec, shard: Shard) -> ShardResult:
     """Vectorise the photos of a shard in order, until time is up; write their SVGs and records.
 
     A shard that was begun and neither ended nor handed back has killed its worker: it is not begun
     again, but answered with what was recorded. Raises ClusterError where this process cannot do it.
     """
-    check_worker(job)
+    check_worker(spec)
     begun = time.monotonic()
     found: list[PhotoRecord] = []
     record = None
     try:
-        record = ShardRecord(job.store, shard.key)
+        record = ShardRecord(spec.store, shard.key)
         if record.begun:
-            return Answer(tuple(record.done.values()), has_died=True)
+            return ShardResult(tuple(record.done.values()), has_died=True)
         earlier = set(record.done)
         found += [r for photo in shard.photos if (r := record.done.get(photo.output)) is not None]
-        options = _within_memory(job.options)
+        options = _within_memory(spec.options)
         with own_standard_error(), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of decoders; nobody would read them
             for photo in shard.photos:
                 if photo.output in earlier:
                     continue
-                found.append(vectorize_photo(job, options, photo, record.begin))
+                found.append(vectorize_photo(spec, options, photo, record.begin))
                 if photo.prior is None or found[-1].line() != photo.prior.line():
                     record.add(found[-1])
                 if time.monotonic() - begun > SHARD_S:
@@ -105,11 +119,11 @@ def work(job: Job, shard: Shard) -> Answer:
             # It is begun no more, and lines held back are kept. The first error says why.
             with suppress(OutputError):
                 record.end()
-        return Answer(tuple(found), refused=str(error))
-    return Answer(tuple(found))
+        return ShardResult(tuple(found), refused=str(error))
+    return ShardResult(tuple(found))
 
 
-def check_worker(job: Job, dask_worker: Any = None) -> None:
+def check_worker(spec: BatchSpec, dask_worker: Any = None) -> None:
     """Raise ClusterError, once for each output folder, where this worker cannot do the work.
 
     It must have the versions of the driver, one thread, the renderer, and see the output folder.
@@ -117,11 +131,11 @@ def check_worker(job: Job, dask_worker: Any = None) -> None:
     """
     from distributed import get_worker
 
-    if (job.store, job.folder) in _checked:
+    if (spec.store, spec.folder) in _checked:
         return
     worker, found = dask_worker or get_worker(), versions()
     where = f"worker {worker.address}"
-    for name, wanted in job.versions.items():
+    for name, wanted in spec.versions.items():
         if found.get(name) != wanted:
             raise ClusterError(
                 f"{name} of {where} must be {wanted}, as here; got {found.get(name)}. Try "
@@ -132,27 +146,27 @@ def check_worker(job: Job, dask_worker: Any = None) -> None:
             f"threads of {where} must be 1; got {threads}. Try dask worker --nthreads 1"
         )
     try:
-        Plan(job.options).check_renderer()
+        Plan(spec.options).check_renderer()
     except RendererError as error:
         raise ClusterError(f"{where}: {error}") from error
-    if job.store.read(FOLDER) != job.folder:
+    if spec.store.read(FOLDER) != spec.folder:
         raise ClusterError(
-            f"output must be a folder that all workers see; got another {job.store.root} at "
+            f"output must be a folder that all workers see; got another {spec.store.root} at "
             f"{where}. Try a shared folder or a store"
         )
-    _checked.add((job.store, job.folder))
+    _checked.add((spec.store, spec.folder))
 
 
-def cannot_run(where: str, error: BaseException, job: Job) -> ClusterError:
+def cannot_run(where: str, error: BaseException, spec: BatchSpec) -> ClusterError:
     """The error for a worker that failed at what is no photo's fault."""
     return ClusterError(
         f"{where} cannot run gauss2svg: {type(error).__name__}: {reason_of(error)}. "
-        f"Try installing gauss2svg {job.versions['gauss2svg']} there and for the scheduler"
+        f"Try installing gauss2svg {spec.versions['gauss2svg']} there and for the scheduler"
     )
 
 
 def vectorize_photo(
-    job: Job, options: Options, photo: BatchPhoto, begin: Callable[[], None] = lambda: None
+    spec: BatchSpec, options: Options, photo: BatchPhoto, begin: Callable[[], None] = lambda: None
 ) -> PhotoRecord:
     """What becomes of a photo; raises OutputError alone, where no output can be written.
 
@@ -163,15 +177,15 @@ def vectorize_photo(
     made: dict[str, Any]
     try:
         stamp = stamp_of(photo.path)
-        if (record := kept(job, photo, stamp)) is not None:
+        if (record := kept(spec, photo, stamp)) is not None:
             return record
         digest = _digest(photo.path)
-        if (record := kept(job, photo, stamp, digest)) is not None:
+        if (record := kept(spec, photo, stamp, digest)) is not None:
             return record
         begin()
-        made = _vectorized(job, options, photo)
+        made = _vectorized(spec, options, photo)
     except OutputError as error:
-        if not (job.store.is_local and getattr(error.__cause__, "errno", None) in _OF_ITS_NAME):
+        if not (spec.store.is_local and getattr(error.__cause__, "errno", None) in _OF_ITS_NAME):
             raise
         made = {"error": str(error)}
     except Gauss2SvgError as error:
@@ -182,11 +196,8 @@ def vectorize_photo(
         made = {"error": f"{type(error).__name__}: {error}"}
     if "error" in made:
         made["error"] = " ".join(made["error"].split())[:_LONGEST_ERROR]
-        made["limits"] = job.limits
-    return PhotoRecord(
-        input=photo.path, output=photo.output, options=job.identity, stamp=stamp, sha256=digest,
-        seconds=round(time.perf_counter() - begun, 3), versions=all_versions(), **made,
-    )  # fmt: skip
+    seconds = round(time.perf_counter() - begun, 3)
+    return spec.record(photo, stamp=stamp, sha256=digest, seconds=seconds, **made)
 
 
 def _digest(path: str) -> str:
@@ -194,11 +205,11 @@ def _digest(path: str) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
-def _vectorized(job: Job, options: Options, photo: BatchPhoto) -> dict[str, Any]:
+def _vectorized(spec: BatchSpec, options: Options, photo: BatchPhoto) -> dict[str, Any]:
     """Write the SVG of a photo; returns entries of its record."""
-    store = job.store
+    store = spec.store
     # Memory that happens to be free now must not change a file.
-    may_reduce = job.options.run.max_memory is not None
+    may_reduce = spec.options.run.max_memory is not None
     target = store.path(photo.output)
     if photo.path == target or (store.is_local and os.path.realpath(photo.path) == target):
         raise InputError(

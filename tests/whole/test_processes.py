@@ -1,0 +1,140 @@
+"""Laws of child processes: what they say is heard, and none outlives what waits for it."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from conftest import has_ended
+
+from gauss2svg import processes
+from gauss2svg.bench.process import in_own_process
+from gauss2svg.processes import Ended, run
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="a shell stands in for a program")
+
+
+def shell(script, data=None, **options):
+    return run(["sh", "-c", script], data, **options)
+
+
+@pytest.mark.parametrize(
+    ("script", "ended"),
+    [
+        ("cat; echo no >&2; echo ' why ' >&2; exit 3", Ended(3, b"said", "why")),
+        ("cat >&2", Ended(0, b"", "said")),
+        ("exit 4", Ended(4, b"", "")),
+        ("kill -9 $$", Ended(-9, b"", "")),
+        ("printf '\\n\\n' >&2", Ended(0, b"", "")),
+        ("printf '\\377' >&2", Ended(0, b"", "\ufffd")),
+        ("yes 0123456789 | head -n 9000 >&2; echo end >&2", Ended(0, b"", "end")),
+    ],
+)
+@pytest.mark.parametrize("timeout_s", [None, 60])
+def test_a_process_is_told_by_its_status_its_output_and_the_last_line_of_its_errors(
+    script, ended, timeout_s
+):
+    assert shell(script, b"said", timeout_s=timeout_s) == ended
+
+
+def test_input_that_nobody_reads_is_no_error():
+    for timeout_s in (None, 60):
+        assert shell("exit 3", bytes(10**6), timeout_s=timeout_s).status == 3
+
+
+def test_a_process_runs_where_and_with_what_it_is_given(tmp_path):
+    ended = shell("pwd; echo $THIS; echo ${HOME:+home}", folder=tmp_path, environment={"THIS": "1"})
+    assert ended.output.decode().splitlines() == [str(tmp_path.resolve()), "1", "home"]
+    with pytest.raises(FileNotFoundError):
+        run([str(tmp_path / "none")])
+
+
+def test_without_data_input_is_empty_and_of_a_tied_process_open_until_it_ends():
+    assert shell("cat").output == b""
+    tied = "read line < /dev/stdin && echo read || echo ended"
+    with pytest.raises(TimeoutError):
+        shell(tied, tied=True, timeout_s=0.3)
+    assert shell("echo said", tied=True).output == b"said\n"
+
+
+@pytest.mark.parametrize("options", [{}, {"tied": True}, {"ending_s": 0.2}, {"data": b"x"}])
+def test_after_its_time_a_process_and_its_children_end(options, tmp_path):
+    pids = tmp_path / "pids"
+    script = f"trap '' TERM; sleep 600 & echo $$ $! > {pids}; wait; wait"
+    for seconds in (0.5, 4, 32):  # more where the machine is too busy for it to begin
+        with pytest.raises(TimeoutError, match=f"not done in {seconds:g} s"):
+            shell(script, timeout_s=seconds, **options)
+        if pids.exists() and pids.read_text():
+            break
+    assert all(has_ended(int(pid)) for pid in pids.read_text().split())
+
+
+def test_a_process_that_is_asked_to_end_may_end_what_leads_another_group(tmp_path):
+    child = tmp_path / "child"
+    script = (
+        "import signal, subprocess, sys, time; signal.signal(15, lambda *_: sys.exit(2)); "
+        "child = subprocess.Popen(['sleep', '600'], start_new_session=True)\n"
+        f"open({str(child)!r}, 'w').write(str(child.pid))\n"
+        "try: time.sleep(600)\n"
+        "finally: child.kill()\n"
+    )
+    for seconds in (2, 8, 32):  # more where the machine is too busy for it to begin
+        with pytest.raises(TimeoutError):
+            run([sys.executable, "-c", script], timeout_s=seconds, ending_s=30)
+        if child.exists():
+            break
+    assert has_ended(int(child.read_text()))
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_an_interrupt_ends_the_process_and_is_raised(apart, monkeypatch):
+    begun = []
+
+    class Interrupted(subprocess.Popen):
+        def __init__(self, *given, **named):
+            super().__init__(*given, **named)
+            begun.append(self.pid)
+
+        def communicate(self, *_):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(subprocess, "Popen", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        shell("exec sleep 600", apart=apart)
+    assert has_ended(begun[0])
+
+
+def test_a_process_leads_a_group_unless_it_is_to_end_with_this_one():
+    script = "import os; print(os.getpgrp())"
+    found = [run([sys.executable, "-c", script], apart=apart).output for apart in (True, False)]
+    assert int(found[0]) != os.getpgrp() == int(found[1])
+
+
+def test_what_a_process_leaves_behind_with_its_errors_open_is_not_waited_for(tmp_path):
+    begun = time.monotonic()
+    pid = int(shell("sleep 60 > /dev/null & echo $!").output)
+    assert time.monotonic() - begun < 30
+    psutil.Process(pid).kill()
+
+
+def test_a_worker_that_is_dead_before_it_reads_is_told_by_its_status(tmp_path, monkeypatch):
+    worker = tmp_path / "worker"
+    worker.write_text("#!/bin/sh\necho no memory >&2\nexit 3\n")
+    worker.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(worker))
+    assert in_own_process({}, 60) == {"error": "ended with status 3: no memory"}
+
+
+def test_a_module_is_imported_as_here_and_not_from_the_current_folder(tmp_path, monkeypatch):
+    (tmp_path / "there").mkdir()
+    for folder in (tmp_path, tmp_path / "there"):
+        (folder / "some_module.py").write_text(f"print({folder.name!r})")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path / "there")
+    monkeypatch.syspath_prepend("")
+    command = processes.module_command("some_module", "word")
+    assert run(command, environment=processes.module_path()).output == b"there\n"
+    assert Path(processes.module_path()["PYTHONPATH"].split(os.pathsep)[-1]).is_dir()
