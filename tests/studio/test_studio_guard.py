@@ -346,6 +346,14 @@ def test_a_form_without_a_photo_is_refused_in_a_line(fields, word):
     assert line_of(answer).partition(":")[0].startswith(word)
 
 
+@pytest.mark.parametrize(("keep", "kept"), [("1", True), ("True", True), ("", False), ("0", False)])
+def test_what_a_form_asks_to_keep_is_kept(keep, kept, monkeypatch):
+    monkeypatch.setattr(STUDIO.jobs, "start", lambda: None)  # no worker
+    fields = {"sample": "coffee.png", "keep": keep}
+    state = ask("POST", "/api/jobs", headers=BEARER, data=fields, files={"x": b""}).json()
+    assert STUDIO.jobs.known.pop(state["id"]).keep == kept
+
+
 @pytest.mark.parametrize("name", ["of", "sample"])
 def test_a_job_or_a_sample_that_is_not_there_is_not_found(name):
     answer = ask("POST", "/api/jobs", headers=BEARER, data={name: "none"}, files={"x": b""})
