@@ -126,7 +126,7 @@ def scatter(
 def template_environment(*packages: str) -> Environment:
     """The templates of charts and of further packages; text is escaped."""
     return Environment(
-        loader=ChoiceLoader([PackageLoader(name) for name in ("gauss2svg.bench", *packages)]),
+        loader=ChoiceLoader([PackageLoader(name) for name in ("gauss2svg.compare", *packages)]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

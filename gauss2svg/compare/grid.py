@@ -1,27 +1,19 @@
-"""The axes of a benchmark, mostly options of `vectorize`, and the settings that they span."""
+"""The axes of a comparison, mostly options of `vectorize`, and the settings that they span."""
 
 from __future__ import annotations
 
-import hashlib
 import itertools
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
-from pathlib import Path
 from typing import Any
 
-from gauss2svg.bench.rows import TOOL
-from gauss2svg.bench.tuning import Constant, is_constant, options_in
+from gauss2svg.compare.tuning import Constant, is_constant, options_in
+from gauss2svg.compare.variants import Settings
 from gauss2svg.errors import Gauss2SvgError, InputError, quoted
 from gauss2svg.measure.scores import TARGETS
 from gauss2svg.options import Field, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.version import __version__
-
-Settings = tuple[tuple[str, Any], ...]  # option names and values, sorted by name
 
 _VARIED = ("goal", "fit", "densify", "svg")  # groups whose options are all axes
 _ALSO = ("renderer", "max_size")  # of the other groups
@@ -127,54 +119,3 @@ def _axis(name: str) -> Field | Constant:
     if option not in AXES:
         raise InputError(f"axis must be one of {', '.join(AXES)}; got {quoted(name)}")
     return AXES[option]
-
-
-@cache
-def code_digest() -> str:
-    """SHA-256 of the package's source files; work of other code does not count as finished."""
-    package = Path(__file__).parent.parent
-    digest = hashlib.sha256()
-    for source in sorted(package.rglob("*.py")):
-        digest.update(str(source.relative_to(package)).encode() + source.read_bytes())
-    return digest.hexdigest()
-
-
-@dataclass(frozen=True)
-class BenchRun:
-    """One run: a photo, a tool and its settings.
-
-    image     path; name: in the tables; digest: SHA-256 of the file's bytes
-    tool      gauss2svg or a peer; version: of the tool
-    settings  options and values, sorted by name
-    seed, threads  of gauss2svg; threads None: one per core
-    """
-
-    image: str
-    name: str
-    digest: str
-    settings: Settings
-    tool: str = TOOL
-    version: str = __version__
-    seed: int = 0
-    threads: int | None = None
-
-    @property
-    def key(self) -> str:
-        """A hash of all that the row depends on, the package's code among it but not the path."""
-        parts = [self.digest, self.tool, self.version, code_digest(), self.settings]
-        parts += [self.seed, self.threads]
-        return hashlib.sha256(json.dumps(parts).encode()).hexdigest()[:24]
-
-    @property
-    def label(self) -> str:
-        """A short name of the settings."""
-        return label_of(self.tool, dict(self.settings))
-
-
-def label_of(tool: str, settings: Mapping[str, Any]) -> str:
-    """A short name of settings: a preset's name, or a peer's name and values."""
-    if tool == TOOL and settings.keys() == {"quality"}:
-        return str(settings["quality"])
-    if tool != TOOL:
-        return " ".join([tool, *(str(value) for value in settings.values())])
-    return ", ".join(f"{keyword} {value}" for keyword, value in settings.items())

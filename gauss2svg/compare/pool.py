@@ -1,25 +1,26 @@
-"""The workers of a gallery: one that dies fails its own request only, and is replaced."""
+"""The workers of a grid: one that dies fails its own request only, and is replaced."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from functools import partial
 from typing import Any
 
 from distributed import Client, KilledWorker
 
 from gauss2svg.batch.cluster import local_client
 from gauss2svg.batch.tasks import answers
-from gauss2svg.gallery.worker import answer_to
 
-Request = tuple[int, Mapping[str, Any]]
+Answer = dict[str, Any]
+_Numbered = tuple[int, Mapping[str, Any]]
 
 
 class WorkerPool:
     """Up to `jobs` processes, started as requests need; its with statement ends them all."""
 
-    def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
+    def __init__(self, jobs: int, answer_to: Callable[[Mapping[str, Any]], Answer]) -> None:
+        self._jobs, self._answer_to = jobs, answer_to
         self._client: Client | None = None
         self._started = 0
         self._stack = ExitStack()
@@ -32,7 +33,7 @@ class WorkerPool:
 
     def run(
         self, requests: Sequence[Mapping[str, Any]], begun: Callable[[int], None]
-    ) -> Iterator[tuple[int, dict[str, Any]]]:
+    ) -> Iterator[tuple[int, Answer]]:
         """Yields (index, answer) as requests are done; begun(index) is called as they begin."""
         if not requests:
             return
@@ -46,14 +47,14 @@ class WorkerPool:
         self._started = max(self._started, needed)
         waiting = iter(enumerate(requests))
 
-        def next_request() -> Request | None:
+        def next_request() -> _Numbered | None:
             request = next(waiting, None)
             if request is not None:
                 begun(request[0])
             return request
 
         for (index, _), answer in answers(
-            self._client, _answer_to, next_request, lambda: self._jobs
+            self._client, partial(_answer, self._answer_to), next_request, lambda: self._jobs
         ):
             if isinstance(answer, KilledWorker):
                 answer = {"error": "its worker died; was there enough memory? Try fewer --jobs"}
@@ -62,5 +63,5 @@ class WorkerPool:
             yield index, answer
 
 
-def _answer_to(request: Request) -> dict[str, Any]:
-    return answer_to(dict(request[1]))
+def _answer(answer_to: Callable[[Mapping[str, Any]], Answer], request: _Numbered) -> Answer:
+    return answer_to(request[1])

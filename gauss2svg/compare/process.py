@@ -13,14 +13,14 @@ import tempfile
 from collections.abc import Mapping
 from typing import IO, Any
 
-from gauss2svg.bench.rows import Row, one_line
+from gauss2svg.compare.records import Row, one_line
 from gauss2svg.processes import end_of, end_tree, own_group
 
 
 def in_own_process(request: Mapping[str, Any], timeout: float | None) -> Row:
     """The worker's row; one with "error" if it dies or takes more than timeout seconds."""
     # -P: the current folder is not on the module path.
-    command = [sys.executable, "-P", "-m", "gauss2svg.bench.worker"]
+    command = [sys.executable, "-P", "-m", "gauss2svg.compare.worker"]
     with (
         tempfile.TemporaryFile() as stdout,
         tempfile.TemporaryFile() as stderr,

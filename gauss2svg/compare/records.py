@@ -1,4 +1,4 @@
-"""The rows of a benchmark: a file of one JSON object per line, and tables as JSON and CSV."""
+"""Records as rows: a file of one JSON object per line, and CSV."""
 
 from __future__ import annotations
 
@@ -89,11 +89,6 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows({name: as_cell(value) for name, value in row.items()} for row in flattened)
     return stream.getvalue()
-
-
-def json_text(value: Any) -> str:
-    """Indented JSON."""
-    return json.dumps(value, indent=2, allow_nan=False) + "\n"
 
 
 def one_line(text: str) -> str:

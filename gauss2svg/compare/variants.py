@@ -1,4 +1,4 @@
-"""The variants of a gallery: presets, numbers of Gaussians and other tools."""
+"""The variants of a comparison: presets, numbers of Gaussians, other settings and other tools."""
 
 from __future__ import annotations
 
@@ -6,39 +6,67 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from gauss2svg.bench.grid import Settings
-from gauss2svg.bench.peers import PEERS, check_peers
-from gauss2svg.bench.rows import TOOL
+from gauss2svg.compare.peers import PEERS, check_peers
+from gauss2svg.compare.records import TOOL
 from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.fit.options import MOST_GAUSSIANS
 from gauss2svg.pipeline.presets import DEFAULT_PRESET, PRESETS
 from gauss2svg.version import __version__
 
+Settings = tuple[tuple[str, Any], ...]  # names and values, sorted by name
+
 DEFAULT_VARIANTS = ("draft", "balanced", "high")
 _DEFAULT_STYLE = "default"  # a peer without options
-_SVG = ".svg"
-SVG_PEERS = tuple(name for name, peer in PEERS.items() if peer.suffix == _SVG)
+SVG_PEERS = tuple(name for name, peer in PEERS.items() if peer.suffix == ".svg")
 
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to make an SVG of a photo.
+    """One way to make a file of a photo.
 
-    name      such as "balanced", "2000 Gaussians" or "vtracer detailed"; slug: its folder's name
+    settings  options and values of `vectorize` or of another tool, sorted by name
     tool      gauss2svg or a peer; version: of the tool
-    settings  options and values of `vectorize` or of the peer, sorted by name
     """
 
-    name: str
-    slug: str
-    tool: str
-    version: str
     settings: Settings
+    tool: str = TOOL
+    version: str = __version__
 
     @property
     def is_own(self) -> bool:
-        """Whether gauss2svg made it: it then has rounds, a scene and outlines."""
+        """Whether gauss2svg makes it: it then has rounds, a scene and outlines."""
         return self.tool == TOOL
+
+    @property
+    def preset(self) -> str | None:
+        """The preset, where that is all."""
+        settings = dict(self.settings)
+        return settings["quality"] if self.is_own and settings.keys() == {"quality"} else None
+
+    @property
+    def label(self) -> str:
+        """All settings in short, as tables have them: "draft", "gaussians 500", "jpeg 30"."""
+        if not self.is_own:
+            return " ".join([self.tool, *(str(value) for _, value in self.settings)])
+        return self.preset or ", ".join(f"{name} {value}" for name, value in self.settings)
+
+    @property
+    def name(self) -> str:
+        """The variant in words, as pages have it: "draft", "500 Gaussians", "vtracer"."""
+        if self.is_own and len(self.settings) == 1 and self.settings[0][0] == "gaussians":
+            count = self.settings[0][1]
+            return "1 Gaussian" if count == 1 else f"{count} Gaussians"
+        return self.label if self.is_own else self.label.removesuffix(f" {_DEFAULT_STYLE}")
+
+    @property
+    def slug(self) -> str:
+        """The name of its folder: "draft", "gaussians-500", "vtracer"."""
+        return (self.label if self.is_own else self.name).replace(" ", "-")
+
+
+def of_peer(tool: str, settings: dict[str, Any]) -> Variant:
+    """A variant of another tool that is installed."""
+    return Variant(tuple(sorted(settings.items())), tool, PEERS[tool].version() or "")
 
 
 def variants_of(
@@ -51,7 +79,7 @@ def variants_of(
     presets  names of PRESETS
     counts   numbers of Gaussians, 0..MOST_GAUSSIANS; if neither is given: DEFAULT_VARIANTS
     peers    of SVG_PEERS: "vtracer" for its defaults, "vtracer:detailed" for another style of
-             gauss2svg.bench.peers
+             gauss2svg.compare.peers
     Raises InputError for anything else.
     """
     if presets is None and counts is None:
@@ -64,7 +92,7 @@ def variants_of(
     if not found:
         got = f"only peers that are not installed: {', '.join(absent)}" if absent else "none"
         raise InputError(f"variants must be at least one preset, count or peer; got {got}")
-    return list({variant.slug: variant for variant in found}.values()), absent
+    return list(dict.fromkeys(found)), absent
 
 
 def main_variant(variants: Iterable[Variant]) -> Variant:
@@ -87,26 +115,21 @@ def _items(name: str, values: Any) -> list[Any]:
 def _preset(name: Any) -> Variant:
     if not isinstance(name, str) or name not in PRESETS:
         raise InputError(f"variant must be one of {', '.join(PRESETS)}; got {quoted(name)}")
-    return Variant(name, name, TOOL, __version__, (("quality", name),))
+    return Variant((("quality", name),))
 
 
 def _counted(count: Any) -> Variant:
-    count = whole_number("count", count, 0, MOST_GAUSSIANS)
-    name = "1 Gaussian" if count == 1 else f"{count} Gaussians"
-    return Variant(name, f"gaussians-{count}", TOOL, __version__, (("gaussians", count),))
+    return Variant((("gaussians", whole_number("count", count, 0, MOST_GAUSSIANS)),))
 
 
 def _peer(text: Any) -> Variant:
     tool, named, style = str(text).partition(":")
     if tool not in SVG_PEERS:
         raise InputError(f"peer must be one of {', '.join(SVG_PEERS)}; got {quoted(text)}")
-    peer = PEERS[tool]
-    styles = {str(value): one for one in peer.settings for value in one.values()}
+    styles = {str(value): one for one in PEERS[tool].settings for value in one.values()}
     if not named:
         style = _DEFAULT_STYLE if _DEFAULT_STYLE in styles else next(iter(styles))
     if style not in styles:
         known = ", ".join(f"{tool}:{style}" for style in styles)
         raise InputError(f"peer must be {tool}, or one of {known}; got {quoted(text)}")
-    name = tool if style == _DEFAULT_STYLE else f"{tool} {style}"
-    settings = tuple(sorted(styles[style].items()))
-    return Variant(name, name.replace(" ", "-"), tool, peer.version() or "", settings)
+    return of_peer(tool, styles[style])

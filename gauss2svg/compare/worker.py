@@ -1,6 +1,6 @@
-"""One run in a process of its own: `python -m gauss2svg.bench.worker`.
+"""One run in a process of its own: `python -m gauss2svg.compare.worker`.
 
-It reads a request as a line of JSON from standard input and writes the row as JSON to standard
+It reads a request as a line of JSON from standard input and writes the record as JSON to standard
 output, so that CPU time and peak memory are those of this run alone. Where its input ends, its
 parent is gone, and it ends with what a peer has started. It imports heavy modules only where
 needed, or they would count as a peer's memory.
@@ -13,15 +13,15 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.bench.machine import Stopwatch, peak_bytes
-from gauss2svg.bench.rows import TOOL, finite, one_line
+from gauss2svg.compare.answer import answered
+from gauss2svg.compare.machine import Stopwatch, peak_bytes
+from gauss2svg.compare.records import TOOL, finite
 from gauss2svg.measure.scores import SCORES
 
-_WARM_UP_SIDE = 32  # px
-_WARM_UP: dict[str, Any] = {"iterations": 2}
 _FROM_REPORT = (
     "width", "height", "fit_width", "fit_height", "gaussians", "iterations", "rounds",
     "stop_reason", "threads", "renderer", "psnr_model",
@@ -29,25 +29,17 @@ _FROM_REPORT = (
 )  # fmt: skip
 
 
-def answer_to(request: dict[str, Any]) -> dict[str, Any]:
-    """The measured part of a row; of a run that fails it is "error", one line."""
-    try:
-        return _run_own(request) if request["tool"] == TOOL else _run_peer(request)
-    except MemoryError as error:
-        return {"error": f"out of memory ({error}). Try fewer gaussians or a smaller max_size"}
-    except Exception as error:  # a peer may raise anything, and the other runs continue
-        return {"error": one_line(f"{type(error).__name__}: {error}")}
+def _run(request: Mapping[str, Any]) -> dict[str, Any]:
+    return _run_own(request) if request["tool"] == TOOL else _run_peer(request)
 
 
-def _run_own(request: dict[str, Any]) -> dict[str, Any]:
-    import numpy as np
-
-    from gauss2svg.bench.grid import AXES
-    from gauss2svg.bench.tuning import apply_constants, options_in
+def _run_own(request: Mapping[str, Any]) -> dict[str, Any]:
+    from gauss2svg.compare.grid import AXES
+    from gauss2svg.compare.tuning import apply_constants, options_in
     from gauss2svg.measure.perceptual import perceptual_scores
-    from gauss2svg.pipeline.kernels import compile_kernels
     from gauss2svg.pipeline.options import Options
     from gauss2svg.pipeline.vectorize import vectorize_by
+    from gauss2svg.pipeline.warm_up import warm_up
 
     apply_constants(request["settings"])
     given = options_in(request["settings"])
@@ -55,10 +47,7 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
     given |= {"seed": request["seed"], "threads": request["threads"], "full_size": True}
     options = Options.from_flat(given)
     warming = time.perf_counter()
-    compile_kernels()
-    # With the same options, so that no import or code path runs for the first time.
-    noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-    vectorize_by(Options.from_flat(given | _WARM_UP), noise)
+    warm_up(given)
     warmup_s = time.perf_counter() - warming
     watch = Stopwatch()
     result = vectorize_by(options, request["image"])
@@ -70,33 +59,25 @@ def _run_own(request: dict[str, Any]) -> dict[str, Any]:
         **clocks,
         "warmup_s": warmup_s,
         "peak_bytes": peak,
-        "bytes_raw": report["svg_bytes"],
-        "bytes_gzipped": report["svgz_bytes"],
+        "svg_bytes": report["svg_bytes"],
+        "svgz_bytes": report["svgz_bytes"],
         "versions": report["versions"],
     }
 
 
-def _run_peer(request: dict[str, Any]) -> dict[str, Any]:
-    from gauss2svg.bench.peers import PEERS
+def _run_peer(request: Mapping[str, Any]) -> dict[str, Any]:
+    from gauss2svg.compare.peers import PEERS
 
-    peer = PEERS[request["tool"]]
-    output = Path(request["folder"]) / f"output{peer.suffix}"
-    convert = peer.prepare(Path(request["png"]), output, **request["settings"])
+    prepare = PEERS[request["tool"]].prepare
+    convert = prepare(Path(request["png"]), Path(request["output"]), **request["settings"])
     watch = Stopwatch()
     convert()
     clocks = watch.read()
-    peak = peak_bytes()  # before the modules that score are imported
-
-    row = {"used": request["settings"], "peak_bytes": peak, **clocks}
-    if not request.get("scored", True):
-        return row
-    from gauss2svg.bench.score import score
-
-    return row | score(output, request["image"])
+    return {"used": request["settings"], "peak_bytes": peak_bytes(), **clocks}
 
 
 def main() -> None:
-    """Read the request, run it, write the row."""
+    """Read the request, run it, write the record."""
     request = json.loads(sys.stdin.buffer.readline())
     # Of its own, as what a peer starts gets the null device.
     parent, null = os.dup(0), os.open(os.devnull, os.O_RDWR)
@@ -104,9 +85,9 @@ def main() -> None:
     threading.Thread(target=_end_with_parent, args=(parent,), daemon=True).start()
     answer = os.dup(1)
     os.dup2(2, 1)  # output of a peer goes to standard error
-    row = json.dumps(finite(answer_to(request)), allow_nan=False)
+    record = json.dumps(finite(answered(_run, request)), allow_nan=False)
     with os.fdopen(answer, "w", encoding="utf-8") as stream:
-        stream.write(row + "\n")
+        stream.write(record + "\n")
 
 
 def _end_with_parent(parent: int) -> None:

@@ -24,7 +24,7 @@ class ListedPhoto:
     """A photo of a list.
 
     path     of the file
-    name     the file's name as printable text, with its folder if another photo has the same name
+    name     the file's name as printable text, with its folders where others have the same name
     file     the same as it is
     slug     name for a file or folder of its own: a-z, 0-9 and -, unique
     digest   SHA-256 of the file's bytes; None where it cannot be read
@@ -68,10 +68,14 @@ def listed_photos(paths: Sequence[str | os.PathLike[str]]) -> list[ListedPhoto]:
 
 
 def _names(paths: Sequence[str]) -> list[str]:
-    """The last part of each path; with its folder where another has the same."""
+    """The shortest end of each path that no other has: mostly the file's name."""
     parts = [Path(path).absolute().parts for path in paths]
-    shared = Counter(own[-1] for own in parts)
-    return ["/".join(own[-2:] if shared[own[-1]] > 1 else own[-1:]) for own in parts]
+    all_ends = [[own[-length:] for length in range(1, len(own) + 1)] for own in parts]
+    shared = Counter(end for ends in all_ends for end in ends)
+    return [
+        Path(*next((end for end in ends if shared[end] == 1), ends[-1])).as_posix()
+        for ends in all_ends
+    ]
 
 
 def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:

@@ -16,8 +16,8 @@ from fastapi.routing import APIRoute
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from starlette.exceptions import HTTPException
 
+from gauss2svg.compare.pages.pages import legend
 from gauss2svg.errors import Gauss2SvgError, on_one_line
-from gauss2svg.gallery.pages import legend
 from gauss2svg.measure.heatmap import MOST
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio import photos
@@ -117,11 +117,11 @@ def _add_errors(app: FastAPI) -> None:
 def _add_pages(app: FastAPI, queue: Jobs, is_local: bool) -> None:
     static = {
         file.name: file
-        for package in ("gauss2svg.gallery", "gauss2svg.studio")
+        for package in ("gauss2svg.compare.pages", "gauss2svg.studio")
         for file in files(package).joinpath("static").iterdir()
     }
     environment = Environment(
-        loader=ChoiceLoader([PackageLoader(f"gauss2svg.{p}") for p in ("studio", "bench")]),
+        loader=ChoiceLoader([PackageLoader(f"gauss2svg.{p}") for p in ("studio", "compare")]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,

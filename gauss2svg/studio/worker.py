@@ -35,7 +35,6 @@ from gauss2svg.files import as_json, as_png, write_whole
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.alpha import over
 from gauss2svg.photo.stderr import own_standard_error
-from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -43,12 +42,12 @@ from gauss2svg.pipeline.presets import KILOBYTES_PER_GAUSSIAN
 from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.run import Progress
 from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.pipeline.warm_up import warm_up
 from gauss2svg.studio.frames import FrameMaker, as_jpeg
 from gauss2svg.svg.format import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
 _LEAST_BETWEEN_S = 0.05  # progress messages without a frame
-_WARM_UP_SIDE = 32  # px
 
 
 class _CanceledError(Exception):
@@ -65,9 +64,7 @@ class _Worker:
 
     def run(self, folder: str) -> None:
         threading.Thread(target=self._listen, args=(folder,), daemon=True).start()
-        compile_kernels()
-        noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-        as_jpeg(vectorize_by(Options.from_flat({"quality": "draft", "iterations": 2}), noise).scene)
+        as_jpeg(warm_up({"quality": "draft"}).scene)
         self._send("", "ready")
         while True:
             request = self._requests.get()

@@ -11,6 +11,7 @@ import os
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,21 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.bench.machine import Stopwatch, machine
-from gauss2svg.bench.process import in_own_process
-from gauss2svg.bench.rows import TOOL, finite
-from gauss2svg.errors import OutputError, PeerError
-from gauss2svg.files import as_json, as_png, write_all_atomically
-from gauss2svg.gallery.crops import worst_and_typical
+from gauss2svg.compare.answer import answered
+from gauss2svg.compare.machine import Stopwatch, machine
+from gauss2svg.compare.pages.crops import worst_and_typical
+from gauss2svg.compare.peer_run import peer_file
+from gauss2svg.compare.records import TOOL, finite
+from gauss2svg.errors import OutputError
+from gauss2svg.files import as_json, make_folder, write_all_atomically
 from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.perceptual import packages, packages_missing, perceptual_scores
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
 from gauss2svg.photo.load import WHITE, header_of, load_image, load_reduced
-from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.pipeline.warm_up import warm_up
 from gauss2svg.svg.reader.parse import parse_document
 
 RECORD = "record.json"
@@ -42,11 +45,19 @@ OUTLINES, ERRORS = "outlines.svg", "errors.png"
 THUMBNAIL_PX = 320
 _MOST_WEBP_PX = 16383  # largest side of a WebP image
 _PNG_PHOTO = "photo.png"
-_WARM_UP_SIDE = 32  # px
 
 Request = Mapping[str, Any]
 _ROUND = re.compile(r"round-([0-9]+)")
-_warm: set[str] = set()  # tools whose first run in this process is over
+
+
+def answer_to(request: Request) -> dict[str, Any]:
+    """The record of what a request asks for, or {"error": ..}: what a worker does."""
+    with own_standard_error():
+        return answered(_make, request)
+
+
+def _make(request: Request) -> dict[str, Any]:
+    return _MAKERS[request["kind"]](request)
 
 
 def make_photo(request: Request) -> dict[str, Any]:
@@ -120,12 +131,7 @@ def _own(source: str, request: Request) -> _Made:
     # As for other tools, all numbers are of the size that is shown.
     given |= {"fragments": True, "full_size": True}
     options = Options.from_flat({**request["settings"], **given})
-    if TOOL not in _warm:  # imports and compilation are not part of the time
-        compile_kernels()
-        noise = np.random.default_rng(0).random((_WARM_UP_SIDE, _WARM_UP_SIDE, 3))
-        warm_up = {"quality": "draft", "iterations": 2, "threads": request["threads"]}
-        vectorize_by(Options.from_flat(warm_up), noise)
-        _warm.add(TOOL)
+    _warm_up_once(request["threads"])
     watch = Stopwatch()
     result = vectorize_by(options, source)
     clocks = watch.read()
@@ -141,6 +147,12 @@ def _own(source: str, request: Request) -> _Made:
     return files, report, result.raster, clocks | {"rounds": rounds_of(result.svg)}
 
 
+@cache
+def _warm_up_once(threads: int) -> None:
+    """Imports and compilation are not part of the time."""
+    warm_up({"quality": "draft", "threads": threads})
+
+
 def rounds_of(svg: str) -> list[list[int]]:
     """[round, shapes up to it] of each group of the SVG that is a round, from 1."""
     found: list[list[int]] = []
@@ -154,28 +166,12 @@ def rounds_of(svg: str) -> list[list[int]]:
 
 def _peer(source: str, request: Request) -> _Made:
     """The SVG of another tool for the photo over white, measured by `check`."""
-    folder = Path(request["folder"])
-    folder.mkdir(parents=True, exist_ok=True)
-    png, output = folder / "input.png", folder / "output.svg"
     photo = load_image(source, matte=WHITE, max_pixels=request["max_pixels"]).pixels
-    try:
-        png.write_bytes(as_png(photo))
-        peer_request = {
-            "image": str(png), "png": str(png), "folder": str(folder),
-            "tool": request["tool"], "settings": request["settings"], "scored": False,
-        }  # fmt: skip
-        row = in_own_process(peer_request, request["peer_timeout"])
-        if "error" in row:
-            raise PeerError(row["error"])
-        if not output.exists():
-            raise PeerError(f"{request['tool']} wrote no file. Try running it by hand")
-        svg = output.read_bytes()
-        result = check(png, svg)
-    finally:
-        for path in (png, output):
-            path.unlink(missing_ok=True)
-    clocks = {name: row[name] for name in ("total_s", "cpu_s", "other_cpu_s")}
-    own = {"tool": request["tool"], "settings": request["settings"], "total_s": row["total_s"]}
+    tool, settings = request["tool"], request["settings"]
+    svg, run = peer_file(tool, settings, photo, request["peer_timeout"])
+    result = check(photo, svg)
+    clocks = {name: run[name] for name in ("total_s", "cpu_s", "other_cpu_s")}
+    own = {"tool": tool, "settings": settings, "total_s": run["total_s"]}
     return {PICTURE: svg}, own | result.report, result.raster, clocks
 
 
@@ -194,7 +190,7 @@ def _scored(source: str, request: Request, record: dict[str, Any]) -> dict[str, 
         "files": record["files"] | {REPORT: len(report)},
         "scored_by": packages(),
     }
-    write_all_atomically({folder / REPORT: report, folder / RECORD: _as_text(record)})
+    write_all_atomically({folder / REPORT: report, folder / RECORD: as_json(record)})
     return record
 
 
@@ -236,20 +232,16 @@ def _finish(
         "files": {name: len(data) for name, data in files.items()},
         **finite(extra),
     }
+    make_folder(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         (folder / RECORD).unlink(missing_ok=True)
     except OSError as error:
         reason = error.strerror or error
         raise OutputError(f"cannot write in {folder}: {reason}. Try another folder") from error
     written: dict[str | os.PathLike[str], bytes] = {folder / n: data for n, data in files.items()}
-    written[folder / RECORD] = _as_text(record)
+    written[folder / RECORD] = as_json(record)
     write_all_atomically(written)
     return record
-
-
-def _as_text(record: Mapping[str, Any]) -> bytes:
-    return json.dumps(record, indent=2).encode() + b"\n"
 
 
 def finished(folder: Path, key: str) -> dict[str, Any] | None:
@@ -266,3 +258,6 @@ def finished(folder: Path, key: str) -> dict[str, Any] | None:
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None  # missing or damaged: it is made again
     return record
+
+
+_MAKERS = {"photo": make_photo, "variant": make_variant}

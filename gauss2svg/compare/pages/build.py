@@ -8,16 +8,10 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
-from numba.core import config
-
-from gauss2svg.bench.runner import make_folder
-from gauss2svg.errors import InputError, OutputError, on_one_line, whole_number
-from gauss2svg.files import check_writable
-from gauss2svg.gallery.artifacts import RECORD, finished, is_scored
-from gauss2svg.gallery.options import GalleryOptions
-from gauss2svg.gallery.pages import (
+from gauss2svg.compare.pages.artifacts import RECORD, answer_to, finished, is_scored
+from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.pages.pages import (
     ASSETS,
     DATA,
     INDEX,
@@ -26,34 +20,37 @@ from gauss2svg.gallery.pages import (
     is_gallery,
     write_pages,
 )
-from gauss2svg.gallery.photos import with_kept_slugs
-from gauss2svg.gallery.pool import WorkerPool
-from gauss2svg.gallery.records import Failure, PhotoResult, Row, rows_of, summary_of, svg_result
-from gauss2svg.gallery.tasks import (
+from gauss2svg.compare.pages.photos import with_kept_slugs
+from gauss2svg.compare.pages.results import (
+    Failure,
+    PhotoResult,
+    Row,
+    rows_of,
+    summary_of,
+    svg_result,
+)
+from gauss2svg.compare.pages.tasks import (
     PHOTOS,
     GallerySetup,
-    Task,
-    photo_folder,
+    folder_of,
     photo_task,
     variant_task,
 )
-from gauss2svg.gallery.variants import Variant, variants_of
+from gauss2svg.compare.pool import WorkerPool
+from gauss2svg.compare.run import Grid, Progress, Record, Task
+from gauss2svg.compare.variants import Variant, variants_of
+from gauss2svg.errors import InputError, OutputError, on_one_line
+from gauss2svg.files import check_writable, make_folder
 from gauss2svg.options import file_name
 from gauss2svg.photo.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.memory_budget import allowed
-
-Records = dict[str, dict[str, Any]]  # of finished folders
+from gauss2svg.pipeline.run import thread_count
 
 
 @dataclass(frozen=True)
-class GalleryProgress:
+class GalleryProgress(Progress):
     """Progress of a gallery: finished and total steps, SVGs that were kept, the current steps."""
-
-    done: int
-    total: int
-    kept: int
-    now: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -112,15 +109,13 @@ def build_gallery(
     listed = listed_photos(photos)
     wanted, absent = variants_of(variants, counts, peers)
     options = options or GalleryOptions()
-    # The number of threads that numba has started; numba creates the attribute dynamically.
-    cores = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
-    threads = max(1, cores // options.jobs)
+    threads = max(1, thread_count(None) // options.jobs)
     if options.threads is not None:
-        threads = whole_number("threads", options.threads, 1, cores)
+        threads = thread_count(options.threads)
     root = _folder(directory, listed)
     listed = with_kept_slugs(listed, root / PHOTOS)
     # The processes share the free memory: each would take most of it otherwise.
-    setup = GallerySetup(options, threads, allowed(None) // options.jobs)
+    setup = GallerySetup(root, options, threads, allowed(None) // options.jobs)
     provenance = Provenance(
         title=options.title,
         command=on_one_line(
@@ -131,9 +126,9 @@ def build_gallery(
         photo_size=options.photo_size,
         absent=tuple(absent),
     )
-    build = _Build(root, listed, wanted, setup, progress)
+    build = _Build(listed, wanted, setup, progress)
     try:
-        build.run(options.jobs)
+        build.run()
     except KeyboardInterrupt:
         build.look_up_finished()  # of which the workers had no time to tell
         build.write(dataclasses.replace(provenance, missing=build.missing))
@@ -142,124 +137,99 @@ def build_gallery(
 
 
 class _Build:
-    """A gallery in progress: its finished records and its failures."""
+    """A gallery in progress: its grid and its failures."""
 
     def __init__(
         self,
-        root: Path,
         photos: list[ListedPhoto],
         variants: list[Variant],
         setup: GallerySetup,
         progress: Callable[[GalleryProgress], None] | None,
     ) -> None:
-        self._root, self._photos, self._variants = root, photos, variants
-        self._setup = setup
-        self._progress = progress or (lambda _: None)
-        self._records: Records = {}
+        self._photos, self._variants, self._setup = photos, variants, setup
         self._failures: list[Failure] = []
-        self._done = self._kept = 0
-        self._now: list[str] = []
 
-    def run(self, jobs: int) -> None:
+        def report(at: Progress) -> None:
+            if progress is not None:
+                progress(GalleryProgress(**vars(at)))
+
+        self._grid = Grid(self._finished, len(photos) * (1 + len(variants)), report)
+
+    def run(self) -> None:
         """Prepare the photos, so that bad ones are known early; then make the SVGs."""
-        with WorkerPool(jobs) as pool:
-            readable = []
+        jobs = self._setup.options.jobs
+        with WorkerPool(jobs, answer_to) as pool:
+            tasks = []
             for photo in self._photos:
                 if photo.problem is None:
-                    readable.append(photo)
+                    tasks.append(photo_task(photo, self._setup))
                 else:
                     self._fail(photo, None, photo.problem)
             if jobs > 1 and any(variant.is_own for variant in self._variants):
                 # Once, by one process: workers that start together would each compile them.
                 compile_kernels()
-            photos = self._missing([photo_task(self._root, p, self._setup) for p in readable])
+            missing = self._grid.missing(tasks)
             self.look_up_finished()
-            self._make(pool, photos)
-            self._make(pool, self._missing(self._variant_tasks()))
+            self._make(pool, missing)
+            self._make(pool, self.look_up_finished())
 
-    def look_up_finished(self) -> None:
-        """Take in the records of SVGs that are finished."""
-        self._missing(self._variant_tasks())
+    def look_up_finished(self) -> list[Task]:
+        """Take in the records of SVGs that are finished; the tasks for the others.
+
+        Photos that are not prepared have no tasks yet.
+        """
+        return self._grid.missing(
+            variant_task(photo, variant, self._setup, record)
+            for photo in self._photos
+            if (record := self._grid.records.get((photo, None))) is not None
+            for variant in self._variants
+        )
 
     @property
     def missing(self) -> int:
         """Number of SVGs that an interruption left unmade."""
         readable = len(self._photos) - sum(one.variant is None for one in self._failures)
         failed = sum(one.variant is not None for one in self._failures)
-        made = sum(folder.count("/") > 1 for folder in self._records)
+        made = sum(variant is not None for _, variant in self._grid.records)
         return readable * len(self._variants) - failed - made
 
     def write(self, provenance: Provenance) -> Gallery:
         """Write the pages of all that is finished."""
+        root, records = self._setup.root, self._grid.records
         results = [
             self._result(photo, record)
             for photo in self._photos
-            if (record := self._records.get(photo_folder(photo))) is not None
+            if (record := records.get((photo, None))) is not None
         ]
         order = {photo: at for at, photo in enumerate(self._photos)}
         column = {variant: at for at, variant in enumerate([None, *self._variants])}
         failures = sorted(self._failures, key=lambda one: (order[one.photo], column[one.variant]))
-        write_pages(self._root, provenance, self._variants, results, failures)
+        write_pages(root, provenance, self._variants, results, failures)
         rows = rows_of(results)
         summary = summary_of(rows, self._variants)
-        return Gallery(self._root, rows, summary, failures, self._kept, list(provenance.absent))
+        return Gallery(root, rows, summary, failures, self._grid.kept, list(provenance.absent))
 
-    def _variant_tasks(self) -> list[Task]:
-        """The tasks for all SVGs of the photos that are prepared."""
-        return [
-            variant_task(self._root, photo, variant, self._setup, record)
-            for photo in self._photos
-            if (record := self._records.get(photo_folder(photo))) is not None
-            for variant in self._variants
-        ]
-
-    def _missing(self, tasks: Iterable[Task]) -> list[Task]:
-        """The tasks that are not finished; the records of the others are kept."""
-        missing = []
-        for task in tasks:
-            if task.folder in self._records:
-                continue
-            record = finished(self._root / task.folder, task.key)
-            if record is None or not is_scored(record):
-                missing.append(task)
-                continue
-            self._records[task.folder] = record
-            self._kept += task.variant is not None
-            self._done += 1
-        return missing
+    def _finished(self, task: Task) -> Record | None:
+        record = finished(self._setup.root / folder_of(*task.place), task.key)
+        return record if record is not None and is_scored(record) else None
 
     def _make(self, pool: WorkerPool, tasks: list[Task]) -> None:
-        def begun(index: int) -> None:
-            self._now.append(tasks[index].label)
-            self._report()
-
-        self._report()
-        for index, answer in pool.run([task.request for task in tasks], begun):
-            task = tasks[index]
-            self._now.remove(task.label)
-            if "fatal" in answer:
-                raise OutputError(answer["error"])
+        for task, answer in self._grid.answers(pool.run, tasks):
             if "error" in answer:
                 self._fail(task.photo, task.variant, on_one_line(answer["error"]))
             else:
-                self._records[task.folder] = answer["record"]
-                self._done += 1
-            self._report()
+                self._grid.records[task.place] = answer
 
     def _fail(self, photo: ListedPhoto, variant: Variant | None, error: str) -> None:
         self._failures.append(Failure(photo, variant, error))
-        self._done += 1 if variant else 1 + len(self._variants)
+        self._grid.dropped += 1 if variant else 1 + len(self._variants)
 
-    def _report(self) -> None:
-        total = len(self._photos) * (1 + len(self._variants))
-        self._progress(GalleryProgress(self._done, total, self._kept, tuple(self._now)))
-
-    def _result(self, photo: ListedPhoto, record: dict[str, Any]) -> PhotoResult:
-        folder = photo_folder(photo)
+    def _result(self, photo: ListedPhoto, record: Record) -> PhotoResult:
+        root, folder = self._setup.root, folder_of(photo)
         svgs = [
-            svg_result(self._root, f"{folder}/{variant.slug}", variant, svg_record)
+            svg_result(root, folder_of(photo, variant), variant, svg_record)
             for variant in self._variants
-            if (svg_record := self._records.get(f"{folder}/{variant.slug}")) is not None
+            if (svg_record := self._grid.records.get((photo, variant))) is not None
         ]
         return PhotoResult(
             photo, folder, f"{folder}/{record['photo']}", record["width"], record["height"],

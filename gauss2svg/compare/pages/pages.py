@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment
 
-from gauss2svg.bench import numbers
-from gauss2svg.bench.chart import Point, scatter, template_environment
-from gauss2svg.bench.rows import csv_text, json_text
-from gauss2svg.files import write_all_atomically
-from gauss2svg.gallery.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
-from gauss2svg.gallery.crops import SIDE
-from gauss2svg.gallery.records import (
+from gauss2svg.compare import numbers
+from gauss2svg.compare.chart import Point, scatter, template_environment
+from gauss2svg.compare.pages.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
+from gauss2svg.compare.pages.crops import SIDE
+from gauss2svg.compare.pages.results import (
     Failure,
     PhotoResult,
     Row,
@@ -27,7 +25,9 @@ from gauss2svg.gallery.records import (
     rows_of,
     summary_of,
 )
-from gauss2svg.gallery.variants import Variant, main_variant
+from gauss2svg.compare.records import csv_text
+from gauss2svg.compare.variants import Variant, main_variant
+from gauss2svg.files import as_json, write_all_atomically
 from gauss2svg.measure.heatmap import MOST, colors_of
 from gauss2svg.measure.scores import ON_REQUEST, PSNR, SCORES, Score
 from gauss2svg.version import __version__
@@ -102,7 +102,7 @@ def write_pages(
 
     # The data come first: they mark the folder as a gallery's.
     written: dict[str | os.PathLike[str], bytes] = {
-        root / DATA: json_text(_document(provenance, summary, rows, failures)).encode(),
+        root / DATA: as_json(_document(provenance, summary, rows, failures)),
         root / TABLE: csv_text(rows).encode(),
         root / INDEX: page("index", cards=[_card(one) for one in results]),
         root / TRADE_OFF: page("trade-off", charts=_charts(results, variants, shown)),
@@ -120,7 +120,7 @@ def write_pages(
         written[path] = page(
             "photo", "../../", result=one, viewer=viewer, first=first, **neighbours
         )
-    static = files("gauss2svg.gallery") / "static"
+    static = files("gauss2svg.compare.pages") / "static"
     for name in _STATIC:
         written[root / ASSETS / name] = (static / name).read_bytes()
     write_all_atomically(written)
@@ -170,7 +170,7 @@ def _document(
 
 
 def _environment() -> Environment:
-    environment = template_environment("gauss2svg.gallery")
+    environment = template_environment("gauss2svg.compare.pages")
     for show in (numbers.whole, numbers.size, numbers.seconds):
         environment.filters[show.__name__] = show
     environment.filters["decibels"] = PSNR.text

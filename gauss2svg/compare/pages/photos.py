@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
-from gauss2svg.gallery.artifacts import RECORD
+from gauss2svg.compare.pages.artifacts import RECORD
 from gauss2svg.photo.listing import ListedPhoto, slug_of
 
 

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.compare.pages.artifacts import OUTLINES, PICTURE, REPORT, SCENE
+from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
-from gauss2svg.gallery.artifacts import OUTLINES, PICTURE, REPORT, SCENE
-from gauss2svg.gallery.variants import Variant
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.listing import ListedPhoto
 

@@ -1,45 +1,36 @@
-"""The benchmark: list the runs, do the missing ones one at a time, write tables and plots."""
+"""The benchmark: each run in a process of its own, one at a time; tables and plots after each."""
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
-import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from numba.core import config
-
-from gauss2svg.bench import plots
-from gauss2svg.bench.grid import BenchRun, settings_of
-from gauss2svg.bench.machine import machine
-from gauss2svg.bench.peers import PEERS, check_peers
-from gauss2svg.bench.process import in_own_process
-from gauss2svg.bench.rows import TOOL, Row, RowStore, csv_text, json_text
-from gauss2svg.bench.summary import markdown, summarise
-from gauss2svg.errors import InputError, OutputError, number_within, quoted, whole_number
-from gauss2svg.files import as_png, check_writable, write_all_atomically
+from gauss2svg.compare.answer import answered
+from gauss2svg.compare.grid import settings_of
+from gauss2svg.compare.machine import machine
+from gauss2svg.compare.peer_run import peer_record
+from gauss2svg.compare.peers import PEERS, check_peers
+from gauss2svg.compare.process import in_own_process
+from gauss2svg.compare.records import Row, RowStore, csv_text
+from gauss2svg.compare.run import Grid, Progress, Task
+from gauss2svg.compare.tables import plots
+from gauss2svg.compare.tables.summary import markdown, summarise
+from gauss2svg.compare.variants import Variant, of_peer
+from gauss2svg.errors import InputError, number_within, whole_number
+from gauss2svg.files import as_json, check_writable, make_folder, write_all_atomically
 from gauss2svg.options import file_name
-from gauss2svg.photo.load import WHITE, load_image
+from gauss2svg.photo.listing import ListedPhoto, listed_photos
+from gauss2svg.photo.load import load_image
+from gauss2svg.pipeline.run import thread_count
 from gauss2svg.version import __version__
 
 DEFAULT_PEER_TIMEOUT = 300.0  # s
 _LONGEST_TIMEOUT = 1e6  # s; the system's calls take no more than 24 days
 _OUTPUTS = ("rows.jsonl", "bench.json", "bench.csv", "summary.md", *plots.NAMES)
-
-
-@dataclass(frozen=True)
-class BenchProgress:
-    """Progress of a benchmark: finished and total runs, how many were kept, the current one."""
-
-    done: int
-    total: int
-    kept: int
-    now: str = ""
 
 
 def run_bench(
@@ -51,18 +42,18 @@ def run_bench(
     seed: int = 0,
     threads: int | None = None,
     peer_timeout: float = DEFAULT_PEER_TIMEOUT,
-    progress: Callable[[BenchProgress], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process; returns the rows.
 
     images        paths of photos
     directory     folder of the tables and plots, created if missing
     axes          values by option of `vectorize`: every combination is run, with the other
-                  options at their defaults; None: gauss2svg.bench.grid.DEFAULT_GRID
-    peers         names from gauss2svg.bench.peers.PEERS; those not installed are skipped
+                  options at their defaults; None: gauss2svg.compare.grid.DEFAULT_GRID
+    peers         names from gauss2svg.compare.peers.PEERS; those not installed are skipped
     threads       CPU threads of gauss2svg; None: one per core
     peer_timeout  time limit (s) of a peer's run
-    progress      called with a BenchProgress before every run and at the end
+    progress      called with a Progress whenever a run begins or ends
 
     After every run rows.jsonl, bench.json, bench.csv, summary.md and the plots are written, so an
     interrupted benchmark continues: rows without error of the same photo, settings and version
@@ -70,89 +61,67 @@ def run_bench(
     photos and OutputError for a folder that cannot be written, both before the first run.
     """
     whole_number("seed", seed, 0, 2**63 - 1)
-    if threads is not None:
-        # The number of threads that numba has started; numba creates the attribute dynamically.
-        most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
-        whole_number("threads", threads, 1, most)
+    thread_count(threads)
     number_within("peer_timeout", peer_timeout, 1e-3, _LONGEST_TIMEOUT)
     present, absent = check_peers(peers)
-    settings_list = settings_of(axes)
+    variants = [Variant(settings) for settings in settings_of(axes)]
+    variants += [of_peer(peer, settings) for peer in present for settings in PEERS[peer].settings]
     photos = _photos(images)
-    plan = [
-        BenchRun(path, name, digest, settings, seed=seed, threads=threads)
-        for settings in settings_list
-        for path, name, digest in photos
-    ]
-    plan += _peer_runs(present, photos)
-    names = [name for _, name, _ in photos]
+    given = {"seed": seed, "threads": threads, "peer_timeout": peer_timeout}
+    plan = [_task(photo, variant, given) for variant in variants for photo in photos]
     folder = Path(file_name("directory", directory, "the name of a folder"))
     make_folder(folder)
     for name in _OUTPUTS:
         check_writable(folder / name)
     store = RowStore(folder / "rows.jsonl")
-    rows = {run.key: row for run in plan if (row := store.finished(run.key)) is not None}
-    kept = len(rows)
-    report = progress or (lambda _: None)
-    for run in plan:
-        if run.key not in rows:
-            report(BenchProgress(len(rows), len(plan), kept, f"{run.label}, {run.name}"))
-            rows[run.key] = _row(run, peer_timeout)
-            store.append(rows[run.key])
-            _write_tables(folder, _in_order(plan, rows), names, absent)
-    _write_tables(folder, _in_order(plan, rows), names, absent)
-    report(BenchProgress(len(plan), len(plan), kept))
-    return _in_order(plan, rows)
+    grid = Grid(lambda task: store.finished(task.key), len(plan), progress)
+
+    def rows() -> list[Row]:
+        # A kept row may have the name that its photo had then.
+        found = [task for task in plan if task.place in grid.records]
+        return [grid.records[task.place] | {"image": task.photo.name} for task in found]
+
+    names = [photo.name for photo in photos]
+    for task, answer in grid.answers(_one_by_one, grid.missing(plan)):
+        grid.records[task.place] = _row(task, seed) | answer
+        store.append(grid.records[task.place])
+        _write_tables(folder, rows(), names, absent)
+    _write_tables(folder, rows(), names, absent)
+    return rows()
 
 
-def _photos(images: Sequence[str | os.PathLike[str]]) -> list[tuple[str, str, str]]:
-    """(path, name, digest) of each; a name is the shortest end of the path that is unique."""
-    if not images:
-        raise InputError(f"images must be the paths of one or more photos; got {quoted([])}")
-    paths = [Path(file_name("images", image)) for image in images]
-    digests: dict[str, Path] = {}
-    for path in paths:
-        load_image(path)  # a bad photo is reported now, not after hours of runs
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
-        if digest in digests:
+def _photos(images: Sequence[str | os.PathLike[str]]) -> list[ListedPhoto]:
+    """The photos; raises InputError for one that cannot be read and for copies."""
+    photos = listed_photos(images)
+    known: dict[str | None, str] = {}
+    for photo in photos:
+        load_image(photo.path)  # a bad photo is reported now, not after hours of runs
+        if photo.digest in known:
             raise InputError(
-                f"{path} must not be the same photo as {digests[digest]}. Try giving it once"
+                f"{photo.path} must not be the same photo as {known[photo.digest]}. "
+                "Try giving it once"
             )
-        digests[digest] = path
-    parts = [path.resolve().parts for path in paths]
-    names = [
-        next(
-            "/".join(own[-length:])
-            for length in range(1, len(own) + 1)
-            if sum(own[-length:] == other[-length:] for other in parts) == 1
-        )
-        for own in parts
-    ]
-    return [(str(p), n, d) for p, n, d in zip(paths, names, digests, strict=True)]
+        known[photo.digest] = photo.path
+    return photos
 
 
-def _peer_runs(names: Iterable[str], photos: Sequence[tuple[str, str, str]]) -> list[BenchRun]:
-    return [
-        BenchRun(
-            path, name, digest, tuple(sorted(settings.items())), peer, PEERS[peer].version() or ""
-        )
-        for peer in names
-        for settings in PEERS[peer].settings
-        for path, name, digest in photos
-    ]
+def _task(photo: ListedPhoto, variant: Variant, given: Mapping[str, Any]) -> Task:
+    request = {
+        "image": photo.path,
+        "tool": variant.tool,
+        "settings": dict(variant.settings),
+        **given,
+    }
+    return Task(photo, variant, request, (given["seed"], given["threads"]))
 
 
-def make_folder(folder: Path) -> None:
-    """Create a folder and those above it; raises OutputError where that is not possible."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise OutputError(f"cannot create {folder}: {reason}. Try another folder") from error
-
-
-def _in_order(plan: Iterable[BenchRun], rows: Mapping[str, Row]) -> list[Row]:
-    # A kept row may have the name that its photo had then.
-    return [rows[run.key] | {"image": run.name} for run in plan if run.key in rows]
+def _one_by_one(
+    requests: Sequence[Mapping[str, Any]], begun: Callable[[int], None]
+) -> Iterator[tuple[int, Row]]:
+    for index, request in enumerate(requests):
+        begun(index)
+        is_peer = request["tool"] in PEERS
+        yield index, answered(peer_record, request) if is_peer else in_own_process(request, None)
 
 
 def _write_tables(
@@ -167,41 +136,31 @@ def _write_tables(
         "rows": rows,
     }
     texts = {
-        "bench.json": json_text(document),
         "bench.csv": csv_text(rows),
         "summary.md": markdown(summary, rows, names),
         **plots.plots_of(summary),
     }
-    write_all_atomically({folder / name: text.encode() for name, text in texts.items()})
+    files = {"bench.json": as_json(document)}
+    files |= {name: text.encode() for name, text in texts.items()}
+    write_all_atomically({folder / name: data for name, data in files.items()})
 
 
-def _row(run: BenchRun, peer_timeout: float) -> Row:
-    settings = dict(run.settings)
-    row: Row = {
-        "key": run.key,
-        "label": run.label,
-        "preset": settings.get("quality") if len(settings) == 1 else None,
-        "tool": run.tool,
-        "tool_version": run.version,
-        "image": run.name,
-        "image_sha256": run.digest,
-        "settings": settings,
-        "seed": run.seed,
+def _row(task: Task, seed: int) -> Row:
+    """What is known of a run beside what its worker answers."""
+    variant = task.variant
+    assert variant is not None
+    versions = {"gauss2svg": __version__, "python": platform.python_version()}
+    return {
+        "key": task.key,
+        "label": variant.label,
+        "preset": variant.preset,
+        "tool": variant.tool,
+        "tool_version": variant.version,
+        "image": task.photo.name,
+        "image_sha256": task.photo.digest,
+        "settings": dict(variant.settings),
+        "seed": seed,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": machine(),
-        "versions": {"gauss2svg": __version__, "python": platform.python_version()},
+        "versions": versions if variant.is_own else {**versions, variant.tool: variant.version},
     }
-    request = {
-        "image": run.image,
-        "tool": run.tool,
-        "settings": settings,
-        "seed": run.seed,
-        "threads": run.threads,
-    }
-    if run.tool == TOOL:
-        return row | in_own_process(request, None)
-    row["versions"][run.tool] = run.version
-    with tempfile.TemporaryDirectory(prefix="gauss2svg-") as folder:
-        png = Path(folder) / "photo.png"
-        png.write_bytes(as_png(load_image(run.image, matte=WHITE).pixels))
-        return row | in_own_process(request | {"folder": folder, "png": str(png)}, peer_timeout)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from gauss2svg.bench import numbers
-from gauss2svg.bench.chart import Point, scatter, template_environment
-from gauss2svg.bench.front import front
-from gauss2svg.bench.peers import PEERS
-from gauss2svg.bench.rows import TOOL
-from gauss2svg.bench.summary import BYTES, SECONDS
+from gauss2svg.compare import numbers
+from gauss2svg.compare.chart import Point, scatter, template_environment
+from gauss2svg.compare.peers import PEERS
+from gauss2svg.compare.records import TOOL
+from gauss2svg.compare.tables.front import front
+from gauss2svg.compare.tables.summary import BYTES, SECONDS
 from gauss2svg.measure.scores import SCORES, Score
 from gauss2svg.pipeline.presets import PRESETS
 
@@ -65,7 +65,7 @@ def _plot(
         for row in rows
     ]
     return (
-        template_environment()
+        template_environment("gauss2svg.compare.tables")
         .get_template("plot.svg.jinja")
         .render(
             chart=scatter(points, at_tick, axis),

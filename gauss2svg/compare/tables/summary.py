@@ -7,17 +7,17 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from gauss2svg.bench.front import TOLERANCE, distance_below
-from gauss2svg.bench.rows import TOOL, finite
+from gauss2svg.compare.records import TOOL, finite
+from gauss2svg.compare.tables.front import TOLERANCE, distance_below
 from gauss2svg.measure.scores import SCORES
 
 Row = dict[str, Any]
 
 SECONDS = "cpu_s"
-BYTES = "bytes_gzipped"  # what a web server sends; a raster image has no smaller form
+BYTES = "svgz_bytes"  # what a web server sends; a raster image has no smaller form
 _MEANS = (
-    *(axis.key for axis in SCORES), "psnr_model", "cpu_s", "total_s", "bytes_raw",
-    "bytes_gzipped", "gaussians",
+    *(axis.key for axis in SCORES), "psnr_model", "cpu_s", "total_s", "svg_bytes",
+    "svgz_bytes", "gaussians",
 )  # fmt: skip
 _DISTURBED = 0.1  # share of the CPU used by other programs, above which a run is reported
 _LEAST_DISTURBANCE_S = 0.1
@@ -73,8 +73,8 @@ _COLUMNS: dict[str, tuple[str, str, float]] = {
     **{axis.title: (axis.key, axis.form, 1) for axis in SCORES},
     "CPU s": ("cpu_s", ".3g", 1),
     "wall s": ("total_s", ".3g", 1),
-    "kB raw": ("bytes_raw", ".1f", 1e-3),
-    "kB gzipped": ("bytes_gzipped", ".1f", 1e-3),
+    "kB raw": ("svg_bytes", ".1f", 1e-3),
+    "kB gzipped": ("svgz_bytes", ".1f", 1e-3),
     "peak MB": ("peak_bytes", ".0f", 1e-6),
     "below by seconds, dB": ("below_seconds_dB", ".2f", 1),
     "below by bytes, dB": ("below_bytes_dB", ".2f", 1),
