@@ -16,9 +16,8 @@ from fastapi.routing import APIRoute
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from starlette.exceptions import HTTPException
 
-from gauss2svg.compare.pages.pages import legend
 from gauss2svg.errors import Gauss2SvgError, on_one_line
-from gauss2svg.measure.heatmap import MOST
+from gauss2svg.measure.heatmap import MOST, legend
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio import photos
 from gauss2svg.studio.answers import ERRORS, Sample

@@ -4,9 +4,8 @@ import csv
 import json
 import math
 import os
+import shutil
 import stat
-import subprocess
-import sys
 from xml.etree import ElementTree
 
 import numpy as np
@@ -14,13 +13,15 @@ import pytest
 from conftest import has_ended
 from PIL import Image
 
-from gauss2svg.bench import runner
-from gauss2svg.bench.plots import NAMES, plots_of
-from gauss2svg.bench.process import in_own_process
-from gauss2svg.bench.rows import finite, flat
-from gauss2svg.bench.runner import run_bench
-from gauss2svg.bench.summary import summarise
 from gauss2svg.cli.main import main
+from gauss2svg.compare.answer import answered
+from gauss2svg.compare.peer_run import peer_record
+from gauss2svg.compare.process import in_own_process
+from gauss2svg.compare.records import finite, flat
+from gauss2svg.compare.tables import bench
+from gauss2svg.compare.tables.bench import run_bench
+from gauss2svg.compare.tables.plots import NAMES, plots_of
+from gauss2svg.compare.tables.summary import summarise
 from gauss2svg.measure.drawing import import_path
 from gauss2svg.measure.scores import SCORES
 
@@ -29,7 +30,7 @@ pytestmark = pytest.mark.process
 PROMISED = {
     "key", "tool", "image", "width", "height", "settings", "used", "gaussians", "rounds",
     "stop_reason", "psnr_model", "psnr_svg", "ssim_svg", "ssimulacra2_svg", "flip_svg",
-    "psnr_roundtrip", "bytes_raw", "bytes_gzipped", "fit_s", "fit_cpu_s", "total_s",
+    "psnr_roundtrip", "svg_bytes", "svgz_bytes", "fit_s", "fit_cpu_s", "total_s",
     "cpu_s", "warmup_s", "peak_bytes", "renderer", "threads", "machine", "versions", "date",
 }  # fmt: skip
 
@@ -63,10 +64,11 @@ def requests(monkeypatch):
             "psnr_svg": 20 + math.log2(1 + count), "ssim_svg": 0.5, "psnr_model": None,
             "ssimulacra2_svg": 9.0 - count, "flip_svg": 0.5 / count,
             "cpu_s": 0.01 * count, "total_s": 0.01 * count, "peak_bytes": 10**8,
-            "bytes_raw": 200 * count, "bytes_gzipped": 20 * count, "gaussians": count,
+            "svg_bytes": 200 * count, "svgz_bytes": 20 * count, "gaussians": count,
         }  # fmt: skip
 
-    monkeypatch.setattr(runner, "in_own_process", answer)
+    monkeypatch.setattr(bench, "in_own_process", answer)
+    monkeypatch.setattr(bench, "peer_record", lambda request: answer(request, None))
     return found
 
 
@@ -96,7 +98,7 @@ def test_real_run_has_all_that_was_promised_and_a_failing_one_is_an_error_row(me
     assert good.keys() >= PROMISED
     assert (good["gaussians"], good["used"]["init"], good["threads"]) == (10, "selective", 1)
     assert good["cpu_s"] >= good["fit_cpu_s"] > 0
-    assert good["bytes_raw"] > good["bytes_gzipped"] > 0
+    assert good["svg_bytes"] > good["svgz_bytes"] > 0
     assert "inkscape" in bad["error"]
     assert "\n" not in bad["error"]
     assert "psnr_svg" not in bad
@@ -108,15 +110,16 @@ def test_real_run_has_all_that_was_promised_and_a_failing_one_is_an_error_row(me
 def test_jpeg_bytes_and_fidelity_fall_with_quality(measured):
     jpegs = [row for row in measured[2]["rows"] if row["tool"] == "jpeg"]
     jpegs.sort(key=lambda row: row["settings"]["quality"])
-    for name in ("bytes_raw", "psnr_svg", "ssim_svg", "flip_svg"):
+    for name in ("svg_bytes", "psnr_svg", "ssim_svg", "flip_svg"):
         values = [-row[name] if name == "flip_svg" else row[name] for row in jpegs]
         assert values == sorted(set(values)), name
 
 
 def test_memory_of_a_run_is_its_own(picture, tmp_path):
     ours = np.ones(40_000_000)  # 320 MB, which the child must not be charged with
-    request = {"tool": "jpeg", "settings": {"quality": 30}, "image": str(picture)}
-    row = in_own_process(request | {"png": str(picture), "folder": str(tmp_path)}, 60)
+    request = {"tool": "jpeg", "settings": {"quality": 30}}
+    request |= {"png": str(picture), "output": str(tmp_path / "output.jpg")}
+    row = in_own_process(request, 60)
     assert ours.nbytes / 2 > row["peak_bytes"] > 5e6
 
 
@@ -158,17 +161,17 @@ def test_half_written_row_is_done_again(picture, tmp_path, requests):
 
 
 def test_interrupted_benchmark_keeps_what_is_finished(picture, tmp_path, requests, monkeypatch):
-    answer = runner.in_own_process
+    answer = bench.in_own_process
 
     def interrupt(request, timeout):
         if request["settings"]["gaussians"] == 7:
             raise KeyboardInterrupt
         return answer(request, timeout)
 
-    monkeypatch.setattr(runner, "in_own_process", interrupt)
+    monkeypatch.setattr(bench, "in_own_process", interrupt)
     assert main(["bench", str(picture), "-o", str(tmp_path), "--axis", "gaussians=5,7,9"]) == 130
     assert counts(json.loads((tmp_path / "bench.json").read_text())["rows"]) == [5]
-    monkeypatch.setattr(runner, "in_own_process", answer)
+    monkeypatch.setattr(bench, "in_own_process", answer)
     requests.clear()
     run_bench([picture], tmp_path, axes={"gaussians": [5, 7, 9]})
     assert len(requests) == 2
@@ -217,14 +220,16 @@ def test_pictures_of_one_name_stay_apart(photo, tmp_path, requests):
         (["--peer-timeout", "inf"], "--peer-timeout must be a number in 0.001..1e+06; got inf"),
         (["--threads", "0"], "threads must be"),
         (["no.png"], "cannot read no.png"),
-        (["PHOTO"], "must not be the same photo as"),
+        (["COPY"], "must not be the same photo as"),
         (["-o", "PHOTO"], "cannot create"),
     ],
 )
 def test_mistake_is_one_line_and_status_two_before_any_run(
     arguments, message, picture, tmp_path, requests, capsys
 ):
-    given = [str(picture) if word == "PHOTO" else word for word in arguments]
+    copy = shutil.copy(picture, tmp_path / "copy.png")
+    files = {"PHOTO": str(picture), "COPY": str(copy)}
+    given = [files.get(word, word) for word in arguments]
     target = [] if "-o" in given else ["-o", str(tmp_path / "out")]
     assert main(["bench", str(picture), *given, *target]) == 2
     out, err = capsys.readouterr()
@@ -251,23 +256,26 @@ def fake_primitive(folder, body):
 
 def test_peer_writes_an_svg_that_is_scored_or_fails_or_times_out(picture, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    folder = tmp_path / "work"
-    folder.mkdir()
-    request = {"tool": "primitive", "settings": {"shapes": 3}, "image": str(picture)}
-    request |= {"png": str(picture), "folder": str(folder)}
+
+    def record(seconds=60):
+        given = {"tool": "primitive", "settings": {"shapes": 3}, "image": str(picture)}
+        return answered(peer_record, given | {"peer_timeout": seconds})
+
     fake_primitive(tmp_path, f"echo '{BLANK}' > \"$4\"")
-    row = in_own_process(request, 60)
+    row = record()
     with Image.open(picture) as white:
         error = np.mean((1 - np.asarray(white, np.float64) / 255) ** 2)
     assert row["psnr_svg"] == pytest.approx(-10 * math.log10(error), abs=1e-4)
-    assert row["bytes_raw"] == len(BLANK) + 1
+    assert row["svg_bytes"] == len(BLANK) + 1
 
     fake_primitive(tmp_path, "echo no luck >&2; exit 3")
-    assert "status 3: no luck" in in_own_process(request, 60)["error"]
+    assert "status 3: no luck" in record()["error"]
+    fake_primitive(tmp_path, "exit 0")
+    assert record() == {"error": "primitive wrote no file. Try running it by hand"}
 
     fake_primitive(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
     for seconds in (2, 8, 32):  # more where the machine is too busy for it to begin
-        assert f"timed out after {seconds} s" in in_own_process(request, seconds)["error"]
+        assert f"timed out after {seconds} s" in record(seconds)["error"]
         if (tmp_path / "pid").exists():
             break
     assert has_ended(int((tmp_path / "pid").read_text()))
@@ -282,8 +290,7 @@ def test_output_of_a_peer_is_not_part_of_its_row(picture, tmp_path, monkeypatch)
     (tmp_path / "vtracer.py").write_text(module)
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{import_path()}")
     request = {"tool": "vtracer", "settings": {"style": "default"}, "image": str(picture)}
-    row = in_own_process(request | {"png": str(picture), "folder": str(tmp_path)}, 60)
-    assert row["bytes_raw"] == len(BLANK)
+    assert peer_record(request | {"peer_timeout": 60})["svg_bytes"] == len(BLANK)
 
 
 def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_path, requests):
@@ -335,11 +342,3 @@ def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_p
         assert {"draft", "fast", "jpeg"} <= set(texts)
         assert "other settings" not in texts
     assert plots_of(summary) == {name: (tmp_path / name).read_text() for name in NAMES}
-
-
-def test_main_command_does_not_load_the_benchmark():
-    code = (
-        "import sys; from gauss2svg.cli.main import main; main(['no.png', '-o', 'x.svg']);"
-        "sys.exit(any(name.startswith('gauss2svg.bench') for name in sys.modules))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True).returncode == 0

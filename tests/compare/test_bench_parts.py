@@ -13,19 +13,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gauss2svg.bench import process
-from gauss2svg.bench.front import distance_below, front
-from gauss2svg.bench.grid import (
+from gauss2svg.compare import process
+from gauss2svg.compare.grid import (
     AXES,
     DEFAULT_GRID,
-    BenchRun,
     parse_axes,
     parse_axis,
     settings_of,
 )
-from gauss2svg.bench.rows import RowStore, csv_text
-from gauss2svg.bench.tuning import apply_constants, options_in
+from gauss2svg.compare.records import RowStore, csv_text
+from gauss2svg.compare.run import Task
+from gauss2svg.compare.tables.front import distance_below, front
+from gauss2svg.compare.tuning import apply_constants, options_in
+from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import InputError
+from gauss2svg.photo.listing import ListedPhoto
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
@@ -147,18 +149,16 @@ def test_forms_that_a_renderer_does_not_support_are_refused_before_any_run(form,
             settings_of({"form": [form]})
 
 
-def test_key_knows_all_that_changes_a_row_and_no_path():
-    base = BenchRun("a.png", "a.png", "digest", (("gaussians", 5),))
-    assert base.key == BenchRun("b/c.png", "c.png", "digest", (("gaussians", 5),)).key
-    others = [
-        BenchRun("a.png", "a.png", "other", (("gaussians", 5),)),
-        BenchRun("a.png", "a.png", "digest", (("gaussians", 6),)),
-        BenchRun("a.png", "a.png", "digest", (("gaussians", 5),), version="0"),
-        BenchRun("a.png", "a.png", "digest", (("gaussians", 5),), tool="jpeg"),
-        BenchRun("a.png", "a.png", "digest", (("gaussians", 5),), seed=1),
-        BenchRun("a.png", "a.png", "digest", (("gaussians", 5),), threads=1),
-    ]
-    assert len({run.key for run in [base, *others]}) == len(others) + 1
+def test_key_knows_all_that_changes_a_record_and_no_path():
+    def key(path="a.png", digest="d", count=5, others=(0,), **variant):
+        photo = ListedPhoto(path, path, path, "a", digest)
+        return Task(photo, Variant((("gaussians", count),), **variant), {}, others).key
+
+    assert key() == key(path="b/c.png")
+    changes = ({"digest": "e"}, {"count": 6}, {"others": (1,)}, {"version": "0"}, {"tool": "jpeg"})
+    others = [key(**change) for change in changes]  # pyright: ignore[reportArgumentType]
+    others.append(Task(ListedPhoto("a.png", "a.png", "a.png", "a", "d"), None, {}, (0,)).key)
+    assert len({key(), *others}) == len(changes) + 2
 
 
 @given(points)

@@ -9,16 +9,16 @@ import sys
 import numpy as np
 import pytest
 from flat import build_gallery
-from galleries import Page, Table, save
+from galleries import Here, Page, Table, save
 from PIL import Image, PngImagePlugin
 
-from gauss2svg.bench import numbers
-from gauss2svg.bench.rows import flat
 from gauss2svg.cli.main import main
+from gauss2svg.compare import numbers
+from gauss2svg.compare.pages import build
+from gauss2svg.compare.pages.artifacts import answer_to
+from gauss2svg.compare.pages.results import NUMBERS
+from gauss2svg.compare.records import flat
 from gauss2svg.errors import on_one_line
-from gauss2svg.gallery import build
-from gauss2svg.gallery.records import NUMBERS
-from gauss2svg.gallery.worker import answer_to
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.listing import slug_of
 from gauss2svg.photo.load import load_image
@@ -260,29 +260,16 @@ def test_flat_photo_is_shown_as_equal(site):
     assert "equal" in (site.out / "trade-off.html").read_text()
 
 
-class WorkerPool:
-    """Expects no request but those for bad photos."""
-
-    def __init__(self, jobs):
-        pass
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def run(self, requests, begun):
-        # Bad photos are read again.
-        assert [request["kind"] for request in requests] in ([], ["photo"] * 2)
-        for index, request in enumerate(requests):
-            begun(index)
-            yield index, answer_to(request)
-
-
 def test_second_build_makes_nothing_and_says_the_same(site, monkeypatch, capsys):
-    monkeypatch.setattr(build, "WorkerPool", WorkerPool)
+    asked = []
+
+    def answer(request):
+        asked.append(request["kind"])
+        return answer_to(request)
+
+    monkeypatch.setattr(build, "WorkerPool", lambda jobs, _: Here(answer))
     assert main(site.arguments) == 1
+    assert asked == ["photo"] * 2  # bad photos are read again
     assert "8 SVGs, 8 of them kept from before; 4 failed" in capsys.readouterr().err
     again = json.loads((site.out / "gallery.json").read_text())
     for name in ("rows", "summary", "failures"):

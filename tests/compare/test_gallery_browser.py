@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gallery_site import COUNTS, HOSTILE, PHONE, WIDE, box, pages_of, shot
 
-from gauss2svg.bench import numbers
+from gauss2svg.compare import numbers
 from gauss2svg.measure.scores import PSNR, SCORES
 
 pytestmark = pytest.mark.browser

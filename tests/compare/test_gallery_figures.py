@@ -9,9 +9,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gauss2svg.bench import numbers
-from gauss2svg.bench.chart import HEIGHT, WIDTH, Point, scatter
-from gauss2svg.gallery.crops import worst_and_typical
+from gauss2svg.compare import numbers
+from gauss2svg.compare.chart import HEIGHT, WIDTH, Point, scatter
+from gauss2svg.compare.pages.crops import worst_and_typical
 from gauss2svg.measure.scores import PSNR, SSIM
 
 

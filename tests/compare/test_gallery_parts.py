@@ -11,13 +11,13 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from gauss2svg.bench.peers import PEERS
+from gauss2svg.compare.pages.artifacts import finished, rounds_of
+from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.pages.pages import is_gallery
+from gauss2svg.compare.pages.results import read_report, summary_of
+from gauss2svg.compare.peers import PEERS
+from gauss2svg.compare.variants import DEFAULT_VARIANTS, main_variant, variants_of
 from gauss2svg.errors import InputError, OutputError
-from gauss2svg.gallery.artifacts import finished, rounds_of
-from gauss2svg.gallery.options import GalleryOptions
-from gauss2svg.gallery.pages import is_gallery
-from gauss2svg.gallery.records import summary_of, svg_result
-from gauss2svg.gallery.variants import DEFAULT_VARIANTS, main_variant, variants_of
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.listing import listed_photos, slug_of, unique_slugs
 
@@ -252,9 +252,8 @@ def test_folder_counts_as_finished_only_where_it_is_whole_and_of_the_key(tmp_pat
 
 
 def test_report_that_cannot_be_read_is_an_error_with_advice(tmp_path):
-    (variant,) = variants_of(counts=[5])[0]
     with pytest.raises(OutputError, match=r"cannot read .*Try deleting its folder"):
-        svg_result(tmp_path, "x", variant, {})
+        read_report(tmp_path / "x")
 
 
 def test_rounds_are_counted_up_to_each():

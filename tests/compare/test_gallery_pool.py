@@ -6,22 +6,22 @@ import psutil
 import pytest
 from conftest import has_ended
 
-from gauss2svg.errors import InputError
-from gauss2svg.gallery import pool as pool_module
-from gauss2svg.gallery import worker
-from gauss2svg.gallery.pool import WorkerPool
+from gauss2svg.compare.answer import answered
+from gauss2svg.compare.pages.artifacts import answer_to
+from gauss2svg.compare.pool import WorkerPool
+from gauss2svg.errors import InputError, OutputError
 
 
 @pytest.fixture
-def misbehaving(monkeypatch):
-    """Requests that die, fail, or tell where they are answered."""
+def misbehave():
+    """Answers requests that die, fail, or tell where they are answered."""
 
     def answer(request):
         import os
         import signal
         import time
 
-        do = request[1].get("do")
+        do = request.get("do")
         if do == "die":
             os.kill(os.getpid(), signal.SIGKILL)
         if do == "raise":
@@ -30,9 +30,9 @@ def misbehaving(monkeypatch):
             time.sleep(60)
         if do == "nap":
             time.sleep(0.3)
-        return {"record": {"pid": os.getpid(), "name": request[1].get("name")}}
+        return {"pid": os.getpid(), "name": request.get("name")}
 
-    monkeypatch.setattr(pool_module, "_answer_to", answer)  # pickled by value, as it is local
+    return answer  # pickled by value, as it is local
 
 
 def answers(pool, requests):
@@ -46,23 +46,23 @@ def answers(pool, requests):
 
 
 @pytest.mark.process
-def test_worker_that_dies_fails_its_own_request_alone_and_none_is_left(misbehaving):
+def test_worker_that_dies_fails_its_own_request_alone_and_none_is_left(misbehave):
     requests = [{"name": "a"}, {"do": "die"}, *({"name": str(n)} for n in range(20))]
-    with WorkerPool(2) as pool:
+    with WorkerPool(2, misbehave) as pool:
         found = answers(pool, requests)
         (again,) = answers(pool, [{"name": "again"}])
     assert found[1] == {"error": "its worker died; was there enough memory? Try fewer --jobs"}
-    assert [one["record"]["name"] for one in (found[0], *found[2:])] == [
+    assert [one["name"] for one in (found[0], *found[2:])] == [
         "a", *map(str, range(20)),
     ]  # fmt: skip
-    assert again["record"]["name"] == "again"
-    pids = {one["record"]["pid"] for one in (found[0], *found[2:])}
+    assert again["name"] == "again"
+    pids = {one["pid"] for one in (found[0], *found[2:])}
     assert 1 <= len(pids) <= 3  # two, and one in place of the dead
     assert all(map(has_ended, pids))
 
 
 @pytest.mark.process
-def test_fault_is_raised_and_an_interruption_ends_all_workers_soon(misbehaving):
+def test_fault_is_raised_and_an_interruption_ends_all_workers_soon(misbehave):
     pids, begun_at = [], []
 
     def interrupted(pool):
@@ -70,7 +70,7 @@ def test_fault_is_raised_and_an_interruption_ends_all_workers_soon(misbehaving):
             answers(pool, [{"do": "raise"}])
         (first,) = answers(pool, [{}])
         naps = answers(pool, [{"do": "nap"}] * 2)  # more at once start more
-        pids.extend({one["record"]["pid"] for one in (first, *naps)})
+        pids.extend({one["pid"] for one in (first, *naps)})
         assert len(pids) == 2
         begun = []
 
@@ -82,7 +82,7 @@ def test_fault_is_raised_and_an_interruption_ends_all_workers_soon(misbehaving):
 
         list(pool.run([{"do": "sleep"}] * 3, begin))
 
-    with pytest.raises(KeyboardInterrupt), WorkerPool(2) as pool:
+    with pytest.raises(KeyboardInterrupt), WorkerPool(2, misbehave) as pool:
         interrupted(pool)
     assert time.monotonic() - begun_at[0] < 30
     assert all(map(has_ended, pids))
@@ -90,7 +90,7 @@ def test_fault_is_raised_and_an_interruption_ends_all_workers_soon(misbehaving):
 
 def test_no_request_starts_no_worker():
     before = psutil.Process().children()
-    with WorkerPool(50) as pool:
+    with WorkerPool(50, answered) as pool:
         assert answers(pool, []) == []
         assert psutil.Process().children() == before
 
@@ -99,14 +99,20 @@ def test_no_request_starts_no_worker():
     ("error", "line"),
     [
         (InputError("two\nlines.  Try one"), "two lines. Try one"),
-        (MemoryError("5 GiB"), "out of memory (5 GiB). Try a smaller --photo-size"),
+        (MemoryError("5 GiB"), "out of memory (5 GiB). Try smaller photos or fewer Gaussians"),
         (ZeroDivisionError("a\nfault"), "ZeroDivisionError: a fault"),
     ],
 )
-def test_every_error_of_a_request_is_one_line(error, line, monkeypatch):
+def test_every_error_of_a_request_is_one_line(error, line):
     def fail(_):
         raise error
 
-    monkeypatch.setitem(worker._MAKERS, "photo", fail)
-    assert worker.answer_to({"kind": "photo"}) == {"error": line}
-    assert "KeyError" in worker.answer_to({"kind": "nothing"})["error"]
+    assert answered(fail, {}) == {"error": line}
+    assert "KeyError" in answer_to({"kind": "nothing"})["error"]
+
+
+def test_error_that_no_other_request_escapes_is_fatal():
+    def fail(_):
+        raise OutputError("the disk is full")
+
+    assert answered(fail, {}) == {"error": "the disk is full", "fatal": True}

@@ -13,10 +13,10 @@ from galleries import Page, Table, save
 
 import gauss2svg
 from gauss2svg.cli.main import main
+from gauss2svg.compare.pages import build
+from gauss2svg.compare.pages.artifacts import answer_to
+from gauss2svg.compare.pages.pages import write_pages
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.gallery import build
-from gauss2svg.gallery.pages import write_pages
-from gauss2svg.gallery.worker import answer_to
 from gauss2svg.photo.load import load_image
 
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="48" height="40"/>'
@@ -273,12 +273,12 @@ def test_exact_svgs_are_charted_and_shown_as_equal(two, tmp_path, asked):
 
 
 @pytest.mark.process
-def test_main_command_loads_no_gallery_and_a_worker_no_pages():
+def test_main_command_loads_no_comparison_and_a_worker_no_pages():
     code = (
         "import sys; from gauss2svg.cli.main import main; main(['no.png', '-o', 'x.svg']);"
-        "bad = [n for n in sys.modules if n == 'jinja2' or n.startswith('gauss2svg.gallery')];"
-        "import gauss2svg.gallery.worker;"
-        "bad += [n for n in ('jinja2', 'gauss2svg.gallery.pages') if n in sys.modules];"
+        "bad = [n for n in sys.modules if n == 'jinja2' or n.startswith('gauss2svg.compare')];"
+        "import gauss2svg.compare.pages.artifacts;"
+        "bad += [n for n in ('jinja2', 'gauss2svg.compare.pages.pages') if n in sys.modules];"
         "sys.exit(len(bad))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)

@@ -16,8 +16,8 @@ from flat import build_gallery
 from galleries import Page, all_requests, save
 
 from gauss2svg.cli.main import main
-from gauss2svg.gallery import tasks
-from gauss2svg.gallery.artifacts import (
+from gauss2svg.compare import run
+from gauss2svg.compare.pages.artifacts import (
     OUTLINES,
     PICTURE,
     REPORT,
@@ -60,14 +60,14 @@ def test_finished_work_is_kept_until_what_it_depends_on_changes(
     assert made()[0] == everything
     save(photo[:8, :8], two[0])
     assert made()[0] == all_requests("a", slugs)
-    monkeypatch.setattr(tasks, "code_digest", lambda: "other code")
+    monkeypatch.setattr(run, "code_digest", lambda: "other code")
     assert made()[0] == everything
 
 
 def test_scores_that_were_missing_are_added_without_another_fit(
     two, photo, tmp_path, asked, monkeypatch
 ):
-    from gauss2svg.gallery import artifacts
+    from gauss2svg.compare.pages import artifacts
 
     def made():
         gallery = build_gallery(two, tmp_path / "out", counts=[5])
@@ -258,6 +258,6 @@ def test_full_disk_ends_all_at_once(two, tmp_path, monkeypatch, capsys):
         yield 0, {"error": "cannot write x: No space left on device", "fatal": True}
         pytest.fail("continued")
 
-    monkeypatch.setattr("gauss2svg.gallery.pool.WorkerPool.run", fill)
+    monkeypatch.setattr("gauss2svg.compare.pool.WorkerPool.run", fill)
     assert main(["gallery", *map(str, two), "-o", str(tmp_path / "out"), "--counts", "5"]) == 2
     assert "No space left" in capsys.readouterr().err

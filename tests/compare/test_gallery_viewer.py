@@ -9,7 +9,7 @@ from gallery_site import COUNTS, PHONE, WIDE, box, shot
 from PIL import Image
 from scipy.ndimage import binary_dilation
 
-from gauss2svg.bench import numbers
+from gauss2svg.compare import numbers
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.scores import PSNR
 from gauss2svg.photo.alpha import over, pixels_of

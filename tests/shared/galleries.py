@@ -5,8 +5,7 @@ from html.parser import HTMLParser
 import numpy as np
 from PIL import Image
 
-from gauss2svg.files import as_json
-from gauss2svg.gallery.artifacts import (
+from gauss2svg.compare.pages.artifacts import (
     ERRORS,
     OUTLINES,
     PICTURE,
@@ -15,6 +14,7 @@ from gauss2svg.gallery.artifacts import (
     THUMBNAIL,
     _finish,
 )
+from gauss2svg.files import as_json
 from gauss2svg.measure.perceptual import packages
 
 
@@ -75,6 +75,24 @@ class Asked(list):
         return found
 
 
+class Here:
+    """Stands in for WorkerPool: answers in this process, in turn."""
+
+    def __init__(self, answer_to):
+        self._answer_to = answer_to
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def run(self, requests, begun):
+        for index, request in enumerate(requests):
+            begun(index)
+            yield index, self._answer_to(request)
+
+
 ORIGIN = {
     "date": "2026-01-02", "jobs": 1, "threads": 1,
     "machine": {"cpu": "Abacus", "cores": 1, "platform": "Wood"},
@@ -96,7 +114,7 @@ def canned(request):
     files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
     extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1, "origin": ORIGIN}
     extra["scored_by"] = packages()
-    return {"record": _finish(request, files | {REPORT: as_json(report)}, extra)}
+    return _finish(request, files | {REPORT: as_json(report)}, extra)
 
 
 def all_requests(photos, variants):

@@ -21,21 +21,8 @@ from gauss2svg.compare.pages.pages import (
     write_pages,
 )
 from gauss2svg.compare.pages.photos import with_kept_slugs
-from gauss2svg.compare.pages.results import (
-    Failure,
-    PhotoResult,
-    Row,
-    rows_of,
-    summary_of,
-    svg_result,
-)
-from gauss2svg.compare.pages.tasks import (
-    PHOTOS,
-    GallerySetup,
-    folder_of,
-    photo_task,
-    variant_task,
-)
+from gauss2svg.compare.pages.results import Failure, Row, results_of, rows_of, summary_of
+from gauss2svg.compare.pages.tasks import PHOTOS, Tasks, folder_of
 from gauss2svg.compare.pool import WorkerPool
 from gauss2svg.compare.run import Grid, Progress, Record, Task
 from gauss2svg.compare.variants import Variant, variants_of
@@ -115,7 +102,7 @@ def build_gallery(
     root = _folder(directory, listed)
     listed = with_kept_slugs(listed, root / PHOTOS)
     # The processes share the free memory: each would take most of it otherwise.
-    setup = GallerySetup(root, options, threads, allowed(None) // options.jobs)
+    tasks = Tasks(root, options, threads, allowed(None) // options.jobs)
     provenance = Provenance(
         title=options.title,
         command=on_one_line(
@@ -126,7 +113,7 @@ def build_gallery(
         photo_size=options.photo_size,
         absent=tuple(absent),
     )
-    build = _Build(listed, wanted, setup, progress)
+    build = _Build(listed, wanted, tasks, progress)
     try:
         build.run()
     except KeyboardInterrupt:
@@ -143,10 +130,10 @@ class _Build:
         self,
         photos: list[ListedPhoto],
         variants: list[Variant],
-        setup: GallerySetup,
+        tasks: Tasks,
         progress: Callable[[GalleryProgress], None] | None,
     ) -> None:
-        self._photos, self._variants, self._setup = photos, variants, setup
+        self._photos, self._variants, self._tasks = photos, variants, tasks
         self._failures: list[Failure] = []
 
         def report(at: Progress) -> None:
@@ -157,50 +144,44 @@ class _Build:
 
     def run(self) -> None:
         """Prepare the photos, so that bad ones are known early; then make the SVGs."""
-        jobs = self._setup.options.jobs
+        jobs = self._tasks.options.jobs
         with WorkerPool(jobs, answer_to) as pool:
-            tasks = []
             for photo in self._photos:
-                if photo.problem is None:
-                    tasks.append(photo_task(photo, self._setup))
-                else:
+                if photo.problem is not None:
                     self._fail(photo, None, photo.problem)
             if jobs > 1 and any(variant.is_own for variant in self._variants):
                 # Once, by one process: workers that start together would each compile them.
                 compile_kernels()
-            missing = self._grid.missing(tasks)
+            readable = [photo for photo in self._photos if photo.problem is None]
+            missing = self._grid.missing(map(self._tasks.prepare, readable))
             self.look_up_finished()
             self._make(pool, missing)
             self._make(pool, self.look_up_finished())
 
     def look_up_finished(self) -> list[Task]:
-        """Take in the records of SVGs that are finished; the tasks for the others.
+        """Take in the SVGs that are finished; returns the tasks for the others.
 
-        Photos that are not prepared have no tasks yet.
+        A photo that is not prepared has none yet.
         """
         return self._grid.missing(
-            variant_task(photo, variant, self._setup, record)
+            self._tasks.make(photo, variant, prepared)
             for photo in self._photos
-            if (record := self._grid.records.get((photo, None))) is not None
+            if (prepared := self._grid.records.get((photo, None))) is not None
             for variant in self._variants
         )
 
     @property
     def missing(self) -> int:
         """Number of SVGs that an interruption left unmade."""
-        readable = len(self._photos) - sum(one.variant is None for one in self._failures)
-        failed = sum(one.variant is not None for one in self._failures)
+        failed = [one.photo for one in self._failures if one.variant is None]
+        wanted = (len(self._photos) - len(failed)) * len(self._variants)
         made = sum(variant is not None for _, variant in self._grid.records)
-        return readable * len(self._variants) - failed - made
+        return wanted - made - (len(self._failures) - len(failed))
 
     def write(self, provenance: Provenance) -> Gallery:
         """Write the pages of all that is finished."""
-        root, records = self._setup.root, self._grid.records
-        results = [
-            self._result(photo, record)
-            for photo in self._photos
-            if (record := records.get((photo, None))) is not None
-        ]
+        root = self._tasks.root
+        results = results_of(root, self._photos, self._variants, self._grid.records)
         order = {photo: at for at, photo in enumerate(self._photos)}
         column = {variant: at for at, variant in enumerate([None, *self._variants])}
         failures = sorted(self._failures, key=lambda one: (order[one.photo], column[one.variant]))
@@ -210,7 +191,7 @@ class _Build:
         return Gallery(root, rows, summary, failures, self._grid.kept, list(provenance.absent))
 
     def _finished(self, task: Task) -> Record | None:
-        record = finished(self._setup.root / folder_of(*task.place), task.key)
+        record = finished(self._tasks.root / folder_of(*task.place), task.key)
         return record if record is not None and is_scored(record) else None
 
     def _make(self, pool: WorkerPool, tasks: list[Task]) -> None:
@@ -223,18 +204,6 @@ class _Build:
     def _fail(self, photo: ListedPhoto, variant: Variant | None, error: str) -> None:
         self._failures.append(Failure(photo, variant, error))
         self._grid.dropped += 1 if variant else 1 + len(self._variants)
-
-    def _result(self, photo: ListedPhoto, record: Record) -> PhotoResult:
-        root, folder = self._setup.root, folder_of(photo)
-        svgs = [
-            svg_result(root, folder_of(photo, variant), variant, svg_record)
-            for variant in self._variants
-            if (svg_record := self._grid.records.get((photo, variant))) is not None
-        ]
-        return PhotoResult(
-            photo, folder, f"{folder}/{record['photo']}", record["width"], record["height"],
-            tuple(record["notes"]), tuple(svgs),
-        )  # fmt: skip
 
 
 def _folder(directory: str | os.PathLike[str], photos: Iterable[ListedPhoto]) -> Path:

@@ -10,7 +10,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from jinja2 import Environment
 
 from gauss2svg.compare import numbers
@@ -28,7 +27,7 @@ from gauss2svg.compare.pages.results import (
 from gauss2svg.compare.records import csv_text
 from gauss2svg.compare.variants import Variant, main_variant
 from gauss2svg.files import as_json, write_all_atomically
-from gauss2svg.measure.heatmap import MOST, colors_of
+from gauss2svg.measure.heatmap import MOST, legend
 from gauss2svg.measure.scores import ON_REQUEST, PSNR, SCORES, Score
 from gauss2svg.version import __version__
 
@@ -39,7 +38,6 @@ OUTPUTS = (INDEX, TRADE_OFF, HOW, DATA, TABLE)
 _STATIC = (
     "gallery.css", "gallery.js", "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
 )  # fmt: skip
-_LEGEND_COLORS = 9  # of the error map's legend
 # (key of a report, unit, title of the axis, its text on a page, its text at a tick)
 _COSTS = (
     ("svg_bytes", "bytes", "size of the SVG", numbers.size, numbers.short_size),
@@ -74,6 +72,7 @@ def write_pages(
     rows = rows_of(results)
     summary = summary_of(rows, variants)
     shown = _shown_scores(rows)
+    document = _document(provenance, summary, rows, failures)
     shared = {
         "provenance": provenance,
         "version": __version__,
@@ -82,7 +81,7 @@ def write_pages(
         "results": results,
         "failures": failures,
         "rows": rows,
-        "renderers": _renderers(rows),
+        "renderers": document["renderers"],
         "summary": summary,
         "scores": shown,
         "explained": ON_REQUEST if len(shown) > 2 else (),
@@ -102,7 +101,7 @@ def write_pages(
 
     # The data come first: they mark the folder as a gallery's.
     written: dict[str | os.PathLike[str], bytes] = {
-        root / DATA: as_json(_document(provenance, summary, rows, failures)),
+        root / DATA: as_json(document),
         root / TABLE: csv_text(rows).encode(),
         root / INDEX: page("index", cards=[_card(one) for one in results]),
         root / TRADE_OFF: page("trade-off", charts=_charts(results, variants, shown)),
@@ -124,11 +123,6 @@ def write_pages(
     for name in _STATIC:
         written[root / ASSETS / name] = (static / name).read_bytes()
     write_all_atomically(written)
-
-
-def _renderers(rows: Iterable[Row]) -> list[str]:
-    """The renderers that the reports name."""
-    return sorted({row["renderer"] for row in rows})
 
 
 def is_gallery(data: Path) -> bool:
@@ -153,7 +147,7 @@ def _document(
         "date": provenance.date,
         "seed": provenance.seed,
         "photo_size": provenance.photo_size,
-        "renderers": _renderers(rows),
+        "renderers": sorted({row["renderer"] for row in rows}),
         "missing": provenance.missing,
         "peers_absent": list(provenance.absent),
         "summary": summary,
@@ -225,9 +219,9 @@ def _viewer(one: PhotoResult) -> list[dict[str, Any]]:
                 "picture": f"{slug}/{PICTURE}",
                 "errors": f"{slug}/{ERRORS}",
                 "outlines": f"{slug}/{OUTLINES}" if own else None,
-                "rounds": svg.rounds,
-                "worst": svg.worst,
-                "typical": svg.typical,
+                "rounds": svg.record.get("rounds", []),
+                "worst": svg.record["worst"],
+                "typical": svg.record["typical"],
             }
         )
     return found
@@ -294,17 +288,11 @@ def _origins(results: Iterable[PhotoResult]) -> list[tuple[str, dict[str, Any], 
     found: dict[str, list[SvgResult]] = {}
     for one in results:
         for svg in one.svgs:
-            how = {name: value for name, value in svg.origin.items() if name != "date"}
+            how = {name: value for name, value in svg.record["origin"].items() if name != "date"}
             found.setdefault(json.dumps(how, sort_keys=True), []).append(svg)
     origins = []
     for group in found.values():
-        dates = sorted({svg.origin["date"] for svg in group})
+        dates = sorted({svg.record["origin"]["date"] for svg in group})
         when = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
-        origins.append((when, group[0].origin, len(group)))
+        origins.append((when, group[0].record["origin"], len(group)))
     return origins
-
-
-def legend() -> list[str]:
-    """Colours of the error map at even steps, from no error to the largest."""
-    levels = np.linspace(0, MOST, _LEGEND_COLORS)
-    return ["#" + bytes(color).hex() for color in colors_of(levels)]

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.compare.pages.artifacts import OUTLINES, PICTURE, REPORT, SCENE
+from gauss2svg.compare.pages.tasks import folder_of
+from gauss2svg.compare.run import Place, Record
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
 from gauss2svg.measure.scores import SCORES
@@ -32,22 +34,17 @@ _TOTALS = ("svg_bytes", "total_s")
 class SvgResult:
     """A finished SVG of a photo.
 
-    folder          relative to the gallery, with /
-    report          as the command line writes it
-    worst, typical  crops: x, y, width, height in px and PSNR in dB
-    rounds          [round, shapes up to it] of the SVG's groups; empty for a peer
-    cpu_s           CPU time of all cores
-    origin          date, machine, jobs and threads with which it was made
+    folder  relative to the gallery, with /
+    report  as the command line writes it
+    record  what else its worker tells: the crops worst and typical (x, y, width, height in px,
+            PSNR in dB); rounds, [round, shapes up to it] of the SVG's groups, not of a peer's;
+            cpu_s of all cores; origin: date, machine, jobs and threads
     """
 
     variant: Variant
     folder: str
     report: dict[str, Any]
-    worst: dict[str, Any]
-    typical: dict[str, Any]
-    rounds: list[list[int]]
-    cpu_s: float
-    origin: dict[str, Any]
+    record: Record
 
     @property
     def remarks(self) -> list[str]:
@@ -85,17 +82,41 @@ class Failure:
     error: str
 
 
-def svg_result(root: Path, folder: str, variant: Variant, record: Mapping[str, Any]) -> SvgResult:
-    """The SVG in a finished folder; raises OutputError where its report cannot be read."""
-    path = root / folder / REPORT
+def results_of(
+    root: Path,
+    photos: Iterable[ListedPhoto],
+    variants: Sequence[Variant],
+    records: Mapping[Place, Record],
+) -> list[PhotoResult]:
+    """All that is finished; raises OutputError where a report cannot be read."""
+    return [
+        PhotoResult(
+            photo=photo,
+            folder=folder_of(photo),
+            picture=f"{folder_of(photo)}/{record['photo']}",
+            width=record["width"],
+            height=record["height"],
+            notes=tuple(record["notes"]),
+            svgs=tuple(
+                SvgResult(variant, folder, read_report(root / folder), records[photo, variant])
+                for variant in variants
+                if (photo, variant) in records
+                for folder in [folder_of(photo, variant)]
+            ),
+        )
+        for photo in photos
+        if (record := records.get((photo, None))) is not None
+    ]
+
+
+def read_report(folder: Path) -> dict[str, Any]:
+    """The report in a finished folder; raises OutputError where it cannot be read."""
     try:
-        report = json.loads(path.read_bytes())
+        return json.loads((folder / REPORT).read_bytes())
     except (OSError, ValueError) as error:
-        raise OutputError(f"cannot read {path}: {error}. Try deleting its folder") from error
-    return SvgResult(
-        variant, folder, report, record["worst"], record["typical"], record.get("rounds", []),
-        record["cpu_s"], record["origin"],
-    )  # fmt: skip
+        raise OutputError(
+            f"cannot read {folder / REPORT}: {error}. Try deleting its folder"
+        ) from error
 
 
 def rows_of(results: Iterable[PhotoResult]) -> list[Row]:
@@ -110,10 +131,10 @@ def rows_of(results: Iterable[PhotoResult]) -> list[Row]:
             "width": one.width,
             "height": one.height,
             **{name: svg.report.get(name) for name in NUMBERS},
-            "cpu_s": svg.cpu_s,
+            "cpu_s": svg.record["cpu_s"],
             "renderer": svg.report["renderer"],
             "seed": svg.report.get("seed"),
-            **svg.origin,
+            **svg.record["origin"],
             "files": svg.files,
         }
         for one in results
