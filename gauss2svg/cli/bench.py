@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
+
+from gauss2svg.cli.lines import say, words
 
 if TYPE_CHECKING:
     from gauss2svg.compare.run import Progress
@@ -59,13 +60,13 @@ def bench_command(
     from gauss2svg.files import expanded
     from gauss2svg.measure.perceptual import packages_missing
 
-    names = [name.strip() for name in peers.split(",") if name.strip()]
+    names = words(peers)
     axes = parse_axes(axis or ())
     absent = check_peers(names)[1]
     if absent:
-        _print(f"skipped, not installed: {', '.join(absent)}")
+        say(f"skipped, not installed: {', '.join(absent)}")
     for line in packages_missing():
-        _print(line)
+        say(line)
     last: list[Progress] = []
     with counting_bar(quiet) as update:
 
@@ -86,11 +87,7 @@ def bench_command(
     failed = [row for row in rows if "error" in row]
     if not quiet:
         kept = f", {last[-1].kept} of them kept from before" if last[-1].kept else ""
-        _print(f"{len(rows)} runs{kept}; {len(failed)} failed; see {output / 'summary.md'}")
+        say(f"{len(rows)} runs{kept}; {len(failed)} failed; see {output / 'summary.md'}")
     for row in failed:
-        _print(f"failed: {row['label']} on {row['image']}: {row['error']}")
+        say(f"failed: {row['label']} on {row['image']}: {row['error']}")
     return STATUS_RUN_FAILED if failed else 0
-
-
-def _print(line: str) -> None:
-    print(f"gauss2svg: {' '.join(line.split())}", file=sys.stderr)

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from gauss2svg.cli.lines import say, words
 from gauss2svg.compare.pages.options import GalleryOptions
 
 STATUS_SOME_FAILED = 1
@@ -58,32 +59,28 @@ def gallery_command(
         gallery = build_gallery(
             expanded(photos),
             output,
-            variants=None if variants is None else _words(variants),
-            counts=None if counts is None else [_whole(word) for word in _words(counts)],
-            peers=_words(peers),
+            variants=None if variants is None else words(variants),
+            counts=None if counts is None else [_whole(word) for word in words(counts)],
+            peers=words(peers),
             options=options,
             command=command_line(["gauss2svg", *sys.argv[1:]]),
             progress=lambda at: update("; ".join(at.now), at.done, at.total),
         )
     for line in packages_missing():
-        _print(line)
+        say(line)
     if gallery.absent:
-        _print(f"skipped, not installed: {', '.join(gallery.absent)}")
+        say(f"skipped, not installed: {', '.join(gallery.absent)}")
     for failure in gallery.failures:
         named = failure.photo.name + (f", {failure.variant.name}" if failure.variant else "")
-        _print(f"failed: {named}: {failure.error}")
+        say(f"failed: {named}: {failure.error}")
     if not quiet:
         count = len(gallery.rows)
         kept = f", {gallery.kept} of them kept from before" if gallery.kept else ""
-        _print(
+        say(
             f"{count} SVG{'s' if count != 1 else ''}{kept}; {len(gallery.failures)} failed; "
             f"open {gallery.index}"
         )
     return STATUS_SOME_FAILED if gallery.failures else 0
-
-
-def _words(text: str) -> list[str]:
-    return [word.strip() for word in text.split(",") if word.strip()]
 
 
 def _whole(word: str) -> int:
@@ -94,9 +91,3 @@ def _whole(word: str) -> int:
             f"counts must be whole numbers separated by commas; got {quoted(word)}. Try 500,2000"
         )
     return int(word)
-
-
-def _print(line: str) -> None:
-    from gauss2svg.errors import on_one_line
-
-    print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)

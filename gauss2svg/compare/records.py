@@ -6,60 +6,31 @@ import csv
 import io
 import json
 import math
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from gauss2svg.errors import OutputError
-from gauss2svg.files import as_cell, write_atomically
+from gauss2svg.files import as_cell
 
 Row = dict[str, Any]
 TOOL = "gauss2svg"  # the tool of all rows that are not a peer's
 
 
-class RowStore:
-    """Rows by key, in a file of one JSON object per line.
-
-    A last line that a kill truncated is dropped, as are lines that are not rows. Of two rows with
-    one key the later counts. Raises OutputError if the file cannot be read or written.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._rows: dict[str, Row] = {}
-        try:
-            data = path.read_bytes() if path.exists() else b""
-        except OSError as error:
-            raise OutputError(f"cannot read {path}: {error.strerror or error}") from error
-        whole = data[: data.rfind(b"\n") + 1]
-        for line in whole.splitlines():
-            row = _row(line)
-            if row is not None:
-                self._rows[row["key"]] = row
-        if whole != data:
-            write_atomically(path, whole)
-
-    def finished(self, key: str) -> Row | None:
-        """The row with this key and without error; None if there is none."""
-        row = self._rows.get(key)
-        return None if row is None or "error" in row else row
-
-    def append(self, row: Row) -> None:
-        """Add a row and flush it to the disk."""
-        line = json.dumps(row, allow_nan=False) + "\n"
-        try:
-            with self._path.open("ab") as stream:
-                stream.write(line.encode())
-                stream.flush()
-                os.fsync(stream.fileno())
-        except OSError as error:
-            raise OutputError(f"cannot write {self._path}: {error.strerror or error}") from error
-        self._rows[row["key"]] = row
-
-
 # A row without these is damaged, and is measured again.
 _REQUIRED = {"key", "label", "tool", "tool_version", "image", "settings", "machine"}
+
+
+def rows_in(path: Path) -> dict[str, Row]:
+    """Rows by key, of a file of one JSON object per line; lines that are no rows are left out.
+
+    Raises OutputError if the file cannot be read.
+    """
+    try:
+        lines = path.read_bytes().splitlines() if path.exists() else []
+    except OSError as error:
+        raise OutputError(f"cannot read {path}: {error.strerror or error}") from error
+    return {row["key"]: row for line in lines if (row := _row(line)) is not None}
 
 
 def _row(line: bytes) -> Row | None:
@@ -68,6 +39,11 @@ def _row(line: bytes) -> Row | None:
     except ValueError:
         return None
     return row if isinstance(row, dict) and row.keys() >= _REQUIRED else None
+
+
+def row_lines(rows: Iterable[Row]) -> bytes:
+    """One JSON object per line."""
+    return b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows)
 
 
 def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -21,12 +21,12 @@ from gauss2svg.compare.grid import (
     parse_axis,
     settings_of,
 )
-from gauss2svg.compare.records import RowStore, csv_text
+from gauss2svg.compare.records import csv_text, row_lines, rows_in
 from gauss2svg.compare.run import Task
 from gauss2svg.compare.tables.front import distance_below, front
 from gauss2svg.compare.tuning import apply_constants, options_in
 from gauss2svg.compare.variants import Variant
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, OutputError
 from gauss2svg.photo.listing import ListedPhoto
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
@@ -45,13 +45,14 @@ def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
     path = tmp_path / "rows.jsonl"
     row = dict.fromkeys(("label", "tool", "tool_version", "image", "settings", "machine"), 1)
     first, last = ({"key": "a", **row, **change} for change in ({"error": "x"}, {"n": 2}))
-    lines = [json.dumps(first), "rubbish", "[1]", json.dumps(last), '{"key": "a", "n": 3}']
-    path.write_text("\n".join(lines) + "\n")
-    store = RowStore(path)
-    assert store.finished("a") == last
-    store.append({"key": "a", "error": "y", **row})
-    assert store.finished("a") is None
-    assert RowStore(path).finished("a") is None
+    lines = [json.dumps(first), "rubbish", "[1]", json.dumps(last), '{"key": "a", "n": 3}', '{"k']
+    path.write_text("\n".join(lines))
+    assert rows_in(path) == {"a": last}
+    path.write_bytes(row_lines([last, first | {"key": "b"}]))
+    assert rows_in(path) == {"a": last, "b": first | {"key": "b"}}
+    assert rows_in(tmp_path / "none") == {}
+    with pytest.raises(OutputError, match="cannot read"):
+        rows_in(tmp_path)
 
 
 def test_default_grid_is_the_presets_and_counts_by_iterations():

@@ -15,7 +15,7 @@ from gauss2svg.compare.machine import machine
 from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.peers import PEERS, check_peers
 from gauss2svg.compare.process import in_own_process
-from gauss2svg.compare.records import Row, RowStore, csv_text
+from gauss2svg.compare.records import Row, csv_text, row_lines, rows_in
 from gauss2svg.compare.run import Grid, Progress, Task
 from gauss2svg.compare.tables import plots
 from gauss2svg.compare.tables.summary import markdown, summarise
@@ -30,7 +30,8 @@ from gauss2svg.version import __version__
 
 DEFAULT_PEER_TIMEOUT = 300.0  # s
 _LONGEST_TIMEOUT = 1e6  # s; the system's calls take no more than 24 days
-_OUTPUTS = ("rows.jsonl", "bench.json", "bench.csv", "summary.md", *plots.NAMES)
+_ROWS = "rows.jsonl"
+_OUTPUTS = (_ROWS, "bench.json", "bench.csv", "summary.md", *plots.NAMES)
 
 
 def run_bench(
@@ -73,21 +74,27 @@ def run_bench(
     make_folder(folder)
     for name in _OUTPUTS:
         check_writable(folder / name)
-    store = RowStore(folder / "rows.jsonl")
-    grid = Grid(lambda task: store.finished(task.key), len(plan), progress)
+    known = rows_in(folder / _ROWS)  # those of other settings and versions are kept as well
 
-    def rows() -> list[Row]:
+    def finished(task: Task) -> Row | None:
+        row = known.get(task.key, {"error": "not run yet"})
+        return None if "error" in row else row
+
+    grid = Grid(finished, len(plan), progress)
+
+    def write() -> list[Row]:
         # A kept row may have the name that its photo had then.
         found = [task for task in plan if task.place in grid.records]
-        return [grid.records[task.place] | {"image": task.photo.name} for task in found]
+        rows = [grid.records[task.place] | {"image": task.photo.name} for task in found]
+        files = _tables(rows, [photo.name for photo in photos], absent)
+        files[_ROWS] = row_lines(known.values())
+        write_all_atomically({folder / name: data for name, data in files.items()})
+        return rows
 
-    names = [photo.name for photo in photos]
     for task, answer in grid.answers(_one_by_one, grid.missing(plan)):
-        grid.records[task.place] = _row(task, seed) | answer
-        store.append(grid.records[task.place])
-        _write_tables(folder, rows(), names, absent)
-    _write_tables(folder, rows(), names, absent)
-    return rows()
+        grid.records[task.place] = known[task.key] = _row(task, seed) | answer
+        write()
+    return write()
 
 
 def _photos(images: Sequence[str | os.PathLike[str]]) -> list[ListedPhoto]:
@@ -124,9 +131,7 @@ def _one_by_one(
         yield index, answered(peer_record, request) if is_peer else in_own_process(request, None)
 
 
-def _write_tables(
-    folder: Path, rows: Sequence[Row], names: Sequence[str], absent: Sequence[str]
-) -> None:
+def _tables(rows: Sequence[Row], names: Sequence[str], absent: Sequence[str]) -> dict[str, bytes]:
     summary = summarise(rows, len(names))
     document = {
         "gauss2svg": __version__,
@@ -140,9 +145,7 @@ def _write_tables(
         "summary.md": markdown(summary, rows, names),
         **plots.plots_of(summary),
     }
-    files = {"bench.json": as_json(document)}
-    files |= {name: text.encode() for name, text in texts.items()}
-    write_all_atomically({folder / name: data for name, data in files.items()})
+    return {"bench.json": as_json(document)} | {name: t.encode() for name, t in texts.items()}
 
 
 def _row(task: Task, seed: int) -> Row:
