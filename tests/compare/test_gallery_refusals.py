@@ -37,19 +37,16 @@ def test_nothing_of_a_name_is_rendered_as_html(text, two, tmp_path, asked, monke
     given = []
     monkeypatch.setattr(build, "write_pages", lambda *arguments: given.extend(arguments))
     build_gallery([*two, "none.png"], tmp_path / "out", counts=[5, 7, 13])
-    root, provenance, variants, results, failures = given
+    root, document, variants, results = given
 
     def pages(word):
         def photo_of(one):
             return dataclasses.replace(one.photo, name=word)
 
-        write_pages(
-            root,
-            dataclasses.replace(provenance, title=word, command=word, absent=(word,)),
-            variants,
-            [dataclasses.replace(one, photo=photo_of(one), notes=(word,)) for one in results],
-            [dataclasses.replace(one, photo=photo_of(one), error=word) for one in failures],
-        )
+        changed = {"title": word, "command": word, "peers_absent": [word]}
+        changed["failures"] = [one | {"photo": word, "error": word} for one in document["failures"]]
+        named = [dataclasses.replace(one, photo=photo_of(one), notes=(word,)) for one in results]
+        write_pages(root, document | changed, variants, named)
         return {path: Page(path) for path in sorted(root.rglob("*.html"))}
 
     plain, odd = pages("plainword"), pages(text)

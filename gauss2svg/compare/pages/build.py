@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from gauss2svg.compare.pages.artifacts import RECORD, answer_to, finished, is_scored
 from gauss2svg.compare.pages.options import GalleryOptions
@@ -16,7 +16,6 @@ from gauss2svg.compare.pages.pages import (
     DATA,
     INDEX,
     OUTPUTS,
-    Provenance,
     is_gallery,
     write_pages,
 )
@@ -24,7 +23,7 @@ from gauss2svg.compare.pages.photos import with_kept_slugs
 from gauss2svg.compare.pages.results import Failure, Row, results_of, rows_of, summary_of
 from gauss2svg.compare.pages.tasks import PHOTOS, Tasks, folder_of
 from gauss2svg.compare.pool import WorkerPool
-from gauss2svg.compare.run import Grid, Progress, Record, Task
+from gauss2svg.compare.run import Grid, Place, Progress, Record, Task
 from gauss2svg.compare.variants import Variant, variants_of
 from gauss2svg.errors import InputError, OutputError, on_one_line
 from gauss2svg.files import check_writable, make_folder
@@ -33,6 +32,7 @@ from gauss2svg.photo.listing import ListedPhoto, listed_photos
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.memory_budget import allowed
 from gauss2svg.pipeline.run import thread_count
+from gauss2svg.version import __version__
 
 
 @dataclass(frozen=True)
@@ -103,24 +103,24 @@ def build_gallery(
     listed = with_kept_slugs(listed, root / PHOTOS)
     # The processes share the free memory: each would take most of it otherwise.
     tasks = Tasks(root, options, threads, allowed(None) // options.jobs)
-    provenance = Provenance(
-        title=options.title,
-        command=on_one_line(
+    made = {
+        "gauss2svg": __version__,
+        "title": options.title,
+        "command": on_one_line(
             command or f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
         ),
-        date=datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
-        seed=options.seed,
-        photo_size=options.photo_size,
-        absent=tuple(absent),
-    )
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "seed": options.seed,
+        "photo_size": options.photo_size,
+    }
     build = _Build(listed, wanted, tasks, progress)
     try:
         build.run()
     except KeyboardInterrupt:
         build.look_up_finished()  # of which the workers had no time to tell
-        build.write(dataclasses.replace(provenance, missing=build.missing))
+        build.write(made, absent)
         raise
-    return build.write(provenance)
+    return build.write(made, absent)
 
 
 class _Build:
@@ -134,7 +134,7 @@ class _Build:
         progress: Callable[[GalleryProgress], None] | None,
     ) -> None:
         self._photos, self._variants, self._tasks = photos, variants, tasks
-        self._failures: list[Failure] = []
+        self._failures: dict[Place, str] = {}
 
         def report(at: Progress) -> None:
             if progress is not None:
@@ -170,25 +170,40 @@ class _Build:
             for variant in self._variants
         )
 
-    @property
-    def missing(self) -> int:
-        """Number of SVGs that an interruption left unmade."""
-        failed = [one.photo for one in self._failures if one.variant is None]
-        wanted = (len(self._photos) - len(failed)) * len(self._variants)
-        made = sum(variant is not None for _, variant in self._grid.records)
-        return wanted - made - (len(self._failures) - len(failed))
-
-    def write(self, provenance: Provenance) -> Gallery:
+    def write(self, made: Mapping[str, Any], absent: list[str]) -> Gallery:
         """Write the pages of all that is finished."""
-        root = self._tasks.root
-        results = results_of(root, self._photos, self._variants, self._grid.records)
-        order = {photo: at for at, photo in enumerate(self._photos)}
-        column = {variant: at for at, variant in enumerate([None, *self._variants])}
-        failures = sorted(self._failures, key=lambda one: (order[one.photo], column[one.variant]))
-        write_pages(root, provenance, self._variants, results, failures)
+        root, records = self._tasks.root, self._grid.records
+        results = results_of(root, self._photos, self._variants, records)
         rows = rows_of(results)
         summary = summary_of(rows, self._variants)
-        return Gallery(root, rows, summary, failures, self._grid.kept, list(provenance.absent))
+        places = [(photo, one) for photo in self._photos for one in (None, *self._variants)]
+        failures = [
+            Failure(*place, self._failures[place]) for place in places if place in self._failures
+        ]
+        unmade = sum(  # by an interruption
+            (photo, variant) not in records
+            and not {(photo, None), (photo, variant)} & self._failures.keys()
+            for photo in self._photos
+            for variant in self._variants
+        )
+        document = {
+            **made,
+            "renderers": sorted({row["renderer"] for row in rows}),
+            "missing": unmade,
+            "peers_absent": absent,
+            "summary": summary,
+            "rows": rows,
+            "failures": [
+                {
+                    "photo": failure.photo.name,
+                    "variant": failure.variant.name if failure.variant else None,
+                    "error": failure.error,
+                }
+                for failure in failures
+            ],
+        }
+        write_pages(root, document, self._variants, results)
+        return Gallery(root, rows, summary, failures, self._grid.kept, absent)
 
     def _finished(self, task: Task) -> Record | None:
         record = finished(self._tasks.root / folder_of(*task.place), task.key)
@@ -202,7 +217,7 @@ class _Build:
                 self._grid.records[task.place] = answer
 
     def _fail(self, photo: ListedPhoto, variant: Variant | None, error: str) -> None:
-        self._failures.append(Failure(photo, variant, error))
+        self._failures[photo, variant] = error
         self._grid.dropped += 1 if variant else 1 + len(self._variants)
 
 

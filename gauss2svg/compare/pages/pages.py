@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -17,12 +16,9 @@ from gauss2svg.compare.chart import Point, scatter, template_environment
 from gauss2svg.compare.pages.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
 from gauss2svg.compare.pages.crops import SIDE
 from gauss2svg.compare.pages.results import (
-    Failure,
     PhotoResult,
     Row,
     SvgResult,
-    rows_of,
-    summary_of,
 )
 from gauss2svg.compare.records import csv_text
 from gauss2svg.compare.variants import Variant, main_variant
@@ -45,44 +41,26 @@ _COSTS = (
 )
 
 
-@dataclass(frozen=True)
-class Provenance:
-    """How a gallery was made."""
-
-    title: str
-    command: str
-    date: str
-    seed: int
-    photo_size: int
-    absent: tuple[str, ...]
-    missing: int = 0  # SVGs that an interruption left unmade
-
-
 def write_pages(
     root: Path,
-    provenance: Provenance,
+    document: Mapping[str, Any],
     variants: Sequence[Variant],
     results: Sequence[PhotoResult],
-    failures: Sequence[Failure],
 ) -> None:
     """Write all pages, the data and the static files, or none of them.
 
+    document  the data, as in gallery.json
     Raises OutputError where a file cannot be written.
     """
-    rows = rows_of(results)
-    summary = summary_of(rows, variants)
+    rows = document["rows"]
     shown = _shown_scores(rows)
-    document = _document(provenance, summary, rows, failures)
     shared = {
-        "provenance": provenance,
+        "provenance": document,
         "version": __version__,
         "variants": variants,
         "main": main_variant(variants),
         "results": results,
-        "failures": failures,
-        "rows": rows,
-        "renderers": document["renderers"],
-        "summary": summary,
+        **{name: document[name] for name in ("failures", "rows", "renderers", "summary")},
         "scores": shown,
         "explained": ON_REQUEST if len(shown) > 2 else (),
         "unscored": _unscored(results),
@@ -132,35 +110,6 @@ def is_gallery(data: Path) -> bool:
     except (OSError, ValueError):
         return False
     return isinstance(document, dict) and document.keys() >= {"gauss2svg", "rows", "failures"}
-
-
-def _document(
-    provenance: Provenance,
-    summary: Sequence[Row],
-    rows: Sequence[Row],
-    failures: Iterable[Failure],
-) -> dict[str, Any]:
-    return {
-        "gauss2svg": __version__,
-        "title": provenance.title,
-        "command": provenance.command,
-        "date": provenance.date,
-        "seed": provenance.seed,
-        "photo_size": provenance.photo_size,
-        "renderers": sorted({row["renderer"] for row in rows}),
-        "missing": provenance.missing,
-        "peers_absent": list(provenance.absent),
-        "summary": summary,
-        "rows": rows,
-        "failures": [
-            {
-                "photo": failure.photo.name,
-                "variant": failure.variant.name if failure.variant else None,
-                "error": failure.error,
-            }
-            for failure in failures
-        ],
-    }
 
 
 def _environment() -> Environment:
