@@ -39,18 +39,23 @@ class ListedPhoto:
     problem: str | None = None
 
 
-def listed_photos(paths: Sequence[str | os.PathLike[str]]) -> list[ListedPhoto]:
-    """Each photo once, in order of its first mention; raises InputError if there is none."""
+def listed_photos(
+    paths: Sequence[str | os.PathLike[str]], name: str = "photos"
+) -> list[ListedPhoto]:
+    """Each photo once, in order of its first mention; raises InputError if there is none.
+
+    name  of the argument, in errors
+    """
     if isinstance(paths, (str, bytes, os.PathLike)):
         raise InputError(
-            f"photos must be a sequence of paths; got {quoted(paths)}. Try [{paths!r}]"
+            f"{name} must be a sequence of paths; got {quoted(paths)}. Try [{paths!r}]"
         )
     try:
         named = [os.fsdecode(path) for path in paths or ()]
     except Exception as error:  # of the values' own methods
-        raise InputError(f"photos must be a sequence of paths; got {quoted(paths)}") from error
+        raise InputError(f"{name} must be a sequence of paths; got {quoted(paths)}") from error
     if not named:
-        raise InputError(f"photos must be the paths of one or more photos; got {quoted(paths)}")
+        raise InputError(f"{name} must be the paths of one or more photos; got {quoted(paths)}")
     once: dict[str, str] = {}
     for path in named:
         once.setdefault(_resolved(path), path)

@@ -99,7 +99,7 @@ def run_bench(
 
 def _photos(images: Sequence[str | os.PathLike[str]]) -> list[ListedPhoto]:
     """The photos; raises InputError for one that cannot be read and for copies."""
-    photos = listed_photos(images)
+    photos = listed_photos(images, "images")
     known: dict[str | None, str] = {}
     for photo in photos:
         load_image(photo.path)  # a bad photo is reported now, not after hours of runs
