@@ -60,7 +60,7 @@ def main() -> int:
         counts=counts,
         peers=args.peers,
         options=options,
-        command=" ".join(["python", *sys.argv]),
+        command=" ".join(["python", "benchmarks/gallery.py", *sys.argv[1:]]),
         progress=_print_progress,
     )
     print_medians(gallery)
