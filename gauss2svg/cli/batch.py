@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,7 +10,6 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.cli.lines import say
 from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.svg.document import Document
@@ -77,7 +77,7 @@ def batch_command(
                 nonlocal has_waited
                 # A worker of this machine that died is being started again.
                 if not (has_waited or quiet) and batch.scheduler is not None:
-                    say(f"no workers at {batch.scheduler} yet; waiting for them")
+                    _print(f"no workers at {batch.scheduler} yet; waiting for them")
                 has_waited = True
 
             def add(records: Iterable[Any]) -> None:
@@ -94,15 +94,15 @@ def batch_command(
             if made.index.left:
                 with made.connected() as client:
                     if not quiet:
-                        say(f"Dask's dashboard: {client.dashboard_link}")
+                        _print(f"Dask's dashboard: {client.dashboard_link}")
                     add(made.records(client, waiting))
         tables = made.finish()
     if not quiet:
         for line in summary.lines():
-            say(line)
-        say(f"see {', '.join(made.store.path(name) for name in tables)}")
+            _print(line)
+        _print(f"see {', '.join(made.store.path(name) for name in tables)}")
     elif summary.failed:
-        say(f"{summary.failed} failed; see {made.store.path(tables[0])}")
+        _print(f"{summary.failed} failed; see {made.store.path(tables[0])}")
     return STATUS_SOME_FAILED if summary.failed else 0
 
 
@@ -144,3 +144,9 @@ def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None
         if isinstance(value, (dict, list)):
             raise InputError(f"{key} of {path} must be a plain value; got {quoted(value)}")
     Toml(path, use_commands_as_keys=False)(app, commands, arguments)
+
+
+def _print(line: str) -> None:
+    from gauss2svg.errors import on_one_line
+
+    print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)

@@ -9,7 +9,6 @@ from urllib.parse import quote
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.lines import say
 from gauss2svg.options import OptionGroup
 from gauss2svg.pipeline.placeholder import DEFAULT_BYTES, Placeholder, check_bytes
 
@@ -79,15 +78,15 @@ def placeholder_command(
                 failures.append(f"failed: {photo.name}: {line}")
     kept = _write(once, made, before, output, options.format) if made else 0
     if len(once) < len(photos):
-        say(f"{len(photos) - len(once)} of {len(photos)} photos given more than once")
+        _print(f"{len(photos) - len(once)} of {len(photos)} photos given more than once")
     for photo, one in made.items():
         if not one.gaussians:
-            say(f"without Gaussians, for which it has no room or no need: {photo.name}")
+            _print(f"without Gaussians, for which it has no room or no need: {photo.name}")
     for line in failures:
-        say(line)
+        _print(line)
     if not quiet:
         where = f" in {'standard output' if output == STANDARD_STREAM else output}"
-        say(
+        _print(
             f"{len(made)} placeholder{'s' * (len(made) != 1)}{where if made else ''}; "
             f"{len(failures)} failed{'' if made else ', and nothing was written'}"
             + (f"; {kept} of them kept from before" if kept else "")
@@ -205,3 +204,9 @@ def _entries(output: str, form: str) -> dict[str, Any]:
 def _url(path: str, folder: str) -> str:
     """The address of a photo in a page of this folder; any bytes of a name are escaped."""
     return quote(os.fsencode(Path(os.path.relpath(path, folder)).as_posix()))
+
+
+def _print(line: str) -> None:
+    from gauss2svg.errors import on_one_line
+
+    print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)
