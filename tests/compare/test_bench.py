@@ -1,23 +1,22 @@
 """The benchmark as a whole: its runs, tables and plots; few runs are real, for they are slow."""
 
-import csv
 import json
 import math
 import os
 import shutil
-import stat
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from conftest import has_ended
+from galleries import BLANK, cells_expected, cells_of, primitive, save
 from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare.answer import answered
 from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.process import in_own_process
-from gauss2svg.compare.records import finite, flat
+from gauss2svg.compare.records import finite
 from gauss2svg.compare.tables import bench
 from gauss2svg.compare.tables.bench import run_bench
 from gauss2svg.compare.tables.plots import NAMES, plots_of
@@ -35,19 +34,11 @@ PROMISED = {
 }  # fmt: skip
 
 SVG = "{http://www.w3.org/2000/svg}"
-BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="48"/>'
 
 
 @pytest.fixture
 def picture(photo, tmp_path):
-    path = tmp_path / "photo.png"
-    save(photo[:48, :64], path)
-    return path
-
-
-def save(pixels, path):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(path)
+    return save(photo[:48, :64], tmp_path / "photo.png")
 
 
 @pytest.fixture
@@ -125,11 +116,7 @@ def test_memory_of_a_run_is_its_own(picture, tmp_path):
 
 def test_csv_and_json_agree(measured):
     _, folder, document = measured
-    with (folder / "bench.csv").open(newline="") as stream:
-        table = list(csv.DictReader(stream))
-    for row, cells in zip(document["rows"], table, strict=True):
-        expected = {name: "" if v is None else str(v) for name, v in flat(row).items()}
-        assert {name: cell for name, cell in cells.items() if cell or name in expected} == expected
+    assert cells_of(folder / "bench.csv") == cells_expected(document["rows"])
 
 
 def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys):
@@ -144,20 +131,6 @@ def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys)
     assert main(["bench", str(picture), "-o", str(out), "--axis", "gaussians=5,7"]) == 0
     assert len(requests) == 4
     assert "2 runs, 2 of them kept" in capsys.readouterr().err
-
-
-def test_half_written_row_is_done_again(picture, tmp_path, requests):
-    run_bench([picture], tmp_path, axes={"gaussians": [5, 7]})
-    store = tmp_path / "rows.jsonl"
-    whole = store.read_bytes()
-    for cut in (1, 2, len(whole.splitlines()[1]) // 2):
-        store.write_bytes(whole[:-cut])
-        requests.clear()
-        rows = run_bench([picture], tmp_path, axes={"gaussians": [5, 7]})
-        assert counts([{"settings": request["settings"]} for request in requests]) == [7]
-        assert counts(rows) == [5, 7]
-        assert len(store.read_bytes().splitlines()) == 2
-        assert json.loads(store.read_bytes().splitlines()[1])["key"] == rows[1]["key"]
 
 
 def test_interrupted_benchmark_keeps_what_is_finished(picture, tmp_path, requests, monkeypatch):
@@ -186,15 +159,6 @@ def test_changed_picture_is_run_again_and_a_moved_one_is_not(photo, picture, tmp
     save(photo[:40, :64], moved)
     run_bench([moved], tmp_path, axes={"gaussians": [5]})
     assert len(requests) == 2
-
-
-def test_pictures_of_one_name_stay_apart(photo, tmp_path, requests):
-    paths = [tmp_path / "a" / "x.png", tmp_path / "b" / "x.png", tmp_path / "y.png"]
-    for size, path in enumerate(paths):
-        save(photo[: 20 + size, :20], path)
-    rows = run_bench(paths, tmp_path / "out", axes={"gaussians": [5]})
-    assert [row["image"] for row in rows] == ["a/x.png", "b/x.png", "y.png"]
-    assert [request["image"] for request in requests] == [str(path) for path in paths]
 
 
 @pytest.mark.parametrize(
@@ -248,32 +212,26 @@ def test_absent_peer_is_named_and_left_out(picture, tmp_path, requests, monkeypa
     assert {row["tool"] for row in document["rows"]} == {"gauss2svg", "webp"}
 
 
-def fake_primitive(folder, body):
-    script = folder / "primitive"
-    script.write_text(f"#!/bin/sh\n{body}\n")
-    script.chmod(stat.S_IRWXU)
-
-
 def test_peer_writes_an_svg_that_is_scored_or_fails_or_times_out(picture, tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("PATH", str(tmp_path), os.pathsep)
 
     def record(seconds=60):
         given = {"tool": "primitive", "settings": {"shapes": 3}, "image": str(picture)}
         return answered(peer_record, given | {"peer_timeout": seconds})
 
-    fake_primitive(tmp_path, f"echo '{BLANK}' > \"$4\"")
+    primitive(tmp_path, f"echo '{BLANK}' > \"$4\"")
     row = record()
     with Image.open(picture) as white:
         error = np.mean((1 - np.asarray(white, np.float64) / 255) ** 2)
     assert row["psnr_svg"] == pytest.approx(-10 * math.log10(error), abs=1e-4)
     assert row["svg_bytes"] == len(BLANK) + 1
 
-    fake_primitive(tmp_path, "echo no luck >&2; exit 3")
+    primitive(tmp_path, "echo no luck >&2; exit 3")
     assert "status 3: no luck" in record()["error"]
-    fake_primitive(tmp_path, "exit 0")
+    primitive(tmp_path, "exit 0")
     assert record() == {"error": "primitive wrote no file. Try running it by hand"}
 
-    fake_primitive(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
+    primitive(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
     for seconds in (2, 8, 32):  # more where the machine is too busy for it to begin
         assert f"timed out after {seconds} s" in record(seconds)["error"]
         if (tmp_path / "pid").exists():

@@ -101,6 +101,17 @@ def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch)
     assert [photo.name for photo in found] == ["one.png", "other.png"]
 
 
+@given(st.sets(st.lists(st.sampled_from("ab"), max_size=3).map(tuple), min_size=1))
+def test_name_of_a_photo_is_the_shortest_end_of_its_path_that_no_other_has(folders):
+    paths = ["/" + "/".join([*folder, "x"]) for folder in folders]
+    found = {photo.path: photo.name for photo in listed_photos(paths)}
+    assert len(set(found.values())) == len(found) == len(paths)
+    for path, name in found.items():
+        assert path.endswith(name)
+        shorter = name.partition("/")[2]
+        assert not shorter or any(o.endswith(f"/{shorter}") for o in paths if o != path)
+
+
 def test_photos_of_one_name_are_told_apart_by_what_is_in_them(tmp_path):
     paths = [write(tmp_path / f / "x.png", text) for f, text in (("a", "1"), ("b", "2"))]
     slugs = [photo.slug for photo in listed_photos(paths)]

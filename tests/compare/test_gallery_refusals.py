@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from flat import build_gallery
-from galleries import Page, Table, save
+from galleries import BLANK, Page, Table, primitive, save
 
 import gauss2svg
 from gauss2svg.cli.main import main
@@ -18,9 +18,6 @@ from gauss2svg.compare.pages.artifacts import answer_to
 from gauss2svg.compare.pages.pages import write_pages
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.photo.load import load_image
-
-BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="48" height="40"/>'
-
 
 TEXTS = [
     "<script>alert(1)</script>&\"'{{7*7}}",
@@ -67,16 +64,13 @@ def test_peer_is_measured_or_fails_or_is_stopped_on_one_line(
     photo, tmp_path, monkeypatch, capsys, asked
 ):
     monkeypatch.setattr("galleries.canned", answer_to)
-    script = tmp_path / "bin" / "primitive"
-    script.parent.mkdir()
-    script.write_text(
-        "#!/bin/sh\n"
-        'case "$2$6" in\n'
-        f"*slow*) exec sleep 600;; *100) echo '{BLANK}' > \"$4\";;\n"
-        "*) echo no luck >&2; exit 3;; esac\n"
+    primitive(
+        tmp_path / "bin",
+        f"[ -e {tmp_path}/slow ] && exec sleep 600\n"
+        f"[ $6 = 100 ] && echo '{BLANK}' > \"$4\" && exit\n"
+        "echo no luck >&2; exit 3\n",
     )
-    script.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{script.parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"), os.pathsep)
     good, slow = (save(photo[:40, :48], tmp_path / f"{name}.png") for name in ("good", "slow"))
     out = tmp_path / "out"
     options = ["-o", str(out), "--variants", "", "--peer-timeout"]
@@ -98,6 +92,7 @@ def test_peer_is_measured_or_fails_or_is_stopped_on_one_line(
     assert str(tmp_path) not in text
 
     asked.clear()
+    (tmp_path / "slow").touch()
     arguments = ["gallery", str(good), str(slow), *options, "0.5", "--peers", "primitive"]
     assert main([*arguments, "--quiet"]) == 1
     assert asked == [("photo", "slow"), ("variant", "slow/primitive-100")]

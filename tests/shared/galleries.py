@@ -1,5 +1,6 @@
 """Photos, parsers of pages and stand-ins for workers that the tests of the gallery share."""
 
+import csv
 from html.parser import HTMLParser
 
 import numpy as np
@@ -14,6 +15,7 @@ from gauss2svg.compare.pages.artifacts import (
     THUMBNAIL,
     _finish,
 )
+from gauss2svg.compare.records import flat
 from gauss2svg.files import as_json
 from gauss2svg.measure.perceptual import packages
 
@@ -22,6 +24,27 @@ def save(pixels, path, **options):
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(path, **options)
     return path
+
+
+BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="48"/>'
+
+
+def primitive(folder, body):
+    """A program of that name: a script of the shell."""
+    folder.mkdir(exist_ok=True)
+    (folder / "primitive").write_text(f"#!/bin/sh\n{body}\n")
+    (folder / "primitive").chmod(0o700)
+
+
+def cells_of(path):
+    """The rows of a CSV file, without empty cells."""
+    with path.open(newline="") as stream:
+        return [{k: v for k, v in row.items() if v} for row in csv.DictReader(stream)]
+
+
+def cells_expected(rows):
+    """What a CSV file of these rows of JSON has."""
+    return [{k: str(v) for k, v in flat(row).items() if v not in (None, "")} for row in rows]
 
 
 class Page(HTMLParser):

@@ -25,7 +25,7 @@ from gauss2svg.compare.pages.crops import worst_and_typical
 from gauss2svg.compare.peer_run import peer_file
 from gauss2svg.compare.records import TOOL, finite
 from gauss2svg.errors import OutputError
-from gauss2svg.files import as_json, make_folder, write_all_atomically
+from gauss2svg.files import as_json, as_png, make_folder, write_all_atomically
 from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.memory import held_bytes
@@ -70,19 +70,13 @@ def make_photo(request: Request) -> dict[str, Any]:
     pixels = pixels_of(photo)
     height, width = pixels.shape[:2]
     name = PHOTO if max(width, height) <= _MOST_WEBP_PX else _PNG_PHOTO
-    picture = _eight_bits(pixels)
-    files = {name: _lossless(picture, name), THUMBNAIL: _thumbnail(pixels)}
-    return _finish(
-        request,
-        files,
-        {
-            "digest": request["digest"],
-            "photo": name,
-            "width": width,
-            "height": height,
-            "notes": list(photo.notes),
-        },
-    )
+    if name == PHOTO:
+        shown = _encoded(_eight_bits(pixels), "WEBP", lossless=True, exact=True)
+    else:
+        shown = as_png(pixels)
+    record = {"digest": request["digest"], "photo": name, "width": width, "height": height}
+    record["notes"] = list(photo.notes)
+    return _finish(request, {name: shown, THUMBNAIL: _thumbnail(pixels)}, record)
 
 
 def make_variant(request: Request) -> dict[str, Any]:
@@ -208,12 +202,6 @@ def _thumbnail(pixels: NDArray[np.float32]) -> bytes:
     scale = min(THUMBNAIL_PX / max(height, width), 1.0)
     small = shrunk(pixels, max(1, round(height * scale)), max(1, round(width * scale)))
     return _encoded(_eight_bits(small), "PNG", optimize=True)
-
-
-def _lossless(picture: Image.Image, name: str) -> bytes:
-    if name == PHOTO:
-        return _encoded(picture, "WEBP", lossless=True, exact=True)
-    return _encoded(picture, "PNG")
 
 
 def _encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
