@@ -29,8 +29,8 @@ from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import uniform_filter
 from skimage import data
 
-from gauss2svg.bench.peers import PEERS
-from gauss2svg.bench.rows import finite
+from gauss2svg.compare.peers import PEERS
+from gauss2svg.compare.records import finite
 from gauss2svg.measure import metrics
 from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.options import Options

@@ -20,7 +20,7 @@ from typing import Any
 import skimage.data
 
 from gauss2svg import Gallery, GalleryProgress, build_gallery
-from gauss2svg.gallery.options import GalleryOptions
+from gauss2svg.compare.pages.options import GalleryOptions
 
 FILES = (
     "astronaut.png", "brick.png", "camera.png", "cell.png", "chelsea.png", "chessboard_GRAY.png",
@@ -60,7 +60,7 @@ def main() -> int:
         counts=counts,
         peers=args.peers,
         options=options,
-        command=" ".join(["python", *sys.argv]),
+        command=" ".join(["python", "benchmarks/gallery.py", *sys.argv[1:]]),
         progress=_print_progress,
     )
     print_medians(gallery)

@@ -20,6 +20,7 @@ extensions = [
     "docstrings",
     "option_tables",
     "rooms",
+    "sample_gallery",
 ]
 exclude_patterns = ["_ext", "_templates"]
 templates_path = ["_templates"]  # the theme's search page has no heading

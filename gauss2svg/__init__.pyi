@@ -4,6 +4,12 @@ from . import studio as studio
 from .batch.many import vectorize_many as vectorize_many
 from .batch.options import BatchOptions as BatchOptions
 from .batch.records import PhotoRecord as PhotoRecord
+from .compare.pages.build import (
+    Gallery as Gallery,
+    GalleryProgress as GalleryProgress,
+    build_gallery as build_gallery,
+)
+from .compare.pages.options import GalleryOptions as GalleryOptions
 from .errors import (
     ClusterError as ClusterError,
     Gauss2SvgError as Gauss2SvgError,
@@ -13,12 +19,6 @@ from .errors import (
     SceneError as SceneError,
 )
 from .fit.options import DensifyOptions as DensifyOptions, FitOptions as FitOptions
-from .gallery.build import (
-    Gallery as Gallery,
-    GalleryProgress as GalleryProgress,
-    build_gallery as build_gallery,
-)
-from .gallery.options import GalleryOptions as GalleryOptions
 from .measure.check import CheckResult as CheckResult, check as check
 from .pipeline.options import (
     Goal as Goal,

@@ -80,6 +80,15 @@ def check_writable(path: FileName, system: str = os.name) -> None:
         raise _cannot_write(target, error) from error
 
 
+def make_folder(folder: Path) -> None:
+    """Create a folder and those above it; raises OutputError where that is not possible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise OutputError(f"cannot create {folder}: {reason}. Try another folder") from error
+
+
 def write_atomically(path: FileName, data: bytes) -> None:
     """Write beside the target and rename, which leaves either the old file or the whole new one.
 

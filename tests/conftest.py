@@ -250,29 +250,16 @@ def asked(monkeypatch):
     """The requests of a gallery, answered in this process: SVGs by `galleries.canned`."""
     import galleries
 
-    from gauss2svg.gallery import build
-    from gauss2svg.gallery.worker import answer_to
+    from gauss2svg.compare.pages import build
+    from gauss2svg.compare.pages.artifacts import answer_to
 
     found = galleries.Asked()
 
-    class Here:
-        def __init__(self, jobs):
-            pass
+    def answer(request):
+        found.append((request["kind"], request["folder"].rpartition("/photos/")[2]))
+        return (galleries.canned if request["kind"] == "variant" else answer_to)(request)
 
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-        def run(self, requests, begun):
-            for index, request in enumerate(requests):
-                begun(index)
-                found.append((request["kind"], request["folder"].rpartition("/photos/")[2]))
-                answer = galleries.canned if request["kind"] == "variant" else answer_to
-                yield index, answer(request)
-
-    monkeypatch.setattr(build, "WorkerPool", Here)
+    monkeypatch.setattr(build, "WorkerPool", lambda jobs, _: galleries.Here(answer))
     return found
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from gauss2svg import Result
-from gauss2svg.bench.peers import PEERS
+from gauss2svg.compare.peers import PEERS
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from gauss2svg.cli.lines import say, words
 
 if TYPE_CHECKING:
-    from gauss2svg.bench.runner import BenchProgress
+    from gauss2svg.compare.run import Progress
 
 STATUS_RUN_FAILED = 1
 
@@ -53,10 +53,10 @@ def bench_command(
         Show neither progress nor summary.
 
     """
-    from gauss2svg.bench.grid import parse_axes
-    from gauss2svg.bench.peers import check_peers
-    from gauss2svg.bench.runner import run_bench
     from gauss2svg.cli.progress_bar import counting_bar
+    from gauss2svg.compare.grid import parse_axes
+    from gauss2svg.compare.peers import check_peers
+    from gauss2svg.compare.tables.bench import run_bench
     from gauss2svg.files import expanded
     from gauss2svg.measure.perceptual import packages_missing
 
@@ -67,12 +67,12 @@ def bench_command(
         say(f"skipped, not installed: {', '.join(absent)}")
     for line in packages_missing():
         say(line)
-    last: list[BenchProgress] = []
+    last: list[Progress] = []
     with counting_bar(quiet) as update:
 
-        def progress(at: BenchProgress) -> None:
+        def progress(at: Progress) -> None:
             last[:] = [at]
-            update(at.now, at.done, at.total)
+            update("; ".join(at.now), at.done, at.total)
 
         rows = run_bench(
             expanded(images),

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from gauss2svg.cli.lines import say, words
 from gauss2svg.cli.parameters import Photos, Quiet
-from gauss2svg.gallery.options import GalleryOptions
+from gauss2svg.compare.pages.options import GalleryOptions
 
 STATUS_SOME_FAILED = 1
 _DEFAULTS = GalleryOptions()
@@ -49,8 +49,8 @@ def gallery_command(
 ) -> int:
     """Write web pages that compare the results for photos; they open from the disk."""
     from gauss2svg.cli.progress_bar import counting_bar
+    from gauss2svg.compare.pages.build import build_gallery
     from gauss2svg.files import expanded
-    from gauss2svg.gallery.build import build_gallery
     from gauss2svg.measure.perceptual import packages_missing
     from gauss2svg.processes import command_line
 

@@ -23,6 +23,7 @@ _COLORS = np.array(
 _BAR, _TEXT = 10, 12  # px of height: the legend's colours, its labels
 _LEAST_LABELLED_WIDTH = 120  # px
 _TICKS = (0, 16, 32, 48, 64)
+_LEGEND_COLORS = 9
 _SCALE = f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
 
 
@@ -45,6 +46,11 @@ def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
     low = np.minimum(place.astype(np.intp), len(_COLORS) - 2)
     share = (place - low)[..., None]
     return np.round(_COLORS[low] * (1 - share) + _COLORS[low + 1] * share).astype(np.uint8)
+
+
+def legend() -> list[str]:
+    """Colours as #rrggbb at even steps, from no error to the largest."""
+    return ["#" + bytes(color).hex() for color in colors_of(np.linspace(0, MOST, _LEGEND_COLORS))]
 
 
 def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:

@@ -24,7 +24,7 @@ class ListedPhoto:
     """A photo of a list.
 
     path     of the file
-    name     the file's name as printable text, with its folder if another photo has the same name
+    name     the file's name as printable text, with its folders where others have the same name
     file     the same as it is
     slug     name for a file or folder of its own: a-z, 0-9 and -, unique
     digest   SHA-256 of the file's bytes; None where it cannot be read
@@ -39,18 +39,23 @@ class ListedPhoto:
     problem: str | None = None
 
 
-def listed_photos(paths: Sequence[str | os.PathLike[str]]) -> list[ListedPhoto]:
-    """Each photo once, in order of its first mention; raises InputError if there is none."""
+def listed_photos(
+    paths: Sequence[str | os.PathLike[str]], name: str = "photos"
+) -> list[ListedPhoto]:
+    """Each photo once, in order of its first mention; raises InputError if there is none.
+
+    name  of the argument, in errors
+    """
     if isinstance(paths, (str, bytes, os.PathLike)):
         raise InputError(
-            f"photos must be a sequence of paths; got {quoted(paths)}. Try [{paths!r}]"
+            f"{name} must be a sequence of paths; got {quoted(paths)}. Try [{paths!r}]"
         )
     try:
         named = [os.fsdecode(path) for path in paths or ()]
     except Exception as error:  # of the values' own methods
-        raise InputError(f"photos must be a sequence of paths; got {quoted(paths)}") from error
+        raise InputError(f"{name} must be a sequence of paths; got {quoted(paths)}") from error
     if not named:
-        raise InputError(f"photos must be the paths of one or more photos; got {quoted(paths)}")
+        raise InputError(f"{name} must be the paths of one or more photos; got {quoted(paths)}")
     once: dict[str, str] = {}
     for path in named:
         once.setdefault(_resolved(path), path)
@@ -68,10 +73,14 @@ def listed_photos(paths: Sequence[str | os.PathLike[str]]) -> list[ListedPhoto]:
 
 
 def _names(paths: Sequence[str]) -> list[str]:
-    """The last part of each path; with its folder where another has the same."""
+    """The shortest end of each path that no other has: mostly the file's name."""
     parts = [Path(path).absolute().parts for path in paths]
-    shared = Counter(own[-1] for own in parts)
-    return ["/".join(own[-2:] if shared[own[-1]] > 1 else own[-1:]) for own in parts]
+    all_ends = [[own[-length:] for length in range(1, len(own) + 1)] for own in parts]
+    shared = Counter(end for ends in all_ends for end in ends)
+    return [
+        Path(*next((end for end in ends if shared[end] == 1), ends[-1])).as_posix()
+        for ends in all_ends
+    ]
 
 
 def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:

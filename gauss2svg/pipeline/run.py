@@ -60,7 +60,7 @@ class Run:
         self._begun = time.perf_counter() if started is None else started
         _check_callable("progress", progress, "a Progress")
         _check_callable("stop", stop)
-        self.threads = _thread_count(options.threads)
+        self.threads = thread_count(options.threads)
         self.most_bytes = allowed(options.max_memory)
         self.compile_s = 0.0
         self.stop = stop or (lambda: False)
@@ -140,7 +140,7 @@ def _check_callable(name: str, function: object, *arguments: str) -> None:
     )
 
 
-def _thread_count(count: int | None) -> int:
+def thread_count(count: int | None) -> int:
     """Number of threads: one for each core if None; raises InputError for more than the cores."""
     most = config.NUMBA_NUM_THREADS  # pyright: ignore[reportAttributeAccessIssue]
     return most if count is None else whole_number("threads", count, 1, most)

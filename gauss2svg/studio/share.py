@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gauss2svg.bench.machine import machine
+from gauss2svg.compare.machine import machine
 from gauss2svg.errors import whole_number
 
 # A fit on four threads takes 45 % of the time of one thread, on eight 36 %: more cores serve more

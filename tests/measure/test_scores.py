@@ -14,8 +14,8 @@ from PIL import Image
 from skimage import data
 
 import gauss2svg
-from gauss2svg.bench.chart import Point, scatter
 from gauss2svg.cli.main import main
+from gauss2svg.compare.chart import Point, scatter
 from gauss2svg.errors import InputError
 from gauss2svg.measure import perceptual as module
 from gauss2svg.measure.perceptual import (

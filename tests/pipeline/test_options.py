@@ -9,11 +9,11 @@ from cyclopts import App
 
 import gauss2svg
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.bench.grid import AXES
 from gauss2svg.cli.main import build_app
+from gauss2svg.compare.grid import AXES
+from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.options import FitOptions
-from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.options import Number, OneOf, Whole, byte_size, fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions
-from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.options import field_named, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.result import Result
@@ -38,7 +38,7 @@ def choices(name: str) -> tuple[Any, ...]:
 
 def build_gallery(photos: Any, directory: Any, **given: Any) -> Any:
     """`gauss2svg.build_gallery` of options by their names."""
-    from gauss2svg.gallery.build import build_gallery as build
+    from gauss2svg.compare.pages.build import build_gallery as build
 
     names = [field.name for field in fields_of(GalleryOptions)]
     options = GalleryOptions(**{name: given.pop(name) for name in names if name in given})

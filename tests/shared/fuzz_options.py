@@ -37,8 +37,8 @@ from gauss2svg.cli.check import CheckOptions, CheckOutput
 from gauss2svg.cli.main import main as command
 from gauss2svg.cli.signals import Interruption
 from gauss2svg.cli.vectorize import OutputFiles
+from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.gallery.options import GalleryOptions
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of, file_name
 from gauss2svg.pipeline.options import GROUPS, Goal
 

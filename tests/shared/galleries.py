@@ -1,12 +1,12 @@
 """Photos, parsers of pages and stand-ins for workers that the tests of the gallery share."""
 
+import csv
 from html.parser import HTMLParser
 
 import numpy as np
 from PIL import Image
 
-from gauss2svg.files import as_json
-from gauss2svg.gallery.artifacts import (
+from gauss2svg.compare.pages.artifacts import (
     ERRORS,
     OUTLINES,
     PICTURE,
@@ -15,6 +15,8 @@ from gauss2svg.gallery.artifacts import (
     THUMBNAIL,
     _finish,
 )
+from gauss2svg.compare.records import flat
+from gauss2svg.files import as_json
 from gauss2svg.measure.perceptual import packages
 
 
@@ -22,6 +24,27 @@ def save(pixels, path, **options):
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(path, **options)
     return path
+
+
+BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="48"/>'
+
+
+def primitive(folder, body):
+    """A program of that name: a script of the shell."""
+    folder.mkdir(exist_ok=True)
+    (folder / "primitive").write_text(f"#!/bin/sh\n{body}\n")
+    (folder / "primitive").chmod(0o700)
+
+
+def cells_of(path):
+    """The rows of a CSV file, without empty cells."""
+    with path.open(newline="") as stream:
+        return [{k: v for k, v in row.items() if v} for row in csv.DictReader(stream)]
+
+
+def cells_expected(rows):
+    """What a CSV file of these rows of JSON has."""
+    return [{k: str(v) for k, v in flat(row).items() if v not in (None, "")} for row in rows]
 
 
 class Page(HTMLParser):
@@ -75,6 +98,24 @@ class Asked(list):
         return found
 
 
+class Here:
+    """Stands in for WorkerPool: answers in this process, in turn."""
+
+    def __init__(self, answer_to):
+        self._answer_to = answer_to
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def run(self, requests, begun):
+        for index, request in enumerate(requests):
+            begun(index)
+            yield index, self._answer_to(request)
+
+
 ORIGIN = {
     "date": "2026-01-02", "jobs": 1, "threads": 1,
     "machine": {"cpu": "Abacus", "cores": 1, "platform": "Wood"},
@@ -96,7 +137,7 @@ def canned(request):
     files = dict.fromkeys((PICTURE, SCENE, OUTLINES, THUMBNAIL, ERRORS), b"<svg/>")
     extra = {"worst": CROP, "typical": CROP, "rounds": [[1, count]], "cpu_s": 0.1, "origin": ORIGIN}
     extra["scored_by"] = packages()
-    return {"record": _finish(request, files | {REPORT: as_json(report)}, extra)}
+    return _finish(request, files | {REPORT: as_json(report)}, extra)
 
 
 def all_requests(photos, variants):

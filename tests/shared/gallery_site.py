@@ -13,7 +13,7 @@ from PIL import Image
 from screens import captured
 from skimage import data
 
-from gauss2svg.gallery.build import Gallery
+from gauss2svg.compare.pages.build import Gallery
 from gauss2svg.raster import chromium
 
 HOSTILE = "<img src=x onerror=alert(1)>&\"'.png"

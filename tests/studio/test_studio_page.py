@@ -12,7 +12,7 @@ from PIL import Image
 from playwright.sync_api import expect
 from studio_site import HOSTILE, PLAIN, UPRIGHT, aim, await_run, difference, draft, job_of, pick
 
-from gauss2svg.bench import numbers
+from gauss2svg.compare import numbers
 
 pytestmark = pytest.mark.browser
 photos, server, tabs, visit = (

@@ -97,7 +97,7 @@ def test_a_group_of_processes_is_asked_for_as_its_system_has_it():
 STARTS_WORKER = """
 import subprocess, sys
 worker = subprocess.Popen(
-    [sys.executable, "-P", "-m", "gauss2svg.bench.worker", sys.argv[1]], stdin=subprocess.PIPE,
+    [sys.executable, "-P", "-m", "gauss2svg.compare.worker", sys.argv[1]], stdin=subprocess.PIPE,
     start_new_session=True,
 )
 print(worker.pid, flush=True)
@@ -112,7 +112,7 @@ def test_a_run_of_the_benchmark_ends_with_its_parent(tmp_path):
     script.chmod(0o700)
     Image.new("RGB", (4, 4)).save(tmp_path / "a.png")
     request = {"tool": "primitive", "settings": {"shapes": 3}}
-    request |= {"png": str(tmp_path / "a.png"), "folder": str(tmp_path)}
+    request |= {"png": str(tmp_path / "a.png"), "output": str(tmp_path / "a.svg")}
     path = f"{tmp_path}{os.pathsep}{os.environ['PATH']}"
     with subprocess.Popen(
         [sys.executable, "-c", STARTS_WORKER, json.dumps(request)],
@@ -362,7 +362,7 @@ def test_commands_expand_patterns_themselves(pictures, capsys, monkeypatch):
         taken.extend(images)
         return []
 
-    monkeypatch.setattr("gauss2svg.bench.runner.run_bench", run_bench)
+    monkeypatch.setattr("gauss2svg.compare.tables.bench.run_bench", run_bench)
     assert main(["bench", "*.jpg", "-o", "bench", "--quiet"]) == 0
     assert taken == ["a.jpg", "b.jpg", "c[1].jpg"]
     assert main(["*.png", "-o", "e.svg", "--gaussians", "2", "--quiet"]) == 0

@@ -8,8 +8,8 @@ from fastapi import APIRouter
 from fastapi.responses import Response
 from pydantic import BaseModel, Field
 
-from gauss2svg.bench.chart import BESIDE, Point, scatter, template_environment
-from gauss2svg.gallery.pages import COSTS
+from gauss2svg.compare.chart import BESIDE, Point, scatter, template_environment
+from gauss2svg.compare.pages.pages import COSTS
 from gauss2svg.measure.scores import SCORES
 
 _MOST_POINTS = 10_000

@@ -11,9 +11,8 @@ from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, HTMLResponse, Response
 from starlette.exceptions import HTTPException
 
-from gauss2svg.bench.chart import template_environment
-from gauss2svg.gallery.pages import legend
-from gauss2svg.measure.heatmap import MOST
+from gauss2svg.compare.chart import template_environment
+from gauss2svg.measure.heatmap import MOST, legend
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio.options import form
 from gauss2svg.studio.routes.dependencies import AllJobs, KnownSample, Samples
@@ -24,7 +23,7 @@ from gauss2svg.version import __version__
 router = APIRouter()
 _STATIC = {
     file.name: file
-    for package in ("gauss2svg.gallery", "gauss2svg.studio")
+    for package in ("gauss2svg.compare.pages", "gauss2svg.studio")
     for file in files(package).joinpath("static").iterdir()
 }
 # Not Python's own, which systems can change: a browser runs no script of another kind.
@@ -34,7 +33,7 @@ _KINDS = {
     ".svg": "image/svg+xml",
     ".txt": "text/plain",
 }
-_TEMPLATES = template_environment("gauss2svg.gallery", "gauss2svg.studio")
+_TEMPLATES = template_environment("gauss2svg.compare.pages", "gauss2svg.studio")
 
 
 @router.get("/", include_in_schema=False)

@@ -1,0 +1,251 @@
+"""The images, SVGs and reports of a photo, in folders of their own.
+
+A folder is finished once it has its record, which is written last.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from gauss2svg.compare.answer import answered
+from gauss2svg.compare.machine import Stopwatch, machine
+from gauss2svg.compare.pages.crops import worst_and_typical
+from gauss2svg.compare.peer_run import peer_file
+from gauss2svg.compare.records import TOOL, finite
+from gauss2svg.errors import OutputError
+from gauss2svg.files import as_json, as_png, make_folder, write_all_atomically
+from gauss2svg.measure.check import check
+from gauss2svg.measure.heatmap import error_map
+from gauss2svg.measure.memory import held_bytes
+from gauss2svg.measure.perceptual import packages, packages_missing, perceptual_scores
+from gauss2svg.photo.alpha import over, pixels_of, shrunk
+from gauss2svg.photo.load import WHITE, header_of, load_image, load_reduced
+from gauss2svg.photo.stderr import own_standard_error
+from gauss2svg.pipeline.options import Options
+from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.pipeline.warm_up import warm_up
+from gauss2svg.svg.reader.parse import parse_document
+
+RECORD = "record.json"
+PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
+PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
+OUTLINES, ERRORS = "outlines.svg", "errors.png"
+THUMBNAIL_PX = 320
+_MOST_WEBP_PX = 16383  # largest side of a WebP image
+_PNG_PHOTO = "photo.png"
+
+Request = Mapping[str, Any]
+_ROUND = re.compile(r"round-([0-9]+)")
+
+
+def answer_to(request: Request) -> dict[str, Any]:
+    """The record of what a request asks for, or {"error": ..}: what a worker does."""
+    with own_standard_error():
+        return answered(_make, request)
+
+
+def _make(request: Request) -> dict[str, Any]:
+    return _MAKERS[request["kind"]](request)
+
+
+def make_photo(request: Request) -> dict[str, Any]:
+    """Write the photo losslessly and without its metadata, and a thumbnail; returns the record.
+
+    request  path, digest, key, folder, photo_size, max_pixels
+    Raises InputError for a photo that cannot be read, OutputError for the folder.
+    """
+    photo = load_reduced(request["path"], request["photo_size"], max_pixels=request["max_pixels"])
+    pixels = pixels_of(photo)
+    height, width = pixels.shape[:2]
+    name = PHOTO if max(width, height) <= _MOST_WEBP_PX else _PNG_PHOTO
+    if name == PHOTO:
+        shown = _encoded(_eight_bits(pixels), "WEBP", lossless=True, exact=True)
+    else:
+        shown = as_png(pixels)
+    record = {"digest": request["digest"], "photo": name, "width": width, "height": height}
+    record["notes"] = list(photo.notes)
+    return _finish(request, {name: shown, THUMBNAIL: _thumbnail(pixels)}, record)
+
+
+def make_variant(request: Request) -> dict[str, Any]:
+    """Write an SVG of the photo, its report, thumbnail and error map; returns the record.
+
+    request  path, key, folder, photo_size, max_pixels, tool, settings, seed, jobs, threads,
+             max_memory, peer_timeout, and shown, the path of the photo that the pages show
+    Where it is there already and only scores are missing, whose packages have been installed
+    since, nothing is fitted anew. Raises Gauss2SvgError where it cannot be made.
+    """
+    # A reduced photo is the 8-bit one of the page; others are read as by the command line.
+    header = header_of(request["path"], max_pixels=request["max_pixels"])
+    assert header is not None  # it is a file
+    is_reduced = max(header.width, header.height) > request["photo_size"]
+    source = request["shown"] if is_reduced else request["path"]
+    kept = finished(Path(request["folder"]), request["key"])
+    if kept is not None:
+        return _scored(source, request, kept)
+    make = _own if request["tool"] == TOOL else _peer
+    files, report, raster, extra = make(source, request)
+    target = pixels_of(load_image(source, max_pixels=request["max_pixels"]))
+    rendered, photo = over(raster), over(target)
+    worst, typical = worst_and_typical(rendered, photo)
+    files |= {
+        REPORT: as_json(report),
+        THUMBNAIL: _thumbnail(raster),
+        ERRORS: _encoded(error_map(rendered, photo), "PNG", optimize=True),
+    }
+    extra |= {"worst": worst._asdict(), "typical": typical._asdict()}
+    extra["scored_by"] = packages()
+    extra["origin"] = {
+        "date": datetime.now(UTC).date().isoformat(),
+        "machine": machine(),
+        "jobs": request["jobs"],
+        "threads": request["threads"],
+    }
+    return _finish(request, files, extra)
+
+
+# Files, the report, the rasterised SVG, and more entries of the record.
+_Made = tuple[dict[str, bytes], dict[str, Any], NDArray[np.float32], dict[str, Any]]
+
+
+def _own(source: str, request: Request) -> _Made:
+    given = {name: request[name] for name in ("seed", "threads", "max_memory", "max_pixels")}
+    # As for other tools, all numbers are of the size that is shown.
+    given |= {"fragments": True, "full_size": True}
+    options = Options.from_flat({**request["settings"], **given})
+    _warm_up_once(request["threads"])
+    watch = Stopwatch()
+    result = vectorize_by(options, source)
+    clocks = watch.read()
+    scene = io.BytesIO()
+    result.scene.save(scene)
+    files = {
+        PICTURE: result.svg.encode(),
+        SCENE: scene.getvalue(),
+        OUTLINES: result.outline().encode(),
+    }
+    scores = perceptual_scores(result.raster, result.photo, request["max_memory"] - held_bytes())
+    report = result.report | {"scores": not packages_missing()} | scores.report
+    return files, report, result.raster, clocks | {"rounds": rounds_of(result.svg)}
+
+
+@cache
+def _warm_up_once(threads: int) -> None:
+    """Imports and compilation are not part of the time."""
+    warm_up({"quality": "draft", "threads": threads})
+
+
+def rounds_of(svg: str) -> list[list[int]]:
+    """[round, shapes up to it] of each group of the SVG that is a round, from 1."""
+    found: list[list[int]] = []
+    total = 0
+    for group in parse_document(svg):
+        if named := _ROUND.fullmatch(group.get("id", "")):
+            total += sum(element.tag.endswith("}circle") for element in group.iter())
+            found.append([int(named[1]), total])
+    return found
+
+
+def _peer(source: str, request: Request) -> _Made:
+    """The SVG of another tool for the photo over white, measured by `check`."""
+    photo = load_image(source, matte=WHITE, max_pixels=request["max_pixels"]).pixels
+    tool, settings = request["tool"], request["settings"]
+    svg, run = peer_file(tool, settings, photo, request["peer_timeout"])
+    result = check(photo, svg)
+    clocks = {name: run[name] for name in ("total_s", "cpu_s", "other_cpu_s")}
+    own = {"tool": tool, "settings": settings, "total_s": run["total_s"]}
+    return {PICTURE: svg}, own | result.report, result.raster, clocks
+
+
+def _scored(source: str, request: Request, record: dict[str, Any]) -> dict[str, Any]:
+    """Add the scores to the report of a finished SVG; returns the record."""
+    folder, own = Path(request["folder"]), request["tool"] == TOOL
+    checked = check(
+        source,
+        folder / PICTURE,
+        max_pixels=request["max_pixels"],
+        matte=None if own else "white",
+    )
+    asked = {"scores": not packages_missing()} if own else {}
+    report = as_json(json.loads((folder / REPORT).read_bytes()) | asked | checked.scores.report)
+    record = record | {
+        "files": record["files"] | {REPORT: len(report)},
+        "scored_by": packages(),
+    }
+    write_all_atomically({folder / REPORT: report, folder / RECORD: as_json(record)})
+    return record
+
+
+def is_scored(record: Mapping[str, Any]) -> bool:
+    """Whether a finished SVG has been scored by all packages that are installed; True of photos."""
+    return packages().items() <= record.get("scored_by", packages()).items()
+
+
+def _eight_bits(pixels: NDArray[np.float32]) -> Image.Image:
+    return Image.fromarray(np.round(pixels * 255).astype(np.uint8))
+
+
+def _thumbnail(pixels: NDArray[np.float32]) -> bytes:
+    height, width = pixels.shape[:2]
+    scale = min(THUMBNAIL_PX / max(height, width), 1.0)
+    small = shrunk(pixels, max(1, round(height * scale)), max(1, round(width * scale)))
+    return _encoded(_eight_bits(small), "PNG", optimize=True)
+
+
+def _encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
+    stream = io.BytesIO()
+    picture.save(stream, form, **options)
+    return stream.getvalue()
+
+
+def _finish(
+    request: Request, files: Mapping[str, bytes], extra: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write the files and then the record, without which the folder does not count as finished."""
+    folder = Path(request["folder"])
+    record = {
+        "key": request["key"],
+        "files": {name: len(data) for name, data in files.items()},
+        **finite(extra),
+    }
+    make_folder(folder)
+    try:
+        (folder / RECORD).unlink(missing_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        raise OutputError(f"cannot write in {folder}: {reason}. Try another folder") from error
+    written: dict[str | os.PathLike[str], bytes] = {folder / n: data for n, data in files.items()}
+    written[folder / RECORD] = as_json(record)
+    write_all_atomically(written)
+    return record
+
+
+def finished(folder: Path, key: str) -> dict[str, Any] | None:
+    """The record of a folder that is complete and has this key; None for any other."""
+    try:
+        record = json.loads((folder / RECORD).read_bytes())
+        if record["key"] != key:
+            return None
+        for name, size in record["files"].items():
+            if (folder / name).stat().st_size != size:
+                return None
+        if REPORT in record["files"]:
+            json.loads((folder / REPORT).read_bytes())
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None  # missing or damaged: it is made again
+    return record
+
+
+_MAKERS = {"photo": make_photo, "variant": make_variant}

@@ -1,0 +1,260 @@
+"""Building a gallery: make what is missing, then write the pages."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from gauss2svg.compare.pages.artifacts import RECORD, answer_to, finished, is_scored
+from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.pages.pages import (
+    ASSETS,
+    DATA,
+    INDEX,
+    OUTPUTS,
+    is_gallery,
+    write_pages,
+)
+from gauss2svg.compare.pages.photos import with_kept_slugs
+from gauss2svg.compare.pages.results import Failure, Row, results_of, rows_of, summary_of
+from gauss2svg.compare.pages.tasks import PHOTOS, Tasks, folder_of
+from gauss2svg.compare.pool import WorkerPool
+from gauss2svg.compare.run import Grid, Place, Progress, Record, Task
+from gauss2svg.compare.variants import Variant, variants_of
+from gauss2svg.errors import InputError, OutputError, on_one_line
+from gauss2svg.files import check_writable, make_folder
+from gauss2svg.options import file_name
+from gauss2svg.photo.listing import ListedPhoto, listed_photos
+from gauss2svg.pipeline.kernels import compile_kernels
+from gauss2svg.pipeline.memory_budget import allowed
+from gauss2svg.pipeline.run import thread_count
+from gauss2svg.version import __version__
+
+
+@dataclass(frozen=True)
+class GalleryProgress(Progress):
+    """Progress of a gallery: finished and total steps, SVGs that were kept, the current steps."""
+
+
+@dataclass(frozen=True)
+class Gallery:
+    """A finished gallery.
+
+    directory  its folder
+    rows       one per SVG; summary: one per variant, with medians and totals; as in gallery.json
+    failures   photos and SVGs that could not be made, and why
+    kept       number of SVGs that were kept from before; absent: peers that are not installed
+    """
+
+    directory: Path
+    rows: list[Row]
+    summary: list[Row]
+    failures: list[Failure]
+    kept: int
+    absent: list[str]
+
+    @property
+    def index(self) -> Path:
+        """The first page."""
+        return self.directory / INDEX
+
+
+def build_gallery(
+    photos: Sequence[str | os.PathLike[str]],
+    directory: str | os.PathLike[str],
+    *,
+    variants: Iterable[str] | None = None,
+    counts: Iterable[int] | None = None,
+    peers: Iterable[str] = (),
+    options: GalleryOptions | None = None,
+    command: str | None = None,
+    progress: Callable[[GalleryProgress], None] | None = None,
+) -> Gallery:
+    """Vectorise photos in several variants, and write web pages that compare them.
+
+    photos     paths
+    directory  folder of the pages, created if missing
+    variants   names of presets; counts: numbers of Gaussians; if neither is given: draft,
+               balanced and high
+    peers      vtracer, splatthis, primitive, with their defaults or in a style of the benchmark,
+               such as "vtracer:detailed"; those not installed are skipped
+    options    all other options, such as GalleryOptions(jobs=2, title="Flowers")
+    command    the command that the pages show
+    progress   called with a GalleryProgress whenever a step begins or ends
+
+    Finished SVGs are kept, and made again only where the photo's bytes, the settings or this
+    package's code have changed; scores whose packages were missing then are added to them. An
+    interruption loses only unfinished ones. A photo that cannot be read is a failure, which the
+    first page lists, and the others continue. The pages need neither a server nor a network.
+    Raises InputError for bad arguments and OutputError for a folder that cannot be written, or
+    that holds other files of the pages' names.
+    """
+    listed = listed_photos(photos)
+    wanted, absent = variants_of(variants, counts, peers)
+    options = options or GalleryOptions()
+    threads = max(1, thread_count(None) // options.jobs)
+    if options.threads is not None:
+        threads = thread_count(options.threads)
+    root = _folder(directory, listed)
+    listed = with_kept_slugs(listed, root / PHOTOS)
+    # The processes share the free memory: each would take most of it otherwise.
+    tasks = Tasks(root, options, threads, allowed(None) // options.jobs)
+    made = {
+        "gauss2svg": __version__,
+        "title": options.title,
+        "command": on_one_line(
+            command or f"build_gallery([.. {len(listed)} photos ..], {os.fspath(root)!r}, ..)"
+        ),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "seed": options.seed,
+        "photo_size": options.photo_size,
+    }
+    build = _Build(listed, wanted, tasks, progress)
+    try:
+        build.run()
+    except KeyboardInterrupt:
+        build.look_up_finished()  # of which the workers had no time to tell
+        build.write(made, absent)
+        raise
+    return build.write(made, absent)
+
+
+class _Build:
+    """A gallery in progress: its grid and its failures."""
+
+    def __init__(
+        self,
+        photos: list[ListedPhoto],
+        variants: list[Variant],
+        tasks: Tasks,
+        progress: Callable[[GalleryProgress], None] | None,
+    ) -> None:
+        self._photos, self._variants, self._tasks = photos, variants, tasks
+        self._failures: dict[Place, str] = {}
+
+        def report(at: Progress) -> None:
+            if progress is not None:
+                progress(GalleryProgress(**vars(at)))
+
+        self._grid = Grid(self._finished, len(photos) * (1 + len(variants)), report)
+
+    def run(self) -> None:
+        """Prepare the photos, so that bad ones are known early; then make the SVGs."""
+        jobs = self._tasks.options.jobs
+        with WorkerPool(jobs, answer_to) as pool:
+            for photo in self._photos:
+                if photo.problem is not None:
+                    self._fail(photo, None, photo.problem)
+            if jobs > 1 and any(variant.is_own for variant in self._variants):
+                # Once, by one process: workers that start together would each compile them.
+                compile_kernels()
+            readable = [photo for photo in self._photos if photo.problem is None]
+            missing = self._grid.missing(map(self._tasks.prepare, readable))
+            self.look_up_finished()
+            self._make(pool, missing)
+            self._make(pool, self.look_up_finished())
+
+    def look_up_finished(self) -> list[Task]:
+        """Take in the SVGs that are finished; returns the tasks for the others.
+
+        A photo that is not prepared has none yet.
+        """
+        return self._grid.missing(
+            self._tasks.make(photo, variant, prepared)
+            for photo in self._photos
+            if (prepared := self._grid.records.get((photo, None))) is not None
+            for variant in self._variants
+        )
+
+    def write(self, made: Mapping[str, Any], absent: list[str]) -> Gallery:
+        """Write the pages of all that is finished."""
+        root, records = self._tasks.root, self._grid.records
+        results = results_of(root, self._photos, self._variants, records)
+        rows = rows_of(results)
+        summary = summary_of(rows, self._variants)
+        places = [(photo, one) for photo in self._photos for one in (None, *self._variants)]
+        failures = [
+            Failure(*place, self._failures[place]) for place in places if place in self._failures
+        ]
+        unmade = sum(  # by an interruption
+            (photo, variant) not in records
+            and not {(photo, None), (photo, variant)} & self._failures.keys()
+            for photo in self._photos
+            for variant in self._variants
+        )
+        document = {
+            **made,
+            "renderers": sorted({row["renderer"] for row in rows}),
+            "missing": unmade,
+            "peers_absent": absent,
+            "summary": summary,
+            "rows": rows,
+            "failures": [
+                {
+                    "photo": failure.photo.name,
+                    "variant": failure.variant.name if failure.variant else None,
+                    "error": failure.error,
+                }
+                for failure in failures
+            ],
+        }
+        write_pages(root, document, self._variants, results)
+        return Gallery(root, rows, summary, failures, self._grid.kept, absent)
+
+    def _finished(self, task: Task) -> Record | None:
+        record = finished(self._tasks.root / folder_of(*task.place), task.key)
+        return record if record is not None and is_scored(record) else None
+
+    def _make(self, pool: WorkerPool, tasks: list[Task]) -> None:
+        for task, answer in self._grid.answers(pool.run, tasks):
+            if "error" in answer:
+                self._fail(task.photo, task.variant, on_one_line(answer["error"]))
+            else:
+                self._grid.records[task.place] = answer
+
+    def _fail(self, photo: ListedPhoto, variant: Variant | None, error: str) -> None:
+        self._failures[photo, variant] = error
+        self._grid.dropped += 1 if variant else 1 + len(self._variants)
+
+
+def _folder(directory: str | os.PathLike[str], photos: Iterable[ListedPhoto]) -> Path:
+    """The folder, created if missing; refused where files of others would be overwritten."""
+    root = Path(file_name("directory", directory, "the name of a folder, such as . for this one"))
+    make_folder(root)
+    if not is_gallery(root / DATA):
+        foreign = [root / name for name in (PHOTOS, ASSETS) if _is_foreign(root / name)]
+        foreign += [root / name for name in OUTPUTS if os.path.lexists(root / name)]
+        if foreign:
+            raise OutputError(
+                f"{foreign[0]} exists and is not part of a gallery, so it is kept. "
+                "Try another folder"
+            )
+    kept = os.path.realpath(root / PHOTOS)
+    for photo in photos:
+        if not photo.problem and Path(os.path.realpath(photo.path)).is_relative_to(kept):
+            raise InputError(
+                f"{photo.path} must not be among the gallery's own images. Try another folder"
+            )
+    for name in OUTPUTS:
+        check_writable(root / name)  # before the work, not after it
+    for name in (PHOTOS, ASSETS):
+        make_folder(root / name)
+    return root
+
+
+def _is_foreign(folder: Path) -> bool:
+    """Whether a folder holds anything that no gallery, finished or interrupted, has written."""
+    if not folder.exists():
+        return False
+    try:
+        return any(
+            not one.is_dir() or (any(one.iterdir()) and not (one / RECORD).exists())
+            for one in folder.iterdir()
+            if not one.name.startswith(".")  # a temporary file of an interruption
+        )
+    except OSError:
+        return True

@@ -1,0 +1,60 @@
+"""The tasks of a gallery, and the folders of what they make."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.run import Task
+from gauss2svg.compare.variants import Variant
+from gauss2svg.photo.listing import ListedPhoto
+
+PHOTOS = "photos"  # the folder of the photos' folders
+
+
+def folder_of(photo: ListedPhoto, variant: Variant | None = None) -> str:
+    """The folder of a photo, or of an SVG of it, relative to the gallery, with /."""
+    return f"{PHOTOS}/{photo.slug}" + (f"/{variant.slug}" if variant else "")
+
+
+@dataclass(frozen=True)
+class Tasks:
+    """The tasks of a gallery in the folder root; threads and max_memory (bytes): of a process."""
+
+    root: Path
+    options: GalleryOptions
+    threads: int
+    max_memory: int
+
+    def prepare(self, photo: ListedPhoto) -> Task:
+        """To prepare a photo for the pages."""
+        request = self._request(photo, None) | {"kind": "photo", "digest": photo.digest}
+        return Task(photo, None, request, (self.options.photo_size,))
+
+    def make(self, photo: ListedPhoto, variant: Variant, prepared: Mapping[str, Any]) -> Task:
+        """To make an SVG of a photo; prepared: the record of the photo."""
+        options = self.options
+        request = self._request(photo, variant) | {
+            "kind": "variant",
+            "shown": str(self.root / folder_of(photo) / prepared["photo"]),
+            "tool": variant.tool,
+            "settings": dict(variant.settings),
+            "seed": options.seed,
+            "jobs": options.jobs,
+            "threads": self.threads,
+            "max_memory": self.max_memory,
+            "peer_timeout": options.peer_timeout,
+        }
+        # Processes, threads, memory and time limits change no image.
+        return Task(photo, variant, request, (options.photo_size, options.seed))
+
+    def _request(self, photo: ListedPhoto, variant: Variant | None) -> dict[str, Any]:
+        return {
+            "path": photo.path,
+            "folder": str(self.root / folder_of(photo, variant)),
+            "photo_size": self.options.photo_size,
+            "max_pixels": self.options.max_pixels,
+        }

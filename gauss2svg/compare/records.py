@@ -1,0 +1,81 @@
+"""Records as rows: a file of one JSON object per line, and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from gauss2svg.errors import OutputError
+from gauss2svg.files import as_cell
+
+Row = dict[str, Any]
+TOOL = "gauss2svg"  # the tool of all rows that are not a peer's
+
+
+# A row without these is damaged, and is measured again.
+_REQUIRED = {"key", "label", "tool", "tool_version", "image", "settings", "machine"}
+
+
+def rows_in(path: Path) -> dict[str, Row]:
+    """Rows by key, of a file of one JSON object per line; lines that are no rows are left out.
+
+    Raises OutputError if the file cannot be read.
+    """
+    try:
+        lines = path.read_bytes().splitlines() if path.exists() else []
+    except OSError as error:
+        raise OutputError(f"cannot read {path}: {error.strerror or error}") from error
+    return {row["key"]: row for line in lines if (row := _row(line)) is not None}
+
+
+def _row(line: bytes) -> Row | None:
+    try:
+        row = json.loads(line)
+    except ValueError:
+        return None
+    return row if isinstance(row, dict) and row.keys() >= _REQUIRED else None
+
+
+def row_lines(rows: Iterable[Row]) -> bytes:
+    """One JSON object per line."""
+    return b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows)
+
+
+def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested names joined by dots: {"a": {"b": 1}} is {"a.b": 1}."""
+    found: dict[str, Any] = {}
+    for name, value in row.items():
+        found |= (
+            flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+        )
+    return found
+
+
+def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
+    """CSV with a column for every name in any row; null is an empty cell."""
+    flattened = [flat(row) for row in rows]
+    columns = list(dict.fromkeys(name for row in flattened for name in row))
+    stream = io.StringIO()
+    writer = csv.DictWriter(stream, columns, restval="", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({name: as_cell(value) for name, value in row.items()} for row in flattened)
+    return stream.getvalue()
+
+
+def one_line(text: str) -> str:
+    """Text on one line, truncated to 400 characters."""
+    return " ".join(text.split())[:400]
+
+
+def finite(value: Any) -> Any:
+    """The value with None for every infinity and NaN, which JSON does not have."""
+    if isinstance(value, dict):
+        return {name: finite(item) for name, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,301 @@
+"""The benchmark as a whole: its runs, tables and plots; few runs are real, for they are slow."""
+
+import json
+import math
+import os
+import shutil
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from conftest import has_ended
+from galleries import BLANK, cells_expected, cells_of, primitive, save
+from PIL import Image
+
+from gauss2svg.cli.main import main
+from gauss2svg.compare.answer import answered
+from gauss2svg.compare.peer_run import peer_record
+from gauss2svg.compare.process import in_own_process
+from gauss2svg.compare.records import finite
+from gauss2svg.compare.tables import bench
+from gauss2svg.compare.tables.bench import run_bench
+from gauss2svg.compare.tables.plots import NAMES, plots_of
+from gauss2svg.compare.tables.summary import summarise
+from gauss2svg.measure.scores import SCORES
+
+pytestmark = pytest.mark.process
+
+PROMISED = {
+    "key", "tool", "image", "width", "height", "settings", "used", "gaussians", "rounds",
+    "stop_reason", "psnr_model", "psnr_svg", "ssim_svg", "ssimulacra2_svg", "flip_svg",
+    "psnr_roundtrip", "svg_bytes", "svgz_bytes", "fit_s", "fit_cpu_s", "total_s",
+    "cpu_s", "warmup_s", "peak_bytes", "renderer", "threads", "machine", "versions", "date",
+}  # fmt: skip
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@pytest.fixture
+def picture(photo, tmp_path):
+    return save(photo[:48, :64], tmp_path / "photo.png")
+
+
+@pytest.fixture
+def requests(monkeypatch):
+    """The requests of a benchmark, answered without a process."""
+    found = []
+
+    def answer(request, timeout):
+        found.append(request)
+        count = request["settings"].get("gaussians", 100)
+        if count == 13:
+            return {"error": "unlucky"}
+        return {
+            "psnr_svg": 20 + math.log2(1 + count), "ssim_svg": 0.5, "psnr_model": None,
+            "ssimulacra2_svg": 9.0 - count, "flip_svg": 0.5 / count,
+            "cpu_s": 0.01 * count, "total_s": 0.01 * count, "peak_bytes": 10**8,
+            "svg_bytes": 200 * count, "svgz_bytes": 20 * count, "gaussians": count,
+        }  # fmt: skip
+
+    monkeypatch.setattr(bench, "in_own_process", answer)
+    monkeypatch.setattr(bench, "peer_record", lambda request: answer(request, None))
+    return found
+
+
+def counts(rows):
+    return [row["settings"]["gaussians"] for row in rows]
+
+
+@pytest.fixture(scope="module")
+def measured(photo, tmp_path_factory):
+    """One real benchmark: a run, one that fails, and the JPEGs."""
+    folder = tmp_path_factory.mktemp("bench")
+    save(photo[:48, :64], folder / "photo.png")
+    arguments = ["bench", str(folder / "photo.png"), "-o", str(folder / "out"), "--threads", "1"]
+    arguments += ["--axis", "gaussians=10", "--axis", "iterations=3"]
+    # No program is on this path, which is known only once the run has begun.
+    arguments += ["--axis", "renderer=resvg,inkscape"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PATH", str(folder))
+        status = main([*arguments, "--peers", "jpeg", "--quiet"])
+    return status, folder / "out", json.loads((folder / "out" / "bench.json").read_text())
+
+
+def test_real_run_has_all_that_was_promised_and_a_failing_one_is_an_error_row(measured):
+    status, folder, document = measured
+    good, bad, *jpegs = document["rows"]
+    assert status == 1
+    assert good.keys() >= PROMISED
+    assert (good["gaussians"], good["used"]["init"], good["threads"]) == (10, "selective", 1)
+    assert good["cpu_s"] >= good["fit_cpu_s"] > 0
+    assert good["svg_bytes"] > good["svgz_bytes"] > 0
+    assert "inkscape" in bad["error"]
+    assert "\n" not in bad["error"]
+    assert "psnr_svg" not in bad
+    assert bad["error"] in (folder / "summary.md").read_text()
+    assert len(jpegs) == 4
+    assert all(row["psnr_model"] is None for row in jpegs)
+
+
+def test_jpeg_bytes_and_fidelity_fall_with_quality(measured):
+    jpegs = [row for row in measured[2]["rows"] if row["tool"] == "jpeg"]
+    jpegs.sort(key=lambda row: row["settings"]["quality"])
+    for name in ("svg_bytes", "psnr_svg", "ssim_svg", "flip_svg"):
+        values = [-row[name] if name == "flip_svg" else row[name] for row in jpegs]
+        assert values == sorted(set(values)), name
+
+
+def test_memory_of_a_run_is_its_own(picture, tmp_path):
+    ours = np.ones(40_000_000)  # 320 MB, which the child must not be charged with
+    request = {"tool": "jpeg", "settings": {"quality": 30}}
+    request |= {"png": str(picture), "output": str(tmp_path / "output.jpg")}
+    row = in_own_process(request, 60)
+    assert ours.nbytes / 2 > row["peak_bytes"] > 5e6
+
+
+def test_csv_and_json_agree(measured):
+    _, folder, document = measured
+    assert cells_of(folder / "bench.csv") == cells_expected(document["rows"])
+
+
+def test_resuming_runs_only_what_is_missing(picture, tmp_path, requests, capsys):
+    out = tmp_path / "out"
+    first = run_bench([picture], out, axes={"gaussians": [5, 13]})
+    seen = []
+    rows = run_bench([picture], out, axes={"gaussians": [5, 13, 7]}, progress=seen.append)
+    assert counts([{"settings": request["settings"]} for request in requests]) == [5, 13, 13, 7]
+    assert counts(rows) == [5, 13, 7]
+    assert rows[0] == first[0]
+    assert (seen[0].kept, seen[-1].done, seen[-1].total) == (1, 3, 3)
+    assert main(["bench", str(picture), "-o", str(out), "--axis", "gaussians=5,7"]) == 0
+    assert len(requests) == 4
+    assert "2 runs, 2 of them kept" in capsys.readouterr().err
+
+
+def test_interrupted_benchmark_keeps_what_is_finished(picture, tmp_path, requests, monkeypatch):
+    answer = bench.in_own_process
+
+    def interrupt(request, timeout):
+        if request["settings"]["gaussians"] == 7:
+            raise KeyboardInterrupt
+        return answer(request, timeout)
+
+    monkeypatch.setattr(bench, "in_own_process", interrupt)
+    assert main(["bench", str(picture), "-o", str(tmp_path), "--axis", "gaussians=5,7,9"]) == 130
+    assert counts(json.loads((tmp_path / "bench.json").read_text())["rows"]) == [5]
+    monkeypatch.setattr(bench, "in_own_process", answer)
+    requests.clear()
+    run_bench([picture], tmp_path, axes={"gaussians": [5, 7, 9]})
+    assert len(requests) == 2
+
+
+def test_changed_picture_is_run_again_and_a_moved_one_is_not(photo, picture, tmp_path, requests):
+    run_bench([picture], tmp_path, axes={"gaussians": [5]})
+    moved = picture.rename(tmp_path / "moved.png")
+    rows = run_bench([moved], tmp_path, axes={"gaussians": [5]})
+    assert len(requests) == 1
+    assert rows[0]["image"] == "moved.png"
+    save(photo[:40, :64], moved)
+    run_bench([moved], tmp_path, axes={"gaussians": [5]})
+    assert len(requests) == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--axis", "speed"], "axis must be one of quality, gaussians"),
+        (
+            ["--axis", "loss=mse,l3"],
+            "axis loss must be one of mse, l1, mse+ssim, l1+ssim; got 'l3'",
+        ),
+        (["--axis", "gaussians=many"], "got 'many'"),
+        (
+            ["--axis", "gaussians="],
+            "axis gaussians must be a whole number in 0..10000000 or auto; got ''",
+        ),
+        (["--axis", "precision=0"], "axis precision must be a number in 0.001..1; got 0"),
+        (["--axis", "init", "--axis", "init=error"], "axis init must be given once"),
+        (
+            ["--peers", "vtracer,tracer"],
+            "primitive, jpeg, webp; got 'tracer'",
+        ),
+        (["--peer-timeout", "0"], "--peer-timeout must be a number in 0.001..1e+06; got 0"),
+        (["--peer-timeout", "inf"], "--peer-timeout must be a number in 0.001..1e+06; got inf"),
+        (["--threads", "0"], "threads must be"),
+        (["no.png"], "cannot read no.png"),
+        (["COPY"], "must not be the same photo as"),
+        (["-o", "PHOTO"], "cannot create"),
+    ],
+)
+def test_mistake_is_one_line_and_status_two_before_any_run(
+    arguments, message, picture, tmp_path, requests, capsys
+):
+    copy = shutil.copy(picture, tmp_path / "copy.png")
+    files = {"PHOTO": str(picture), "COPY": str(copy)}
+    given = [files.get(word, word) for word in arguments]
+    target = [] if "-o" in given else ["-o", str(tmp_path / "out")]
+    assert main(["bench", str(picture), *given, *target]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n"), requests) == ("", 1, [])
+    assert message in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_absent_peer_is_named_and_left_out(picture, tmp_path, requests, monkeypatch, capsys):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    arguments = ["-o", str(tmp_path / "out"), "--axis", "gaussians=5", "--peers", "primitive,webp"]
+    assert main(["bench", str(picture), *arguments]) == 0
+    assert "skipped, not installed: primitive\n" in capsys.readouterr().err
+    document = json.loads((tmp_path / "out" / "bench.json").read_text())
+    assert document["peers_absent"] == ["primitive"]
+    assert {row["tool"] for row in document["rows"]} == {"gauss2svg", "webp"}
+
+
+def test_peer_writes_an_svg_that_is_scored_or_fails_or_times_out(picture, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path), os.pathsep)
+
+    def record(seconds=60):
+        given = {"tool": "primitive", "settings": {"shapes": 3}, "image": str(picture)}
+        return answered(peer_record, given | {"peer_timeout": seconds})
+
+    primitive(tmp_path, f"echo '{BLANK}' > \"$4\"")
+    row = record()
+    with Image.open(picture) as white:
+        error = np.mean((1 - np.asarray(white, np.float64) / 255) ** 2)
+    assert row["psnr_svg"] == pytest.approx(-10 * math.log10(error), abs=1e-4)
+    assert row["svg_bytes"] == len(BLANK) + 1
+
+    primitive(tmp_path, "echo no luck >&2; exit 3")
+    assert "status 3: no luck" in record()["error"]
+    primitive(tmp_path, "exit 0")
+    assert record() == {"error": "primitive wrote no file. Try running it by hand"}
+
+    primitive(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
+    for seconds in (2, 8, 32):  # more where the machine is too busy for it to begin
+        assert f"timed out after {seconds} s" in record(seconds)["error"]
+        if (tmp_path / "pid").exists():
+            break
+    assert has_ended(int((tmp_path / "pid").read_text()))
+
+
+def test_output_of_a_peer_is_not_part_of_its_row(picture, tmp_path, monkeypatch):
+    module = (
+        "def convert_image_to_svg_py(png, drawn):\n"
+        "    print('chatter')\n"
+        f"    open(drawn, 'w').write({BLANK!r})\n"
+    )
+    (tmp_path / "vtracer.py").write_text(module)
+    monkeypatch.syspath_prepend(tmp_path)
+    request = {"tool": "vtracer", "settings": {"style": "default"}, "image": str(picture)}
+    assert peer_record(request | {"peer_timeout": 60})["svg_bytes"] == len(BLANK)
+
+
+def test_summary_means_over_pictures_and_leaves_out_the_unfinished(photo, tmp_path, requests):
+    paths = [tmp_path / "a.png", tmp_path / "b.png"]
+    for size, path in enumerate(paths):
+        save(photo[: 20 + size, :20], path)
+    rows = run_bench(paths, tmp_path, axes={"gaussians": [5, 7, 13]})
+    for row, seconds in zip(rows, (1.0, 3.0, 4.0, 6.0, 0, 0), strict=True):
+        if "error" not in row:
+            row["cpu_s"] = seconds
+    five, seven = summarise(rows, 2)
+    assert (five["images"], five["cpu_s"], seven["cpu_s"]) == (2, 2.0, 5.0)
+    assert five["below_both_dB"] == seven["below_both_dB"] == 0
+    seven["cpu_s"] = 1.0
+    rows[2]["cpu_s"] = rows[3]["cpu_s"] = 0.5
+    five, seven = summarise(rows, 2)
+    assert five["below_seconds_dB"] == pytest.approx(math.log2(8 / 6))
+    assert five["below_both_dB"] == 0  # for it is smaller
+    assert [row["settings"] for row in summarise(rows[:3], 2)] == [{"gaussians": 5}]
+
+
+def test_exact_results_have_no_finite_psnr_and_the_rest_continues(picture, tmp_path, requests):
+    rows = run_bench([picture], tmp_path, axes={"gaussians": [5, 7]})
+    rows[1]["psnr_svg"] = None
+    summary = summarise(rows, 1)
+    assert [row["below_seconds_dB"] for row in summary] == [0, None]
+    json.dumps(finite([math.inf, {"a": (math.nan, 1.0)}]), allow_nan=False)
+    assert plots_of(summary).keys() == set(NAMES)
+    for axis in SCORES:
+        assert f"No run has a finite {axis.name}." in plots_of([])[f"{axis.slug}_bytes.svg"]
+
+
+def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_path, requests):
+    axes = {"gaussians": [5, 7, 9], "quality": ["draft"]}
+    run_bench([picture], tmp_path, axes=axes, peers=["jpeg"])
+    run_bench([picture], tmp_path, axes={"quality": ["draft", "fast"]}, peers=["jpeg"])
+    summary = json.loads((tmp_path / "bench.json").read_text())["summary"]
+    assert len(summary) == 6
+    for axis, name in zip(np.repeat(SCORES, 2), NAMES, strict=True):
+        root = ElementTree.fromstring((tmp_path / name).read_text())
+        points = root.findall(f".//{SVG}g[@class]/{SVG}title/..")
+        titles = [point.findtext(f"{SVG}title") for point in points]
+        for row, title in zip(summary, titles, strict=True):
+            assert title.startswith(f"{row['label']}: {axis.text(row[axis.key])}, ")
+        series = [(p.get("class"), p.find(f"{SVG}g")[1].tag) for p in points]
+        assert len(set(series)) == 3  # each preset, and all of a peer
+        assert series[2:] == series[2:3] * 4
+        texts = [text.text for text in root.iter(f"{SVG}text")]
+        assert {"draft", "fast", "jpeg"} <= set(texts)
+        assert "other settings" not in texts
+    assert plots_of(summary) == {name: (tmp_path / name).read_text() for name in NAMES}

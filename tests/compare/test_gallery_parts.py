@@ -1,0 +1,296 @@
+"""The parts of a gallery that need no fit: names, variants, records."""
+
+import hashlib
+import json
+import os
+import re
+import statistics
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from gauss2svg.compare.pages.artifacts import finished, rounds_of
+from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.compare.pages.pages import is_gallery
+from gauss2svg.compare.pages.results import read_report, summary_of
+from gauss2svg.compare.peers import PEERS
+from gauss2svg.compare.variants import DEFAULT_VARIANTS, main_variant, variants_of
+from gauss2svg.errors import InputError, OutputError
+from gauss2svg.measure.scores import SCORES
+from gauss2svg.photo.listing import listed_photos, slug_of, unique_slugs
+
+names = st.text(
+    st.one_of(
+        st.characters(codec="utf-8"), st.sampled_from("\udcff\ud800\u202e\u200f🙂/\\.:-x1 A\u0130")
+    ),
+    max_size=60,
+)
+DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?$", re.IGNORECASE)
+
+
+@given(names)
+@example("")
+@example("../..")
+@example("\u202e\u200f")
+@example("COM\N{SUPERSCRIPT ONE}")
+@example("nul")
+@example("\udcff")
+@example("🙂")
+@example("K" * 300)
+@example("-" * 300 + "x")
+@example("x" * 47 + "-y")
+def test_slug_is_a_safe_name_of_a_folder_on_any_system(name):
+    slug = slug_of(name)
+    assert re.fullmatch(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?", slug)
+    assert len(slug) <= 54
+    assert not DEVICE.match(slug)
+
+
+# Few names and digests, so that they clash in every way, also with a name that ends in a digest.
+clashing = st.tuples(
+    st.sampled_from(["x", "X", "x.", "y", "x-aaaaaaaa", "x-2", "con", ""]),
+    st.sampled_from(["a" * 64, "b" * 64, "a" * 8 + "c" * 56]) | st.none(),
+)
+
+
+@given(st.lists(clashing, max_size=12))
+def test_slugs_are_unique(photos):
+    slugs = unique_slugs(photos)
+    assert len(set(slugs)) == len(slugs) == len(photos)
+    assert all(re.fullmatch("[a-z0-9-]+", slug) for slug in slugs)
+
+
+different = st.lists(
+    st.tuples(names, st.binary().map(lambda data: hashlib.sha256(data).hexdigest())),
+    max_size=8,
+    unique_by=(lambda photo: (slug_of(photo[0]), photo[1])),
+)
+
+
+@given(different, st.randoms(use_true_random=False))
+def test_slugs_do_not_depend_on_the_order(photos, random):
+    slugs = dict(zip(photos, unique_slugs(photos), strict=True))
+    mixed = random.sample(photos, len(photos))
+    assert dict(zip(mixed, unique_slugs(mixed), strict=True)) == slugs
+
+
+@given(different, names, st.booleans())
+def test_photo_of_another_name_and_one_that_cannot_be_read_move_no_other(photos, name, readable):
+    slugs = unique_slugs(photos)
+    if readable and slug_of(name) in {slug_of(other) for other, _ in photos}:
+        return
+    added = (name, "f" * 64 if readable else None)
+    assert unique_slugs([added, *photos])[1:] == slugs
+
+
+def write(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+    return path
+
+
+def test_photo_named_twice_is_one_where_it_is_named_first(tmp_path, monkeypatch):
+    one, other = write(tmp_path / "one.png", "1"), write(tmp_path / "other.png", "2")
+    link = tmp_path / "link.png"
+    link.symlink_to(one)
+    monkeypatch.chdir(tmp_path)
+    found = listed_photos(["one.png", other, link, os.fsencode(one), f"{tmp_path}/./one.png"])
+    assert [photo.path for photo in found] == ["one.png", str(other)]
+    assert [photo.name for photo in found] == ["one.png", "other.png"]
+
+
+@given(st.sets(st.lists(st.sampled_from("ab"), max_size=3).map(tuple), min_size=1))
+def test_name_of_a_photo_is_the_shortest_end_of_its_path_that_no_other_has(folders):
+    paths = ["/" + "/".join([*folder, "x"]) for folder in folders]
+    found = {photo.path: photo.name for photo in listed_photos(paths)}
+    assert len(set(found.values())) == len(found) == len(paths)
+    for path, name in found.items():
+        assert path.endswith(name)
+        shorter = name.partition("/")[2]
+        assert not shorter or any(o.endswith(f"/{shorter}") for o in paths if o != path)
+
+
+def test_photos_of_one_name_are_told_apart_by_what_is_in_them(tmp_path):
+    paths = [write(tmp_path / f / "x.png", text) for f, text in (("a", "1"), ("b", "2"))]
+    slugs = [photo.slug for photo in listed_photos(paths)]
+    assert [photo.slug for photo in listed_photos(paths[::-1])] == slugs[::-1]
+    assert [photo.slug for photo in listed_photos([tmp_path / "x.jpg", *paths])[1:]] == slugs
+    assert all(re.fullmatch("x-[0-9a-f]{8}", slug) for slug in slugs)
+
+
+@given(st.lists(names.filter(lambda name: "/" not in name), min_size=1, max_size=4))
+def test_names_are_one_printable_line_and_a_missing_file_is_a_problem(given_names):
+    for photo in listed_photos([f"/none/{name}" for name in given_names]):
+        assert photo.name.isprintable()
+        assert photo.name
+        assert photo.digest is None
+        assert "Try the path of a photo" in photo.problem
+        assert photo.problem.isprintable()
+
+
+@pytest.mark.parametrize("bad", ["x.png", b"x.png", os, 5, None, [], (), [None], [1.5]])
+def test_photos_that_are_no_paths_are_refused(bad, tmp_path):
+    with pytest.raises(InputError, match=r"^photos must be "):
+        listed_photos(bad)
+    with pytest.raises(InputError, match=r"must be a sequence of paths; .* Try \["):
+        listed_photos(tmp_path)
+
+
+def test_variants_are_presets_counts_and_peers_each_once():
+    found, absent = variants_of(["high", "draft", "high"], [2000, 1, np.int64(0), 2000])
+    assert absent == []
+    assert [variant.name for variant in found] == [
+        "high", "draft", "2000 Gaussians", "1 Gaussian", "0 Gaussians",
+    ]  # fmt: skip
+    assert [variant.slug for variant in found[2:]] == [
+        "gaussians-2000",
+        "gaussians-1",
+        "gaussians-0",
+    ]
+    assert found[0].settings == (("quality", "high"),)
+    assert found[2].settings == (("gaussians", 2000),)
+    json.dumps([variant.settings for variant in found])
+    assert tuple(variant.name for variant in variants_of()[0]) == DEFAULT_VARIANTS
+    assert [variant.name for variant in variants_of(counts=(5,))[0]] == ["5 Gaussians"]
+    assert [variant.name for variant in variants_of(counts=np.array([5, 6]))[0]] == [
+        "5 Gaussians",
+        "6 Gaussians",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("given_variants", "message"),
+    [
+        ({"presets": ["quick"]}, "variant must be one of draft, fast, balanced.*; got 'quick'"),
+        ({"presets": [["draft"]]}, r"variant must be .*; got \['draft'\]"),
+        ({"presets": "draft"}, r"variants must be a sequence; got 'draft'. Try \['draft'\]"),
+        ({"presets": []}, "variants must be at least one preset, count or peer; got none"),
+        ({"counts": []}, "variants must be at least one preset, count or peer; got none"),
+        ({"counts": 5}, "counts must be a sequence; got 5"),
+        ({"counts": "500"}, "counts must be a sequence; got '500'"),
+        ({"counts": [-1]}, "count must be a whole number in 0.*; got -1"),
+        ({"counts": [2.5]}, "count must be .*; got 2.5"),
+        ({"counts": [True]}, "count must be .*; got True"),
+        ({"counts": [10**9]}, "count must be .*; got 1000000000"),
+        ({"peers": ["jpeg"]}, "peer must be one of vtracer, splatthis, primitive; got 'jpeg'"),
+        ({"peers": ["vtracer:"]}, "peer must be vtracer, or one of vtracer:def.*; got 'vtracer:'"),
+        ({"peers": ["vtracer:fine"]}, "peer must be .*; got 'vtracer:fine'"),
+        ({"peers": [None]}, "peer must be .*; got None"),
+    ],
+)
+def test_unknown_variants_are_refused_on_one_line(given_variants, message):
+    with pytest.raises(InputError, match=message) as error:
+        variants_of(**given_variants)
+    assert "\n" not in str(error.value)
+
+
+def test_absent_peer_is_left_out_and_refused_where_it_is_all(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    found, absent = variants_of(["draft"], peers=["primitive", "primitive:500"])
+    assert ([variant.name for variant in found], absent) == (["draft"], ["primitive"])
+    with pytest.raises(InputError, match=r"variants must be .*not installed: primitive"):
+        variants_of([], peers=["primitive"])
+
+
+def test_styles_of_a_peer_are_variants_of_their_own(monkeypatch, tmp_path):
+    fake = write(tmp_path / "primitive", "")
+    fake.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    found, _ = variants_of([], peers=["primitive", "primitive:500", "primitive:100"])
+    assert [(one.name, one.slug) for one in found] == [
+        ("primitive 100", "primitive-100"),
+        ("primitive 500", "primitive-500"),
+    ]
+    assert all(one.version and not one.is_own for one in found)
+    assert {dict(one.settings)["shapes"] for one in found} == {
+        style["shapes"] for style in PEERS["primitive"].settings
+    }
+    assert main_variant(found).name == "primitive 500"
+    assert main_variant([*found, *variants_of(counts=[5])[0]]).name == "5 Gaussians"
+    assert main_variant([*found, *variants_of(["max", "balanced"])[0]]).name == "balanced"
+
+
+def row_of(variant, **values):
+    usual = dict.fromkeys(
+        ("gaussians", "svg_bytes", "svgz_bytes", "total_s", *(a.key for a in SCORES)), 1
+    )
+    return {"variant": variant.name, **usual, **values}
+
+
+def test_summary_is_medians_and_sums_of_what_has_a_number():
+    own, other, unmade = variants_of(counts=[1, 2, 3])[0]
+    rows = [
+        row_of(own, psnr_svg=psnr, svg_bytes=count, total_s=count / 8, gaussians=None)
+        for psnr, count in ((30.0, 10), (None, 11), (20.0, 13), (31.0, 90))
+    ]
+    rows += [row_of(other, psnr_svg=None, gaussians=count) for count in (0, 4)]
+    first, second = summary_of(rows, [own, other, unmade])
+    assert (first["variant"], first["photos"], second["photos"]) == (own.name, 4, 2)
+    assert first["median_psnr_svg"] == statistics.median([30.0, 20.0, 31.0]) == 30.0
+    assert first["median_svg_bytes"] == statistics.median([10, 11, 13, 90]) == 12
+    assert (first["total_svg_bytes"], first["total_total_s"]) == (124, 15.5)
+    assert first["median_gaussians"] is None
+    assert (second["median_psnr_svg"], second["median_gaussians"]) == (None, 2)
+
+
+def folder_of(path, files):
+    path.mkdir(exist_ok=True)
+    for name, text in files.items():
+        (path / name).write_text(text)
+    record = {"key": "k", "files": {name: len(text) for name, text in files.items()}}
+    (path / "record.json").write_text(json.dumps(record))
+    return record
+
+
+def test_folder_counts_as_finished_only_where_it_is_whole_and_of_the_key(tmp_path):
+    record = folder_of(tmp_path, {"a": "1234", "b": ""})
+    assert finished(tmp_path, "k") == record
+    assert finished(tmp_path, "other") is None
+    assert finished(tmp_path / "none", "k") is None
+    text = (tmp_path / "record.json").read_text()
+    for damaged in (text[:-1], text[:5], "", "[]", "null", "5", "{}", '{"key": "k"}', "\x00"):
+        (tmp_path / "record.json").write_text(damaged)
+        assert finished(tmp_path, "k") is None, damaged
+    for name, content in (("a", "123"), ("a", "12345"), ("b", "x")):
+        folder_of(tmp_path, {"a": "1234", "b": ""})
+        (tmp_path / name).write_text(content)
+        assert finished(tmp_path, "k") is None
+    folder_of(tmp_path, {"a": "1234", "b": ""})
+    (tmp_path / "b").unlink()
+    assert finished(tmp_path, "k") is None
+
+
+def test_report_that_cannot_be_read_is_an_error_with_advice(tmp_path):
+    with pytest.raises(OutputError, match=r"cannot read .*Try deleting its folder"):
+        read_report(tmp_path / "x")
+
+
+def test_rounds_are_counted_up_to_each():
+    shape = '<circle r="1"/>'
+    svg = (
+        '<svg xmlns="http://www.w3.org/2000/svg"><rect/>'
+        f'<g id="round-1">{shape * 2}</g><g id="layer"/><g id="round-2"><g>{shape * 3}</g></g>'
+        "</svg>"
+    )
+    assert rounds_of(svg) == [[1, 2], [2, 5]]
+
+
+def test_gallery_is_recognised_by_its_data(tmp_path):
+    path = tmp_path / "gallery.json"
+    assert not is_gallery(path)
+    for text in ("", "[]", "{}", "\udcff", '{"gauss2svg": "0", "rows": []}'):
+        path.write_text(text, errors="surrogateescape")
+        assert not is_gallery(path)
+    path.write_text('{"gauss2svg": "0", "rows": [], "failures": []}')
+    assert is_gallery(path)
+
+
+def test_title_is_any_text_and_nothing_else():
+    title = "<b>\N{ZERO WIDTH JOINER}{{"
+    assert GalleryOptions(title=title).title == title
+    assert GalleryOptions(title="\udcff").title == "\\udcff"
+    for bad in ("", "  ", None, 5, b"x"):
+        with pytest.raises(InputError, match="title must be"):
+            GalleryOptions(title=bad)

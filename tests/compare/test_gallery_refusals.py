@@ -1,0 +1,288 @@
+"""Mistakes, bad photos, odd names and other tools: what a gallery refuses, reports and escapes."""
+
+import dataclasses
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from flat import build_gallery
+from galleries import BLANK, Page, Table, primitive, save
+
+import gauss2svg
+from gauss2svg.cli.main import main
+from gauss2svg.compare.pages import build
+from gauss2svg.compare.pages.artifacts import answer_to
+from gauss2svg.compare.pages.pages import write_pages
+from gauss2svg.errors import Gauss2SvgError
+from gauss2svg.photo.load import load_image
+
+TEXTS = [
+    "<script>alert(1)</script>&\"'{{7*7}}",
+    "</title></style></textarea><img src=x onerror=alert(1)>",
+    "--><!-- ]]> {% raw %}{# #} &lt;b&gt; \u2028 &#60;",
+    "' onmouseover='alert(1)' x=\" onfocus=\"alert(1)\" `",
+    "javascript:alert(1)",
+]
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("text", TEXTS)
+def test_nothing_of_a_name_is_rendered_as_html(text, two, tmp_path, asked, monkeypatch):
+    given = []
+    monkeypatch.setattr(build, "write_pages", lambda *arguments: given.extend(arguments))
+    build_gallery([*two, "none.png"], tmp_path / "out", counts=[5, 7, 13])
+    root, document, variants, results = given
+
+    def pages(word):
+        def photo_of(one):
+            return dataclasses.replace(one.photo, name=word)
+
+        changed = {"title": word, "command": word, "peers_absent": [word]}
+        changed["failures"] = [one | {"photo": word, "error": word} for one in document["failures"]]
+        named = [dataclasses.replace(one, photo=photo_of(one), notes=(word,)) for one in results]
+        write_pages(root, document | changed, variants, named)
+        return {path: Page(path) for path in sorted(root.rglob("*.html"))}
+
+    plain, odd = pages("plainword"), pages(text)
+    flat_text = " ".join(text.split())
+    assert len(plain) == 5
+    for path, page in odd.items():
+        assert [
+            (tag, [(name, value and value.replace(text, "plainword")) for name, value in attrs])
+            for tag, attrs in page.parts
+        ] == plain[path].parts
+        shown_texts = [part.replace(flat_text, "plainword") for part in page.texts]
+        assert shown_texts == plain[path].texts
+        assert any("plainword" in part for part in shown_texts)
+
+
+@pytest.mark.process
+def test_peer_is_measured_or_fails_or_is_stopped_on_one_line(
+    photo, tmp_path, monkeypatch, capsys, asked
+):
+    monkeypatch.setattr("galleries.canned", answer_to)
+    primitive(
+        tmp_path / "bin",
+        f"[ -e {tmp_path}/slow ] && exec sleep 600\n"
+        f"[ $6 = 100 ] && echo '{BLANK}' > \"$4\" && exit\n"
+        "echo no luck >&2; exit 3\n",
+    )
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"), os.pathsep)
+    good, slow = (save(photo[:40, :48], tmp_path / f"{name}.png") for name in ("good", "slow"))
+    out = tmp_path / "out"
+    options = ["-o", str(out), "--variants", "", "--peer-timeout"]
+    peers = ["--peers", "primitive,primitive:500"]
+    assert main(["gallery", str(good), *options, "60", *peers]) == 1
+    err = capsys.readouterr().err.splitlines()
+    assert len(err) == 2
+    assert err[0].startswith("gauss2svg: failed: good.png, primitive 500: ")
+    assert "status 3: no luck" in err[0]
+    (row,) = json.loads((out / "gallery.json").read_text())["rows"]
+    error = np.mean((1 - load_image(good).pixels.astype(np.float64)) ** 2)
+    assert row["psnr_svg"] == pytest.approx(-10 * np.log10(error), abs=1e-4)
+    assert (row["tool"], row["svg_bytes"]) == ("primitive", len(BLANK) + 1)
+    assert row["renderer"].startswith("resvg")
+    assert set(row["files"]) == {"SVG", "report"}
+    made = [path.name for path in (out / "photos" / "good").iterdir() if path.is_dir()]
+    assert made == ["primitive-100"]
+    text = (out / "photos" / "good" / "primitive-100" / "report.json").read_text()
+    assert str(tmp_path) not in text
+
+    asked.clear()
+    (tmp_path / "slow").touch()
+    arguments = ["gallery", str(good), str(slow), *options, "0.5", "--peers", "primitive"]
+    assert main([*arguments, "--quiet"]) == 1
+    assert asked == [("photo", "slow"), ("variant", "slow/primitive-100")]
+    err = capsys.readouterr().err
+    assert err == (
+        "gauss2svg: failed: slow.png, primitive 100: timed out after 0.5 s. Try a longer "
+        "--peer-timeout\n"
+    )
+    page = (out / "photos" / "slow" / "index.html").read_text()
+    assert "No SVG of this photo could be made" in page
+
+
+def test_absent_peer_is_named_on_the_page_and_in_the_summary(
+    two, tmp_path, asked, monkeypatch, capsys
+):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    out = tmp_path / "out"
+    arguments = ["gallery", *map(str, two), "-o", str(out), "--counts", "5"]
+    assert main([*arguments, "--peers", "primitive"]) == 0
+    assert "skipped, not installed: primitive\n" in capsys.readouterr().err
+    assert "not installed: primitive" in (out / "how.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (
+            ["--variants", "", "--counts", ""],
+            "at least one preset, count or peer; got none",
+        ),
+        (["--variants", "quick"], "variant must be one of draft, fast"),
+        (["--counts", "many"], "counts must be whole numbers separated by commas; got 'many'"),
+        (["--counts", "2.5"], "counts must be whole numbers separated by commas; got '2.5'"),
+        (["--counts=-5"], "counts must be whole numbers separated by commas; got '-5'"),
+        (["--counts", "1" * 5000], "counts must be whole numbers separated by commas; got '111"),
+        (
+            ["--counts", "999999999999"],
+            "a whole number in 0..10000000; got 999999999999",
+        ),
+        (["--peers", "jpeg"], "peer must be one of vtracer"),
+        (["--peers", "vtracer:best"], "got 'vtracer:best'"),
+        (["--jobs", "0"], "jobs must be a whole number in 1..256; got 0"),
+        (["--jobs", "many"], "jobs"),
+        (["--threads", "0"], "threads must be"),
+        (["--seed", "-1"], "seed"),
+        (["--photo-size", "0"], "--photo-size must be"),
+        (["--max-pixels", "0"], "--max-pixels must be"),
+        (["--peer-timeout", "0"], "--peer-timeout must be a number in 0.001..1e+06; got 0"),
+        (["--peer-timeout", "nan"], "--peer-timeout must be a number in 0.001..1e+06; got nan"),
+        (["--title", " "], "title must be a text that is not empty; got ' '"),
+        (["-o", "PHOTO"], "cannot create"),
+        (["-o", "PHOTO/x"], "cannot create"),
+        (["-o", "/proc/x/y"], "cannot create"),
+    ],
+)
+def test_mistake_is_one_line_and_status_two_before_any_work(
+    arguments, message, two, tmp_path, asked, capsys
+):
+    given = [word.replace("PHOTO", str(two[0])) for word in arguments]
+    target = [] if "-o" in given else ["-o", str(tmp_path / "out")]
+    before = sorted(tmp_path.rglob("*"))
+    assert main(["gallery", str(two[1]), *given, *target]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n"), asked) == ("", 1, [])
+    assert message in err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", ["index.html", "how.html", "gallery.json", "gallery.csv"])
+@pytest.mark.parametrize("content", ["mine", '{"rows": []}'])
+def test_file_of_no_gallery_is_kept_untouched(name, content, two, tmp_path, asked, capsys):
+    path = tmp_path / "out" / name
+    path.parent.mkdir()
+    path.write_text(content)
+    assert main(["gallery", str(two[0]), "-o", str(path.parent)]) == 2
+    assert capsys.readouterr().err.endswith("so it is kept. Try another folder\n")
+    assert path.read_text() == content
+    assert (asked, list(path.parent.iterdir())) == ([], [path])
+
+
+def test_what_cannot_be_written_is_an_error_before_any_work(two, tmp_path, asked, capsys):
+    out = tmp_path / "out"
+    build_gallery(two, out, counts=[5])
+    arguments = ["gallery", str(two[0]), "-o", str(out), "--counts", "6"]
+    before = (out / "gallery.json").read_bytes()
+    asked.clear()
+    for name in ("how.html", "photos", "assets"):
+        path = out / name
+        moved = path.rename(tmp_path / "moved")
+        path.mkdir() if name == "how.html" else path.write_text("mine")
+        assert main(arguments) == 2
+        assert (asked, capsys.readouterr().err.count("\n")) == ([], 1)
+        path.rmdir() if name == "how.html" else path.unlink()
+        moved.rename(path)
+    assert (out / "gallery.json").read_bytes() == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser can write to a read-only folder")
+def test_read_only_folder_is_an_error_before_any_work(two, tmp_path, asked, capsys):
+    (tmp_path / "out").mkdir(mode=0o500)
+    assert main(["gallery", str(two[0]), "-o", str(tmp_path / "out")]) == 2
+    assert (asked, capsys.readouterr().err.count("\n")) == ([], 1)
+
+
+def test_photo_among_the_images_of_the_gallery_is_refused(two, tmp_path, asked, capsys):
+    out = tmp_path / "out"
+    build_gallery(two, out, counts=[5])
+    asked.clear()
+    link = tmp_path / "link.png"
+    link.symlink_to(out / "photos" / "a" / "thumbnail.png")
+    for path in (out / "photos" / "a" / "thumbnail.png", link):
+        assert main(["gallery", str(path), "-o", str(out), "--counts", "5"]) == 2
+        assert "must not be among the gallery's own images" in capsys.readouterr().err
+    assert asked == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"photos": "a.png"}, {"photos": []}, {"photos": [None]}, {"variants": "draft"},
+        {"counts": 5}, {"counts": "5"}, {"peers": "vtracer"}, {"jobs": True}, {"jobs": 1.5},
+        {"title": None}, {"peer_timeout": "5"}, {"photo_size": 2.5}, {"directory": "a\0b"},
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_refused_on_one_line(wrong, two, tmp_path, asked):
+    arguments = {"photos": two, "directory": tmp_path / "out"} | wrong
+    with pytest.raises(Gauss2SvgError) as error:
+        build_gallery(arguments.pop("photos"), arguments.pop("directory"), **arguments)
+    assert "\n" not in str(error.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_gallery_of_bad_photos_alone_has_an_index_that_says_so(tmp_path, asked, capsys):
+    bad = tmp_path / "bad.png"
+    bad.write_text("no picture")
+    out = tmp_path / "out"
+    paths = [bad, tmp_path / "none.png", "a\0b"]
+    gallery = build_gallery(paths, out, counts=[5])
+    assert [failure.photo.name for failure in gallery.failures] == [
+        "bad.png",
+        "none.png",
+        "a\\x00b",
+    ]
+    assert gallery.rows == []
+    assert "Failed: 3" in gallery.index.read_text()
+    assert main(["gallery", str(bad), "-o", str(out), "--counts", "5"]) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0].startswith("gauss2svg: failed: bad.png: ")
+    assert lines[1:] == [f"gauss2svg: 0 SVGs; 1 failed; open {out}/index.html"]
+
+
+@pytest.mark.process
+def test_pages_of_photos_that_are_left_out_stay_where_they_were(two, tmp_path, asked):
+    out = tmp_path / "out"
+    build_gallery(two, out, counts=[5])
+    asked.clear()
+    assert build_gallery(two[:1], out, counts=[5]).kept == 1
+    assert "photos/b" not in (out / "index.html").read_text()
+    assert build_gallery(two, out, counts=[5]).kept == 2
+    assert asked == []
+
+
+def test_exact_svgs_are_charted_and_shown_as_equal(two, tmp_path, asked):
+    out = tmp_path / "out"
+    gallery = build_gallery(two, out, counts=[7])
+    assert [row["psnr_svg"] for row in gallery.rows] == [None, None]
+    assert Table(out / "index.html").rows[1][6] == "equal"
+    assert Page(out / "trade-off.html").texts.count("equal") >= 3
+
+
+@pytest.mark.process
+def test_main_command_loads_no_comparison_and_a_worker_no_pages():
+    code = (
+        "import sys; from gauss2svg.cli.main import main; main(['no.png', '-o', 'x.svg']);"
+        "bad = [n for n in sys.modules if n == 'jinja2' or n.startswith('gauss2svg.compare')];"
+        "import gauss2svg.compare.pages.artifacts;"
+        "bad += [n for n in ('jinja2', 'gauss2svg.compare.pages.pages') if n in sys.modules];"
+        "sys.exit(len(bad))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
+    assert done.returncode == 0
+    assert gauss2svg.build_gallery is build.build_gallery
+
+
+@pytest.mark.parametrize("name", ["photos/holidays/a.jpg", "photos/a.jpg", "assets/gallery.css"])
+def test_folder_of_somebody_else_is_kept(name, two, tmp_path, asked, capsys):
+    path = tmp_path / "out" / name
+    path.parent.mkdir(parents=True)
+    path.write_text("mine")
+    assert main(["gallery", str(two[0]), "-o", str(tmp_path / "out"), "--counts", "5"]) == 2
+    assert (asked, capsys.readouterr().err.count("\n")) == ([], 1)
+    assert path.read_text() == "mine"
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [name.split("/")[0]]

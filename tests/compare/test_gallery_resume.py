@@ -1,0 +1,263 @@
+"""What a gallery keeps, what it makes again, and what an interruption leaves."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import psutil
+import pytest
+from conftest import has_ended
+from flat import build_gallery
+from galleries import Page, all_requests, save
+
+from gauss2svg.cli.main import main
+from gauss2svg.compare import run
+from gauss2svg.compare.pages.artifacts import (
+    OUTLINES,
+    PICTURE,
+    REPORT,
+    THUMBNAIL,
+)
+
+pytestmark = pytest.mark.process
+
+
+def test_finished_work_is_kept_until_what_it_depends_on_changes(
+    two, photo, tmp_path, asked, monkeypatch
+):
+    out = tmp_path / "out"
+
+    def made(**changes):
+        options = {"counts": [5, 7], "variants": ["draft"]} | changes
+        gallery = build_gallery(options.pop("photos", two), out, **options)
+        assert not gallery.failures
+        return asked.take(), gallery
+
+    slugs = ["draft", "gaussians-5", "gaussians-7"]
+    everything = all_requests("ab", slugs)
+    found, first = made()
+    assert (found, first.kept) == (everything, 0)
+    found, second = made(threads=1, jobs=3, peer_timeout=5, title="other", max_pixels=10**6)
+    assert (found, second.kept, second.rows) == ([], 6, first.rows)
+    assert made(photos=two[::-1])[0] == []
+    found, third = made(counts=[7, 9, 5])
+    assert found == [("variant", "a/gaussians-9"), ("variant", "b/gaussians-9")]
+    assert [row for row in third.rows if row["variant"] != "9 Gaussians"] != []
+    assert {str(row) for row in first.rows} < {str(row) for row in third.rows}
+    added = save(photo[:5, :5], tmp_path / "c.png")
+    assert made(photos=[added, *two])[0] == all_requests("c", slugs)
+
+    seeded = [request for request in everything if request[0] == "variant"]
+    assert made(seed=1)[0] == seeded
+    assert made(seed=0)[0] == seeded
+    assert made(photo_size=7)[0] == everything
+    assert made(photo_size=6)[0] == everything
+    assert made()[0] == everything
+    save(photo[:8, :8], two[0])
+    assert made()[0] == all_requests("a", slugs)
+    monkeypatch.setattr(run, "code_digest", lambda: "other code")
+    assert made()[0] == everything
+
+
+def test_scores_that_were_missing_are_added_without_another_fit(
+    two, photo, tmp_path, asked, monkeypatch
+):
+    from gauss2svg.compare.pages import artifacts
+
+    def made():
+        gallery = build_gallery(two, tmp_path / "out", counts=[5])
+        return asked.take(), gallery.rows
+
+    with monkeypatch.context() as patch:
+        patch.setattr("galleries.packages", dict)
+        lacking = made()[1]
+    requests = all_requests("ab", ["gaussians-5"])
+    again = [request for request in requests if request[0] == "variant"]
+    folder = tmp_path / "out" / "photos" / "a" / "gaussians-5"
+    (folder / PICTURE).write_text(
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9">'.ljust(200) + "</svg>"
+    )
+    record = json.loads((folder / "record.json").read_text())
+    record["files"][PICTURE] = (folder / PICTURE).stat().st_size
+    (folder / "record.json").write_text(json.dumps(record))
+    answered = artifacts.make_variant(
+        {
+            "folder": str(folder), "key": record["key"], "tool": "gauss2svg", "photo_size": 2048,
+            "path": str(two[0]), "max_pixels": 10**6,
+        }
+    )  # fmt: skip
+    report = json.loads((folder / REPORT).read_text())
+    assert report["gaussians"] == lacking[0]["gaussians"]
+    assert 0 < report["flip_svg"] <= 1
+    assert artifacts.finished(folder, record["key"]) == answered
+    assert artifacts.is_scored(answered)
+    assert made()[0] == again[1:]
+    assert made()[0] == []
+
+
+def test_svg_of_which_a_file_is_gone_or_cut_short_is_made_again(two, tmp_path, asked):
+    first = build_gallery(two, tmp_path / "out", counts=[5, 7])
+    folder = tmp_path / "out" / "photos" / "a" / "gaussians-5"
+    for name, cut in ((PICTURE, None), (OUTLINES, 3), (REPORT, 9), ("record.json", 50)):
+        asked.clear()
+        if cut is None:
+            (folder / name).unlink()
+        else:
+            os.truncate(folder / name, cut)
+        again = build_gallery(two, tmp_path / "out", counts=[5, 7])
+        assert asked == [("variant", "a/gaussians-5")], name
+        assert again.rows == first.rows
+
+
+def test_photo_of_the_same_name_that_comes_or_goes_moves_no_other(two, photo, tmp_path, asked):
+    out = tmp_path / "out"
+    others = [save(photo[:5, :size], tmp_path / str(size) / "a.png") for size in (5, 6, 7)]
+    copy = tmp_path / "copy" / "a.png"
+    copy.parent.mkdir()
+    shutil.copyfile(two[0], copy)
+    first = build_gallery(two, out, counts=[5])
+    asked.clear()
+    for paths, made in (
+        ([*others[:2], *two], 2), (two[::-1], 0), (others, 1), ([two[0], *others], 0),
+        ([others[1]], 0), ([copy, *two, *others], 1), (two, 0),
+    ):  # fmt: skip
+        gallery = build_gallery(paths, out, counts=[5])
+        assert len({row["page"] for row in gallery.rows}) == len(paths) == len(gallery.rows)
+        assert len(asked.take()) == 2 * made
+    assert gallery.rows == first.rows
+
+
+def test_lost_photo_is_shown_again_and_its_svgs_are_kept(two, tmp_path, asked):
+    build_gallery(two, tmp_path / "out", counts=[5])
+    for name in ("photo.webp", THUMBNAIL, "record.json"):
+        (tmp_path / "out" / "photos" / "a" / name).unlink()
+        asked.clear()
+        assert build_gallery(two, tmp_path / "out", counts=[5]).kept == 2
+        assert asked == [("photo", "a")]
+    shutil.rmtree(tmp_path / "out" / "assets")
+    asked.clear()
+    build_gallery(two, tmp_path / "out", counts=[5])
+    assert asked == []
+    assert (tmp_path / "out" / "assets" / "gallery.css").is_file()
+
+
+def test_failed_svg_is_tried_again_and_the_others_are_kept(two, tmp_path, asked, capsys):
+    arguments = ["gallery", *map(str, two), "-o", str(tmp_path / "out"), "--counts", "13,5"]
+    assert main(arguments) == 1
+    err = capsys.readouterr().err.splitlines()
+    assert err[:2] == [f"gauss2svg: failed: {n}.png, 13 Gaussians: un lucky \\udcff" for n in "ab"]
+    assert err[2].startswith("gauss2svg: 2 SVGs; 2 failed; open ")
+    assert len(err) == 3
+    asked.clear()
+    assert main([*arguments, "--quiet"]) == 1
+    assert asked == [("variant", "a/gaussians-13"), ("variant", "b/gaussians-13")]
+    assert len(capsys.readouterr().err.splitlines()) == 2  # failures are reported even so
+
+
+def test_progress_counts_finished_steps_and_names_the_current_ones(two, tmp_path, asked):
+    seen = []
+    paths = [*two, tmp_path / "none.png"]
+    build_gallery(paths, tmp_path / "out", counts=[5, 13], progress=seen.append)
+    assert {one.total for one in seen} == {9}
+    done = [one.done for one in seen]
+    assert done == sorted(done)
+    assert (seen[0].done, seen[-1].done, seen[-1].now) == (3, 9, ())
+    assert ("a.png",) in [one.now for one in seen]
+    assert ("b.png, 5 Gaussians",) in [one.now for one in seen]
+    again = []
+    build_gallery(paths, tmp_path / "out", counts=[5, 13], progress=again.append)
+    assert (again[0].done, again[0].kept, again[-1].done) == (7, 2, 9)
+
+
+def test_numpy_numbers_are_numbers(two, tmp_path, asked):
+    first = build_gallery(two, tmp_path / "out", counts=[5], seed=2, photo_size=8)
+    asked.clear()
+    options = {"seed": np.int64(2), "photo_size": np.int32(8), "jobs": np.int8(1)}
+    options |= {"counts": np.array([5]), "peer_timeout": np.float32(4), "max_pixels": np.int64(999)}
+    assert build_gallery(two, tmp_path / "out", **options).rows == first.rows
+    assert asked == []
+
+
+def interrupted_at(count):
+    calls = []
+
+    def progress(_):
+        calls.append(0)
+        if len(calls) == count:
+            raise KeyboardInterrupt
+
+    return progress
+
+
+@pytest.mark.parametrize("count", [1, 2, 6, 7, 12])
+def test_interrupted_gallery_shows_what_is_finished_and_continues(count, two, tmp_path, asked):
+    out = tmp_path / "out"
+    with pytest.raises(KeyboardInterrupt):
+        build_gallery(two, out, counts=[5, 7], progress=interrupted_at(count))
+    done = asked.take()
+    document = json.loads((out / "gallery.json").read_text())
+    assert len(document["rows"]) == sum(kind == "variant" for kind, _ in done)
+    assert document["missing"] == 4 - len(document["rows"])
+    assert ("Not finished." in Page(out / "index.html").texts) == (document["missing"] > 0)
+    for row in document["rows"]:
+        assert (out / row["page"]).is_file()
+        assert row["page"] in (out / "index.html").read_text()
+    gallery = build_gallery(two, out, counts=[5, 7])
+    assert len(gallery.rows) == 4
+    assert "Not finished." not in Page(out / "index.html").texts
+    assert sorted(asked + done) == all_requests("ab", ["gaussians-5", "gaussians-7"])
+
+
+def test_gallery_interrupted_at_a_new_photo_still_shows_the_old_ones(
+    two, photo, tmp_path, asked, monkeypatch, capsys
+):
+    out = tmp_path / "out"
+    first = build_gallery(two, out, counts=[5, 7])
+    added = save(photo[:5, :5], tmp_path / "c.png")
+    with pytest.raises(KeyboardInterrupt):
+        build_gallery([added, *two], out, counts=[5, 7], progress=interrupted_at(2))
+    assert json.loads((out / "gallery.json").read_text())["rows"] == first.rows
+
+
+def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(photo, tmp_path, asked):
+    picture, out = save(photo, tmp_path / "a.png"), tmp_path / "out"
+    arguments = ["gallery", str(picture), "-o", str(out), "--counts", "20,60000"]
+    command = [sys.executable, "-m", "gauss2svg", *arguments, "--jobs", "2"]
+    record = out / "photos" / "a" / "gaussians-20" / "record.json"
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        for _ in range(6000):
+            if record.exists() or process.poll() is not None:
+                break
+            time.sleep(0.01)
+        workers = psutil.Process(process.pid).children(recursive=True)
+        process.send_signal(signal.SIGINT)
+        err = process.stderr.read()
+        status = process.wait(60)
+    assert status == 130
+    assert len(workers) >= 2
+    assert err == "gauss2svg: interrupted; every file is whole or untouched\n"
+    assert all(has_ended(worker.pid) for worker in workers)
+    (row,) = json.loads((out / "gallery.json").read_text())["rows"]
+    assert (row["variant"], row["photo"]) == ("20 Gaussians", "a.png")
+    assert {path.name for path in (out / "photos" / "a").iterdir()} - {"gaussians-60000"} == {
+        "index.html", "photo.webp", "thumbnail.png", "record.json", "gaussians-20",
+    }  # fmt: skip
+    assert main([*arguments, "--quiet"]) == 0
+    assert asked == [("variant", "a/gaussians-60000")]
+    assert row in json.loads((out / "gallery.json").read_text())["rows"]
+
+
+def test_full_disk_ends_all_at_once(two, tmp_path, monkeypatch, capsys):
+    def fill(self, requests, begun):
+        begun(0)
+        yield 0, {"error": "cannot write x: No space left on device", "fatal": True}
+        pytest.fail("continued")
+
+    monkeypatch.setattr("gauss2svg.compare.pool.WorkerPool.run", fill)
+    assert main(["gallery", *map(str, two), "-o", str(tmp_path / "out"), "--counts", "5"]) == 2
+    assert "No space left" in capsys.readouterr().err
