@@ -74,7 +74,7 @@ points = st.lists(
     st.builds(
         Point,
         cost=st.floats(1e-2, 1e7) | st.sampled_from([1.27, 3.0, 3.0, 7.0]),
-        score=st.none() | st.floats(-5, 120) | st.sampled_from([30.0, 35.0]),
+        score=st.none() | st.floats(-5, 120, allow_subnormal=False) | st.sampled_from([30.0, 35.0]),
         series=st.integers(0, 3),
         group=st.none() | st.integers(0, 2),
         text=st.just(""),
