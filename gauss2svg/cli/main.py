@@ -114,6 +114,9 @@ def run() -> None:
     status = main()
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+    # Python run by -m ends by SIGINT if a KeyboardInterrupt, though caught, left the last text that
+    # was executed: numba executes some where it compiles.
+    exec("")
     sys.exit(status)
 
 

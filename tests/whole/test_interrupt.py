@@ -3,6 +3,8 @@
 The short form of tests/shared/interrupt.py.
 """
 
+import os
+import subprocess
 import sys
 
 import pytest
@@ -12,6 +14,26 @@ pytestmark = [
     pytest.mark.process,
     pytest.mark.skipif(sys.platform != "linux", reason="reads /proc"),
 ]
+
+
+# A signal that comes while text is executed, as numba does where it compiles.
+LOST_IN_EXEC = """
+from gauss2svg.cli import main
+def interrupted():
+    try:
+        exec("raise KeyboardInterrupt")
+    except KeyboardInterrupt:
+        return main.STATUS_INTERRUPTED
+main.main = interrupted
+main.run()
+"""
+
+
+def test_the_status_is_that_of_the_command_wherever_a_signal_is_raised(tmp_path):
+    (tmp_path / "command.py").write_text(LOST_IN_EXEC)
+    path = os.pathsep.join([str(tmp_path), *filter(None, sys.path)])
+    command = [sys.executable, "-m", "command"]
+    assert subprocess.run(command, env={**os.environ, "PYTHONPATH": path}).returncode == 130
 
 
 @pytest.fixture(scope="module")
