@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.process import in_own_process
+from gauss2svg.compare.records import finite
 from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import as_png
 from gauss2svg.measure.check import check
@@ -59,7 +60,7 @@ def peer_record(request: Mapping[str, Any]) -> dict[str, Any]:
     data, run = peer_file(tool, request["settings"], photo, request["peer_timeout"])
     is_svg = PEERS[tool].suffix == ".svg"
     measured = check(photo, data).report if is_svg else _measured_image(data, photo)
-    return run | {name: measured.get(name) for name in _MEASURED}
+    return run | finite({name: measured.get(name) for name in _MEASURED})
 
 
 def _measured_image(data: bytes, photo: NDArray[np.float32]) -> dict[str, Any]:

@@ -238,6 +238,14 @@ def test_peer_writes_an_svg_that_is_scored_or_fails_or_times_out(picture, tmp_pa
     assert has_ended(int((tmp_path / "pid").read_text()))
 
 
+def test_image_of_a_peer_that_is_exact_has_no_finite_psnr(tmp_path):
+    picture = save(np.full((16, 16, 3), 128 / 255), tmp_path / "gray.png")
+    request = {"tool": "jpeg", "settings": {"quality": 90}, "image": str(picture)}
+    row = peer_record(request | {"peer_timeout": 60})
+    assert (row["psnr_svg"], row["ssim_svg"]) == (None, 1.0)
+    assert json.loads(json.dumps(row, allow_nan=False)) == row
+
+
 def test_output_of_a_peer_is_not_part_of_its_row(picture, tmp_path, monkeypatch):
     module = (
         "def convert_image_to_svg_py(png, drawn):\n"
