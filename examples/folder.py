@@ -19,4 +19,4 @@ def main(photos: str, out: str, workers: int | None = None) -> int:
 
 
 if __name__ == "__main__":  # the workers are spawned
-    sys.exit(main(*sys.argv[1:3]))
+    sys.exit(main(sys.argv[1], sys.argv[2]))

@@ -16,7 +16,7 @@ def loss_of(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
 
 
 def fitted(target: torch.Tensor, n: int, steps: int) -> Scene:
-    """Mean (n, 2) and sigma (n, 2) in px, rho, colour and opacity, each by what may be any number."""
+    """Mean (n, 2) and sigma (n, 2) in px, rho, color, opacity, each by what may be any number."""
     height, width, _ = target.shape
     mean = torch.rand(n, 2) * torch.tensor([width, height])
     x, y = mean.long().T
@@ -45,4 +45,4 @@ def main(photo: str, out: str, n: int = 200, steps: int = 100) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:3])
+    main(sys.argv[1], sys.argv[2])
