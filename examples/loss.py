@@ -35,7 +35,8 @@ def fitted(target: torch.Tensor, n: int, steps: int) -> Scene:
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-    return Scene(width, height, *(t.detach().numpy() for t in shapes()))
+    mean, sigma, rho, color, opacity, _ = (t.detach().numpy() for t in shapes())
+    return Scene(width, height, mean, sigma, rho, color, opacity, background.numpy())
 
 
 def main(photo: str, out: str, n: int = 200, steps: int = 100) -> None:
