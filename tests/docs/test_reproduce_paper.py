@@ -73,6 +73,7 @@ SECTIONS = ["rounds", "iterations", "schedules", "windows", "losses", "files", "
 CLAIMS = ["a", "b", "c", "c, LIVE", "d", "e", "f"]
 
 
+@pytest.mark.nightly
 def test_page_is_well_formed_and_has_every_section(page):
     assert page.open == []
     assert [section["id"] for section in page.all("section")] == SECTIONS
@@ -80,6 +81,7 @@ def test_page_is_well_formed_and_has_every_section(page):
     assert len(set(ids)) == len(ids)
 
 
+@pytest.mark.nightly
 def test_every_image_exists_has_its_size_and_an_alternative_text(page, quick):
     images = page.all("img")
     assert len(images) > 25
@@ -96,6 +98,7 @@ def test_every_image_exists_has_its_size_and_an_alternative_text(page, quick):
     assert shown == files - {"index.html", "numbers.json"}
 
 
+@pytest.mark.nightly
 def test_page_needs_nothing_from_elsewhere_and_no_script(page, quick):
     assert not page.all("script")
     assert not page.all("link")
@@ -108,6 +111,7 @@ def test_page_needs_nothing_from_elsewhere_and_no_script(page, quick):
     assert all("/" not in image["src"] for image in page.all("img"))
 
 
+@pytest.mark.nightly
 def test_page_has_one_verdict_for_each_claim(page, quick, claims):
     shown = [item for item in page.all("li") if "data-claim" in item]
     assert [item["data-claim"] for item in shown] == CLAIMS
@@ -119,6 +123,7 @@ def test_page_has_one_verdict_for_each_claim(page, quick, claims):
     assert [v["word"] for v in verdicts if v["key"] == "c, LIVE"] == [claims.UNTESTED]
 
 
+@pytest.mark.nightly
 def test_the_same_settings_give_the_same_bytes(quick, tmp_path):
     sections = importlib.import_module("paper.model_sections")
     book = importlib.import_module("paper.book").Book.begin(
@@ -134,6 +139,7 @@ def test_the_same_settings_give_the_same_bytes(quick, tmp_path):
     assert json.loads(json.dumps(book.numbers)) == {name: written[name] for name in book.numbers}
 
 
+@pytest.mark.nightly
 def test_page_without_the_tracer_states_that(monkeypatch, quick, context, tmp_path):
     report = importlib.import_module("paper.report")
     sections = importlib.import_module("paper.svg_sections")
@@ -256,6 +262,7 @@ def test_photos_are_reduced_to_their_side_on_8_bits():
         np.testing.assert_array_equal(pixels, levels / np.float32(255))
 
 
+@pytest.mark.nightly
 def test_ellipses_as_soft_as_gaussians_are_fitted_as_these_are(monkeypatch):
     shapes = importlib.import_module("paper.shapes")
     pixels = importlib.import_module("paper.photos").photo("coffee", 48)
@@ -268,6 +275,7 @@ def test_ellipses_as_soft_as_gaussians_are_fitted_as_these_are(monkeypatch):
     assert soft[1].psnr == pytest.approx(soft[0].psnr, abs=0.01)
 
 
+@pytest.mark.nightly
 def test_every_fit_of_shapes_gets_better():
     shapes = importlib.import_module("paper.shapes")
     pixels = importlib.import_module("paper.photos").photo("coffee", 48)
