@@ -300,7 +300,7 @@ def test_first_adam_step_moves_by_the_rates_against_the_gradient():
     state = state_of(scene)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, 10))
     adam.step(state, gradient, RATES, Limits(0.1, 100.0), 0.1)
-    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** -0.35
+    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** adam._STEP_BY_BETA
     expected = scene.mean + np.einsum("nij,nj->ni", scene.factor, shift)
     np.testing.assert_allclose(state.mean, expected, atol=1e-6)
     moved = scene.color - 0.1 * RATES["color"] * gradient[:, 6:9]

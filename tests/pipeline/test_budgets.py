@@ -14,9 +14,10 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.pipeline.options import Goal, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.pipeline.search.correction import TUNING
 from gauss2svg.pipeline.time_budget import TimeBudget
 
-LEAST_USED = 0.985
+LEAST_USED = TUNING.full
 DECIDED_BY_8_BITS = 50.0  # dB, from which the rounding of renderers decides: decisions/monotone.md
 
 
