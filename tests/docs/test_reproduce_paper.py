@@ -12,11 +12,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-pytestmark = pytest.mark.example
-
-pytest.importorskip("matplotlib")
-pytest.importorskip("jinja2")
-
 
 @pytest.fixture(scope="module")
 def claims():
@@ -53,6 +48,7 @@ def context() -> dict:
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory, context) -> Path:
     """The folder of the quick page, made by the command itself."""
+    pytest.importorskip("matplotlib")
     folder = tmp_path_factory.mktemp("paper")
     command = importlib.import_module("reproduce_paper")
     report = importlib.import_module("paper.report")
@@ -364,6 +360,7 @@ def test_the_square_is_where_images_differ_most():
     assert columns.start <= 41 < 49 <= columns.stop
 
 
+@pytest.mark.example
 @pytest.mark.parametrize("there", ["file", "folder", "package"])
 def test_foreign_files_and_missing_packages_are_refused_in_one_line(
     there, monkeypatch, capsys, tmp_path
@@ -391,6 +388,7 @@ def test_foreign_files_and_missing_packages_are_refused_in_one_line(
     )
 
 
+@pytest.mark.nightly
 def test_an_earlier_page_is_recognised_by_its_list_of_files(quick, tmp_path):
     report = importlib.import_module("paper.report")
     assert set(report._older_page(quick)) == {path.name for path in quick.iterdir()}
