@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 import os
 import time
@@ -65,11 +66,8 @@ def pytest_xdist_auto_num_workers(config) -> int:
 
 
 def pytest_configure(config) -> None:
-    """The same examples in every run, so that a failure is found again; fewer in the default lane.
-
-    The default lane leaves out tests by their markers.
-    """
-    examples = 10 if config.getoption("markexpr").startswith("not ") else 30
+    """The same examples in every run, so that a failure is found again."""
+    examples = int(os.environ.get("GAUSS2SVG_EXAMPLES", "10"))
     settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=examples)
     settings.load_profile("repeatable")
 
@@ -181,6 +179,18 @@ def threads_given_back() -> Iterator[None]:
     before = numba.get_num_threads()
     yield
     numba.set_num_threads(before)
+
+
+@pytest.fixture
+def hasty(monkeypatch) -> None:
+    """Fits of a few steps, for what says nothing of how close they come."""
+    from gauss2svg.pipeline.presets import PRESETS
+    from gauss2svg.pipeline.search import by_bytes
+
+    for name, preset in PRESETS.items():
+        monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, iterations=8, cap=60))
+    few = dataclasses.replace(by_bytes.TUNING, iterations=8, drawing_iterations=8)
+    monkeypatch.setattr(by_bytes, "TUNING", few)
 
 
 @pytest.fixture

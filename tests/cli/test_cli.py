@@ -155,23 +155,6 @@ def test_without_arguments_the_short_help_is_shown(capsys):
     assert "--help-all" in capsys.readouterr().out
 
 
-def test_broken_photo_leaves_no_file(tmp_path, capsys):
-    broken = tmp_path / "broken.jpg"
-    broken.write_bytes(b"\xff\xd8\xff\xe0 nothing")
-    assert main([str(broken), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [broken]
-
-
-def test_existing_target_keeps_its_permissions(picture, tmp_path):
-    out = tmp_path / "o.svg"
-    out.write_text("old")
-    out.chmod(0o640)
-    assert main([str(picture), "-o", str(out), *QUICK, "--quiet"]) == 0
-    assert out.read_text().startswith("<?xml")
-    assert out.stat().st_mode & 0o777 == 0o640
-
-
 def test_link_stays_a_link(picture, tmp_path):
     real, link = tmp_path / "real.svg", tmp_path / "link.svg"
     real.write_text("old")
@@ -212,41 +195,9 @@ def test_broken_streams_are_one_line_and_status_two(picture):
     assert b"standard input must be open" in closed.stderr
 
 
-def test_interrupt_is_one_line_and_leaves_nothing(picture, tmp_path, monkeypatch, capsys):
-    def interrupt(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("gauss2svg.fit.session.FitSession.fit", interrupt)
-    assert main([str(picture), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 130
-    assert capsys.readouterr().err.count("\n") == 1
-    assert list(tmp_path.iterdir()) == [picture]
-
-
-def test_failing_rename_leaves_the_old_file(picture, tmp_path, monkeypatch, capsys):
-    out = tmp_path / "o.svg"
-    out.write_text("old")
-
-    def refuse(*_):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, "replace", refuse)
-    assert main([str(picture), "-o", str(out), *QUICK, "--quiet"]) == 2
-    assert "No space left" in capsys.readouterr().err
-    assert out.read_text() == "old"
-    assert sorted(tmp_path.iterdir()) == sorted([out, picture])
-
-
 def test_full_help_names_every_option(capsys):
     assert main(["--help-all"]) == 0
     text = capsys.readouterr().out
     files = ["output", "preview", "report", "outline", "save_scene", "quiet"]
     for name in [*option_names(), *files]:
         assert f"--{name.replace('_', '-')} " in text
-
-
-def test_short_help_names_the_most_used_options_alone(capsys):
-    assert main(["--help"]) == 0
-    text = capsys.readouterr().out
-    for option in ("output", "quality", "gaussians", "target-psnr", "max-bytes", "time-limit"):
-        assert f"--{option} " in text
-    assert "--learning-rate" not in text

@@ -99,8 +99,8 @@ def pictures(photo, small_svg, tmp_path, monkeypatch) -> Path:
 
 
 @pytest.fixture
-def in_this_process(drawn_here, asked, dask_client, monkeypatch) -> None:
-    """Checks, galleries and batches start no processes; SVGs of galleries are made up."""
+def in_this_process(hasty, drawn_here, asked, dask_client, monkeypatch) -> None:
+    """Fits are short, nothing starts a process, and SVGs of galleries are made up."""
     monkeypatch.setattr(Batch, "connected", lambda _: nullcontext(dask_client))
 
 

@@ -12,11 +12,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-pytestmark = pytest.mark.example
-
-pytest.importorskip("matplotlib")
-pytest.importorskip("jinja2")
-
 
 @pytest.fixture(scope="module")
 def claims():
@@ -53,6 +48,7 @@ def context() -> dict:
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory, context) -> Path:
     """The folder of the quick page, made by the command itself."""
+    pytest.importorskip("matplotlib")
     folder = tmp_path_factory.mktemp("paper")
     command = importlib.import_module("reproduce_paper")
     report = importlib.import_module("paper.report")
@@ -73,6 +69,7 @@ SECTIONS = ["rounds", "iterations", "schedules", "windows", "losses", "files", "
 CLAIMS = ["a", "b", "c", "c, LIVE", "d", "e", "f"]
 
 
+@pytest.mark.nightly
 def test_page_is_well_formed_and_has_every_section(page):
     assert page.open == []
     assert [section["id"] for section in page.all("section")] == SECTIONS
@@ -80,6 +77,7 @@ def test_page_is_well_formed_and_has_every_section(page):
     assert len(set(ids)) == len(ids)
 
 
+@pytest.mark.nightly
 def test_every_image_exists_has_its_size_and_an_alternative_text(page, quick):
     images = page.all("img")
     assert len(images) > 25
@@ -96,6 +94,7 @@ def test_every_image_exists_has_its_size_and_an_alternative_text(page, quick):
     assert shown == files - {"index.html", "numbers.json"}
 
 
+@pytest.mark.nightly
 def test_page_needs_nothing_from_elsewhere_and_no_script(page, quick):
     assert not page.all("script")
     assert not page.all("link")
@@ -108,6 +107,7 @@ def test_page_needs_nothing_from_elsewhere_and_no_script(page, quick):
     assert all("/" not in image["src"] for image in page.all("img"))
 
 
+@pytest.mark.nightly
 def test_page_has_one_verdict_for_each_claim(page, quick, claims):
     shown = [item for item in page.all("li") if "data-claim" in item]
     assert [item["data-claim"] for item in shown] == CLAIMS
@@ -119,6 +119,7 @@ def test_page_has_one_verdict_for_each_claim(page, quick, claims):
     assert [v["word"] for v in verdicts if v["key"] == "c, LIVE"] == [claims.UNTESTED]
 
 
+@pytest.mark.nightly
 def test_the_same_settings_give_the_same_bytes(quick, tmp_path):
     sections = importlib.import_module("paper.model_sections")
     book = importlib.import_module("paper.book").Book.begin(
@@ -134,6 +135,7 @@ def test_the_same_settings_give_the_same_bytes(quick, tmp_path):
     assert json.loads(json.dumps(book.numbers)) == {name: written[name] for name in book.numbers}
 
 
+@pytest.mark.nightly
 def test_page_without_the_tracer_states_that(monkeypatch, quick, context, tmp_path):
     report = importlib.import_module("paper.report")
     sections = importlib.import_module("paper.svg_sections")
@@ -256,6 +258,7 @@ def test_photos_are_reduced_to_their_side_on_8_bits():
         np.testing.assert_array_equal(pixels, levels / np.float32(255))
 
 
+@pytest.mark.nightly
 def test_ellipses_as_soft_as_gaussians_are_fitted_as_these_are(monkeypatch):
     shapes = importlib.import_module("paper.shapes")
     pixels = importlib.import_module("paper.photos").photo("coffee", 48)
@@ -268,6 +271,7 @@ def test_ellipses_as_soft_as_gaussians_are_fitted_as_these_are(monkeypatch):
     assert soft[1].psnr == pytest.approx(soft[0].psnr, abs=0.01)
 
 
+@pytest.mark.nightly
 def test_every_fit_of_shapes_gets_better():
     shapes = importlib.import_module("paper.shapes")
     pixels = importlib.import_module("paper.photos").photo("coffee", 48)
@@ -356,6 +360,7 @@ def test_the_square_is_where_images_differ_most():
     assert columns.start <= 41 < 49 <= columns.stop
 
 
+@pytest.mark.example
 @pytest.mark.parametrize("there", ["file", "folder", "package"])
 def test_foreign_files_and_missing_packages_are_refused_in_one_line(
     there, monkeypatch, capsys, tmp_path
@@ -383,6 +388,7 @@ def test_foreign_files_and_missing_packages_are_refused_in_one_line(
     )
 
 
+@pytest.mark.nightly
 def test_an_earlier_page_is_recognised_by_its_list_of_files(quick, tmp_path):
     report = importlib.import_module("paper.report")
     assert set(report._older_page(quick)) == {path.name for path in quick.iterdir()}

@@ -22,8 +22,7 @@ MOST_BYTES = 500_000
 START_BYTES = 300_000
 FIGURE_BYTES = 60_000
 LOOKED_AT = (
-    "index", "guide/python", "reference/options", "concepts/writing-svg", "development", "search",
-    "decisions/batch",
+    "index", "guide/python", "reference/options", "development", "search",
 )  # fmt: skip
 
 pytestmark = pytest.mark.example

@@ -47,7 +47,7 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
             root = math.sqrt(state.second[i, k]) + EPSILON
             unbiased = root / math.sqrt(1 - SECOND_DECAY ** state.age[i])
             d.append(-rate * sizes[k] * first / unbiased)
-        d[:5] = [x * math.exp(state.raw_beta[i]) ** -0.35 for x in d[:5]]
+        d[:5] = [x * math.exp(state.raw_beta[i]) ** adam._STEP_BY_BETA for x in d[:5]]
         l11, l21, l22 = state.factor[i]
         lower = np.array([[l11, 0], [l21, l22]])
         state.mean[i] += lower @ d[:2]

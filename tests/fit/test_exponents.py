@@ -6,7 +6,6 @@ import torch
 from conftest import random_scene
 from flat import fit_config, vectorize
 
-from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
 from gauss2svg.fit.adam import RATES, Limits
 from gauss2svg.fit.fit import fit, fixed_count
@@ -165,7 +164,7 @@ def test_colours_of_different_exponents_share_no_gradient():
     "limits",
     [
         {"iterations": 1}, {"iterations": 2}, {"iterations": 4}, {"iterations": 7},
-        {"time_limit": 0.2}, {"time_limit": 0.6}, {"time_limit": 1.0, "target_psnr": 26.0},
+        {"time_limit": 0.2}, {"time_limit": 0.4, "target_psnr": 26.0},
         {"max_bytes": 30_000, "iterations": 30},
     ],
 )  # fmt: skip
@@ -279,8 +278,3 @@ def test_plain_are_crisp_shapes_and_no_others():
 
     assert plain([[20, 20], [200, 200], [60, 60], [200, 20]], 64) == [True, False, False, False]
     assert plain([[1, 1], [5, 5], [20, 20]], 2) == [False, False, False]
-
-
-def test_unknown_falloff_is_refused_with_the_known_ones(photo):
-    with pytest.raises(InputError, match="falloff must be one of gaussian, adaptive; got 'box'"):
-        vectorize(photo, falloff="box")

@@ -2,6 +2,7 @@
 
 import io
 import tracemalloc
+from functools import cache
 
 import numpy as np
 import pytest
@@ -54,13 +55,20 @@ LOSSLESS = {
     ),
     "premultiplied": tiff(WIDE, extrasamples=[1], planarconfig="contig"),
 }
+
+
+@cache
+def whole_of(kind):
+    return load_image(LOSSLESS[kind])
+
+
 SIZES = [(431 - 1, 301 - 1), (200, 140), (97, 61), (3, 2), (1, 1)]
 
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("kind", LOSSLESS)
 def test_reducing_while_decoding_is_reducing_afterwards(kind, size):
-    whole = load_image(LOSSLESS[kind])
+    whole = whole_of(kind)
     photo = load_image(LOSSLESS[kind], needed=lambda width, height: size)
     expected = shrunk(pixels_of(whole), size[1], size[0])
     np.testing.assert_allclose(pixels_of(photo), expected, atol=1e-5)
@@ -87,14 +95,21 @@ JPEGS = {
 }
 
 
-@pytest.mark.parametrize("times", [3, 4.1, 6, 8, 13, 26, 40])
-@pytest.mark.parametrize("kind", JPEGS)
-def test_colours_of_a_jpeg_are_within_a_level(kind, times):
+@cache
+def jpeg_of(kind):
+    """A JPEG, and what it is as a whole."""
     options = dict(JPEGS[kind])
     large = RGB.resize((4 * WIDTH, 4 * HEIGHT), Image.Resampling.BICUBIC)
     file = encoded(large.convert(options.pop("mode", "RGB")), "JPEG", **options)
+    return file, load_image(file)
+
+
+@pytest.mark.parametrize("times", [3, 4.1, 6, 8, 13, 26, 40])
+@pytest.mark.parametrize("kind", JPEGS)
+def test_colours_of_a_jpeg_are_within_a_level(kind, times):
+    file, whole = jpeg_of(kind)
     side = int(4 * WIDTH / times)
-    photo, whole = load_image(file, needed=side), load_image(file)
+    photo = load_image(file, needed=side)
     assert max(photo.width, photo.height) == side
     assert photo.full == (4 * WIDTH, 4 * HEIGHT)
     assert photo.notes == whole.notes

@@ -204,14 +204,10 @@ def test_conversion_refuses_scenes_and_configs_of_the_other_blending(photo):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"blend": "screen"}, "blend must be one of over, add; got 'screen'"),
         ({"blend": "add", "falloff": "adaptive"}, "gaussian with additive blending; got 'adapt"),
-        ({"per_round": 0}, "per_round must be a whole number in .*; got 0"),
-        ({"round_iterations": 0}, "round_iterations must be a whole number in .*; got 0"),
         ({"per_round": 4, "schedule": "all-at-once"}, "exponential or linear .*; got 'all-at-once"),
         ({"per_round": 1, "schedule": "linear"}, "room for 5000 rounds of 1 or more; got 60"),
         ({"round_iterations": 40}, "room for 6 rounds of 40 or more; got 200"),
-        ({"ssim_weight": 1.5, "loss": "l1+ssim"}, r"ssim_weight must be .* 0\.\.1; got 1\.5"),
         ({"ssim_weight": 0.5}, "loss must be one with ssim where ssim_weight is given; got 'mse'"),
     ],
 )

@@ -175,25 +175,6 @@ def test_no_gaussians_give_the_mean_colour(photo):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            {"quality": "best"},
-            "quality must be one of draft, fast, .*; got 'best'",
-        ),
-        ({"gaussians": -5}, "gaussians must be a whole number in 0.*; got -5"),
-        ({"max_size": 0}, "max_size must be a whole number in 1.*; got 0"),
-        ({"palette": -1}, "palette must be a whole number in 0.*; got -1"),
-        ({"threads": 0}, "threads must be a whole number in 1.*; got 0"),
-        ({"renderer": "word"}, "renderer must be one of resvg, cairo.*; got 'word'"),
-    ],
-)
-def test_bad_argument_is_refused_before_the_fit(photo, change, message):
-    with pytest.raises(InputError, match=message):
-        vectorize(photo, progress=lambda p: p.phase == "fit" and pytest.fail("fitted"), **change)
-
-
-@pytest.mark.parametrize(
     "call", [quantize, write_svg, outline_svg, render, render_rgba, Scene(8, 6).concatenate]
 )
 def test_what_takes_a_scene_refuses_anything_else(call):

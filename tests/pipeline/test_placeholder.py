@@ -20,6 +20,8 @@ from gauss2svg.files import as_png
 from gauss2svg.pipeline.placeholder import Placeholder
 from gauss2svg.raster import rasterize
 
+pytestmark = pytest.mark.usefixtures("hasty")
+
 # A picture that has come and hides nothing.
 CLEAR = "data:image/gif;base64,R0lGODlhAQABAIAAAAAAAP///yH5BAEAAAAALAAAAAABAAEAAAIBRAA7"
 

@@ -133,7 +133,7 @@ def test_max_bytes_under_20_kb_writes_minimal_markup_and_a_full_report(tmp_path)
     ],
 )  # fmt: skip
 def test_other_targets_and_editable_files_take_the_usual_fit(given):
-    result = vectorize(hills(), max_bytes=8000, iterations=20, **given)
+    result = vectorize(hills(), max_bytes=8000, iterations=8, **given)
     assert result.report["tune"] == "perceptual"
 
 
@@ -222,7 +222,7 @@ def test_shapes_that_are_written_as_nothing_make_no_room_for_thousands_more():
 
 
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr():
-    given = {"max_bytes": 1500, "iterations": 120}
+    given = {"max_bytes": 1500, "iterations": 50}
     found = {t: vectorize(textured(), tune=t, **given) for t in (None, "psnr", "perceptual")}
     assert found[None].svg == found["psnr"].svg != found["perceptual"].svg
     assert [found[t].report["tune"] for t in found] == ["psnr", "psnr", "perceptual"]

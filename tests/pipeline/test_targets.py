@@ -26,7 +26,8 @@ QUICK = {"iterations": 80}
     ("given", "size"),
     [
         (1, 1), (150000, 150000), ("150000", 150000), ("150k", 150000), ("1.5M", 1500000),
-        ("1.5 MB", 1500000), (".5kB", 500), ("2G", 2 * 10**9), (" 7b ", 7),
+        ("1.5 MB", 1500000), ("1500 kb", 1500000), (".5kB", 500),
+        (np.int32(7), 7), ("2G", 2 * 10**9), (" 7b ", 7),
     ],
 )  # fmt: skip
 def test_sizes_are_decimal(given, size):
@@ -34,23 +35,12 @@ def test_sizes_are_decimal(given, size):
     assert Goal(max_bytes=given).max_bytes == size
 
 
-@pytest.mark.parametrize("given", [0, -1, "0", "", "k", "1e3", "-5k", "5 kg", "1.2.3", 1.5, True])
+@pytest.mark.parametrize(
+    "given", [0, -1, "0", "", "k", "1e3", "-5k", "5 kg", "1.2.3", "1.5T", 1.5, True]
+)
 def test_invalid_size_is_refused(given):
     with pytest.raises(InputError, match="max_bytes must be a size of at least 1 byte; got "):
         Goal(max_bytes=given)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"target_psnr": 0}, {"target_psnr": -3.0}, {"target_psnr": 101},
-        {"target_psnr": float("nan")},
-        {"time_limit": 0}, {"time_limit": float("inf")}, {"time_limit": float("nan")},
-    ],
-)  # fmt: skip
-def test_bad_target_is_refused(change):
-    with pytest.raises(InputError, match=f"{next(iter(change))} must be a number above 0"):
-        Goal(**change)
 
 
 @pytest.mark.parametrize("target", [20.0, 24.0, 28.0])
@@ -80,7 +70,7 @@ def test_target_holds_at_the_size_of_a_photo_that_was_fitted_smaller(photo):
 
 @pytest.mark.parametrize("limit", [pytest.param(6_000, marks=pytest.mark.sweep), 25_000, 60_000])
 def test_max_bytes_is_never_passed_and_well_used(photo, limit):
-    result = vectorize(photo, max_bytes=limit, quality="high", **QUICK)
+    result = vectorize(photo, max_bytes=limit, quality="high", iterations=40)
     # A dozen Gaussians fill a small file in large steps.
     assert (0.9 if limit > 20_000 else 0.8) * limit <= len(result.svg.encode()) <= limit
     assert result.report["stop_reason"] == "max_bytes"
@@ -171,11 +161,6 @@ def test_better_qualities_are_more_accurate_and_larger(photo):
         assert values == sorted(values)
 
 
-def test_only_auto_is_a_word_for_a_count(photo):
-    with pytest.raises(InputError, match=r"gaussians must be .*; got 'many'"):
-        vectorize(photo, gaussians="many")
-
-
 def test_numpy_counts_are_counts(photo):
     assert vectorize(photo, gaussians=np.int64(7), **QUICK).report["gaussians"] <= 7
     with pytest.raises(InputError, match=r"gaussians must be .*; got True"):
@@ -207,7 +192,7 @@ def test_target_ends_the_run_before_the_time_does(photo):
 @pytest.mark.sweep
 def test_limit_of_bytes_is_used_for_the_best_that_fits(photo):
     free = vectorize(photo, quality="draft").report
-    limits = [free["svg_bytes"] * share for share in (0.5, 1.5, 3)]
+    limits = [free["svg_bytes"] * share for share in (0.5, 1.5)]
     psnr = []
     for limit in map(int, limits):
         report = vectorize(photo, quality="draft", max_bytes=limit).report

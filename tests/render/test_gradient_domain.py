@@ -26,8 +26,6 @@ from gauss2svg.render.domain import below_one
 from gauss2svg.render.reference import accumulate, composite
 from gauss2svg.scene import ADD, LEAST_SIGMA, OVER, Scene, narrowing_of
 
-pytestmark = pytest.mark.sweep
-
 STEP, MASKED = 2e-5, 2e-3
 SHAPE = ("mean", "sigma", "rho")
 # Relative to the largest of a kind, or to a thousandth of the largest of all.
@@ -135,6 +133,7 @@ def check(scene: Scene, seed: int, plain: bool) -> None:
                 assert off <= ALLOWED, f"{label}: {off:.1e} of {where}"
 
 
+@pytest.mark.sweep
 @pytest.mark.parametrize(("blend", "beta"), [(OVER, 1.0), (OVER, 1.7), (ADD, 1.0)])
 @pytest.mark.parametrize("sigma", [1.0, 4.0])
 def test_gradients_are_those_of_finite_differences_for_a_needle_beside_centres(blend, beta, sigma):
@@ -145,6 +144,7 @@ def test_gradients_are_those_of_finite_differences_for_a_needle_beside_centres(b
     check(scene.replace(mean=beside), 0, plain=False)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("blend", [OVER, ADD])
 @settings(max_examples=EXAMPLES, phases=UNSHRUNK)
 @given(st.data(), st.integers(0, 2**32 - 1))
@@ -152,6 +152,7 @@ def test_gradients_are_those_of_finite_differences_over_all_of_the_domain(blend,
     check(data.draw(extreme_scenes(blend, most=3, least=1, size=(18, 11))), seed, plain=False)
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("blend", [OVER, ADD])
 @settings(max_examples=EXAMPLES, phases=UNSHRUNK)
 @given(st.data(), st.integers(0, 2**32 - 1))

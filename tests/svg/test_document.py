@@ -119,13 +119,6 @@ def test_canvas_is_given_in_px_only_where_the_size_does_not_give_it():
         ({"aspect": "xMidYMid cover"}, "aspect must be .*; got 'xMidYMid cover'"),
         ({"aspect": "xmidymid"}, "aspect must be .*; got 'xmidymid'"),
         ({"aspect": 'none" onload="'}, "aspect must be .*; got 'none"),
-        ({"animate": 0}, "animate must be a number above 0 .*; got 0"),
-        ({"animate": -1}, "animate must be a number above 0 .*; got -1"),
-        ({"animate": float("nan")}, "animate must be .*; got nan"),
-        ({"animate": float("inf")}, "animate must be .*; got inf"),
-        ({"animate": True}, "animate must be .*; got True"),
-        ({"fragments": 1}, "fragments must be True or False; got 1"),
-        ({"fragments": None}, "fragments must be True or False; got None"),
         ({"segments": np.zeros((2, 2))}, "segments must be whole numbers; got type float64"),
         ({"segments": np.zeros((2, 2, 3), int)}, r"segments must be .*; got shape \(2, 2, 3\)"),
         ({"segments": np.array([[-1]])}, r"segments must be .*; got -1\.\.-1"),
@@ -311,13 +304,10 @@ def test_maximum_size_is_that_of_the_gzipped_file(photo, tmp_path):
         (["--size", "12"], "size must be a width above 0 with its unit"),
         (["--size", "12mm", "--aspect", "middle"], "aspect must be none or such as xMidYMid"),
         (["--title", ""], "title must be text that is not empty; got ''"),
-        (["--animate", "0"], "animate must be a number above 0 and at most 3600; got 0"),
-        (["--animate", "nan"], "animate must be a number above 0 and at most 3600; got nan"),
         (["--animate", "soon"], "soon"),
         (["--outline", "OUT"], "is also another output"),
         (["--outline", "PHOTO"], "is also the photo"),
         (["--segments", "0"], "segments must be a whole number in 1..10000; got 0"),
-        (["--segments", "-4"], "segments must be a whole number in 1..10000; got -4"),
         (["--segments", "no.png"], "cannot read no.png"),
         (["--segments", "LABELS"], "30x20 px"),
         (["--segments", "LABELS", "--preview", "LABELS"], "is also the label image"),
@@ -335,12 +325,3 @@ def test_bad_document_is_one_line_status_two_and_no_file(
     assert (out, err.count("\n")) == ("", 1)
     assert message in err
     assert sorted(tmp_path.iterdir()) == before
-
-
-def test_help_names_the_options_of_the_document(capsys):
-    assert main(["--help-all"]) == 0
-    text = capsys.readouterr().out
-    for option in (
-        "title", "alt", "size", "aspect", "segments", "animate", "fragments", "outline", "gzip",
-    ):  # fmt: skip
-        assert f"--{option}" in text

@@ -201,7 +201,7 @@ def test_extreme_canvases_keep_their_proportions(size):
     assert (rasterize(svg, 3, 3) == 1).all()
 
 
-SIZES = [(768, 512), (333, 97), (767, 511), (97, 333), (1200, 801), (5000, 1), (1, 1), (3024, 4032)]
+SIZES = [(768, 512), (333, 97), (767, 511), (97, 333), (1200, 801), (5000, 1), (1, 1), (1512, 2016)]
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -334,10 +334,12 @@ def test_the_switch_writes_minimal_files_and_the_summary_says_why():
     assert any("minimal markup" in note for note in small.report["notes"])
 
 
-@pytest.mark.parametrize("limit", [6_000, 12_000, pytest.param(40_000, marks=pytest.mark.sweep)])
+@pytest.mark.parametrize("limit", [6_000, pytest.param(40_000, marks=pytest.mark.sweep)])
 def test_auto_is_the_closer_of_both_markups(photo, limit):
+    part = photo[:64, 40:104]
+
     def found(**given):
-        report = vectorize(photo, max_bytes=limit, iterations=40, tune="psnr", **given).report
+        report = vectorize(part, max_bytes=limit, iterations=20, tune="psnr", **given).report
         return report["psnr_svg"], report["markup"]
 
     assert found() == max(found(markup="minimal"), found(markup="editable"))

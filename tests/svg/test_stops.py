@@ -17,7 +17,7 @@ from gauss2svg.svg.stops import (
 )
 
 TABLE = [
-    n if n in (3, 6) else pytest.param(n, marks=pytest.mark.sweep)
+    n if n in (3, 6) else pytest.param(n, marks=pytest.mark.nightly)
     for n in range(FEWEST_STOPS, max(STOP_COUNTS) + 1)
 ]
 ALL = [(count, beta) for count in STOP_COUNTS for beta in (LEAST_BETA, *BETA_CLASSES)]

@@ -9,7 +9,7 @@ from conftest import random_scene
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gauss2svg.errors import InputError, SceneError
+from gauss2svg.errors import SceneError
 from gauss2svg.pipeline import quantize as quantize_module
 from gauss2svg.pipeline.palette import Palette, best_palette
 from gauss2svg.pipeline.quantize import quantize, visible_mass
@@ -17,7 +17,6 @@ from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.element import number, short_id
-from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.write import write_svg
 
@@ -135,21 +134,6 @@ def test_ids_are_distinct_letters():
     assert len(set(ids)) == 6000
     assert all(re.fullmatch("[A-Za-z]{1,3}", text) for text in ids)
     assert ids[:2] == ["a", "b"]
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"form": "hybrid"}, "form must be one of gradient, blur; got 'hybrid'"),
-        ({"stops": 3}, "stops must be one of 5, 6, 8, 10, 12; got 3"),
-        ({"precision": 0}, "precision must be .*; got 0"),
-        ({"precision": "fine"}, "precision must be a number .*; got 'fine'"),
-        ({"opacity_decimals": 0}, "opacity_decimals must be .*; got 0"),
-    ],
-)
-def test_bad_option_is_refused(change, message):
-    with pytest.raises(InputError, match=message):
-        SvgFormat(**change)
 
 
 def colors_of(color, weight, count: int, allowed: float = 0.0) -> Palette:

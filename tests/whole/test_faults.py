@@ -1,7 +1,8 @@
 """Laws of a run in which one call fails: every file is the old one or the complete new one.
 
 Every read and write of the run's own files is a place where a fault is put, one after the other:
-an error of the device, a full disk, or a Ctrl-C just before or just after it.
+an error of the device, a full disk, or a Ctrl-C just before or just after it. What is fitted,
+rasterised and measured between reading and writing is the same in all runs, and so done once.
 """
 
 import builtins
@@ -16,7 +17,8 @@ from PIL import Image
 
 from gauss2svg import files
 from gauss2svg.cli.main import main
-from gauss2svg.pipeline.checkpoint import unpacked
+from gauss2svg.pipeline.checkpoint import Checkpoint, unpacked
+from gauss2svg.pipeline.search.outcome import best_of
 
 pytestmark = pytest.mark.process
 
@@ -155,14 +157,25 @@ def same(name, data, other):
     return data == other
 
 
+@pytest.fixture
+def one_search(monkeypatch, unscored):
+    """All runs have what the first has found and drawn."""
+    found = []
+
+    def once(searches):
+        found.append(found[0] if found else best_of(searches))
+        return found[-1]
+
+    monkeypatch.setattr("gauss2svg.pipeline.vectorize.best_of", once)
+    pixels = np.ones((16, 16, 3), np.float32)
+    monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: pixels)
+
+
 @pytest.mark.parametrize("command", [fitting, checking])
 @pytest.mark.parametrize("name", FAULTS)
 def test_each_file_is_the_old_one_or_the_whole_new_one(
-    command, name, tmp_path, monkeypatch, capsys, unscored
+    command, name, tmp_path, monkeypatch, capsys, one_search
 ):
-    if command is checking:  # it rasterises in another process
-        pixels = np.ones((16, 16, 3), np.float32)
-        monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *_: pixels)
     wholes, counts = [], []
     for old in (0, 1):  # without faults, to count the calls and to see what is made
         folder = made(tmp_path / f"whole{old}", old)
@@ -199,38 +212,49 @@ def test_each_file_is_the_old_one_or_the_whole_new_one(
 
 @pytest.mark.parametrize("name", ["EIO", "ENOSPC"])
 def test_the_checkpoint_is_the_old_one_or_a_whole_one(name, tmp_path, monkeypatch):
-    # Whether the run continues without its checkpoint, or ends because a file cannot be written.
+    path = tmp_path / "c.npz"
+
+    def offered(at):
+        path.write_bytes(b"old checkpoint")
+        checkpoint = Checkpoint(path, 0, {"title": "a"})
+        with monkeypatch.context() as patch:
+            faults = Faults(patch, tmp_path)
+            faults.at, faults.fault = at, FAULTS[name]
+            checkpoint.offer(lambda: {"step": 5})
+        assert list(tmp_path.iterdir()) == [path], at
+        return faults.calls, checkpoint.trouble
+
+    places, trouble = offered(None)
+    assert trouble is None
+    assert {"os.open", "os.write", "os.fsync", "os.replace"} <= set(places)
+    for place, call in enumerate(places):
+        trouble = offered(place)[1]
+        if path.read_bytes() == b"old checkpoint":
+            assert trouble is not None
+            assert str(FAULTS[name].strerror) in trouble, call
+        else:  # unpacking reads all of it, and compares checksums
+            stored = unpacked(io.BytesIO(path.read_bytes()))
+            assert stored == {"run": {"title": "a"}, "state": {"step": 5}}, call
+
+
+@pytest.mark.parametrize("which", [0, -1])
+def test_a_run_whose_checkpoint_fails_goes_on_without_it(which, tmp_path, monkeypatch, capsys):
     def command(folder):
         return [*fitting(folder), "--checkpoint", str(folder / "c.npz"), "--checkpoint-every", "0"]
 
-    def folder_of(place):
-        folder = made(tmp_path / str(place), 0)
-        (folder / "c.npz").write_bytes(b"old checkpoint")
-        return folder
-
-    whole = folder_of("whole")
+    whole, failed = made(tmp_path / "whole", 0), made(tmp_path / "failed", 0)
     with monkeypatch.context() as patch:
         faults = Faults(patch, whole)
         assert main(command(whole)) == 0
-    files, places = set(content(whole)), faults.calls
-    plain = made(tmp_path / "plain", 0)
+    renamed = [place for place, call in enumerate(faults.calls) if call == "os.replace"]
+    checkpoints = renamed[: -len(OUTPUTS)]
+    assert len(checkpoints) >= 2
     with monkeypatch.context() as patch:
-        without = Faults(patch, plain)
-        assert main(fitting(plain)) == 0
-    written = places.count("os.replace") - without.calls.count("os.replace")
-    assert written >= 2  # as many checkpoints, each a place of faults
-    for place in range(len(places)):
-        folder = folder_of(place)
-        with monkeypatch.context() as patch:
-            faults = Faults(patch, folder)
-            faults.at, faults.fault = place, FAULTS[name]
-            status = main(command(folder))
-        at = f"{places[place]}, call {place}"
-        assert status in (0, 2), at
-        assert set(content(folder)) <= files, at  # no temporary file
-        data = (folder / "c.npz").read_bytes()
-        if data != b"old checkpoint":  # unpacking reads all of it, and compares checksums
-            assert set(unpacked(io.BytesIO(data))) == {"run", "state"}, at
+        faults = Faults(patch, failed)
+        faults.at, faults.fault = checkpoints[which], FAULTS["ENOSPC"]
+        assert main(command(failed)) == 0
+    assert set(content(failed)) == set(content(whole))
+    assert content(failed)["o.svg"] == content(whole)["o.svg"]
 
 
 def test_fault_at_every_rename_is_tried(tmp_path, monkeypatch):

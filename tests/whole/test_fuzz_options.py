@@ -37,7 +37,7 @@ def test_some_combinations_give_a_result_or_one_refusal():
     refused(1, range(60))
 
 
-@pytest.mark.sweep
+@pytest.mark.nightly
 @pytest.mark.parametrize("seed", range(2, 6))
 def test_many_combinations_give_a_result_or_one_refusal(seed):
     refused(seed, range(100))

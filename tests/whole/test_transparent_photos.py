@@ -133,7 +133,7 @@ def test_target_holds_over_both_backdrops(cut_out):
 
 @pytest.mark.sweep
 def test_maximum_size_is_kept_at_the_least_loss(cut_out):
-    report = vectorize(cut_out, max_bytes="12k", quality="fast").report
+    report = vectorize(cut_out, max_bytes="12k", quality="fast", iterations=40).report
     assert report["svg_bytes"] <= 12_000
     assert report["psnr_svg_black"] > 20
 
