@@ -33,7 +33,7 @@ from gauss2svg.photo.load import WHITE, header_of, load_image, load_reduced
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
-from gauss2svg.svg.reader.parse import parse_document
+from gauss2svg.svg.syntax.tree import parse_document
 
 RECORD = "record.json"
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"

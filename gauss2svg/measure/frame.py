@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.raster.css import declarations
-from gauss2svg.svg.reader.values import pixels_of, view_box
+from gauss2svg.svg.syntax.css import declarations, words
+from gauss2svg.svg.syntax.values import pixels_of, view_box
 
 # Renderers hold numbers in 32 bits, of which the transform to pixels needs some of the range.
 _LEAST, _MOST = 1e-30, 1e30
@@ -62,7 +62,7 @@ def frame_of(root: Mapping[str, str]) -> Frame:
 def _styled_lengths(style: str) -> Iterator[tuple[str, str]]:
     """Lengths of a root's style by the property's name."""
     for declaration in declarations(style):
-        tokens = [token for token in declaration.value if token.type != "whitespace"]
+        tokens = words(declaration.value)
         if len(tokens) == 1 and tokens[0].type in ("number", "dimension"):
             yield declaration.lower_name, tokens[0].serialize()
 

@@ -7,14 +7,12 @@ stops, and that of an additive file draws a group as differences. They are read 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from typing import Any
-
-import tinycss2
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.svg.additive.differences import ADDITIVE, difference_sheet
-from gauss2svg.svg.reader.values import NUMBER
+from gauss2svg.svg.syntax.css import component_values, contents, nodes_of, words
+from gauss2svg.svg.syntax.values import NUMBER
 
 # Characters: write_svg writes a few thousand, and tokenising hostile ones takes up to 5 us each.
 _LONGEST_SHEET = 100_000
@@ -63,23 +61,10 @@ def check_sheet(text: str) -> None:
         raise InputError(must_be("the style sheet", needed, len(text), _ADVICE))
     if "\\" in text:
         raise InputError(must_be("the style sheet", _NEEDED, shown("an escape"), _ADVICE))
-    nodes = _parsed(tinycss2.parse_stylesheet, text)
-    while nodes:
-        node = nodes.pop()
-        if node.type == "at-rule" and node.content is not None:
-            keyword = node.lower_at_keyword
-            if keyword.endswith("keyframes"):
-                continue
-            if keyword == "media":
-                nodes += tinycss2.parse_blocks_contents(node.content, True, True)
-                continue
+    for node in nodes_of(text, True, _is_entered):
         if node.type == "declaration":
             check_animation(node.lower_name, node.value, _ADVICE)
-        elif node.type == "qualified-rule":
-            inside = tinycss2.parse_blocks_contents(node.content or [], True, True)
-            if not _is_up_to_target(node.prelude, inside):
-                nodes += inside
-        else:
+        elif not (node.type == "qualified-rule" or _is_entered(node) or _is_keyframes(node)):
             what = f"@{node.at_keyword[:60]}" if node.type == "at-rule" else f"{text[:60]!r}"
             raise InputError(must_be("the style sheet", _NEEDED, shown(what), _ADVICE))
 
@@ -88,9 +73,7 @@ def check_animation(name: str, value: str | list[Any], advice: str) -> None:
     """Raise InputError for a property other than animation, and for one that does not end."""
     if not name.removeprefix("-webkit-").startswith("animation"):
         raise InputError(must_be("the style", "animation only", shown(name[:60]), advice))
-    tokens = (
-        _parsed(tinycss2.parse_component_value_list, value) if isinstance(value, str) else value
-    )
+    tokens = component_values(value) if isinstance(value, str) else value
     for token in tokens:
         if token.type == "ident" and token.lower_value in _LASTING:
             raise InputError(
@@ -111,20 +94,24 @@ def check_smil(tag: str, attributes: Any) -> None:
             raise InputError(must_be(name, needed, attributes[name], "to delete the element"))
 
 
-def _parsed(parse: Callable[..., list[Any]], text: str) -> list[Any]:
-    try:
-        tokens = parse(text, skip_comments=True)
-    except ValueError:  # int() of thousands of digits
-        needed, got = "of shorter numbers", shown("thousands of digits")
-        raise InputError(must_be("the style", needed, got, _ADVICE)) from None
-    return [token for token in tokens if token.type != "whitespace"]
+def _is_entered(node: Any) -> bool:
+    if node.type == "at-rule":
+        return node.content is not None and node.lower_at_keyword == "media"
+    return node.type == "qualified-rule" and not _is_up_to_target(node)
 
 
-def _is_up_to_target(prelude: list[Any], inside: list[Any]) -> bool:
-    selector = "".join(str(getattr(t, "value", "")) for t in prelude if t.type != "whitespace")
-    if selector != _UP_TO_TARGET or len(inside) != 1 or inside[0].type != "declaration":
+def _is_keyframes(node: Any) -> bool:
+    at_rule = node.type == "at-rule" and node.content is not None
+    return at_rule and node.lower_at_keyword.endswith("keyframes")
+
+
+def _is_up_to_target(rule: Any) -> bool:
+    selector = "".join(str(getattr(t, "value", "")) for t in words(rule.prelude))
+    if selector != _UP_TO_TARGET:
         return False
-    words = [token for token in inside[0].value if token.type != "whitespace"]
-    return inside[0].lower_name == "display" and [
-        getattr(word, "lower_value", "") for word in words
-    ] == ["none"]
+    inside = contents(rule)
+    return (
+        [node.type for node in inside] == ["declaration"]
+        and inside[0].lower_name == "display"
+        and [getattr(word, "lower_value", "") for word in words(inside[0].value)] == ["none"]
+    )
