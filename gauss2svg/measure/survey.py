@@ -2,19 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from dataclasses import dataclass
 
 from gauss2svg.errors import InputError, brief
-from gauss2svg.svg.syntax.parse import (
-    SVG,
-    Doctype,
-    DoctypeError,
-    Observer,
-    ParseError,
-    Root,
-    parse,
-)
+from gauss2svg.svg.syntax.parse import SVG, DoctypeError, Observer, ParseError, Root, parse
 from gauss2svg.svg.syntax.references import References
 
 _GROUP_MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
@@ -50,7 +43,7 @@ def survey(text: str, most_elements: int, *observers: Observer) -> tuple[Survey,
     """
     census = _Census(most_elements)
     try:
-        root = parse(text, census, References(), *observers, doctype=Doctype.BARE)
+        root = parse(text, census, References(), *observers, doctype="bare")
     except DoctypeError as error:
         raise InputError(
             "SVG must be a document that cannot expand; got a document type of its own. Try to "
@@ -64,37 +57,39 @@ def survey(text: str, most_elements: int, *observers: Observer) -> tuple[Survey,
     return Survey(tags, census.layers, census.root, census.is_qualified), root
 
 
-class _Census(Observer):
+class _Census:
+    """Counts elements, and refuses those that are too many or not of an SVG."""
+
     def __init__(self, most: int) -> None:
         self.tags: Counter[str] = Counter()
         self.layers = 0
         self.root: dict[str, str] = {}
         self.is_qualified = False
-        self._most, self._count = most, 0
-        self._is_in_sheet = False
+        self._most = self._left = most
+        self._sheet = math.inf  # depth of the element before, if it is a style sheet
 
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
+    def start(self, tag: str, attributes: dict[str, str], depth: int) -> None:
         name = tag.removeprefix(SVG)
-        if not self._count:
+        local = name.rpartition("}")[2]
+        if not depth:
             if name != "svg":
                 raise InputError(f"root element must be <svg>; got <{name[:80]}>")
-            self.root, self.is_qualified = dict(attributes), tag != name
-        self._count += 1
-        if self._count > self._most:
+            self.root, self.is_qualified = attributes, tag != name
+        self._left -= 1
+        if self._left < 0:
             raise InputError(
                 f"SVG must be of at most {self._most} elements; got more. Try to raise "
                 "--max-elements if you trust the file"
             )
         self.tags[name] += 1
         self.layers += attributes.get(_GROUP_MODE) == "layer"
-        local = name.rpartition("}")[2]
-        if self._is_in_sheet:
+        if depth > self._sheet:
             # Renderers disagree on which of its texts are the sheet.
             raise InputError(
                 f"a style sheet in the SVG must be of text alone; got <{local[:80]}> in it. Try "
                 "to save it as plain SVG"
             )
-        self._is_in_sheet = local == "style"
+        self._sheet = depth if local == "style" else math.inf
 
-    def end(self, tag: str) -> None:
-        self._is_in_sheet = False
+    def sheet(self, text: str) -> None:
+        pass

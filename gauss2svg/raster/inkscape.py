@@ -15,7 +15,6 @@ from gauss2svg.raster.program import find, run, version_line
 _MOST_PX = 32767
 
 
-DRAWS_BROKEN = True  # as much of a broken file as it can read, perhaps nothing
 # Found by Inkscape 1.2.
 CANNOT_DRAW = {
     Feature.LIGHTER: "",

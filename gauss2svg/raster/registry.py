@@ -16,8 +16,6 @@ from gauss2svg.raster.features import Feature
 class RendererModule(Protocol):
     """What a renderer's module has; a browser's also has draw_clear, on a transparent page.
 
-    DRAWS_BROKEN, if it has that, says that it draws parts of files that are not well-formed.
-
     CANNOT_DRAW  what it draws wrongly, with what is known of that (docs/decisions/renderers.md)
     """
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -12,23 +12,16 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.registry import drawn_by, renderer_named
 from gauss2svg.svg.syntax.affine import COUNTS, IDENTITY, Affine, affine_of, compose
-from gauss2svg.svg.syntax.css import declarations, nodes_of, words
-from gauss2svg.svg.syntax.parse import Observer, ParseError, Root, parse
+from gauss2svg.svg.syntax.css import declarations, nodes_of, serialize, words
+from gauss2svg.svg.syntax.parse import ParseError, Root, parse
 from gauss2svg.svg.syntax.values import NUMBER
 
 _Box = tuple[float, ...]
 
-# A file without any of these words has no such feature and is not parsed. Escapes of CSS
-# and XML could hide a word.
-_WORDS = (
-    "filter", "blur", "shadow", "blend", "href", "mask", "animat", "discard", "starting-style",
-    "<set", ":set", "\\", "&#",
-)  # fmt: skip
-_ELEMENTS: dict[str, Feature] = dict.fromkeys(("feGaussianBlur", "feDropShadow"), Feature.BLUR)
-_ELEMENTS |= {"mask": Feature.MASK, "set": Feature.MOVING, "discard": Feature.MOVING}
-_ELEMENTS |= dict.fromkeys(
-    ("animate", "animateTransform", "animateMotion", "animateColor"), Feature.MOVING
-)
+_MOVING = ("animate", "animateTransform", "animateMotion", "animateColor", "set", "discard")
+_ELEMENTS: dict[str, Feature] = dict.fromkeys(_MOVING, Feature.MOVING)
+_ELEMENTS |= dict.fromkeys(("feGaussianBlur", "feDropShadow"), Feature.BLUR)
+_ELEMENTS["mask"] = Feature.MASK
 _BLURRED = (Feature.BLUR, Feature.ROTATED_BLUR, Feature.SKEWED_BLUR)
 _LINKING = ("use", "image", "pattern", "filter", "linearGradient", "radialGradient")
 _XLINK_HREF = "{http://www.w3.org/1999/xlink}href"
@@ -38,6 +31,8 @@ _CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
 _REDUCED_MOTION = ["prefers-reduced-motion", ":", "no-preference"]
 _CALL = re.compile(r"\b(\w++)\s*+\(([^()]*+)\)")
 _NUMBER = re.compile(NUMBER)
+_MEASURE = re.compile(rf"({NUMBER})(grad|rad|turn|%|)", re.IGNORECASE)
+_DEGREES = {"grad": 0.9, "rad": math.degrees(1), "turn": 360.0}
 # Of the matrix's norm: so small a rotation has no visible effect.
 _STRAIGHT = 1e-3
 
@@ -54,27 +49,20 @@ def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> Root
 
     Returns its root. The error names the feature and the renderers that draw it.
     """
-    draws_broken = getattr(renderer_named(renderer), "DRAWS_BROKEN", False)
     features = Features(width, height)
     try:
-        root = parse(svg, *([features] if draws_broken or may_have_features(svg) else []))
-    except InputError as error:
-        raise RendererError(f"cannot draw the SVG: {error}") from error
-    except ParseError as error:
+        root = parse(svg, features)
+    except ParseError as error:  # renderers draw parts of such files, or nothing
         raise RendererError(
             f"cannot draw the SVG: it must be well-formed XML; got {error}. Try to re-save it"
         ) from error
+    except InputError as error:
+        raise RendererError(f"cannot draw the SVG: {error}") from error
     features.refuse(renderer)
     return root
 
 
-def may_have_features(svg: str) -> bool:
-    """Whether a file may have any feature that some renderers do not draw."""
-    lowered = svg.lower()
-    return any(word in lowered for word in _WORDS)
-
-
-class Features(Observer):
+class Features:
     """What a document uses that some renderers do not draw, at width x height px.
 
     view_box  x, y, width and height of the visible part, of the root's attributes; None where they
@@ -88,7 +76,8 @@ class Features(Observer):
     ) -> None:
         self._width, self._height, self._view_box = width, height, view_box
         self._used: set[Feature] = set()
-        self._matrices: list[Affine] = []
+        # To px from what the last element is in, and how they turn.
+        self._maps: list[tuple[Affine, int]] = []
         self._by_sheet = False
         # Whether a blur differs along x and y even where the scales are equal.
         self._uneven = False
@@ -109,53 +98,49 @@ class Features(Observer):
                     f"got {renderer}. Try --renderer {known[0]}"
                 )
 
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
-        """Add the features of an element, and its transform to those that it is in."""
-        if not self._matrices:
+    def start(self, tag: str, attributes: dict[str, str], depth: int) -> None:
+        """Add the features of an element, and how much it is turned."""
+        if not depth:
             box = self._view_box(attributes)
-            scales = (self._width / box[2], self._height / box[3]) if box else (1.0, 1.0)
-            self._matrices = [(scales[0], 0.0, 0.0, scales[1], 0.0, 0.0)]
-        tag = tag.rpartition("}")[2]
+            canvas = (self._width / box[2], 0, 0, self._height / box[3], 0, 0) if box else IDENTITY
+            self._maps = [(canvas, 0)]
+        tag, style = tag.rpartition("}")[2], attributes.get("style", "")
         if tag in _ELEMENTS:
             self._used.add(_ELEMENTS[tag])
             self._uneven |= len(_NUMBER.findall(attributes.get("stdDeviation", ""))) > 1
         elif tag in _LINKING and "href" in attributes and _XLINK_HREF not in attributes:
             self._used.add(Feature.PLAIN_HREF)
         self._uneven |= "objectBoundingBox" in attributes.values()
-        style = attributes.get("style", "")
         filtered = tag == "use"
         for name in ("filter", "mix-blend-mode"):
             if name in attributes:
                 filtered |= self._add_css(f"{name}:{attributes[name]}")
         if style:
             filtered |= self._add_css(style)
-        self._turn(attributes.get("transform", ""), style, filtered)
+        del self._maps[depth + 1 :]
+        matrix, turned = self._maps[-1]
+        transforms = [attributes["transform"]] if "transform" in attributes else []
+        if "transform" in style.lower():
+            found = declarations(style)
+            transforms += [serialize(d.value) for d in found if d.lower_name == "transform"]
+        for transform in transforms:
+            matrix = compose(matrix, _product(transform))
+        if transforms or not depth:
+            turned = 0 if _is_straight(matrix) else 1 if _keeps_circles(matrix) else 2
+        self._maps.append((matrix, turned))
+        self._any_turned = max(self._any_turned, turned)
+        if filtered:
+            self._turned = max(self._turned, turned)
 
     def sheet(self, text: str) -> None:
         """Add the features of a style sheet."""
         self._by_sheet |= self._add_css(text, is_sheet=True)
-
-    def end(self, tag: str) -> None:
-        """Leave the transform of an element."""
-        self._matrices.pop()
 
     def _add_css(self, text: str, is_sheet: bool = False) -> bool:
         """Add the features of a style sheet or attribute; returns whether it filters."""
         found = _features_of(text, is_sheet)
         self._used |= found
         return Feature.FILTER in found
-
-    def _turn(self, transform: str, style: str, filtered: bool) -> None:
-        matrix = self._matrices[-1]
-        if transform:
-            matrix = compose(matrix, _product(_attribute_calls(transform)))
-        if "transform" in style.lower():
-            matrix = compose(matrix, _product(_style_calls(style)))
-        self._matrices.append(matrix)
-        turned = 0 if _is_straight(matrix) else 1 if _keeps_circles(matrix) else 2
-        self._any_turned = max(self._any_turned, turned)
-        if filtered:
-            self._turned = max(self._turned, turned)
 
 
 @lru_cache(maxsize=32)  # shapes share their filters
@@ -204,38 +189,18 @@ def _needs_motion(node: Any) -> bool:
     return found == _REDUCED_MOTION
 
 
-_DEGREES = {"grad": 0.9, "rad": math.degrees(1), "turn": 360.0}
-
-
-def _attribute_calls(transform: str) -> Iterator[tuple[str, list[float]]]:
-    """Functions of a transform attribute by name, with their numbers."""
-    for name, text in _CALL.findall(transform):
-        yield name.lower(), [float(n) for n in _NUMBER.findall(text)]
-
-
-def _style_calls(style: str) -> Iterator[tuple[str, list[float]]]:
-    """Functions of the transform property of a style, with their numbers; angles in degrees."""
-    for declaration in declarations(style):
-        for call in declaration.value if declaration.lower_name == "transform" else ():
-            if call.type == "function":
-                numbers = (n for n in call.arguments if n.type in ("number", "dimension"))
-                factor = _DEGREES.get
-                yield (
-                    call.lower_name,
-                    [n.value * factor(getattr(n, "lower_unit", ""), 1.0) for n in numbers],
-                )
-
-
-def _product(calls: Iterator[tuple[str, list[float]]]) -> Affine:
+def _product(transform: str) -> Affine:
     """The product of a transform list; functions that are unknown or incomplete are left out."""
     product = IDENTITY
-    for name, numbers in calls:
+    for name, inside in _CALL.findall(transform):
+        found = _MEASURE.findall(inside)
+        numbers = [float(n) * _DEGREES.get(unit.lower(), 1.0) for n, unit in found if unit != "%"]
         if not all(map(math.isfinite, numbers)):
             raise RendererError(
-                f"transform of the SVG must have finite numbers; got {name} of {numbers[:6]}. Try "
-                "smaller ones"
+                f"transform of the SVG must have finite numbers; got {name.lower()} of "
+                f"{numbers[:6]}. Try smaller ones"
             )
-        kind = _KINDS.get(name, "")
+        kind = _KINDS.get(name.lower(), "")
         count = max((n for n in COUNTS.get(kind, ()) if n <= len(numbers)), default=0)
         if count:
             product = compose(product, affine_of(kind, numbers[:count]))

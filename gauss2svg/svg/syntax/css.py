@@ -65,6 +65,11 @@ def contents(node: Any) -> list[Any]:
     return tinycss2.parse_blocks_contents(node.content, True, True)
 
 
+def serialize(tokens: list[Any]) -> str:
+    """Tokens as text, without escapes where none are needed."""
+    return tinycss2.serialize(tokens)
+
+
 def words(tokens: list[Any]) -> list[Any]:
     """Tokens without white space."""
     return [token for token in tokens if token.type != "whitespace"]

@@ -16,7 +16,7 @@ from PIL import Image
 
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.svg.syntax.css import MOST_CSS, component_values
-from gauss2svg.svg.syntax.parse import SVG, Observer
+from gauss2svg.svg.syntax.parse import SVG
 
 _LINKS = ("href", "absref")  # the latter of sodipodi, by which Inkscape finds local files
 _BASE = "{http://www.w3.org/XML/1998/namespace}base"  # CairoSVG adds links, even empty ones, to it
@@ -34,13 +34,13 @@ _VENDOR = re.compile(r"-[a-z]+-")
 _SUSPECT = re.compile(r"\\|@import|(src|image|image-set|cross-fade)\(")
 
 
-class References(Observer):
+class References:
     """Refuses a document that refers to anything outside of it, by an InputError."""
 
     def __init__(self) -> None:
         self._pixels = self._tokenized = 0
 
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
+    def start(self, tag: str, attributes: dict[str, str], _depth: int) -> None:
         """Check the links of an element, and the CSS in its attributes."""
         local = tag.rpartition("}")[2]
         is_foreign = local != tag.removeprefix(SVG)
@@ -68,11 +68,6 @@ class References(Observer):
                 f"CSS in the SVG must be at most {MOST_CSS} characters where it has escapes, "
                 f"imports or addresses; got {self._tokenized}. Try to save it as plain SVG"
             )
-
-    def instruction(self, target: str) -> None:
-        """Refuse a style sheet that the document names before its root."""
-        if target == "xml-stylesheet":
-            self.sheet("@import")
 
     def _follow(self, tag: str, target: str) -> None:
         """Add the pixels of the picture that a link of an element embeds."""

@@ -3,39 +3,36 @@
 from __future__ import annotations
 
 from typing import Any
-from xml.etree.ElementTree import TreeBuilder
+from xml.etree.ElementTree import Element, SubElement
 
 from gauss2svg.errors import InputError, must_be, shown
-from gauss2svg.svg.syntax.parse import Doctype, Observer, parse
+from gauss2svg.svg.syntax.parse import parse
 from gauss2svg.svg.syntax.source import BLANKS, MOST_BYTES, READING, SvgSource, read_source
 
 MOST_ELEMENTS = 4_000_000  # their tree takes about 3 GB
 _DEEPEST = 1000  # renderers draw hardly deeper ones
 
 
-class _Tree(Observer):
+class _Tree:
     def __init__(self, most_elements: int) -> None:
-        self.builder = TreeBuilder()
-        self._most = most_elements
-        self._count = self._depth = 0
+        self.open: list[Element] = []  # from the root to what was begun last
+        self._most = self._left = most_elements
 
-    def start(self, tag: str, attributes: dict[str, str]) -> None:
-        self._count += 1
-        self._depth += 1
-        if self._count > self._most:
+    def start(self, tag: str, attributes: dict[str, str], depth: int) -> None:
+        self._left -= 1
+        if self._left < 0:
             needed, advice = f"of at most {self._most} elements", "a larger max_elements"
             raise InputError(must_be("the SVG", needed, shown("more"), f"{advice} if you trust it"))
-        if self._depth > _DEEPEST:
+        if depth >= _DEEPEST:
             needed = f"nested at most {_DEEPEST} deep"
             raise InputError(must_be("elements", needed, shown("more"), "to ungroup them"))
-        self.builder.start(tag, attributes)
-
-    def end(self, tag: str) -> None:
-        self._depth -= 1
-        self.builder.end(tag)
+        del self.open[depth:]
+        inside = SubElement(self.open[-1], tag, attributes) if depth else Element(tag, attributes)
+        self.open.append(inside)
 
     def sheet(self, text: str) -> None:
-        self.builder.data(text)
+        for element in self.open[-1:]:
+            element.text = (element.text or "") + text
 
 
 def parse_document(
@@ -43,17 +40,17 @@ def parse_document(
 ) -> Any:
     """The root element of a source as of read_source, with the text of style elements alone.
 
-    Raises InputError for a source that cannot be read, is not XML, declares a document type, has
-    more than max_bytes bytes, gunzipped, or more than max_elements elements, or nests them more
-    than 1000 deep. Neither write_svg nor Inkscape writes a document type.
+    Raises InputError for a source that cannot be read, is not XML, declares a document type, which
+    neither write_svg nor Inkscape writes, has more than max_bytes bytes, gunzipped, or more than
+    max_elements elements, or nests them more than 1000 deep.
     """
     data, name = read_source(source, max_bytes, READING)
     tree = _Tree(max_elements)
     try:
-        parse(data.lstrip(BLANKS) if isinstance(data, str) else data, tree, doctype=Doctype.NONE)
+        parse(data.lstrip(BLANKS) if isinstance(data, str) else data, tree, doctype="none")
     except InputError:
         raise
     except (ValueError, LookupError) as error:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(must_be(name, "an SVG", shown(what), "a file of write_svg")) from None
-    return tree.builder.close()
+    return tree.open[0]
