@@ -12,7 +12,7 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.registry import drawn_by, renderer_named
 from gauss2svg.svg.syntax.affine import COUNTS, IDENTITY, Affine, affine_of, compose
-from gauss2svg.svg.syntax.css import declarations, nodes_of, serialize, words
+from gauss2svg.svg.syntax.css import declarations, nodes_of, words, written
 from gauss2svg.svg.syntax.parse import ParseError, Root, parse
 from gauss2svg.svg.syntax.values import NUMBER
 
@@ -28,7 +28,7 @@ _XLINK_HREF = "{http://www.w3.org/1999/xlink}href"
 _UNUSED = ("none", "normal", "inherit", "initial", "unset")  # values that switch a property off
 # CSS without any of these is not parsed; an escape could hide a word.
 _CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
-_REDUCED_MOTION = ["prefers-reduced-motion", ":", "no-preference"]
+_NEEDS_MOTION = "(prefers-reduced-motion:no-preference)"
 _CALL = re.compile(r"\b(\w++)\s*+\(([^()]*+)\)")
 _NUMBER = re.compile(NUMBER)
 _MEASURE = re.compile(rf"({NUMBER})(grad|rad|turn|%|)", re.IGNORECASE)
@@ -122,11 +122,11 @@ class Features:
         transforms = [attributes["transform"]] if "transform" in attributes else []
         if "transform" in style.lower():
             found = declarations(style)
-            transforms += [serialize(d.value) for d in found if d.lower_name == "transform"]
+            transforms += [written(d.value) for d in found if d.lower_name == "transform"]
         for transform in transforms:
             matrix = compose(matrix, _product(transform))
         if transforms or not depth:
-            turned = 0 if _is_straight(matrix) else 1 if _keeps_circles(matrix) else 2
+            turned = _turn_of(matrix)
         self._maps.append((matrix, turned))
         self._any_turned = max(self._any_turned, turned)
         if filtered:
@@ -181,12 +181,8 @@ def _first_word(value: list[Any]) -> str:
 
 
 def _needs_motion(node: Any) -> bool:
-    """Whether a node is @media (prefers-reduced-motion: no-preference) { .. }."""
-    query = words(node.prelude) if node.type == "at-rule" else []
-    if len(query) != 1 or query[0].type != "() block" or node.lower_at_keyword != "media":
-        return False
-    found = [getattr(w, "lower_value", getattr(w, "value", None)) for w in words(query[0].content)]
-    return found == _REDUCED_MOTION
+    is_media = node.type == "at-rule" and node.lower_at_keyword == "media"
+    return is_media and written(node.prelude).lower() == _NEEDS_MOTION
 
 
 def _product(transform: str) -> Affine:
@@ -207,16 +203,13 @@ def _product(transform: str) -> Affine:
     return product
 
 
-def _is_straight(m: Affine) -> bool:
-    """Whether both axes stay along axes, swapped or not."""
+def _turn_of(m: Affine) -> int:
+    """0 where both axes stay along axes, swapped or not, 1 where circles stay circles, else 2."""
     allowed = _STRAIGHT * max(map(abs, m))
-    return max(abs(m[1]), abs(m[2])) <= allowed or max(abs(m[0]), abs(m[3])) <= allowed
-
-
-def _keeps_circles(m: Affine) -> bool:
-    """Whether circles stay circles: rotated, mirrored, uniformly scaled."""
+    if max(abs(m[1]), abs(m[2])) <= allowed or max(abs(m[0]), abs(m[3])) <= allowed:
+        return 0
     first, second = math.hypot(m[0], m[1]), math.hypot(m[2], m[3])
     longest = max(first, second)
-    across = m[0] * m[2] + m[1] * m[3]
     allowed = _STRAIGHT * longest  # not longest**2, which raises on overflow
-    return abs(first - second) <= allowed and abs(across) <= allowed * longest
+    across = abs(m[0] * m[2] + m[1] * m[3])
+    return 1 if abs(first - second) <= allowed and across <= allowed * longest else 2

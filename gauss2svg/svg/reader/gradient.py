@@ -23,13 +23,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, must_be, shown
+from gauss2svg.errors import InputError, must_be, quoted, shown
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.minimal.write import MASK_STOPS
 from gauss2svg.svg.syntax.affine import IDENTITY, Affine, compose, parse_transform
 from gauss2svg.svg.syntax.css import properties
 from gauss2svg.svg.syntax.parse import SVG
-from gauss2svg.svg.syntax.values import Color, color, length, quoted, share
+from gauss2svg.svg.syntax.values import Color, color, length, share
 from gauss2svg.svg.whole_stops import grey_stops
 
 _STOP = SVG + "stop"

@@ -11,13 +11,12 @@ from typing import Any
 
 from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.svg.additive.differences import ADDITIVE, difference_sheet
-from gauss2svg.svg.syntax.css import component_values, contents, nodes_of, words
+from gauss2svg.svg.document import UP_TO_TARGET
+from gauss2svg.svg.syntax.css import component_values, nodes_of, written
 from gauss2svg.svg.syntax.values import NUMBER
 
 # Characters: write_svg writes a few thousand, and tokenising hostile ones takes up to 5 us each.
 _LONGEST_SHEET = 100_000
-# By write_svg: without a fragment in the address it hides nothing.
-_UP_TO_TARGET = "svg>g:target~g"
 # After these a shape stays as the animation leaves it, or is never as it is written.
 _LASTING = ("forwards", "both", "infinite", "paused")
 _STOP_RULE = re.compile(
@@ -97,21 +96,12 @@ def check_smil(tag: str, attributes: Any) -> None:
 def _is_entered(node: Any) -> bool:
     if node.type == "at-rule":
         return node.content is not None and node.lower_at_keyword == "media"
-    return node.type == "qualified-rule" and not _is_up_to_target(node)
+    if node.type != "qualified-rule":
+        return False
+    rule = f"{written(node.prelude)}{{{written(node.content).rstrip(';')}}}"
+    return rule != UP_TO_TARGET  # which hides nothing without a fragment in the address
 
 
 def _is_keyframes(node: Any) -> bool:
     at_rule = node.type == "at-rule" and node.content is not None
     return at_rule and node.lower_at_keyword.endswith("keyframes")
-
-
-def _is_up_to_target(rule: Any) -> bool:
-    selector = "".join(str(getattr(t, "value", "")) for t in words(rule.prelude))
-    if selector != _UP_TO_TARGET:
-        return False
-    inside = contents(rule)
-    return (
-        [node.type for node in inside] == ["declaration"]
-        and inside[0].lower_name == "display"
-        and [getattr(word, "lower_value", "") for word in words(inside[0].value)] == ["none"]
-    )

@@ -27,7 +27,7 @@ def nodes_of(text: str, is_sheet: bool, is_entered: Callable[[Any], bool]) -> It
         node = open_nodes.pop()
         yield node
         if getattr(node, "content", None) and is_entered(node):
-            open_nodes += contents(node)
+            open_nodes += tinycss2.parse_blocks_contents(node.content, True, True)
 
 
 def declarations(style: str) -> list[Any]:
@@ -60,19 +60,20 @@ def component_values(text: str) -> list[Any]:
     return _parsed(tinycss2.parse_component_value_list, text)
 
 
-def contents(node: Any) -> list[Any]:
-    """The nodes in the block of a node."""
-    return tinycss2.parse_blocks_contents(node.content, True, True)
-
-
-def serialize(tokens: list[Any]) -> str:
-    """Tokens as text, without escapes where none are needed."""
-    return tinycss2.serialize(tokens)
-
-
 def words(tokens: list[Any]) -> list[Any]:
     """Tokens without white space."""
     return [token for token in tokens if token.type != "whitespace"]
+
+
+def written(tokens: list[Any]) -> str:
+    """Tokens as text, without white space; () for blocks in blocks, as tinycss2 would recurse."""
+    return "".join(
+        "()" if any(map(_inside, _inside(token))) else token.serialize() for token in words(tokens)
+    )
+
+
+def _inside(token: Any) -> list[Any]:
+    return getattr(token, "content", None) or getattr(token, "arguments", None) or []
 
 
 def _parsed(parse: Callable[..., list[Any]], text: str, **options: bool) -> list[Any]:

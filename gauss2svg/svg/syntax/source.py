@@ -106,19 +106,15 @@ def _decoded(data: bytes, name: str) -> str:
         except LookupError:
             known = ""
         if not _ENCODINGS.fullmatch(known):
-            raise InputError(
-                f"{name} must be of an encoding that is known; got {encoding[:40]}. Try to save it "
-                "as UTF-8"
-            )
+            needed, got = "of an encoding that is known", shown(encoding[:40])
+            raise InputError(must_be(name, needed, got, "to save it as UTF-8"))
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as error:
-        raise InputError(
-            f"{name} must be an SVG in {encoding}; got {error.reason} at byte {error.start}. "
-            "Try to save it as UTF-8"
-        ) from error
+        got = shown(f"{error.reason} at byte {error.start}")
+        needed = f"an SVG in {encoding}"
+        raise InputError(must_be(name, needed, got, "to save it as UTF-8")) from error
     if "\0" in text:  # expat would take it for UTF-16 without a byte order mark
-        raise InputError(
-            f"{name} must be text; got null characters, read as {encoding}. Try to save it as UTF-8"
-        )
+        got = shown(f"null characters, read as {encoding}")
+        raise InputError(must_be(name, "text", got, "to save it as UTF-8"))
     return text

@@ -86,8 +86,3 @@ def reference(text: str) -> str | None:
     """The id in url(#id), or None where there is no such reference."""
     match = _REFERENCE.match(text)
     return match[1] if match else None
-
-
-def quoted(text: str | None) -> str:
-    """A value as a message shows it, cut where it is long."""
-    return repr(text if text is None or len(text) <= 60 else text[:57] + "...")
