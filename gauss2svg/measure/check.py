@@ -25,7 +25,7 @@ from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image, load_reduced
 from gauss2svg.raster import DEFAULT_RENDERER, RENDERERS, renderer_version
 from gauss2svg.raster.registry import BROWSERS
-from gauss2svg.raster.support import Features
+from gauss2svg.raster.support import Features, may_have_features
 from gauss2svg.svg.syntax.source import MOST_BYTES, SvgSource, svg_source
 
 MOST_ELEMENTS = 1_000_000  # resvg's limit
@@ -194,7 +194,7 @@ def sized_svg(
     Raises InputError and RendererError as `check`.
     """
     features = Features(width, height, lambda root: frame_of(root).view_box)
-    surveyed, root = survey(text, most_elements, features)
+    surveyed, root = survey(text, most_elements, *([features] if may_have_features(text) else []))
     frame = frame_of(surveyed.root)
     features.refuse(renderer)
     sized = root.stretched(width, height, " ".join(f"{v!r}" for v in frame.view_box))

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 
-from gauss2svg.errors import InputError, brief
+from gauss2svg.errors import InputError, must_be, shown
 from gauss2svg.svg.syntax.parse import SVG, DoctypeError, Observer, ParseError, Root, parse
 from gauss2svg.svg.syntax.references import References
 
@@ -45,14 +45,11 @@ def survey(text: str, most_elements: int, *observers: Observer) -> tuple[Survey,
     try:
         root = parse(text, census, References(), *observers, doctype="bare")
     except DoctypeError as error:
-        raise InputError(
-            "SVG must be a document that cannot expand; got a document type of its own. Try to "
-            "re-save it as plain SVG"
-        ) from error
+        needed, got = "a document that cannot expand", shown("a document type of its own")
+        raise InputError(must_be("SVG", needed, got, "to re-save it as plain SVG")) from error
     except (ParseError, UnicodeEncodeError) as error:
-        raise InputError(
-            f"SVG must be well-formed XML; got {brief(error)}. Try to re-save it"
-        ) from error
+        needed, got = "well-formed XML", shown(error)
+        raise InputError(must_be("SVG", needed, got, "to re-save it")) from error
     tags = dict(census.tags.most_common())
     return Survey(tags, census.layers, census.root, census.is_qualified), root
 
@@ -77,18 +74,16 @@ class _Census:
             self.root, self.is_qualified = attributes, tag != name
         self._left -= 1
         if self._left < 0:
+            needed, advice = f"of at most {self._most} elements", "to raise --max-elements"
             raise InputError(
-                f"SVG must be of at most {self._most} elements; got more. Try to raise "
-                "--max-elements if you trust the file"
+                must_be("SVG", needed, shown("more"), f"{advice} if you trust the file")
             )
         self.tags[name] += 1
         self.layers += attributes.get(_GROUP_MODE) == "layer"
         if depth > self._sheet:
             # Renderers disagree on which of its texts are the sheet.
-            raise InputError(
-                f"a style sheet in the SVG must be of text alone; got <{local[:80]}> in it. Try "
-                "to save it as plain SVG"
-            )
+            got, advice = shown(f"<{local[:80]}> in it"), "to save it as plain SVG"
+            raise InputError(must_be("a style sheet in the SVG", "of text alone", got, advice))
         self._sheet = depth if local == "style" else math.inf
 
     def sheet(self, text: str) -> None:

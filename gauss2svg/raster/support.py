@@ -18,6 +18,11 @@ from gauss2svg.svg.syntax.values import NUMBER
 
 _Box = tuple[float, ...]
 
+# Without any of these words there is no such feature; escapes of CSS and XML could hide one.
+_WORDS = (
+    "filter", "blur", "shadow", "blend", "href", "mask", "animat", "discard", "starting-style",
+    "<set", ":set", "\\", "&#",
+)  # fmt: skip
 _MOVING = ("animate", "animateTransform", "animateMotion", "animateColor", "set", "discard")
 _ELEMENTS: dict[str, Feature] = dict.fromkeys(_MOVING, Feature.MOVING)
 _ELEMENTS |= dict.fromkeys(("feGaussianBlur", "feDropShadow"), Feature.BLUR)
@@ -51,7 +56,7 @@ def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> Root
     """
     features = Features(width, height)
     try:
-        root = parse(svg, features)
+        root = parse(svg, *([features] if may_have_features(svg) else []))
     except ParseError as error:  # renderers draw parts of such files, or nothing
         raise RendererError(
             f"cannot draw the SVG: it must be well-formed XML; got {error}. Try to re-save it"
@@ -60,6 +65,12 @@ def refuse_unsupported(svg: str, width: int, height: int, renderer: str) -> Root
         raise RendererError(f"cannot draw the SVG: {error}") from error
     features.refuse(renderer)
     return root
+
+
+def may_have_features(svg: str) -> bool:
+    """Whether a file has any word of a feature: in one without, elements need not be looked at."""
+    lowered = svg.lower()
+    return any(word in lowered for word in _WORDS)
 
 
 class Features:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal, Protocol
 from xml.parsers import expat
 
@@ -101,14 +100,16 @@ def parse(
     return Root(data, told.begin, told.is_declared)
 
 
-@lru_cache(maxsize=4096)
-def _name(name: str) -> str:
-    """A name of expat, which has no { before the namespace, as observers get it."""
-    return "{" + name if "}" in name else name
+class _Names(dict[str, str]):
+    """expat's names, which have no { before the namespace, as observers get them."""
+
+    def __missing__(self, name: str) -> str:
+        self[name] = "{" + name if "}" in name else name
+        return self[name]
 
 
 def _is_style(name: str) -> bool:
-    return name.rpartition("}")[2] == "style"
+    return name.endswith("style") and name.rpartition("}")[2] == "style"
 
 
 class _Told:
@@ -120,7 +121,7 @@ class _Told:
         self.begin, self.is_declared = 0, False
         self._parser, self._observers, self._doctype = parser, observers, doctype
         self._depth = self._sheets = 0  # of open elements, and of style elements among them
-        self._css: list[str] = []
+        self._names, self._css = _Names(), list[str]()
         parser.buffer_text = True
         parser.StartDoctypeDeclHandler = self._start_doctype
         parser.StartElementHandler = self._start
@@ -144,13 +145,17 @@ class _Told:
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         if not self._depth:
             self.begin = self._parser.CurrentByteIndex
+            if not self._observers:  # the rest need only be well-formed
+                self._parser.StartElementHandler = self._parser.EndElementHandler = None
         if _is_style(name):
             self._tell_css()
             self._sheets += 1
             self._parser.CharacterDataHandler = self._css.append
-        tag, named = _name(name), {_name(key): value for key, value in attributes.items()}
+        names = self._names
+        if "}" in "".join(attributes):
+            attributes = {names[key]: value for key, value in attributes.items()}
         for observer in self._observers:
-            observer.start(tag, named, self._depth)
+            observer.start(names[name], attributes, self._depth)
         self._depth += 1
 
     def _end(self, name: str) -> None:
