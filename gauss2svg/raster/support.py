@@ -36,7 +36,7 @@ _CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
 _NEEDS_MOTION = "(prefers-reduced-motion:no-preference)"
 _CALL = re.compile(r"\b(\w++)\s*+\(([^()]*+)\)")
 _NUMBER = re.compile(NUMBER)
-_MEASURE = re.compile(rf"({NUMBER})(grad|rad|turn|%|)", re.IGNORECASE)
+_ANGLE = re.compile(rf"({NUMBER})(grad|rad|turn)", re.IGNORECASE)
 _DEGREES = {"grad": 0.9, "rad": math.degrees(1), "turn": 360.0}
 # Of the matrix's norm: so small a rotation has no visible effect.
 _STRAIGHT = 1e-3
@@ -133,15 +133,16 @@ class Features:
         transforms = [attributes["transform"]] if "transform" in attributes else []
         if "transform" in style.lower():
             found = declarations(style)
-            transforms += [written(d.value) for d in found if d.lower_name == "transform"]
+            found = [written(one.value) for one in found if one.lower_name == "transform"]
+            transforms += [_ANGLE.sub(_in_degrees, text) for text in found]
         for transform in transforms:
             matrix = compose(matrix, _product(transform))
         if transforms or not depth:
             turned = _turn_of(matrix)
         self._maps.append((matrix, turned))
-        self._any_turned = max(self._any_turned, turned)
-        if filtered:
-            self._turned = max(self._turned, turned)
+        if turned:
+            self._any_turned = max(self._any_turned, turned)
+            self._turned = max(self._turned, turned if filtered else 0)
 
     def sheet(self, text: str) -> None:
         """Add the features of a style sheet."""
@@ -196,18 +197,21 @@ def _needs_motion(node: Any) -> bool:
     return is_media and written(node.prelude).lower() == _NEEDS_MOTION
 
 
+def _in_degrees(angle: re.Match[str]) -> str:
+    return repr(float(angle[1]) * _DEGREES[angle[2].lower()])
+
+
 def _product(transform: str) -> Affine:
     """The product of a transform list; functions that are unknown or incomplete are left out."""
     product = IDENTITY
-    for name, inside in _CALL.findall(transform):
-        found = _MEASURE.findall(inside)
-        numbers = [float(n) * _DEGREES.get(unit.lower(), 1.0) for n, unit in found if unit != "%"]
+    for name, inside in _CALL.findall(transform.lower()):
+        numbers = [float(number) for number in _NUMBER.findall(inside)]
         if not all(map(math.isfinite, numbers)):
             raise RendererError(
-                f"transform of the SVG must have finite numbers; got {name.lower()} of "
+                f"transform of the SVG must have finite numbers; got {name} of "
                 f"{numbers[:6]}. Try smaller ones"
             )
-        kind = _KINDS.get(name.lower(), "")
+        kind = _KINDS.get(name, "")
         count = max((n for n in COUNTS.get(kind, ()) if n <= len(numbers)), default=0)
         if count:
             product = compose(product, affine_of(kind, numbers[:count]))
