@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, whole_number
+from gauss2svg.errors import whole_number
 from gauss2svg.measure import metrics
 from gauss2svg.measure.drawing import draw
 from gauss2svg.measure.frame import Frame, frame_of
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.measure.source import SvgSource, svg_source
 from gauss2svg.measure.survey import Survey, survey
 from gauss2svg.options import Number, OneOf, byte_size
 from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
@@ -26,9 +25,9 @@ from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image, load_reduced
 from gauss2svg.raster import DEFAULT_RENDERER, RENDERERS, renderer_version
 from gauss2svg.raster.registry import BROWSERS
-from gauss2svg.raster.root import stretched
+from gauss2svg.raster.support import Features, may_have_features
+from gauss2svg.svg.syntax.source import MOST_BYTES, SvgSource, svg_source
 
-MOST_SVG_BYTES = 256_000_000
 MOST_ELEMENTS = 1_000_000  # resvg's limit
 DRAW_TIMEOUT_S = 300.0
 LONGEST_DRAW_TIMEOUT_S = 86400.0
@@ -120,7 +119,7 @@ def check(
     svg: SvgSource,
     *,
     renderer: str = DEFAULT_RENDERER,
-    max_svg_bytes: int | str = MOST_SVG_BYTES,
+    max_svg_bytes: int | str = MOST_BYTES,
     max_elements: int = MOST_ELEMENTS,
     draw_timeout: float = DRAW_TIMEOUT_S,
     max_pixels: int = DEFAULT_MAX_PIXELS,
@@ -160,12 +159,7 @@ def check(
         picture = load_image(photo, max_pixels=max_pixels, matte=matted)
     wanted = pixels_of(picture)
     data, text = svg_source(svg, most_bytes)
-    surveyed = survey(text, max_elements)
-    frame = frame_of(surveyed.root)
-    box = " ".join(f"{v!r}" for v in frame.view_box)
-    sized = stretched(text, picture.width, picture.height, box)
-    if sized is None:
-        raise InputError("root of the SVG must be readable. Try to save it as plain SVG")
+    surveyed, frame, sized = sized_svg(text, picture.width, picture.height, renderer, max_elements)
     raster = draw(sized, picture.width, picture.height, renderer, draw_timeout, wanted.shape[2])
     measured = measure_pixels(raster, wanted)
     measurable = min(picture.width, picture.height) >= metrics.LEAST_SIDE_FOR_MS_SSIM
@@ -190,6 +184,21 @@ def check(
         psnr_black=measured["psnr_svg_black"],
         psnr_alpha=measured["psnr_svg_alpha"],
     )
+
+
+def sized_svg(
+    text: str, width: int, height: int, renderer: str, most_elements: int
+) -> tuple[Survey, Frame, str]:
+    """What an untrusted SVG has, and the SVG that fills width x height px and can be drawn.
+
+    Raises InputError and RendererError as `check`.
+    """
+    features = Features(width, height, lambda root: frame_of(root).view_box)
+    surveyed, root = survey(text, most_elements, *([features] if may_have_features(text) else []))
+    frame = frame_of(surveyed.root)
+    features.refuse(renderer)
+    sized = root.stretched(width, height, " ".join(f"{v!r}" for v in frame.view_box))
+    return surveyed, frame, sized
 
 
 def _finite(psnr: float | None) -> float | None:

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import Gauss2SvgError, RendererError
+from gauss2svg.photo.alpha import over
 from gauss2svg.processes import crash_of, module_command, module_path, run
-from gauss2svg.raster import rasterize, rasterize_rgba
+from gauss2svg.raster import rasterize_sized
 
 _REFUSED = 2
 _MODULE = "gauss2svg.measure.drawing"
@@ -26,7 +27,7 @@ _ENDING_S = 5.0
 def draw(
     svg: str, width: int, height: int, renderer: str, timeout_s: float, channels: int = 3
 ) -> NDArray[np.float32]:
-    """Raster of an SVG, as by `rasterize`, or by `rasterize_rgba` for 4 channels.
+    """Raster of an SVG, as by `rasterize_sized`, over white for 3 channels.
 
     Raises RendererError also for a crash and after timeout_s seconds.
     """
@@ -64,9 +65,11 @@ def main() -> int:
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries may print; standard output is for the pixels only
-    draw_it = rasterize_rgba if sys.argv[4:] == ["4"] else rasterize
+    clear = sys.argv[4:] == ["4"]
     try:
-        pixels = draw_it(sys.stdin.buffer.read().decode(), width, height, renderer)
+        svg = sys.stdin.buffer.read().decode()
+        pixels = rasterize_sized(svg, width, height, renderer, clear)
+        pixels = pixels if clear else over(pixels)
     except Gauss2SvgError as error:
         return _refuse(str(error))
     except MemoryError:

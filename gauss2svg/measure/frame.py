@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.raster.css import declarations
-from gauss2svg.svg.reader.values import pixels_of, view_box
+from gauss2svg.svg.syntax.css import declarations, words, written
+from gauss2svg.svg.syntax.values import pixels_of, view_box
 
 # Renderers hold numbers in 32 bits, of which the transform to pixels needs some of the range.
 _LEAST, _MOST = 1e-30, 1e30
@@ -33,7 +33,11 @@ def frame_of(root: Mapping[str, str]) -> Frame:
     Raises InputError where there is neither a viewBox nor a width and a height in absolute
     units, and for numbers that renderers do not hold: see _LEAST and _MOST.
     """
-    styled = dict(_styled_lengths(root.get("style", "")))
+    styled = {
+        one.lower_name: written(one.value)
+        for one in declarations(root.get("style", ""))
+        if [token.type for token in words(one.value)] in (["number"], ["dimension"])
+    }
     width, height = (
         _length(name, styled.get(name) or root.get(name, "")) for name in ("width", "height")
     )
@@ -57,14 +61,6 @@ def frame_of(root: Mapping[str, str]) -> Frame:
     elif height is None:
         height = _side("height", width * box[3] / box[2])
     return Frame(width, height, box)
-
-
-def _styled_lengths(style: str) -> Iterator[tuple[str, str]]:
-    """Lengths of a root's style by the property's name."""
-    for declaration in declarations(style):
-        tokens = [token for token in declaration.value if token.type != "whitespace"]
-        if len(tokens) == 1 and tokens[0].type in ("number", "dimension"):
-            yield declaration.lower_name, tokens[0].serialize()
 
 
 def _length(name: str, text: str) -> float | None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +11,6 @@ from gauss2svg.photo.limits import MOST_PIXELS
 from gauss2svg.raster.features import Feature
 from gauss2svg.raster.program import wrong_size
 from gauss2svg.raster.registry import RENDERERS, drawn_by, renderer_named
-from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import refuse_unsupported
 
 __all__ = [
@@ -25,11 +22,11 @@ __all__ = [
     "rasterize",
     "rasterize_like",
     "rasterize_rgba",
+    "rasterize_sized",
     "renderer_version",
 ]
 
 
-_Draw = Callable[[str, int, int], NDArray[np.float32]]
 DEFAULT_RENDERER = "resvg"  # a wheel, with nothing else to install, fast and accurate
 DRAW_ROTATED_BLURS = drawn_by(Feature.SKEWED_BLUR)
 DRAW_MINIMAL = drawn_by(Feature.MASK, Feature.PLAIN_HREF)  # what minimal markup has
@@ -49,7 +46,7 @@ def rasterize(
     An SVG with a viewBox is stretched to width x height px, whatever its own proportions. Raises
     RendererError if the renderer is missing, fails on the file, or is known to draw it wrongly.
     """
-    return over(_drawn(svg, width, height, renderer, renderer_named(renderer).draw))
+    return over(rasterize_sized(_sized(svg, width, height, renderer), width, height, renderer))
 
 
 def rasterize_rgba(
@@ -59,9 +56,8 @@ def rasterize_rgba(
 
     Arguments and errors are those of rasterize. Firefox draws it twice: over white and over black.
     """
-    module = renderer_named(renderer)
-    # Browsers draw on a page, which must be transparent for alpha.
-    return _drawn(svg, width, height, renderer, getattr(module, "draw_clear", module.draw))
+    sized = _sized(svg, width, height, renderer)
+    return rasterize_sized(sized, width, height, renderer, clear=True)
 
 
 def rasterize_like(
@@ -73,7 +69,23 @@ def rasterize_like(
     return draw(svg, width, height, renderer)
 
 
-def _drawn(svg: str, width: int, height: int, renderer: str, draw: _Draw) -> NDArray[np.float32]:
+def rasterize_sized(
+    svg: str, width: int, height: int, renderer: str, clear: bool = False
+) -> NDArray[np.float32]:
+    """Raster (height, width, 4) of an SVG that fills width x height px and can be drawn.
+
+    Browsers draw on a page, which is transparent where clear is given, and else white.
+    """
+    module = renderer_named(renderer)
+    draw = getattr(module, "draw_clear", module.draw) if clear else module.draw
+    drawn = draw(svg, width, height)
+    if drawn.shape[:2] != (height, width):
+        raise wrong_size(f"raster of {renderer}", drawn.shape[1::-1], (width, height))
+    return drawn
+
+
+def _sized(svg: str, width: int, height: int, renderer: str) -> str:
+    renderer_named(renderer)
     if width * height > MOST_PIXELS:  # the limit of photos
         raise RendererError(
             f"the raster must be at most {MOST_PIXELS / 1e6:.0f} million px; got "
@@ -87,8 +99,4 @@ def _drawn(svg: str, width: int, height: int, renderer: str, draw: _Draw) -> NDA
             "the SVG must be text that a file can hold; got a lone surrogate as character "
             f"{error.start}"
         ) from error
-    refuse_unsupported(svg, width, height, renderer)
-    drawn = draw(stretched(svg, width, height) or svg, width, height)
-    if drawn.shape[:2] != (height, width):
-        raise wrong_size(f"raster of {renderer}", drawn.shape[1::-1], (width, height))
-    return drawn
+    return refuse_unsupported(svg, width, height, renderer).stretched(width, height)

@@ -2,7 +2,6 @@
 
 import tempfile
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +34,6 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
             f"raster of inkscape must be at most {_MOST_PX} px a side; got {width}x{height}. "
             "Try to draw it smaller, or another --renderer"
         )
-    _refuse_broken(svg)
     with tempfile.TemporaryDirectory(prefix="gauss2svg-") as name:
         folder = Path(name)
         (folder / "drawing.svg").write_text(svg, encoding="utf-8")
@@ -55,14 +53,6 @@ def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
         if not drawn.exists():
             raise RendererError("Inkscape cannot draw the SVG: it wrote no file")
         return from_png(drawn.read_bytes())
-
-
-def _refuse_broken(svg: str) -> None:
-    # Inkscape draws as much of a broken file as it can read, perhaps nothing.
-    try:
-        expat.ParserCreate().Parse(svg.encode(), True)
-    except expat.ExpatError as error:
-        raise RendererError(f"Inkscape cannot draw the SVG: {error}") from error
 
 
 def _program() -> str:

@@ -30,7 +30,7 @@ LONGEST_ANIMATION_S = 3600.0
 MOST_SEGMENTS = 10_000
 # Of groups under the root alone: with a segment for its fragment a file shows the whole picture,
 # and not a round without some of its segments under all later rounds.
-_UP_TO_TARGET = "svg>g:target~g{display:none}"
+UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 
 def check_text(name: str, text: Any) -> str:
@@ -195,7 +195,7 @@ class Document(OptionGroup):
         """
         if not rounds:
             return None
-        up_to_target = _UP_TO_TARGET if self.fragments else ""
+        up_to_target = UP_TO_TARGET if self.fragments else ""
         return up_to_target + self._fading(rounds) or None
 
     def _fading(self, rounds: Sequence[int]) -> str:

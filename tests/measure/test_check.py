@@ -180,7 +180,7 @@ def test_unexpected_failure_names_the_renderer():
     program = (
         "import sys; from gauss2svg.measure import drawing; sys.argv = ['', '8', '8', 'librsvg']\n"
         "def fail(*_): raise ZeroDivisionError('by\\nnothing')\n"
-        "drawing.rasterize = fail; sys.exit(drawing.main())"
+        "drawing.rasterize_sized = fail; sys.exit(drawing.main())"
     )
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, input=b"<svg/>", capture_output=True, check=False)

@@ -22,13 +22,12 @@ from PIL import Image, ImageCms
 from svg_fuzzing import mutated_svg, svg_seeds
 
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.measure.frame import frame_of
-from gauss2svg.measure.source import svg_source
+from gauss2svg.measure.check import sized_svg
 from gauss2svg.measure.survey import survey
 from gauss2svg.photo.load import load_image
-from gauss2svg.raster.root import stretched
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.syntax.source import svg_source
 
 _LONGEST = 2000
 _PILLOW = Path(PIL.__file__).parent
@@ -241,13 +240,9 @@ def check_svg(data: bytes) -> None:
     The rasterised text has the elements of the survey. Raises InputError or RendererError.
     """
     _, text = svg_source(data, _MOST_SVG_BYTES)
-    surveyed = survey(text, _MOST_ELEMENTS)
-    frame = frame_of(surveyed.root)
+    surveyed, frame, sized = sized_svg(text, 40, 30, "resvg", _MOST_ELEMENTS)
     box = " ".join(f"{v!r}" for v in frame.view_box)
-    sized = stretched(text, 40, 30, box)
-    if sized is None:
-        raise InputError("SVG has a root that cannot be read; save it as plain SVG")
-    again = survey(sized, _MOST_ELEMENTS)
+    again, _ = survey(sized, _MOST_ELEMENTS)
     assert again.tags == surveyed.tags
     assert (again.root["width"], again.root["height"], again.root["viewBox"]) == ("40", "30", box)
     refuse_unsupported(sized, 40, 30, "resvg")

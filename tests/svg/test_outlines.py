@@ -18,7 +18,7 @@ from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import half_radius, profile
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.reader.values import color
+from gauss2svg.svg.syntax.values import color
 from gauss2svg.svg.write import outline_svg
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -20,10 +20,10 @@ from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.svg.blur import BLURS, FORMS, GRADIENT, drawn_blurs
 from gauss2svg.svg.format import STOP_COUNTS, SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain
-from gauss2svg.svg.reader.affine import compose, parse_transform
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.stops import gradient_stops
+from gauss2svg.svg.syntax.affine import compose, parse_transform
 from gauss2svg.svg.write import write_svg
 
 

@@ -16,10 +16,10 @@ from svg_texts import gradient
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.frame import frame_of
-from gauss2svg.measure.source import svg_source
 from gauss2svg.measure.survey import survey
 from gauss2svg.raster.support import refuse_unsupported
 from gauss2svg.svg.reader.read import read_svg
+from gauss2svg.svg.syntax.source import svg_source
 
 ROOT = (
     '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" '
@@ -161,7 +161,7 @@ def test_it_is_refused_in_one_line(name, renderer, tmp_path, capsys):
     ],
 )
 def test_what_stays_within_the_file_is_let_through(inner):
-    assert survey(f"{ROOT}{inner}</svg>", 10).elements > 1
+    assert survey(f"{ROOT}{inner}</svg>", 10)[0].elements > 1
 
 
 LOADED = ("x.png", "file:///x.png", "https://a/x.png", "//a/x.png", "/etc/x.png")
@@ -244,7 +244,7 @@ def test_endless_stream_is_not_read_to_its_end():
 
 def test_limits_are_the_last_that_is_let_through():
     svg = f"{ROOT}<g/><g/></svg>"
-    assert survey(svg, 3).tags == {"g": 2, "svg": 1}
+    assert survey(svg, 3)[0].tags == {"g": 2, "svg": 1}
     assert svg_source(svg, len(svg))[1] == svg
     with pytest.raises(InputError, match="at most 2 elements"):
         survey(svg, 2)
@@ -312,7 +312,7 @@ def test_time_grows_no_faster_than_the_text(name):
     begun = time.process_time()
     with contextlib.suppress(InputError, RendererError):
         _, text = svg_source(svg, len(svg))
-        frame_of(survey(text, MANY).root)
+        frame_of(survey(text, MANY)[0].root)
         refuse_unsupported(text, 8, 8, "resvg")
     with contextlib.suppress(InputError):
         read_svg(svg)

@@ -36,7 +36,7 @@ from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.pipeline.warm_up import warm_up
-from gauss2svg.svg.reader.parse import parse_document
+from gauss2svg.svg.syntax.tree import parse_document
 
 RECORD = "record.json"
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"

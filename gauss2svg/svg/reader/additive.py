@@ -24,10 +24,11 @@ from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import MOST_SIGNED
 from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg.additive.differences import HALF_WAY, TRANSFER, WHITE
-from gauss2svg.svg.reader.affine import Affine, compose
-from gauss2svg.svg.reader.gradient import SVG, Gradients, Stop
+from gauss2svg.svg.reader.gradient import Gradients, Stop
 from gauss2svg.svg.reader.shape import Shape, check_cover, in_user_space
-from gauss2svg.svg.reader.values import Color, color, length, reference
+from gauss2svg.svg.syntax.affine import Affine, compose
+from gauss2svg.svg.syntax.parse import SVG
+from gauss2svg.svg.syntax.values import Color, color, length, reference
 
 _SAMPLES = 128
 # Where a Gaussian's stops may turn black, as shares of its cut radius.

@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.minimal.write import MASK_STOPS
-from gauss2svg.svg.reader.affine import IDENTITY, Affine, compose, parse_transform
-from gauss2svg.svg.reader.values import Color, color, declarations, length, share
+from gauss2svg.svg.syntax.affine import IDENTITY, Affine, compose, parse_transform
+from gauss2svg.svg.syntax.css import properties
+from gauss2svg.svg.syntax.parse import SVG
+from gauss2svg.svg.syntax.values import Color, color, length, share
 from gauss2svg.svg.whole_stops import grey_stops
 
-SVG = "{http://www.w3.org/2000/svg}"
 _STOP = SVG + "stop"
 _RADIAL, _LINEAR = SVG + "radialGradient", SVG + "linearGradient"
 HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
@@ -154,14 +155,14 @@ def _disc(found: Mapping[str, str]) -> tuple[Affine, bool]:
 
 def _stops(owner: Any, opacities: Sequence[str]) -> list[Stop]:
     """The stops inside a gradient; a style sheet may give their opacities and currentColor."""
-    current = {**owner.attrib, **declarations(owner.get("style", ""))}.get("color", "")
+    current = {**owner.attrib, **properties(owner.get("style", ""))}.get("color", "")
     stops = []
     for k, stop in enumerate(owner.findall(_STOP)):
         sheet = {}
         if opacities:
             of_stop = opacities[min(k, len(opacities) - 1)]
             sheet = {"stop-color": "currentColor", "stop-opacity": of_stop}
-        own: dict[str, str] = {**stop.attrib, **sheet, **declarations(stop.get("style", ""))}
+        own: dict[str, str] = {**stop.attrib, **sheet, **properties(stop.get("style", ""))}
         shade = own.get("stop-color", "black")
         opacity = share(own.get("stop-opacity", "1"), "stop-opacity")
         offset = share(own.get("offset", "0"), "offset")

@@ -12,8 +12,8 @@ import re
 from collections.abc import Mapping
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.svg.reader.affine import Affine
-from gauss2svg.svg.reader.values import NUMBER, length
+from gauss2svg.svg.syntax.affine import Affine
+from gauss2svg.svg.syntax.values import NUMBER, length
 
 SHAPES = ("circle", "ellipse", "path")
 _SEPARATOR = r"[\s,]*"

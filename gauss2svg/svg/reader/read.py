@@ -34,11 +34,9 @@ from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, OVER, RHO_L
 from gauss2svg.svg.minimal.shapes import arc_beta
 from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
 from gauss2svg.svg.reader.additive import Differences
-from gauss2svg.svg.reader.affine import Affine, compose, parse_transform
 from gauss2svg.svg.reader.canvas import misplaced, read_canvas
-from gauss2svg.svg.reader.gradient import HREFS, SVG, Gradients
+from gauss2svg.svg.reader.gradient import HREFS, Gradients
 from gauss2svg.svg.reader.outline import SHAPES, open_arcs, outline
-from gauss2svg.svg.reader.parse import MOST_BYTES, MOST_ELEMENTS, parse_document
 from gauss2svg.svg.reader.rules import (
     check_animation,
     check_sheet,
@@ -47,7 +45,12 @@ from gauss2svg.svg.reader.rules import (
     stop_opacities,
 )
 from gauss2svg.svg.reader.shape import Shape, read_shape
-from gauss2svg.svg.reader.values import color, declarations, length, reference, share
+from gauss2svg.svg.syntax.affine import Affine, compose, parse_transform
+from gauss2svg.svg.syntax.css import properties
+from gauss2svg.svg.syntax.parse import SVG
+from gauss2svg.svg.syntax.source import MOST_BYTES
+from gauss2svg.svg.syntax.tree import MOST_ELEMENTS, parse_document
+from gauss2svg.svg.syntax.values import color, length, reference, share
 
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
@@ -235,7 +238,7 @@ class _Reader:
         """
         attributes = own
         if "style" in own:
-            style = declarations(own["style"])
+            style = properties(own["style"])
             if "transform" in style:
                 raise InputError("its transform must be an attribute; got a style")
             attributes = {**own, **style}

@@ -7,19 +7,16 @@ stops, and that of an additive file draws a group as differences. They are read 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from typing import Any
-
-import tinycss2
 
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.svg.additive.differences import ADDITIVE, difference_sheet
-from gauss2svg.svg.reader.values import NUMBER
+from gauss2svg.svg.document import UP_TO_TARGET
+from gauss2svg.svg.syntax.css import component_values, nodes_of, written
+from gauss2svg.svg.syntax.values import NUMBER
 
 # Characters: write_svg writes a few thousand, and tokenising hostile ones takes up to 5 us each.
 _LONGEST_SHEET = 100_000
-# By write_svg: without a fragment in the address it hides nothing.
-_UP_TO_TARGET = "svg>g:target~g"
 # After these a shape stays as the animation leaves it, or is never as it is written.
 _LASTING = ("forwards", "both", "infinite", "paused")
 _STOP_RULE = re.compile(
@@ -65,23 +62,10 @@ def check_sheet(text: str) -> None:
         )
     if "\\" in text:
         raise InputError(f"the style sheet must be {_NEEDED}; got an escape. Try {_ADVICE}")
-    nodes = _parsed(tinycss2.parse_stylesheet, text)
-    while nodes:
-        node = nodes.pop()
-        if node.type == "at-rule" and node.content is not None:
-            keyword = node.lower_at_keyword
-            if keyword.endswith("keyframes"):
-                continue
-            if keyword == "media":
-                nodes += tinycss2.parse_blocks_contents(node.content, True, True)
-                continue
+    for node in nodes_of(text, True, _is_entered):
         if node.type == "declaration":
             check_animation(node.lower_name, node.value, _ADVICE)
-        elif node.type == "qualified-rule":
-            inside = tinycss2.parse_blocks_contents(node.content or [], True, True)
-            if not _is_up_to_target(node.prelude, inside):
-                nodes += inside
-        else:
+        elif not (node.type == "qualified-rule" or _is_entered(node) or _is_keyframes(node)):
             what = f"@{node.at_keyword[:60]}" if node.type == "at-rule" else f"{text[:60]!r}"
             raise InputError(f"the style sheet must be {_NEEDED}; got {what}. Try {_ADVICE}")
 
@@ -90,9 +74,7 @@ def check_animation(name: str, value: str | list[Any], advice: str) -> None:
     """Raise InputError for a property other than animation, and for one that does not end."""
     if not name.removeprefix("-webkit-").startswith("animation"):
         raise InputError(f"the style must be animation only; got {name[:60]}. Try {advice}")
-    tokens = (
-        _parsed(tinycss2.parse_component_value_list, value) if isinstance(value, str) else value
-    )
+    tokens = component_values(value) if isinstance(value, str) else value
     for token in tokens:
         if token.type == "ident" and token.lower_value in _LASTING:
             raise InputError(
@@ -116,21 +98,15 @@ def check_smil(tag: str, attributes: Any) -> None:
             )
 
 
-def _parsed(parse: Callable[..., list[Any]], text: str) -> list[Any]:
-    try:
-        tokens = parse(text, skip_comments=True)
-    except ValueError:  # int() of thousands of digits
-        raise InputError(
-            f"the style must be of shorter numbers; got thousands of digits. Try {_ADVICE}"
-        ) from None
-    return [token for token in tokens if token.type != "whitespace"]
-
-
-def _is_up_to_target(prelude: list[Any], inside: list[Any]) -> bool:
-    selector = "".join(str(getattr(t, "value", "")) for t in prelude if t.type != "whitespace")
-    if selector != _UP_TO_TARGET or len(inside) != 1 or inside[0].type != "declaration":
+def _is_entered(node: Any) -> bool:
+    if node.type == "at-rule":
+        return node.content is not None and node.lower_at_keyword == "media"
+    if node.type != "qualified-rule":
         return False
-    words = [token for token in inside[0].value if token.type != "whitespace"]
-    return inside[0].lower_name == "display" and [
-        getattr(word, "lower_value", "") for word in words
-    ] == ["none"]
+    rule = f"{written(node.prelude)}{{{written(node.content).rstrip(';')}}}"
+    return rule != UP_TO_TARGET  # which hides nothing without a fragment in the address
+
+
+def _is_keyframes(node: Any) -> bool:
+    at_rule = node.type == "at-rule" and node.content is not None
+    return at_rule and node.lower_at_keyword.endswith("keyframes")

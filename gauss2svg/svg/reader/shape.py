@@ -14,10 +14,11 @@ from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import BLURRED, PLAIN, SOFT
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg.blur import BLURS, blur_of
-from gauss2svg.svg.reader.affine import Affine, compose
-from gauss2svg.svg.reader.gradient import SVG, Gradient, Gradients
+from gauss2svg.svg.reader.gradient import Gradient, Gradients
 from gauss2svg.svg.reader.outline import outline
-from gauss2svg.svg.reader.values import Color, color, length, numbers, reference
+from gauss2svg.svg.syntax.affine import Affine, compose
+from gauss2svg.svg.syntax.parse import SVG
+from gauss2svg.svg.syntax.values import Color, color, length, numbers, reference
 
 _LEAST_RATIO = 1e-6  # of a radius to a deviation, and its inverse: write_svg writes none so extreme
 _SAME_RATIO = 0.005  # relative: within it a ratio is a known one, rounded by an editor

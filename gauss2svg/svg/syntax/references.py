@@ -15,11 +15,17 @@ from urllib.request import DataHandler, Request
 from PIL import Image
 
 from gauss2svg.errors import InputError, brief, quoted
-from gauss2svg.raster.css import component_values
+from gauss2svg.svg.syntax.css import MOST_CSS, component_values
+from gauss2svg.svg.syntax.parse import SVG
 
+_LINKS = ("href", "absref")  # the latter of sodipodi, by which Inkscape finds local files
+_BASE = "{http://www.w3.org/XML/1998/namespace}base"  # CairoSVG adds links, even empty ones, to it
+# By which browsers load into elements of HTML, whichever part of an SVG they are in.
+_FOREIGN_LINKS = ("src", "data", "poster", "background")
+_FOREIGN_LISTS = ("srcset", "imagesrcset", "srcdoc", "archive", "code", "codebase", "classid")
 _PICTURES = ("image", "feImage", "img")
 _FORMATS = ("PNG", "JPEG", "GIF", "WEBP")
-MOST_EMBEDDED_PIXELS = 100_000_000  # of all embedded pictures together
+_MOST_EMBEDDED_PIXELS = 100_000_000  # of all embedded pictures together
 _SPACE = " \t\r\n\f"
 # Functions of CSS whose strings are addresses, and what may spell one; after a vendor's prefix.
 _LOADING = ("url", "src", "image", "image-set", "cross-fade")
@@ -28,20 +34,53 @@ _VENDOR = re.compile(r"-[a-z]+-")
 _SUSPECT = re.compile(r"\\|@import|(src|image|image-set|cross-fade)\(")
 
 
-def check_css(text: str) -> int:
-    """Number of characters that had to be tokenised to see where CSS refers to.
+class References:
+    """Refuses a document that refers to anything outside of it, by an InputError."""
 
-    text  a style sheet, a style or the value of a property
-    Raises InputError if it refers to anything outside the file.
-    """
-    lowered = text.lower()
-    # Without escapes a reference can be spelled in one way only; most are of this kind.
-    if not _SUSPECT.search(lowered) and all(map(_begins_within, lowered.split("url(")[1:])):
-        return 0
-    for target in _targets(text):
-        if not target.startswith("#") and not _is_data(target):
+    def __init__(self) -> None:
+        self._pixels = self._tokenized = 0
+
+    def start(self, tag: str, attributes: dict[str, str], _depth: int) -> None:
+        """Check the links of an element, and the CSS in its attributes."""
+        local = tag.rpartition("}")[2]
+        is_foreign = local != tag.removeprefix(SVG)
+        for key, value in attributes.items():
+            if key.rpartition("}")[2] in _LINKS or (is_foreign and key in _FOREIGN_LINKS):
+                self._follow(local, value.strip())
+            elif key == _BASE or (is_foreign and key in _FOREIGN_LISTS):
+                if value.strip():  # a browser may load it; it is not taken apart here
+                    raise _outside(value)
+            elif "(" in value:
+                self.sheet(value)
+
+    def sheet(self, text: str) -> None:
+        """Check where CSS refers to: a style sheet, a style or the value of a property."""
+        lowered = text.lower()
+        # Without escapes a reference can be spelled in one way only; most are of this kind.
+        if not _SUSPECT.search(lowered) and all(map(_begins_within, lowered.split("url(")[1:])):
+            return
+        for target in _targets(text):
+            if not target.startswith("#") and not _is_data(target):
+                raise _outside(target)
+        self._tokenized += len(text)
+        if self._tokenized > MOST_CSS:
+            raise InputError(
+                f"CSS in the SVG must be at most {MOST_CSS} characters where it has escapes, "
+                f"imports or addresses; got {self._tokenized}. Try to save it as plain SVG"
+            )
+
+    def _follow(self, tag: str, target: str) -> None:
+        """Add the pixels of the picture that a link of an element embeds."""
+        if tag == "a" or not target or target.startswith("#"):
+            return  # an <a> is only loaded on a click
+        if not _is_data(target) or tag not in _PICTURES:
             raise _outside(target)
-    return len(text)
+        self._pixels += _pixels(target)
+        if self._pixels > _MOST_EMBEDDED_PIXELS:
+            raise InputError(
+                f"images in the SVG must be of at most {_MOST_EMBEDDED_PIXELS} px together; got "
+                f"{self._pixels}. Try to shrink them before embedding them"
+            )
 
 
 def _begins_within(target: str) -> bool:
@@ -82,27 +121,6 @@ def _addresses(function: Any) -> Iterator[str]:
             yield token.value.strip()
         elif token.type == "function" and token.lower_name in _SUBSTITUTED:
             yield f"{function.name}({token.name}())"
-
-
-def check_link(tag: str, target: str) -> int:
-    """Pixels of the picture that a link embeds, 0 for a link within the file.
-
-    tag     local name of the element whose href it is
-    target  its value
-    Raises InputError for any other link, and for data: that is not a PNG, JPEG, GIF or WebP.
-    """
-    target = target.strip()
-    if not target or target.startswith("#"):
-        return 0
-    if _is_data(target) and tag in _PICTURES:
-        return _pixels(target)
-    raise _outside(target)
-
-
-def check_unread(target: str) -> None:
-    """Raise InputError for what browsers may load by an attribute that is not taken apart here."""
-    if target.strip():
-        raise _outside(target)
 
 
 def _is_data(target: str) -> bool:

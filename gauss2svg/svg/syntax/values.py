@@ -1,4 +1,4 @@
-"""Attribute values of SVG as Python values: numbers, lengths, shares, colours, style declarations.
+"""Attribute values of SVG as Python values: numbers, lengths, shares, colours, references.
 
 InputErrors name the attribute; the reader adds the element.
 """
@@ -23,7 +23,6 @@ _ONE = re.compile(NUMBER)
 # CSS: 96 px per inch.
 _UNITS = {"": 1.0, "px": 1.0, "in": 96.0, "pt": 4 / 3, "pc": 16.0}
 _UNITS |= {"mm": 96 / 25.4, "cm": 96 / 2.54, "q": 96 / 101.6}
-_COMMENT = re.compile(r"/\*.*?(?:\*/|\Z)", re.DOTALL)
 _REFERENCE = re.compile(r"""\s*url\(\s*['"]?#([^'")\s]+)['"]?\s*\)""")
 
 
@@ -90,24 +89,3 @@ def reference(text: str) -> str | None:
     """The id in url(#id), or None where there is no such reference."""
     match = _REFERENCE.match(text)
     return match[1] if match else None
-
-
-def declarations(style: str) -> dict[str, str]:
-    """Properties of a style attribute by their names in lower case; a later one wins.
-
-    They are split by hand: tinycss2 would take 0.1 s for 1000 shapes that an editor styled.
-
-    Raises InputError for escapes in names and for what is !important.
-    """
-    if "/*" in style:
-        style = _COMMENT.sub(" ", style)
-    found: dict[str, str] = {}
-    for name, colon, value in (part.partition(":") for part in style.split(";")):
-        if "\\" in name or "!" in value:
-            raise InputError(
-                "its style must be without escapes and !important; got "
-                f"{quoted((name + colon + value).strip())}"
-            )
-        if colon:
-            found[name.strip().lower()] = value.strip()
-    return found

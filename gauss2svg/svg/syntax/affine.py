@@ -11,7 +11,7 @@ import math
 import re
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.svg.reader.values import numbers
+from gauss2svg.svg.syntax.values import numbers
 
 Affine = tuple[float, float, float, float, float, float]
 
