@@ -22,7 +22,7 @@ def test_imports_follow_the_layers():
 
 
 def test_a_file_of_over_500_lines_says_why_at_its_top():
-    for path in [*SOURCES, *(ROOT / "tests").glob("*.py")]:
+    for path in [*SOURCES, *(ROOT / "tests").rglob("*.py")]:
         lines = path.read_text().splitlines()
         assert len(lines) <= 500 or "is long because" in "\n".join(lines[:40]), path
 

@@ -1,4 +1,7 @@
-"""Who may use the studio: each hostile use has its answer. All in process, no fit is run."""
+"""Who may use the studio: each hostile use has its answer. All in process, no fit is run.
+
+The file is long because there are so many hostile uses.
+"""
 
 import asyncio
 import errno

@@ -2,7 +2,8 @@
 
 Editable files are groups of circles; minimal ones uses of masked circles, circles whose stops have
 their opacities in a style sheet, and paths of arcs; additive ones differences, which
-gauss2svg.svg.reader.additive adds up. One walk reads them all, by what their elements are.
+gauss2svg.svg.reader.additive adds up. One walk reads them all, by what their elements are. The file
+is long because all handlers of elements share the state of that walk.
 
 What Inkscape 1.2 changes when it saves a file (tests/data has one, before and after):
 
