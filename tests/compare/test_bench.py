@@ -3,7 +3,6 @@
 import json
 import math
 import os
-import shutil
 from xml.etree import ElementTree
 
 import numpy as np
@@ -158,47 +157,6 @@ def test_changed_picture_is_run_again_and_a_moved_one_is_not(photo, picture, tmp
     save(photo[:40, :64], moved)
     run_bench([moved], tmp_path, axes={"gaussians": [5]})
     assert len(requests) == 2
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--axis", "speed"], "axis must be one of quality, gaussians"),
-        (
-            ["--axis", "loss=mse,l3"],
-            "axis loss must be one of mse, l1, mse+ssim, l1+ssim; got 'l3'",
-        ),
-        (["--axis", "gaussians=many"], "got 'many'"),
-        (
-            ["--axis", "gaussians="],
-            "axis gaussians must be a whole number in 0..10000000 or auto; got ''",
-        ),
-        (["--axis", "precision=0"], "axis precision must be a number in 0.001..1; got 0"),
-        (["--axis", "init", "--axis", "init=error"], "axis init must be given once"),
-        (
-            ["--peers", "vtracer,tracer"],
-            "primitive, jpeg, webp; got 'tracer'",
-        ),
-        (["--peer-timeout", "0"], "--peer-timeout must be a number in 0.001..1e+06; got 0"),
-        (["--peer-timeout", "inf"], "--peer-timeout must be a number in 0.001..1e+06; got inf"),
-        (["--threads", "0"], "threads must be"),
-        (["no.png"], "cannot read no.png"),
-        (["COPY"], "must not be the same photo as"),
-        (["-o", "PHOTO"], "cannot create"),
-    ],
-)
-def test_mistake_is_one_line_and_status_two_before_any_run(
-    arguments, message, picture, tmp_path, requests, capsys
-):
-    copy = shutil.copy(picture, tmp_path / "copy.png")
-    files = {"PHOTO": str(picture), "COPY": str(copy)}
-    given = [files.get(word, word) for word in arguments]
-    target = [] if "-o" in given else ["-o", str(tmp_path / "out")]
-    assert main(["bench", str(picture), *given, *target]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n"), requests) == ("", 1, [])
-    assert message in err
-    assert not (tmp_path / "out").exists()
 
 
 def test_absent_peer_is_named_and_left_out(picture, tmp_path, requests, monkeypatch, capsys):

@@ -116,51 +116,6 @@ def test_absent_peer_is_named_on_the_page_and_in_the_summary(
     assert "not installed: primitive" in (out / "how.html").read_text()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ["--variants", "", "--counts", ""],
-            "at least one preset, count or peer; got none",
-        ),
-        (["--variants", "quick"], "variant must be one of draft, fast"),
-        (["--counts", "many"], "counts must be whole numbers separated by commas; got 'many'"),
-        (["--counts", "2.5"], "counts must be whole numbers separated by commas; got '2.5'"),
-        (["--counts=-5"], "counts must be whole numbers separated by commas; got '-5'"),
-        (["--counts", "1" * 5000], "counts must be whole numbers separated by commas; got '111"),
-        (
-            ["--counts", "999999999999"],
-            "a whole number in 0..10000000; got 999999999999",
-        ),
-        (["--peers", "jpeg"], "peer must be one of vtracer"),
-        (["--peers", "vtracer:best"], "got 'vtracer:best'"),
-        (["--jobs", "0"], "jobs must be a whole number in 1..256; got 0"),
-        (["--jobs", "many"], "jobs"),
-        (["--threads", "0"], "threads must be"),
-        (["--seed", "-1"], "seed"),
-        (["--photo-size", "0"], "--photo-size must be"),
-        (["--max-pixels", "0"], "--max-pixels must be"),
-        (["--peer-timeout", "0"], "--peer-timeout must be a number in 0.001..1e+06; got 0"),
-        (["--peer-timeout", "nan"], "--peer-timeout must be a number in 0.001..1e+06; got nan"),
-        (["--title", " "], "title must be a text that is not empty; got ' '"),
-        (["-o", "PHOTO"], "cannot create"),
-        (["-o", "PHOTO/x"], "cannot create"),
-        (["-o", "/proc/x/y"], "cannot create"),
-    ],
-)
-def test_mistake_is_one_line_and_status_two_before_any_work(
-    arguments, message, two, tmp_path, asked, capsys
-):
-    given = [word.replace("PHOTO", str(two[0])) for word in arguments]
-    target = [] if "-o" in given else ["-o", str(tmp_path / "out")]
-    before = sorted(tmp_path.rglob("*"))
-    assert main(["gallery", str(two[1]), *given, *target]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n"), asked) == ("", 1, [])
-    assert message in err
-    assert sorted(tmp_path.rglob("*")) == before
-
-
 @pytest.mark.parametrize("name", ["index.html", "how.html", "gallery.json", "gallery.csv"])
 @pytest.mark.parametrize("content", ["mine", '{"rows": []}'])
 def test_file_of_no_gallery_is_kept_untouched(name, content, two, tmp_path, asked, capsys):
