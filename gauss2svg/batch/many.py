@@ -19,11 +19,12 @@ from gauss2svg.batch.records import (
     PARTS,
     RECORDS,
     STATE,
+    BatchSpec,
     PhotoRecord,
     identity_of,
+    unchanged,
     versions,
 )
-from gauss2svg.batch.spec import BatchSpec, unchanged
 from gauss2svg.batch.stores import Store, is_url, opened, without_file_protocol
 from gauss2svg.errors import InputError, brief, instance, quoted
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case

@@ -16,8 +16,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from gauss2svg.batch.records import FOLDER, PhotoRecord, ShardRecord, versions
-from gauss2svg.batch.spec import BatchPhoto, BatchSpec, kept
+from gauss2svg.batch.records import (
+    FOLDER,
+    BatchPhoto,
+    BatchSpec,
+    PhotoRecord,
+    ShardRecord,
+    kept,
+    versions,
+)
 from gauss2svg.batch.stores import Store, is_url, opened, reason_of, stamp_of
 from gauss2svg.errors import (
     ClusterError,

@@ -13,13 +13,13 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 
-from gauss2svg.errors import Gauss2SvgError, on_one_line
+from gauss2svg.compare.machine import machine
+from gauss2svg.errors import Gauss2SvgError, on_one_line, whole_number
 from gauss2svg.studio.guard import Bounded
 from gauss2svg.studio.jobs import Jobs, QueueFullError
-from gauss2svg.studio.routes import chart, pages, results
 from gauss2svg.studio.routes import jobs as job_routes
+from gauss2svg.studio.routes import pages, results
 from gauss2svg.studio.schemas import ERRORS
-from gauss2svg.studio.share import workers_and_threads
 from gauss2svg.studio.uploads import samples_in
 from gauss2svg.version import __version__
 
@@ -74,7 +74,7 @@ def create_app(
     app.state.samples = {sample.name: sample for sample in samples_in(folder)}
     app.state.is_local = is_local
     app.state.drawing = asyncio.Semaphore(1)  # a PNG takes the time and the memory of a fit
-    for routes in (pages, job_routes, results, chart):
+    for routes in (pages, job_routes, results):
         app.include_router(routes.router)
     return Studio(app, queue)
 
@@ -113,3 +113,19 @@ _HANDLERS: dict[Any, Any] = {
     RequestValidationError: _invalid,
     Exception: _bug,
 }
+
+
+# A fit on four threads takes 45 % of the time of one thread, on eight 36 %: more cores serve more
+# fits (docs/decisions/studio.md).
+_THREADS = 4
+
+
+def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
+    """Fits at once, and threads of each; raises InputError for more than there are cores."""
+    cores = machine()["cores"]
+    if threads is not None:
+        whole_number("threads", threads, 1, cores)
+    if jobs is None:
+        jobs = max(1, cores // (threads or _THREADS))
+    whole_number("jobs", jobs, 1, cores)
+    return jobs, threads or max(1, cores // jobs)

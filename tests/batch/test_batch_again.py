@@ -10,7 +10,7 @@ import pytest
 from batches import lines, outputs, save_photo, save_photos, tiny
 from clusters import NOBODY, batch_here
 
-from gauss2svg.batch import driver, spec, worker
+from gauss2svg.batch import driver, records, worker
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import RECORDS, STATE, PhotoRecord, limits_of, record_of
@@ -176,7 +176,7 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
         )  # fmt: skip
         given = worker.BatchSpec(options, store, {}, "same", retry_failed=retry)
         photo = worker.BatchPhoto(now, output, prior)
-        found = spec.unchanged(given, photo)
+        found = records.unchanged(given, photo)
         assert found == without_reading(given, photo)
         holds = (
             (now, input_, stamped, identity) == (path, path, stamp, "same")
@@ -189,7 +189,7 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
             assert found.line() == prior.line()
             kept += 1
     assert kept == 1 * 2 * 2 + 5 * 2
-    assert spec.unchanged(given, worker.BatchPhoto(path, "1.svg")) is None
+    assert records.unchanged(given, worker.BatchPhoto(path, "1.svg")) is None
 
 
 def test_the_driver_looks_at_nothing_of_stores(tmp_path, dask_client, monkeypatch):

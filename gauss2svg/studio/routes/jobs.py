@@ -23,15 +23,8 @@ from gauss2svg.studio import uploads
 from gauss2svg.studio.estimate import estimate_of
 from gauss2svg.studio.guard import PICTURE_POLICY
 from gauss2svg.studio.jobs import CANCELED, FAILED, Job, Jobs
-from gauss2svg.studio.lines import lines_of
-from gauss2svg.studio.options import options_of
-from gauss2svg.studio.routes.dependencies import (
-    AllJobs,
-    KnownJob,
-    Samples,
-    job_named,
-    sample_named,
-)
+from gauss2svg.studio.options import lines_of, options_of
+from gauss2svg.studio.routes import AllJobs, KnownJob, Samples, job_named, sample_named
 from gauss2svg.studio.schemas import Estimate, JobState, PhotoForm, Sample
 from gauss2svg.svg.file import file_bytes
 

@@ -20,7 +20,7 @@ from gauss2svg.studio import uploads
 from gauss2svg.studio.guard import PICTURE_POLICY
 from gauss2svg.studio.jobs import Job
 from gauss2svg.studio.options import MOST_DRAWN
-from gauss2svg.studio.routes.dependencies import AllJobs, FinishedJob, finished, job_named
+from gauss2svg.studio.routes import AllJobs, FinishedJob, finished, job_named
 from gauss2svg.svg.file import file_bytes
 
 _DRAW_S = 60.0
