@@ -60,18 +60,15 @@ def cores() -> int:
 
 @contextmanager
 def local_client(
-    workers: int, memory: int | None = None, blend: str | None = None, dashboard: bool = True
+    workers: int, memory: int | None = None, dashboard: bool = True
 ) -> Iterator[Client]:
     """A client of so many worker processes of this machine, which end with it.
 
     memory     bytes of each, above which it is killed; None: no limit
-    blend      blend whose kernels are compiled before, once; None: none
     dashboard  whether Dask's web page is served, at its usual port, if that is free, or at any
     Connections need a certificate that is made here and kept in memory: whoever can connect to a
     scheduler or a worker can have it run anything.
     """
-    if blend is not None:
-        compile_kernels(blend)
     preload = dask.config.get(_PRELOAD)
     preload = [preload] if isinstance(preload, str) else list(preload)
     given = {**_LOCAL, _PRELOAD: [*preload, "gauss2svg.batch.worker"]}

@@ -7,7 +7,7 @@ import json
 import platform
 import time
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 from importlib.metadata import version
 from typing import Annotated, Any
 
@@ -24,7 +24,7 @@ RECORDS, PARTS = f"{STATE}/records", f"{STATE}/parts"
 _WORKING = {"working": True}  # the last line of a shard that is worked on, or whose worker died
 _SHARE = 0.05  # of a worker's time, for writing records
 # Options that change neither a picture nor whether there is one.
-_NOT_OF_LIMITS = frozenset({"threads", "checkpoint_every"})
+NOT_OF_LIMITS = frozenset({"threads", "checkpoint_every"})
 _Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # as a table holds it
 
 
@@ -90,23 +90,8 @@ def versions() -> dict[str, str]:
     return {"gauss2svg": __version__} | {name: version(name) for name in names}
 
 
-@cache
-def all_versions() -> dict[str, str]:
-    """The versions that workers and driver must share, and Python's own."""
-    return versions() | {"python": platform.python_version()}
-
-
-def identity_of(options: Options) -> str:
-    """A hash of the version and of all options that a file depends on."""
-    return _hash_of(options, NOT_OF_PICTURE)
-
-
-def limits_of(options: Options) -> str:
-    """A hash of the version and of all options that a failure depends on."""
-    return _hash_of(options, _NOT_OF_LIMITS)
-
-
-def _hash_of(options: Options, without: frozenset[str]) -> str:
+def identity_of(options: Options, without: frozenset[str] = NOT_OF_PICTURE) -> str:
+    """A hash of the version and of the options but some: of all that a file depends on."""
     given = {k: v for k, v in options.flat().items() if k not in without}
     text = json.dumps([__version__, given], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -169,6 +154,7 @@ class BatchPhoto(msgspec.Struct, frozen=True):
 class BatchSpec:
     """What all photos share.
 
+    versions  that workers must have too
     identity  of the options; folder: content of FOLDER, by which workers know the output folder
     """
 
@@ -181,8 +167,8 @@ class BatchSpec:
 
     @cached_property
     def limits(self) -> str:
-        """Identity of all options, which a failure depends on."""
-        return limits_of(self.options)
+        """Identity of all options that a failure depends on."""
+        return identity_of(self.options, NOT_OF_LIMITS)
 
     def record(self, photo: BatchPhoto, **found: Any) -> PhotoRecord:
         """The record of a photo that was worked on, with what became of it."""
@@ -191,7 +177,7 @@ class BatchSpec:
             output=photo.output,
             options=self.identity,
             limits=self.limits if "error" in found else "",
-            versions=all_versions(),
+            versions=self.versions | {"python": platform.python_version()},
             **found,
         )
 

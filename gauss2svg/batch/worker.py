@@ -191,11 +191,10 @@ def vectorize_photo(
             return record
         begin()
         made = _vectorized(spec, options, photo)
-    except OutputError as error:
-        if not (spec.store.is_local and getattr(error.__cause__, "errno", None) in _OF_ITS_NAME):
-            raise
-        made = {"error": str(error)}
     except Gauss2SvgError as error:
+        is_of_its_name = getattr(error.__cause__, "errno", None) in _OF_ITS_NAME
+        if isinstance(error, OutputError) and not (spec.store.is_local and is_of_its_name):
+            raise
         made = {"error": str(error)}
     except MemoryError as error:
         made = {"error": f"out of memory ({error}). Try --max-size, or workers with more memory"}

@@ -25,6 +25,9 @@ _NOT_OFFERED = (
     "checkpoint", "checkpoint_every", "resume", "threads", "max_memory", "max_pixels",
 )  # fmt: skip
 _NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
+_OF_A_SCORE = (
+    "slug", "key", "name", "title", "unit", "digits", "least_step", "best", "falls", "always",
+)  # fmt: skip
 _UNIT = re.compile(r"\((dB|s|px)\)")
 
 
@@ -65,16 +68,7 @@ def form() -> dict[str, Any]:
         "presets": list(PRESETS),
         "scores": [
             {
-                "slug": score.slug,
-                "key": score.key,
-                "name": score.name,
-                "title": score.title,
-                "unit": score.unit,
-                "digits": score.digits,
-                "least_step": score.least_step,
-                "best": score.best,
-                "falls": score.falls,
-                "always": score.always,
+                **{name: getattr(score, name) for name in _OF_A_SCORE},
                 "installed": score.always or bool(packages()),
             }
             for score in SCORES
@@ -142,31 +136,25 @@ def lines_of(name: str, options: Options) -> dict[str, str]:
                 words.append(f"{flag_of(option)}={value}")
             else:
                 words.extend([flag_of(option), str(value)])
-    goal = [f"{option}={value!r}" for option, value in changed["goal"].items()]
-    groups = [
-        f"{key}={GROUPS[key].__name__}("
-        + ", ".join(f"{option}={value!r}" for option, value in given.items())
-        + ")"
-        for key, given in changed.items()
-        if given and key != "goal"
-    ]
-    classes = [GROUPS[key].__name__ for key, given in changed.items() if given and key != "goal"]
-    call = ", ".join([repr(name), *goal, *groups])
-    imports = ", ".join(sorted([*classes, "vectorize"]))
+    arguments, names = [repr(name)], ["vectorize"]
+    for key, given in changed.items():
+        values = [f"{option}={value!r}" for option, value in given.items()]
+        if key == "goal":
+            arguments += values
+        elif values:
+            names.append(GROUPS[key].__name__)
+            arguments.append(f"{key}={names[-1]}({', '.join(values)})")
+    imports, call = ", ".join(sorted(names)), ", ".join(arguments)
     python = f"from gauss2svg import {imports}\n\nvectorize({call}).save({output!r})"
     return {"command": command_line(words), "python": python}
 
 
 def _changed(options: Options) -> dict[str, dict[str, Any]]:
     """Values that are not defaults, by group and name."""
-    defaults = Options()
+    defaults = Options().flat()
+    changed = {name: value for name, value in options.flat().items() if value != defaults[name]}
     return {
-        key: {
-            field.name: value
-            for field in fields_of(group)
-            if (value := getattr(getattr(options, key), field.name))
-            != getattr(getattr(defaults, key), field.name)
-        }
+        key: {f.name: changed[f.name] for f in fields_of(group) if f.name in changed}
         for key, group in GROUPS.items()
     }
 

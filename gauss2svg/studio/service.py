@@ -64,7 +64,7 @@ def create_app(
         lifespan=lifespan,
         openapi_url="/api/openapi.json",
         responses=ERRORS,
-        exception_handlers=_HANDLERS,
+        exception_handlers=dict.fromkeys(_ERRORS, _refusal),
         generate_unique_id_function=lambda route: route.name,
         # These pages load scripts from other sites.
         docs_url=None,
@@ -83,36 +83,25 @@ def _line(status: int, text: str, headers: Any = None) -> JSONResponse:
     return JSONResponse({"error": on_one_line(text)}, status, headers)
 
 
-async def _http(_: Request, error: HTTPException) -> JSONResponse:
-    return _line(error.status_code, error.detail, error.headers)
+async def _refusal(request: Request, error: Exception) -> JSONResponse:
+    """The answer to a request that raised an error."""
+    match error:
+        case HTTPException():
+            return _line(error.status_code, error.detail, error.headers)
+        case QueueFullError():
+            return _line(429, str(error), {"Retry-After": str(request.app.state.jobs.wait_s)})
+        case Gauss2SvgError():
+            return _line(422, str(error))
+        case RequestValidationError():
+            first = error.errors()[0]
+            return _line(422, f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
+        case _:
+            # Without the path of a file, which is private.
+            what = error.strerror if isinstance(error, OSError) else error
+            return _line(500, f"{type(error).__name__}: {what}")
 
 
-async def _full(request: Request, error: QueueFullError) -> JSONResponse:
-    return _line(429, str(error), {"Retry-After": str(request.app.state.jobs.wait_s)})
-
-
-async def _ours(_: Request, error: Gauss2SvgError) -> JSONResponse:
-    return _line(422, str(error))
-
-
-async def _invalid(_: Request, error: RequestValidationError) -> JSONResponse:
-    first = error.errors()[0]
-    return _line(422, f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
-
-
-async def _bug(_: Request, error: Exception) -> JSONResponse:
-    # Without the path of a file, which is private.
-    what = error.strerror if isinstance(error, OSError) else error
-    return _line(500, f"{type(error).__name__}: {what}")
-
-
-_HANDLERS: dict[Any, Any] = {
-    HTTPException: _http,
-    QueueFullError: _full,
-    Gauss2SvgError: _ours,
-    RequestValidationError: _invalid,
-    Exception: _bug,
-}
+_ERRORS = HTTPException, QueueFullError, Gauss2SvgError, RequestValidationError, Exception
 
 
 # A fit on four threads takes 45 % of the time of one thread, on eight 36 %: more cores serve more

@@ -50,8 +50,7 @@ from gauss2svg.svg.format import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
 _LEAST_BETWEEN_S = 0.05  # progress messages without a frame
-
-MOST_SIDE = 768  # px
+MOST_SIDE = 768  # px, of a frame
 _QUALITY = 80  # of JPEG
 # docs/decisions/studio.md has what a frame costs, and why it is a raster.
 _MOST_A_SECOND = 15

@@ -87,7 +87,7 @@ async def data_uri(job: FinishedJob, markup: Markup = None) -> Response:
 @router.get("/jobs/{name}/{file}", response_class=FileResponse)
 async def file(
     job: FinishedJob,
-    file: Literal["photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz"],
+    file: Literal[tuple(_FILES)],  # pyright: ignore[reportInvalidTypeForm]
     download: bool = False,
 ) -> FileResponse:
     """The photo as it was compared, the error map, the outlines, the report, the scene."""
