@@ -13,11 +13,10 @@ from itertools import count
 
 from distributed import Client, KilledWorker
 
+from gauss2svg.batch.cluster import answers
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.records import PhotoRecord, ShardRecord
-from gauss2svg.batch.spec import BatchPhoto, BatchSpec
+from gauss2svg.batch.records import BatchPhoto, BatchSpec, PhotoRecord, ShardRecord
 from gauss2svg.batch.stores import stamp_of
-from gauss2svg.batch.tasks import answers
 from gauss2svg.batch.worker import Shard, ShardResult, cannot_run, work
 from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError
 
