@@ -43,8 +43,8 @@ class Driver:
         workers: Callable[[], int],
         idle: Callable[[], None] = lambda: None,
     ) -> None:
-        self._client, self._spec, self._index, self._workers = client, spec, index, workers
-        self._idle = idle
+        self._client, self._spec, self._index = client, spec, index
+        self._workers, self._idle = workers, idle
         # Records of later runs come later by name.
         run = f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}-{secrets.token_hex(3)}"
         self._keys = (f"{run}-{number:07d}" for number in count())

@@ -78,24 +78,24 @@ def reason_of(error: BaseException) -> str:
 @contextmanager
 def opened(source: str) -> Iterator[BinaryIO]:
     """A photo open for reading; raises InputError."""
-    if not is_url(source):
+    if is_url(source):
+        with _reading(source) as (fs, path):
+            data = fs.cat_file(path)
+        yield io.BytesIO(data)
+    else:
         with reading(source, _ADVICE) as file:
             yield file
-        return
-    with _reading(source) as (fs, path):
-        data = fs.cat_file(path)
-    yield io.BytesIO(data)
 
 
 @contextmanager
 def lines_of(source: str) -> Iterator[Iterable[bytes]]:
     """The lines of a list of photos, read as they are wanted; raises InputError."""
-    if not is_url(source):
+    if is_url(source):
+        with _reading(source) as (fs, path), fs.open(path, "rb") as file:
+            yield file
+    else:
         with reading(source, _ADVICE) as file:
             yield file
-        return
-    with _reading(source) as (fs, path), fs.open(path, "rb") as file:
-        yield file
 
 
 @contextmanager
