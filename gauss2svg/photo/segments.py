@@ -18,7 +18,6 @@ from gauss2svg.photo.open import loaded, opened
 from gauss2svg.photo.tags import tags_of, upright
 
 MOST_SEGMENTS = 10_000
-_SEVERAL_CHANNELS = 3  # dimensions of an array of colours
 
 
 def labels_of(
@@ -80,7 +79,7 @@ def _read(path: str, max_pixels: int) -> NDArray[Any]:
 def _labels(image: Image.Image) -> NDArray[Any]:
     """Values of an image of one channel; of more channels the rank of each colour, from 1."""
     array = np.asarray(image)
-    if array.ndim == _SEVERAL_CHANNELS:
+    if array.ndim == 3:
         colors = np.zeros(array.shape[:2], np.uint32)
         for channel in np.moveaxis(array, 2, 0):
             colors = colors * 256 + channel
