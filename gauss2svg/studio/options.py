@@ -12,7 +12,7 @@ from gauss2svg.errors import InputError, quoted
 from gauss2svg.measure.perceptual import packages
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS

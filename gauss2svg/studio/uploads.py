@@ -16,7 +16,7 @@ from PIL import ExifTags, Image
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.errors import InputError, brief
 from gauss2svg.files import is_device, reading
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.open import UnreadTiffError, opened
 from gauss2svg.photo.tags import SWAPPED
 from gauss2svg.studio.schemas import Sample
