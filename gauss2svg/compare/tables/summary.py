@@ -9,10 +9,8 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from gauss2svg.compare.records import TOOL, finite
+from gauss2svg.compare.records import TOOL, Row, finite
 from gauss2svg.measure.scores import SCORES
-
-Row = dict[str, Any]
 
 TOLERANCE = 0.1  # dB below a Pareto front that still count as on it
 SECONDS = "cpu_s"
