@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -51,17 +52,26 @@ def rows_in(path: Path) -> dict[str, Row]:
     return {row["key"]: row for line in lines if (row := _row(line)) is not None}
 
 
+def add_row(path: Path, row: Row) -> None:
+    """Append a row to such a file, and flush it to the disk; raises OutputError if that fails."""
+    try:
+        with path.open("a+b") as stream:
+            if stream.tell():
+                stream.seek(-1, os.SEEK_END)  # an interruption may have left half a line
+                stream.write(b"" if stream.read(1) == b"\n" else b"\n")
+            stream.write(json.dumps(row, allow_nan=False).encode() + b"\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise OutputError(f"cannot write {path}: {error.strerror or error}") from error
+
+
 def _row(line: bytes) -> Row | None:
     try:
         row = json.loads(line)
     except ValueError:
         return None
     return row if isinstance(row, dict) and row.keys() >= _REQUIRED else None
-
-
-def row_lines(rows: Iterable[Row]) -> bytes:
-    """One JSON object per line."""
-    return b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in rows)
 
 
 def flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -19,8 +19,9 @@ from gauss2svg.compare.grid import (
     parse_axis,
     settings_of,
 )
-from gauss2svg.compare.records import csv_text, row_lines, rows_in
+from gauss2svg.compare.records import add_row, csv_text, rows_in
 from gauss2svg.compare.run import Task
+from gauss2svg.compare.tables import bench
 from gauss2svg.compare.tables.summary import distance_below, front
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import InputError, OutputError
@@ -45,8 +46,10 @@ def test_later_row_of_a_key_counts_and_damaged_lines_do_not(tmp_path):
     lines = [json.dumps(first), "rubbish", "[1]", json.dumps(last), '{"key": "a", "n": 3}', '{"k']
     path.write_text("\n".join(lines))
     assert rows_in(path) == {"a": last}
-    path.write_bytes(row_lines([last, first | {"key": "b"}]))
-    assert rows_in(path) == {"a": last, "b": first | {"key": "b"}}
+    add_row(path, first | {"key": "b"})  # after half a line
+    add_row(path, last | {"n": 4})
+    assert rows_in(path) == {"a": last | {"n": 4}, "b": first | {"key": "b"}}
+    assert path.read_text().count("\n") == len(lines) + 2
     assert rows_in(tmp_path / "none") == {}
     with pytest.raises(OutputError, match="cannot read"):
         rows_in(tmp_path)
@@ -157,6 +160,17 @@ def test_key_knows_all_that_changes_a_record_and_no_path():
     others = [key(**change) for change in changes]  # pyright: ignore[reportArgumentType]
     others.append(Task(ListedPhoto("a.png", "a.png", "a.png", "a", "d"), None, {}, (0,)).key)
     assert len({key(), *others}) == len(changes) + 2
+
+
+def test_other_tools_are_kept_whatever_the_seed_and_the_threads():
+    def key(variant, seed, threads):
+        photo = ListedPhoto("a.png", "a.png", "a.png", "a", "d")
+        given = {"seed": seed, "threads": threads, "peer_timeout": 1}
+        return bench._task(photo, variant, given).key
+
+    peer, own = Variant((("quality", 30),), tool="jpeg"), Variant((("gaussians", 5),))
+    assert key(peer, 0, None) == key(peer, 3, 1)
+    assert len({key(own, 0, None), key(own, 3, None), key(own, 0, 1)}) == 3
 
 
 @given(points)

@@ -79,7 +79,8 @@ class Tasks:
             "peer_timeout": options.peer_timeout,
         }
         # Processes, threads, memory and time limits change no image.
-        return Task(photo, variant, request, (options.photo_size, options.seed))
+        seed = options.seed if variant.is_own else None  # which other tools are not given
+        return Task(photo, variant, request, (options.photo_size, seed))
 
     def _request(self, photo: ListedPhoto, variant: Variant | None) -> dict[str, Any]:
         return {

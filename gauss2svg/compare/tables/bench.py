@@ -13,7 +13,7 @@ from gauss2svg.compare.grid import settings_of
 from gauss2svg.compare.machine import machine
 from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.peers import PEERS, check_peers
-from gauss2svg.compare.records import Row, answered, csv_text, row_lines, rows_in
+from gauss2svg.compare.records import Row, add_row, answered, csv_text, rows_in
 from gauss2svg.compare.run import Grid, Progress, Task
 from gauss2svg.compare.tables import plots
 from gauss2svg.compare.tables.summary import markdown, summarise
@@ -85,12 +85,13 @@ def run_bench(
         found = [task for task in plan if task.place in grid.records]
         rows = [grid.records[task.place] | {"image": task.photo.name} for task in found]
         files = _tables(rows, [photo.name for photo in photos], absent)
-        files[_ROWS] = row_lines(known.values())
         write_all_atomically({folder / name: data for name, data in files.items()})
         return rows
 
     for task, answer in grid.answers(_one_by_one, grid.missing(plan)):
-        grid.records[task.place] = known[task.key] = _row(task, seed) | answer
+        row = grid.records[task.place] = _row(task, seed) | answer
+        # Appended, so that a second benchmark into the folder and later versions keep theirs.
+        add_row(folder / _ROWS, row)
         write()
     return write()
 
@@ -117,7 +118,9 @@ def _task(photo: ListedPhoto, variant: Variant, given: Mapping[str, Any]) -> Tas
         "settings": dict(variant.settings),
         **given,
     }
-    return Task(photo, variant, request, (given["seed"], given["threads"]))
+    # Other tools are given neither.
+    others = (given["seed"], given["threads"]) if variant.is_own else ()
+    return Task(photo, variant, request, others)
 
 
 def _one_by_one(
