@@ -11,7 +11,7 @@ from gauss2svg.cli.parameters import Quiet, words
 from gauss2svg.cli.streams import counting_bar, say
 
 if TYPE_CHECKING:
-    from gauss2svg.compare.run import Progress
+    from gauss2svg.compare.grid import Progress
 
 STATUS_RUN_FAILED = 1
 
@@ -54,7 +54,7 @@ def bench_command(
         Show neither progress nor summary.
 
     """
-    from gauss2svg.compare.grid import parse_axes
+    from gauss2svg.compare.axes import parse_axes
     from gauss2svg.compare.peers import check_peers
     from gauss2svg.compare.tables.bench import run_bench
     from gauss2svg.files import expanded

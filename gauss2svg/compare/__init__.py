@@ -1,5 +1,6 @@
-"""Photos by variants: a grid is run into records, of which `tables` and `pages` are reports.
+"""Photos by variants, run into records, of which `tables` and `pages` are reports.
 
-Photos (photo.listing) and variants give tasks (run), those that are not finished go to processes
-(process for one run each, pool for many), whose records tables and pages show.
+photo.listing, variants  ->  grid: tasks  ->  worker (a process for each run) or pool (many at
+once)  ->  records  ->  tables, pages. axes spans the settings of a benchmark; peers and peer_run
+are other tools, machine what all run on; chart and numbers are how both reports show scores.
 """

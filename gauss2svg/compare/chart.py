@@ -8,8 +8,14 @@ from dataclasses import dataclass
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
+from gauss2svg.compare import numbers
 from gauss2svg.measure.scores import PSNR, Score
 
+# (key of a report, unit, title of the axis, its text on a page, its text at a tick)
+COSTS = (
+    ("svg_bytes", "bytes", "size of the SVG", numbers.size, numbers.short_size),
+    ("total_s", "seconds", "time, photo to measured SVG", numbers.seconds, numbers.short_seconds),
+)
 _MARGIN = 1.25  # factor by which the cost axis extends beyond the outermost points
 _MOST_DECADES = 2.5  # of the cost axis; a longer one has ticks at powers of ten alone
 

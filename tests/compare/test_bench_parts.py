@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gauss2svg.compare.grid import (
+from gauss2svg.compare.axes import (
     AXES,
     DEFAULT_GRID,
     apply_constants,
@@ -19,8 +19,8 @@ from gauss2svg.compare.grid import (
     parse_axis,
     settings_of,
 )
+from gauss2svg.compare.grid import Task
 from gauss2svg.compare.records import add_row, csv_text, rows_in
-from gauss2svg.compare.run import Task
 from gauss2svg.compare.tables import bench
 from gauss2svg.compare.tables.summary import distance_below, front
 from gauss2svg.compare.variants import Variant

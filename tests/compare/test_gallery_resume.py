@@ -16,7 +16,7 @@ from flat import build_gallery
 from galleries import Page, all_requests, save
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare import run
+from gauss2svg.compare import grid
 from gauss2svg.compare.pages.artifacts import (
     OUTLINES,
     PICTURE,
@@ -60,7 +60,7 @@ def test_finished_work_is_kept_until_what_it_depends_on_changes(
     assert made()[0] == everything
     save(photo[:8, :8], two[0])
     assert made()[0] == all_requests("a", slugs)
-    monkeypatch.setattr(run, "code_digest", lambda: "other code")
+    monkeypatch.setattr(grid, "code_digest", lambda: "other code")
     assert made()[0] == everything
 
 

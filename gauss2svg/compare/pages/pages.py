@@ -12,7 +12,7 @@ from typing import Any
 from jinja2 import Environment
 
 from gauss2svg.compare import numbers
-from gauss2svg.compare.chart import Point, scatter, template_environment
+from gauss2svg.compare.chart import COSTS, Point, scatter, template_environment
 from gauss2svg.compare.pages.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, thumbnail_size
 from gauss2svg.compare.pages.crops import SIDE
 from gauss2svg.compare.pages.results import PhotoResult, Row, SvgResult
@@ -31,11 +31,6 @@ _STATIC = (
     "gallery.css", "gallery.js", "viewer.js",
     "img-comparison-slider.js", "img-comparison-slider.LICENSE.txt",
 )  # fmt: skip
-# (key of a report, unit, title of the axis, its text on a page, its text at a tick)
-COSTS = (
-    ("svg_bytes", "bytes", "size of the SVG", numbers.size, numbers.short_size),
-    ("total_s", "seconds", "time, photo to measured SVG", numbers.seconds, numbers.short_seconds),
-)
 
 
 def write_pages(

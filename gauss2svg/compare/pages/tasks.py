@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.compare.grid import Task
 from gauss2svg.compare.pages.artifacts import RECORD
 from gauss2svg.compare.pages.options import GalleryOptions
-from gauss2svg.compare.run import Task
 from gauss2svg.compare.variants import Variant
 from gauss2svg.photo.listing import ListedPhoto, slug_of
 

@@ -9,12 +9,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.compare.grid import settings_of
+from gauss2svg.compare.axes import settings_of
+from gauss2svg.compare.grid import Grid, Progress, Task
 from gauss2svg.compare.machine import machine
 from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.peers import PEERS, check_peers
 from gauss2svg.compare.records import Row, add_row, answered, csv_text, rows_in
-from gauss2svg.compare.run import Grid, Progress, Task
 from gauss2svg.compare.tables import plots
 from gauss2svg.compare.tables.summary import markdown, summarise
 from gauss2svg.compare.variants import Variant, of_peer
@@ -48,7 +48,7 @@ def run_bench(
     images        paths of photos
     directory     folder of the tables and plots, created if missing
     axes          values by option of `vectorize`: every combination is run, with the other
-                  options at their defaults; None: gauss2svg.compare.grid.DEFAULT_GRID
+                  options at their defaults; None: gauss2svg.compare.axes.DEFAULT_GRID
     peers         names from gauss2svg.compare.peers.PEERS; those not installed are skipped
     threads       CPU threads of gauss2svg; None: one per core
     peer_timeout  time limit (s) of a peer's run

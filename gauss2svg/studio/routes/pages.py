@@ -12,8 +12,7 @@ from fastapi.responses import FileResponse, HTMLResponse, Response
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
-from gauss2svg.compare.chart import BESIDE, Point, scatter, template_environment
-from gauss2svg.compare.pages.pages import COSTS
+from gauss2svg.compare.chart import BESIDE, COSTS, Point, scatter, template_environment
 from gauss2svg.measure.heatmap import MOST, legend
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.formats import SUFFIXES
