@@ -8,8 +8,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from gauss2svg.errors import whole_number
-from gauss2svg.fit.saved import Saved, as_saved, checks, number, optional, whole
+from gauss2svg.fit.saved import Saved, checks, number, optional, whole
 from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, REDUCED_STEPS, REDUCED_TIME
+from gauss2svg.options import Flag
 
 # Where only time is limited, a round of growth takes at most this many steps: the rest of the time
 # is better spent once all Gaussians exist.
@@ -31,7 +32,7 @@ class Clock(Saved):
         _stage_first=whole(0, _MOST_STEPS),
         _stage_steps=optional(whole(0, _MOST_STEPS)),
         _from=number(0, 1),
-        _reduced=as_saved,
+        _reduced=Flag(),
         elapsed_s=number(0, 1e9),
     )
 
@@ -144,6 +145,8 @@ class Clock(Saved):
         most = _MOST_STEPS if self.iterations is None else self.iterations
         whole_number("iteration", self.iteration, 0, most)
         whole_number("stage_first", self._stage_first, 0, self.iteration)
+        if self._stage_steps is not None:
+            whole_number("stage_steps", self._stage_steps, 0, most)
 
     def _time_share(self) -> float:
         if self.deadline is None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 # 228 bytes of optimiser state each make over 2 GB.
 MOST_GAUSSIANS = 10_000_000
 
-# Of the kernels; float64 gains no PSNR (docs/decisions/numbers.md).
+# Number types of the kernels; float64 gains no PSNR (docs/decisions/numbers.md).
 DTYPES = ("float32", "float64")
 DEFAULT_DTYPE = "float32"
 

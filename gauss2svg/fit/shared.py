@@ -21,7 +21,7 @@ from gauss2svg.fit.saved import damaged, rows
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats
-from gauss2svg.scene import OVER
+from gauss2svg.scene import BLENDS, OVER
 from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.scene.parameters import STEPPED
 
@@ -81,6 +81,12 @@ class SharedColors:
             got = f"{entry.dtype} {entry.shape}"
             raise damaged(f"entry of {whose}", f"indices under {count}", got)
         whole_number("age", saved["age"], 0, 10**9)
+        bounds = saved["least_color"], saved["most_color"]
+        known = [(one.least_color, one.most_color) for one in map(blending, BLENDS)]
+        if bounds not in known:
+            needed = " or ".join(f"{least:g}..{most:g}" for least, most in known)
+            got = f"{bounds[0]}..{bounds[1]}"
+            raise damaged(f"least_color and most_color of {whose}", needed, got)
         return cls(**saved)
 
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:

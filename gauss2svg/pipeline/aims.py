@@ -14,7 +14,7 @@ from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.measure.scores import PSNR, Score, Search
 from gauss2svg.pipeline.options import Goal
 
-_LEAST_LEFT = 0.05  # share of a candidate's error that remains after any correction for size
+_LEAST_LEFT = 0.05  # share of an export's error that remains after any correction for size
 _LATE_SHARE, _LATE_S = 0.05, 0.25  # over the time limit before it is reported
 
 
@@ -47,7 +47,7 @@ class Aim(Search):
     def with_detail(self, score: float, detail: float) -> float:
         """The score against the reference of a file whose score at the size of the fit is known."""
         error = self._error(score)
-        # A negative detail from another candidate may exceed the error.
+        # A negative detail from another export may exceed the error.
         left = max(error + detail, error * _LEAST_LEFT)
         if self.of.best is None:
             return psnr_of(left)

@@ -31,7 +31,7 @@ def outline_bytes(pixels: NDArray[np.float32]) -> int | None:
     """
     levels = np.round(pixels * 255).astype(np.uint8)
     colors = (levels * 256 ** np.arange(levels.shape[2])).sum(axis=2).ravel()
-    # Of most photos a few pixels tell.
+    # A few pixels tell for most photos.
     if any(len(np.unique(some)) > _MOST_COLORS for some in (colors[::_SOME], colors)):
         return None
     right = (levels[:, 1:] != levels[:, :-1]).any(axis=2)

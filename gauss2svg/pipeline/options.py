@@ -25,7 +25,7 @@ from gauss2svg.options import (
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.scene.names import OVER
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS
+from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS, Form
 
 AUTO = "auto"
 _MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels
@@ -104,8 +104,8 @@ class Goal(OptionGroup):
     @property
     def has_target(self) -> bool:
         """Whether there is a target or limit besides the preset."""
-        given = (self.target_psnr, self.target_ssimulacra2, self.max_bytes, self.time_limit)
-        return any(one is not None for one in given)
+        limited = self.max_bytes is not None or self.time_limit is not None
+        return limited or self.target is not None
 
     @property
     def count_adapts(self) -> bool:
@@ -124,7 +124,7 @@ class Goal(OptionGroup):
 class SvgOptions(OptionGroup):
     """How the SVG is written."""
 
-    form: Literal["gradient", "blur"] = "gradient"
+    form: Form = "gradient"
     """gradient: radial gradients, for every renderer; blur: blurred ellipses, a smaller file for
     Chromium, Firefox and Inkscape."""
 

@@ -27,7 +27,7 @@ from gauss2svg.svg.element import hex_color
 from gauss2svg.svg.format import MINIMAL
 
 DEFAULT_BYTES = 1000
-# Of the photo in px, from which the working picture of at most 384 px is made.
+# px of the photo, from which the working picture of at most 384 px is made.
 _LONGEST_SIDE = 640
 # What browsers take as it is in a data URI; % and # have a meaning of their own, and " would end
 # the attribute or the url("") that holds it (docs/decisions/small.md).

@@ -34,7 +34,7 @@ def quantize(
     color_error  mean squared error that fewer gradients may add; 0: as many as the palette has
     weight       (h, w) of a pixel's error, of any size and mean 1; None: 1 everywhere
 
-    Solid ellipses and blurred discs need no gradient and keep their colour, rounded to 8 bits. In
+    Plain ellipses and blurred discs need no gradient and keep their colour, rounded to 8 bits. In
     an additive scene only colours are quantised, and not rounded. Raises InputError for an additive
     scene in another form than gradients.
     """

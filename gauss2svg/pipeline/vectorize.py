@@ -260,6 +260,6 @@ def _check_side(side: int, score: Score | None) -> None:
     if score is not None and side < score.least_side:
         raise InputError(
             f"short side of the image that is fitted must be at least {score.least_side} px, at "
-            f"which {score.name} is measured; got {side} px. Try --target-psnr, or a larger "
-            "--max-size"
+            f"which {score.name} is measured; got {side} px. Try another target than "
+            f"--{score.option.replace('_', '-')}, or a larger --max-size"
         )

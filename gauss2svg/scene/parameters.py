@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA
 from gauss2svg.scene.names import ADD
 
-# Of a signed colour, in absolute value: larger ones would drown in the rounding of renderers.
+# The largest absolute value of a signed colour: larger ones drown in the rounding of renderers.
 MOST_SIGNED = 100.0
 # The largest float below 1, at which sqrt((1 - rho)(1 + rho)) is still 1.5e-8.
 RHO_LIMIT = math.nextafter(1, 0)
@@ -32,6 +32,13 @@ MOST_MEAN = 1e12
 # How a file draws a shape: by the stops of a gradient, or by a plain ellipse where that looks the
 # same; by a plain ellipse in any case; as a blurred disc.
 SOFT, PLAIN, BLURRED = range(3)
+# Exponents of the profiles that blurred discs draw: gauss2svg.svg.blur.BLURS. Scene files that lack
+# `drawn` tell by them, within BLUR_TOLERANCE, which shapes are blurred.
+BLUR_BETAS = (
+    1.01147233778, 1.14528662352, 1.36563435691, 1.74340697660, 2.60683835486, 4.31967523876,
+    6.64289524310,
+)  # fmt: skip
+BLUR_TOLERANCE = 1e-6  # of the ratio: no exponent of a gradient is as near to one of a blur
 
 # Logits: opacities from 0.0003 to 0.999994, beyond which an 8-bit image shows no change.
 LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
@@ -155,6 +162,6 @@ PARAMETERS = (
     Parameter("drawn", 1, SOFT, BLURRED, added=(SOFT, SOFT), default=SOFT, dtype=np.int8, since=4),
 )  # fmt: skip
 
-# Those that Adam steps number by number, in the order of its columns behind the geometry's, each
-# with how a fit holds it.
+# The parameters that Adam steps number by number, in the order of its columns behind those of the
+# geometry, each with how a fit holds it.
 STEPPED = tuple((parameter, parameter.raw) for parameter in PARAMETERS if parameter.raw)

@@ -23,7 +23,15 @@ from gauss2svg.files import write_atomically
 from gauss2svg.options import file_name
 from gauss2svg.scene.falloff import MOST_BETA
 from gauss2svg.scene.names import ADD, BLENDS, OVER
-from gauss2svg.scene.parameters import PARAMETERS, PLAIN, SOFT, Parameter
+from gauss2svg.scene.parameters import (
+    BLUR_BETAS,
+    BLUR_TOLERANCE,
+    BLURRED,
+    PARAMETERS,
+    PLAIN,
+    SOFT,
+    Parameter,
+)
 
 LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9
 
@@ -332,7 +340,9 @@ class Scene:
                 names -= {name for name, since in _SINCE.items() if since > version}
                 values = {name: stored[name] for name in names}
             if version < _SINCE["drawn"] and "beta" in values:  # which said so then
-                values["drawn"] = np.where(values["beta"] == MOST_BETA, PLAIN, SOFT)
+                beta = values["beta"]
+                blurred = np.abs(beta[..., None] / BLUR_BETAS - 1).min(axis=-1) < BLUR_TOLERANCE
+                values["drawn"] = np.select([beta == MOST_BETA, blurred], [PLAIN, BLURRED], SOFT)
             for name in names & {"width", "height", "blend", "transparent"}:
                 if values[name].shape:
                     raise InputError(

@@ -28,8 +28,8 @@ _DECIMALS = 4  # of a size: a millionth of a metre where the unit is a centimetr
 _LARGEST_LABEL = 2**31 - 1
 LONGEST_ANIMATION_S = 3600.0
 MOST_SEGMENTS = 10_000
-# Of groups under the root alone: with a segment for its fragment a file shows the whole picture,
-# and not a round without some of its segments under all later rounds.
+# It selects groups under the root alone: with a segment for its fragment a file shows the whole
+# picture, and not a round without some of its segments under all later rounds.
 UP_TO_TARGET = "svg>g:target~g{display:none}"
 
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from gauss2svg.options import Number, OneOf, OptionGroup, Whole
 
+Form = Literal["gradient", "blur"]
 EDITABLE, MINIMAL = "editable", "minimal"
 # Over 1 px thin shapes would be rounded to nothing.
 LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
@@ -20,7 +21,7 @@ class SvgFormat(OptionGroup):
     An additive scene is written in gradients alone, and without opacities.
     """
 
-    form: Literal["gradient", "blur"] = "gradient"
+    form: Form = "gradient"
     """Form of the shapes that are not plain ellipses: a radial gradient, or, except for small
     ones, a disc under feGaussianBlur."""
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import MOST_BETA, RIM_WIDTH, cut_radius, profile
 
-# Of the squared mass: a compromise of PSNR and bytes (docs/decisions/svg.md).
+# Share of the squared mass: a compromise of PSNR and bytes (docs/decisions/svg.md).
 _LARGEST_ERROR = 0.003
 # px, times the rim's length: the error of rims of 0.5 and of 1.2 px. Without this limit large soft
 # discs would become visibly crisper.

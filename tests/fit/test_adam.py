@@ -7,7 +7,7 @@ import pytest
 
 from gauss2svg.fit import adam
 from gauss2svg.fit.adam import EPSILON, FIRST_DECAY, RATES, SECOND_DECAY, Limits
-from gauss2svg.fit.state import STEPS, State
+from gauss2svg.fit.state import GEOMETRY, STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.parameters import LEAST_RAW_BETA, STEPPED
 
@@ -29,8 +29,8 @@ def random_state(count: int, seed: int) -> State:
 
 def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
     """The slow twin of adam.step: one Gaussian after the other, by linear algebra."""
-    sizes = [rates["mean"]] * 2 + [rates["sigma"], rates["rho"], rates["sigma"]]
-    sizes += [rates["opacity"]] + [rates["color"]] * 3 + [rates["beta"]]
+    sizes = [rates[name] for name in GEOMETRY]
+    sizes += [rates[p.name] for p, _ in STEPPED for _ in range(p.width)]
     finite = True
     for i in range(len(state)):
         if not np.isfinite(gradient[i]).all():

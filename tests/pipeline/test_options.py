@@ -15,6 +15,7 @@ from gauss2svg.compare.axes import AXES
 from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.options import FitOptions
+from gauss2svg.measure.scores import TARGETS
 from gauss2svg.options import Flag, Number, OneOf, Whole, fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import Plan
@@ -122,7 +123,8 @@ def test_every_group_but_the_run_and_the_document_may_be_varied_in_a_benchmark()
 def test_functions_have_few_parameters():
     parameters = inspect.signature(gauss2svg.vectorize).parameters
     assert len(parameters) <= 15
-    assert list(parameters)[2:8] == [field.name for field in fields_of(Goal)]
+    goal = [field.name for field in fields_of(Goal)]
+    assert list(parameters)[2 : 2 + len(goal)] == goal
     for function in (
         gauss2svg.build_gallery,
         gauss2svg.vectorize_many,
@@ -140,6 +142,14 @@ def test_goals_may_be_given_by_name_or_together(photo):
     assert named.svg == together.svg == mixed.svg
     with pytest.raises(InputError, match="fit must be a FitOptions; got SvgOptions"):
         gauss2svg.vectorize(small, fit=SvgOptions())
+
+
+@pytest.mark.parametrize("score", TARGETS, ids=lambda score: score.slug)
+def test_a_number_of_gaussians_beside_any_target_is_a_cap(score):
+    goal = Goal(gaussians=50, **{score.option: score.targets[0]})
+    assert goal.target is score
+    assert goal.count_adapts
+    assert not Goal(gaussians=50).count_adapts
 
 
 def test_the_report_has_every_option(photo):

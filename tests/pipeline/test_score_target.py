@@ -48,7 +48,7 @@ def test_score_is_refused_beside_psnr_and_a_time_limit_and_for_small_photos(cat)
         Goal(target_psnr=30, target_ssimulacra2=50)
     with pytest.raises(InputError, match="target_ssimulacra2 must not be given with time_limit"):
         vectorize(cat, target_ssimulacra2=50, time_limit=3)
-    with pytest.raises(InputError, match=r"must be at least 225 px.*got 200 px"):
+    with pytest.raises(InputError, match=r"at least 225 px.*200 px.*than --target-ssimulacra2"):
         vectorize(cat[:200], target_ssimulacra2=50)
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -21,19 +22,18 @@ from gauss2svg.scene.falloff import cut_radius, half_radius, profile
 from gauss2svg.svg.blur import (
     BLUR,
     BLURS,
-    FORMS,
     blur_of,
     blurred_disc,
     chosen_blurs,
     drawn_blurs,
 )
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.format import Form, SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.write import write_svg
 
-FORM = st.sampled_from(FORMS)
+FORM = st.sampled_from(get_args(Form))
 
 
 def large_scene(count: int, seed: int) -> Scene:

@@ -17,6 +17,7 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
+from gauss2svg.scene.parameters import PARAMETERS
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import STOP_COUNTS, SvgFormat
 from gauss2svg.svg.minimal import write as minimal
@@ -24,7 +25,7 @@ from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 
-PER_SHAPE = ("mean", "sigma", "rho", "color", "opacity", "beta", "round_index", "drawn")
+PER_SHAPE = [parameter.name for parameter in PARAMETERS]
 seeds = st.integers(0, 2**32 - 1)
 
 

@@ -2,6 +2,7 @@
 
 import gzip
 import math
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -17,8 +18,8 @@ from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES
-from gauss2svg.svg.blur import BLURS, FORMS, GRADIENT, drawn_blurs
-from gauss2svg.svg.format import STOP_COUNTS, SvgFormat
+from gauss2svg.svg.blur import BLURS, GRADIENT, drawn_blurs
+from gauss2svg.svg.format import STOP_COUNTS, Form, SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import snapped
@@ -39,7 +40,7 @@ def drawn(scene: Scene, svg_format: SvgFormat) -> Scene:
     st.sampled_from([0.001, 0.01]),
     st.sampled_from(STOP_COUNTS),
     st.booleans(),
-    st.sampled_from(FORMS),
+    st.sampled_from(get_args(Form)),
 )
 def test_written_scene_comes_back_within_the_rounding(seed, precision, stops, palette, form):
     svg_format = SvgFormat(form=form, stops=stops, precision=precision, opacity_decimals=4)

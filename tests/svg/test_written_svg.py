@@ -4,6 +4,7 @@ Read by expat alone, which knows nothing of this package.
 """
 
 import re
+from typing import get_args
 from xml.parsers import expat
 
 import numpy as np
@@ -13,9 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
-from gauss2svg.svg.blur import FORMS
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
+from gauss2svg.svg.format import Form, SvgFormat
 from gauss2svg.svg.write import outline_svg, write_svg
 
 SCENE, ADDITIVE = random_scene(8, 40, 30, 1, sigma=(2.0, 9.0)), random_sum(6, 40, 30, 2)
@@ -23,7 +23,7 @@ LABELS = np.arange(12).reshape(3, 4) // 4
 WRITERS = {
     **{
         form: lambda form=form, **said: write_svg(SCENE, SvgFormat(form=form), Document(**said))
-        for form in FORMS
+        for form in get_args(Form)
     },
     "stops": lambda **said: write_svg(SCENE, SvgFormat(stops=12), Document(**said)),
     "additive": lambda **said: write_svg(ADDITIVE, None, Document(**said)),

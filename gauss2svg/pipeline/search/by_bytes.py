@@ -176,7 +176,7 @@ class ByBytes:
         best = self._files.without_gaussians()
         if best.error < EXACT:
             return best
-        # Of the first fit with some exponents: it tells what a shape takes in the next one.
+        # The size of the first fit with some exponents tells what a shape takes in the next one.
         sizes: dict[tuple[float, ...], tuple[int, int]] = {}
         with kernel_lock:
             recipes = self._recipes()

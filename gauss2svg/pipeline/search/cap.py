@@ -72,7 +72,7 @@ def fewest(first: Cap, *others: Cap) -> Cap:
 
 
 class Growth:
-    """Where the growth of a fit ends, as it shows what its shapes cost.
+    """The end of a fit's growth, revised as the fit shows what its shapes cost.
 
     cap         the largest count so far
     for_target  cap of the corrections towards a target

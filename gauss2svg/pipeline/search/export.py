@@ -29,7 +29,7 @@ from gauss2svg.svg.minimal.write import MOST_MASKED, minimal_svg
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.write import write_svg
 
-# Soft shapes that a fit aims at where as many are drawn under masks: a few solid ones may become
+# Soft shapes that a fit aims at where as many are drawn under masks: a few plain ones may become
 # soft in the last steps.
 _MASKED = MOST_MASKED - 8
 # Share of the Gaussians that is kept at least at once where fewer may be drawn in another way.
@@ -144,7 +144,7 @@ class Exporter:
         """A scene of the working canvas as it would be written, rasterised if there is an aim."""
         working, document = self._subject.working, self._subject.document
         model = model_psnr(scene, working)
-        # Colours are in the palette already, except those of ellipses that are no longer solid.
+        # Colours are in the palette already, except those of ellipses that are no longer plain.
         exact = grouped_by_segment(self.quantized(scene, None), document.labels)
         written = self._format_at(self.seen)
         svg = self._written(exact, written)

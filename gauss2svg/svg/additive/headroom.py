@@ -34,9 +34,9 @@ _SIDE = 1536  # samples of the grid, at most
 # Samples of the grid that all Gaussians together may touch, without means: a coarser grid is
 # enough for wider Gaussians.
 _TOUCHED = 3e7
-# Of a colour channel: a smaller contribution to a sample needs no room there.
+# A smaller contribution to a colour channel of a sample needs no room there.
 _LEAST_ADDED = 1e-3
-# Of a colour channel: the rounding of float32 is smaller.
+# Equal values of a colour channel: the rounding of float32 is smaller.
 _EQUAL = 1e-4
 _RADIUS = float(cut_radius(1.0))
 _TABLE = 4096  # steps of the falloff by squared radius

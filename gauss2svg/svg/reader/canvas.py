@@ -92,7 +92,7 @@ def _fitted(
 def misplaced(
     sides: Mapping[str, float], onto: Affine, canvas: tuple[float, float], in_units: bool
 ) -> str:
-    """Where a rectangle lies that is not upright over all of a canvas in px; "" where it is.
+    """Text of the sides of a rectangle unless it is upright over all of a canvas in px, then "".
 
     sides     its x, y, width and height; onto the map of its user space to px
     in_units  whether its sides were rounded to whole units, as those of minimal markup are

@@ -26,7 +26,7 @@ _OPEN_ARC = re.compile(
     rf"([Mm])({NUMBER}){_SEPARATOR}({NUMBER})a({NUMBER}){_SEPARATOR}({NUMBER}){_SEPARATOR}({NUMBER})"
     r" 10(1 0|0 1)"
 )
-# Of the radius: editors write 8 digits, which move the ends of a thin arc by as much.
+# Share of the radius by which the 8 digits that editors write move the ends of a thin arc.
 _TOLERANCE = 0.01
 
 
