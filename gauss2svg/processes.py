@@ -84,12 +84,13 @@ def run(
 
     source = subprocess.DEVNULL if data is None and not tied else subprocess.PIPE
     with (
-        # No pipe, which has no end while anything that the process has left behind is alive.
+        # No pipes, which have no end while anything that the process has left behind is alive.
+        tempfile.TemporaryFile() as stdout,
         tempfile.TemporaryFile() as stderr,
         subprocess.Popen(
             command,
             stdin=source,
-            stdout=subprocess.PIPE,
+            stdout=stdout,
             stderr=stderr,
             cwd=folder,
             env={**os.environ, **(environment or {})},
@@ -100,15 +101,17 @@ def run(
         if tie is not None:
             process.stdin = None  # `communicate` would close it
         try:
-            output, _ = process.communicate(data, timeout_s)
-        except subprocess.TimeoutExpired as error:
-            raise TimeoutError(f"not done in {timeout_s:g} s") from error
-        finally:  # also at an interrupt, which another process group does not receive
-            if process.poll() is None:
-                _end(process, apart, ending_s)
+            process.communicate(data, timeout_s)
+        except BaseException as error:  # an interrupt too, which another group does not receive
+            _end(process, apart, ending_s)
+            if isinstance(error, subprocess.TimeoutExpired):
+                raise TimeoutError(f"not done in {timeout_s:g} s") from error
+            raise
+        finally:
             if tie is not None:
                 tie.close()
-        return Ended(process.returncode, output, _last_line(stderr))
+        stdout.seek(0)
+        return Ended(process.returncode, stdout.read(), _last_line(stderr))
 
 
 def _end(process: subprocess.Popen[bytes], apart: bool, ending_s: float) -> None:
@@ -117,12 +120,12 @@ def _end(process: subprocess.Popen[bytes], apart: bool, ending_s: float) -> None
     if ending_s and os.name != WINDOWS:
         process.terminate()
         with suppress(subprocess.TimeoutExpired):  # it is inside a library
-            process.communicate(timeout=ending_s)
-            return
-    if apart:
-        end_tree(process.pid)
-    else:
+            process.wait(ending_s)
+    if not apart:
         process.kill()
+    # A group outlives its leader; on Windows the number of a dead one may be another's.
+    elif os.name != WINDOWS or process.poll() is None:
+        end_tree(process.pid)
 
 
 def _last_line(stream: IO[bytes]) -> str:
@@ -139,9 +142,18 @@ def module_command(name: str, *words: str) -> list[str]:
 
 def module_path() -> dict[str, str]:
     """The variable by which another Python imports as this one, but not from the current folder."""
-    entries = [os.path.abspath(entry) for entry in sys.path if entry]
+    # Python puts the current folder first, also by its full name.
+    first = int(not sys.flags.safe_path and _is_current(sys.path[0]))
+    entries = [os.path.abspath(entry) for entry in sys.path[first:] if entry]
     # Last: the package itself may be imported from there.
     return {"PYTHONPATH": os.pathsep.join([*entries, str(Path(__file__).parents[1])])}
+
+
+def _is_current(folder: str) -> bool:
+    try:
+        return os.path.samefile(folder, os.curdir)
+    except OSError:  # one of them is gone
+        return False
 
 
 def own_group(system: str = os.name) -> _Group:

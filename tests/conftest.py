@@ -154,8 +154,14 @@ def renderer(request) -> str:
 _NOT_INSTALLED_WITH_US = {"chromium", "firefox", "inkscape", "librsvg"}
 
 
+_LANES = {"browser", "process", "sweep", "example"}
+
+
 def pytest_collection_modifyitems(items) -> None:
-    """Tests that need a browser or another program to render are of the lane `browser`."""
+    """Tests that need a browser or another program to render are of the lane `browser`.
+
+    One of `nightly` that had another lane's marker would run in that lane too.
+    """
     for item in items:
         given = getattr(item, "callspec", None)
         values = [] if given is None else given.params.values()
@@ -163,6 +169,9 @@ def pytest_collection_modifyitems(items) -> None:
         needed = {"browser", "headless", "visit"} & set(item.fixturenames)
         if needed or renderers & _NOT_INSTALLED_WITH_US:
             item.add_marker(pytest.mark.browser)
+        marks = {mark.name for mark in item.iter_markers()}
+        if "nightly" in marks and marks & _LANES:
+            raise pytest.UsageError(f"{item.nodeid} must be nightly alone; got {marks & _LANES}")
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
@@ -157,7 +158,7 @@ def template_environment(*packages: str) -> Environment:
 
 def _step(span: float, least: float) -> float:
     """Distance of ticks, for six ticks or fewer: least, or 2, 5, 10, 20, .. times as much."""
-    steps = (least * factor * 10**power for power in range(7) for factor in (1, 2, 5))
+    steps = (least * factor * 10**power for power in count() for factor in (1, 2, 5))
     return next(step for step in steps if span / step <= 6)
 
 

@@ -32,7 +32,6 @@ PICTURE_POLICY = (
 )
 _OTHER_SITE = "a page of another site may not use the studio"
 _HEADERS = {
-    "content-security-policy": PAGE_POLICY,
     "x-content-type-options": "nosniff",
     "referrer-policy": "no-referrer",
     "cross-origin-resource-policy": "same-origin",
@@ -85,6 +84,9 @@ class Bounded:
             if message["type"] == "http.response.start":
                 answered = True
                 headers = MutableHeaders(scope=message)
+                is_picture = headers.get("content-type", "").startswith("image/svg+xml")
+                policy = PICTURE_POLICY if is_picture else PAGE_POLICY
+                headers.setdefault("content-security-policy", policy)
                 for name, value in _HEADERS.items():
                     headers.setdefault(name, value)
             await send(message)

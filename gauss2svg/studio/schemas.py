@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from fastapi import UploadFile
-from pydantic import BaseModel, ConfigDict, Field, computed_field
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema, computed_field
 
 
 class PhotoForm(BaseModel):
     """A photo, given in one of three ways, and the options of its run."""
 
-    photo: UploadFile | None = Field(None, description="the file of a photo")
+    photo: Annotated[UploadFile | None, WithJsonSchema({"type": "string", "format": "binary"})] = (
+        Field(None, description="the file of a photo")
+    )
     sample: str = Field("", description="or a name of /api/samples")
     of: str = Field("", description="or the id of a job, whose photo is taken again")
     options: str = Field("{}", description="JSON of options of /api/options")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import re
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
+from fastapi.routing import APIRoute
+from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 
 from gauss2svg.compare.machine import machine
-from gauss2svg.errors import Gauss2SvgError, on_one_line, whole_number
+from gauss2svg.errors import Gauss2SvgError, on_one_line, quoted, whole_number
 from gauss2svg.studio.guard import Bounded
 from gauss2svg.studio.jobs import Jobs, QueueFullError
 from gauss2svg.studio.routes import jobs as job_routes
@@ -75,6 +78,9 @@ def create_app(
     app.state.is_local = is_local
     app.state.drawing = asyncio.Semaphore(1)  # a PNG takes the time and the memory of a fit
     for routes in (pages, job_routes, results):
+        for route in routes.router.routes:
+            if isinstance(route, APIRoute):  # its summary is the function's name otherwise
+                route.summary = route.description.partition(".")[0]
         app.include_router(routes.router)
     return Studio(app, queue)
 
@@ -93,14 +99,26 @@ async def _refusal(request: Request, error: Exception) -> JSONResponse:
         case Gauss2SvgError():
             return _line(422, str(error))
         case RequestValidationError():
-            first = error.errors()[0]
-            return _line(422, f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
+            return _line(422, _invalid(error.errors()[0]))
         case _:
             # Without the path of a file, which is private.
             what = error.strerror if isinstance(error, OSError) else error
             return _line(500, f"{type(error).__name__}: {what}")
 
 
+def _invalid(error: dict[str, Any]) -> str:
+    """Pydantic's first error in the words of the others."""
+    field = ".".join(map(str, error["loc"]))
+    if error["type"] == "missing":
+        return f"{field} must be given; got none"
+    # "Input should be a valid number, unable to parse string as a number"
+    must, found = _SHOULD.subn("must", _ASIDE.sub("", error["msg"]), 1)
+    given = error["input"]
+    got = "a file" if isinstance(given, UploadFile) else quoted(given)
+    return f"{field} {must if found else f'must be valid: {must}'}; got {got}"
+
+
+_SHOULD, _ASIDE = re.compile(r"^\w+ should\b"), re.compile(", (unable|got|not) .*")
 _ERRORS = HTTPException, QueueFullError, Gauss2SvgError, RequestValidationError, Exception
 
 

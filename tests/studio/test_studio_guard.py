@@ -10,6 +10,7 @@ import io
 import json
 import math
 import os
+import re
 import struct
 import zlib
 from xml.etree import ElementTree
@@ -19,6 +20,7 @@ import pytest
 from PIL import ExifTags, Image
 from starlette.datastructures import UploadFile
 
+from gauss2svg.measure.scores import SCORES
 from gauss2svg.studio import guard, uploads
 from gauss2svg.studio.guard import Bounded, Guard
 from gauss2svg.studio.service import create_app
@@ -418,6 +420,31 @@ def test_options_that_are_not_offered_or_wrong_are_refused_in_a_line(options, wo
     assert word in line_of(answer)
 
 
+@pytest.mark.parametrize(
+    ("data", "files", "line"),
+    [
+        ({"keep": "perhaps"}, {"x": b""}, "keep must be a valid boolean; got 'perhaps'"),
+        ({}, {"options": ("a.txt", b"{}")}, "options must be a valid string; got a file"),
+    ],
+)
+def test_a_field_of_another_kind_is_refused_as_every_value_is(data, files, line):
+    answer = ask("POST", "/api/jobs", headers=BEARER, data=data, files=files)
+    assert (answer.status_code, line_of(answer)) == (422, line)
+
+
+@pytest.mark.parametrize(
+    ("query", "line"),
+    [
+        ("", "query.ids must be given; got none"),
+        ("?ids=a&gzip=2", "query.gzip must be a valid boolean; got '2'"),
+        ("?ids=a&markup=small", "query.markup must be 'editable' or 'minimal'; got 'small'"),
+    ],
+)
+def test_a_query_of_another_kind_is_refused_as_every_value_is(query, line):
+    answer = ask("GET", f"/api/zip{query}", headers=BEARER)
+    assert (answer.status_code, line_of(answer)) == (422, line)
+
+
 @pytest.mark.parametrize("body", ["[" * 60_000, '{"a": ' * 9000, " " * 10**6, "no JSON", "[1]"])
 def test_json_is_bounded_in_bytes_and_depth(body):
     line = line_of(answer := ask("POST", "/api/estimate", headers=BEARER, content=body))
@@ -535,6 +562,16 @@ def test_a_bug_is_a_line_without_a_path(error, line, monkeypatch):
     assert answer.headers["cache-control"] == "no-store"
 
 
+def test_the_body_of_a_chart_is_bounded():
+    body = json.dumps(
+        {"score": "psnr_svg", "cost": "total_s", "points": [{"text": "x" * 5 * 10**6}]}
+    )
+    line = line_of(answer := ask("POST", "/api/chart", headers=BEARER, content=body))
+    assert answer.status_code == 422
+    assert line == "the body must be at most 4000000 bytes; got more. Try less"
+
+
+@pytest.mark.parametrize("axis", SCORES, ids=lambda axis: axis.slug)
 @pytest.mark.parametrize(
     ("cost", "score", "drawn"),
     [
@@ -543,33 +580,41 @@ def test_a_bug_is_a_line_without_a_path(error, line, monkeypatch):
         (math.nan, 30, False), (5, math.inf, False), ("5 s", 30, False),
     ],
 )  # fmt: skip
-def test_a_chart_is_drawn_of_what_can_be_and_its_texts_are_text(cost, score, drawn):
+def test_a_chart_is_drawn_of_what_can_be_and_its_texts_are_text(axis, cost, score, drawn):
     hostile = '<script>alert(1)</script>&"'
     points = [
         {"cost": one, "score": other, "series": at, "text": hostile}
         for at, (one, other) in enumerate([(cost, score), (10, 20.0)])
     ]
-    body = json.dumps({"score": "psnr_svg", "cost": "total_s", "points": points})
+    body = json.dumps({"score": axis.key, "cost": "total_s", "points": points})
     headers = {**BEARER, "Content-Type": "application/json"}
     answer = ask("POST", "/api/chart", headers=headers, content=body)
     if not drawn:
         assert answer.status_code == 422
-        assert line_of(answer).startswith("body.points.0.")
+        assert re.match(r"points\.0\.(cost|score) must be .+; got .+", line_of(answer))
         return
+    assert answer.status_code == 200
+    assert answer.headers["content-security-policy"] == guard.PICTURE_POLICY
     assert answer.headers["content-type"].startswith("image/svg+xml")
     texts = [one.text for one in ElementTree.fromstring(answer.text).iter() if one.text]
     assert texts.count(hostile) == 2
-    assert {"PSNR, dB", "time, photo to measured SVG"} <= set(texts)
+    assert {axis.title, "time, photo to measured SVG"} <= set(texts)
 
 
 def test_the_description_of_the_service_has_types_of_its_answers_and_errors():
     document = STUDIO.api.openapi()
     for path, methods in document["paths"].items():
         for method, route in methods.items():
-            assert not route["summary"].startswith(" "), (method, path)
+            assert route["summary"] != route["operationId"].replace("_", " ").title(), path
+            assert route["description"].startswith(route["summary"]), (method, path)
             for status in ("403", "404", "422"):
                 said = route["responses"][status]["content"]["application/json"]["schema"]
                 assert said == {"$ref": "#/components/schemas/Error"}
+    form = document["paths"]["/api/jobs"]["post"]["requestBody"]["content"]["multipart/form-data"]
+    photo = form["schema"]["properties"]["photo"]
+    assert (photo["type"], photo["format"], "anyOf" in photo) == ("string", "binary", False)
+    chart = document["paths"]["/api/chart"]["post"]["requestBody"]["content"]["application/json"]
+    assert "cost" in chart["schema"]["properties"]["points"]["items"]["properties"]
     state = document["paths"]["/api/jobs/{name}"]["get"]["responses"]["200"]
     assert state["content"]["application/json"]["schema"]["$ref"].endswith("/JobState")
     assert {"id", "state", "place", "lines"} <= document["components"]["schemas"]["JobState"][

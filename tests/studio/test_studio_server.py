@@ -222,6 +222,22 @@ def test_past_the_bound_a_client_is_told_when_to_come_again(server, png):
         server.client.delete(f"/api/jobs/{job['id']}")
 
 
+def test_a_reader_that_never_reads_stops_no_fit_and_is_told_its_end_at_last(server, png):
+    job = server.submit(png, quality="draft", iterations=2000, gaussians=100)
+    with socket.socket() as reader:
+        reader.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        reader.connect(_address(server))
+        reader.sendall(
+            f"GET /api/jobs/{job['id']}/events HTTP/1.1\r\nHost: {_host(server)}\r\n"
+            f"Authorization: Bearer {server.token}\r\nConnection: close\r\n\r\n".encode()
+        )
+        assert server.wait(job)["state"] == "done"
+        reader.settimeout(20)
+        told = b"".join(iter(lambda: reader.recv(4096), b""))
+    assert told.startswith(b"HTTP/1.1 200")
+    assert b'"state": "done"' in told.split(b"event: state")[-1]
+
+
 def test_a_photo_that_breaks_while_it_is_decoded_fails_in_a_line_with_its_name(server, png):
     job = server.submit(png[: len(png) // 2])
     found = server.wait(job)

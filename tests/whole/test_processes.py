@@ -113,11 +113,37 @@ def test_a_process_leads_a_group_unless_it_is_to_end_with_this_one():
     assert int(found[0]) != os.getpgrp() == int(found[1])
 
 
-def test_what_a_process_leaves_behind_with_its_errors_open_is_not_waited_for(tmp_path):
+@pytest.mark.parametrize("opened", ["> /dev/null", "2> /dev/null", ""])
+@pytest.mark.parametrize("timeout_s", [None, 30])
+def test_what_a_process_leaves_behind_with_its_pipes_open_is_not_waited_for(opened, timeout_s):
     begun = time.monotonic()
-    pid = int(shell("sleep 60 > /dev/null & echo $!").output)
+    pid = int(shell(f"sleep 60 {opened} & echo $!", timeout_s=timeout_s).output)
     assert time.monotonic() - begun < 30
     psutil.Process(pid).kill()
+
+
+@pytest.mark.parametrize("ending_s", [0.0, 5.0])
+def test_an_exception_ends_the_group_of_a_process_that_has_ended(ending_s, tmp_path, monkeypatch):
+    class Interrupted(subprocess.Popen):
+        def communicate(self, *_):
+            self.wait()
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(subprocess, "Popen", Interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        shell(f"sleep 60 & echo $! > {tmp_path}/pid", ending_s=ending_s)
+    assert has_ended(int((tmp_path / "pid").read_text()))
+
+
+def test_what_a_process_that_ends_when_it_is_asked_leaves_in_its_group_ends(tmp_path):
+    pids = tmp_path / "pid"
+    script = f"trap 'exit 2' TERM; (trap '' TERM; exec sleep 60) & echo $! > {pids}; wait"
+    for seconds in (0.5, 4, 32):  # more where the machine is too busy for it to begin
+        with pytest.raises(TimeoutError):
+            shell(script, timeout_s=seconds, ending_s=30)
+        if pids.exists() and pids.read_text():
+            break
+    assert has_ended(int(pids.read_text()))
 
 
 def test_a_worker_that_is_dead_before_it_reads_is_told_by_its_status(tmp_path, monkeypatch):
@@ -138,3 +164,8 @@ def test_a_module_is_imported_as_here_and_not_from_the_current_folder(tmp_path, 
     command = processes.module_command("some_module", "word")
     assert run(command, environment=processes.module_path()).output == b"there\n"
     assert Path(processes.module_path()["PYTHONPATH"].split(os.pathsep)[-1]).is_dir()
+    # As `python -m` puts it first; a folder that was asked for stays.
+    monkeypatch.syspath_prepend(tmp_path)
+    assert run(command, environment=processes.module_path()).output == b"there\n"
+    monkeypatch.syspath_prepend(tmp_path / "none")
+    assert run(command, environment=processes.module_path()).output == f"{tmp_path.name}\n".encode()

@@ -1,17 +1,27 @@
 """The addresses of the service, by what they are about.
 
-Here is what they depend on: the queue, the samples, a job by its id, a job that has an SVG.
+Here is what they depend on: the queue, the samples, a job by its id, a job that has an SVG, and
+JSON that is bounded.
 """
 
 from __future__ import annotations
 
-from typing import Annotated
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel, ValidationError
 from starlette.exceptions import HTTPException
 
+from gauss2svg.errors import InputError, brief
 from gauss2svg.studio.jobs import Job, Jobs
 from gauss2svg.studio.schemas import Sample
+
+_Model = TypeVar("_Model", bound=BaseModel)
+MOST_JSON = 64_000  # characters of options
 
 
 async def _jobs(request: Request) -> Jobs:
@@ -56,3 +66,41 @@ async def sample_named(name: str, samples: Samples) -> Sample:
 
 
 KnownSample = Annotated[Sample, Depends(sample_named)]
+
+
+def object_within(most: int) -> Callable[..., Awaitable[dict[str, Any]]]:
+    """A dependency: the JSON object of a body of at most so many bytes; raises InputError."""
+
+    async def given(request: Request) -> dict[str, Any]:
+        read = bytearray()
+        async for chunk in request.stream():
+            read += chunk
+            if len(read) > most:
+                raise InputError(f"the body must be at most {most} bytes; got more. Try less")
+        text = read.decode(errors="replace")
+        found = await asyncio.to_thread(parsed, "the body", text, most)
+        if not isinstance(found, dict):
+            raise InputError(f"the body must be an object; got {type(found).__name__}")
+        return found
+
+    return given
+
+
+def parsed(what: str, text: str, most: int) -> Any:
+    """The value of JSON of at most so many characters; raises InputError."""
+    if len(text) > most:
+        raise InputError(f"{what} must be at most {most} characters; got more")
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise InputError(f"{what} must be JSON; got {brief(error)}") from error
+    except RecursionError as error:
+        raise InputError(f"{what} must be JSON; got one too deep") from error
+
+
+def validated(model: type[_Model], given: dict[str, Any]) -> _Model:
+    """The model of given fields; raises RequestValidationError."""
+    try:
+        return model.model_validate(given)
+    except ValidationError as error:
+        raise RequestValidationError(error.errors()) from error

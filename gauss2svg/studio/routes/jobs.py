@@ -12,22 +12,29 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Request
-from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response, StreamingResponse
-from pydantic import ValidationError
 from starlette.datastructures import FormData
 from starlette.exceptions import HTTPException
 
-from gauss2svg.errors import InputError, brief
+from gauss2svg.errors import InputError
 from gauss2svg.studio import uploads
 from gauss2svg.studio.estimate import estimate_of
 from gauss2svg.studio.jobs import CANCELED, FAILED, Job, Jobs
 from gauss2svg.studio.options import lines_of, options_of
-from gauss2svg.studio.routes import AllJobs, KnownJob, Samples, job_named, sample_named
+from gauss2svg.studio.routes import (
+    MOST_JSON,
+    AllJobs,
+    KnownJob,
+    Samples,
+    job_named,
+    object_within,
+    parsed,
+    sample_named,
+    validated,
+)
 from gauss2svg.studio.routes.results import picture
 from gauss2svg.studio.schemas import Estimate, JobState, PhotoForm, Sample
 
-_MOST_JSON = 64_000  # characters of what is given as JSON
 _ALIVE_S = 15.0  # between two lines of an event stream that has nothing to tell
 _FIXED = {"name", "width", "height", "options", "lines"}  # told once of a job
 _FIGURES = ("gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s", "stop_reason")
@@ -58,14 +65,11 @@ def _checked(given: FormData) -> PhotoForm:
     fields = {name: value for name, value in given.items() if value}
     if isinstance(fields.get("photo"), str):
         del fields["photo"]
-    try:
-        return PhotoForm.model_validate(fields)
-    except ValidationError as error:
-        raise RequestValidationError(error.errors()) from error
+    return validated(PhotoForm, fields)
 
 
 async def _queued(form: PhotoForm, jobs: Jobs, samples: dict[str, Sample]) -> Job:
-    given = _parsed("options", form.options)
+    given = parsed("options", form.options, MOST_JSON)
     options = options_of(given)
     folder = jobs.new_folder()
     path = folder / "photo"
@@ -146,33 +150,9 @@ async def _disconnection(request: Request) -> None:
         pass
 
 
-async def _small_object(request: Request) -> dict[str, Any]:
-    """The JSON object of a body that is bounded in bytes and depth."""
-    body = b""
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > _MOST_JSON:
-            break
-    given = _parsed("the body", body.decode(errors="replace"))
-    if not isinstance(given, dict):
-        raise InputError(f"the body must be an object; got {type(given).__name__}")
-    return given
-
-
-def _parsed(what: str, text: str) -> Any:
-    if len(text) > _MOST_JSON:
-        raise InputError(f"{what} must be at most {_MOST_JSON} characters; got more")
-    try:
-        return json.loads(text)
-    except ValueError as error:
-        raise InputError(f"{what} must be JSON; got {brief(error)}") from error
-    except RecursionError as error:
-        raise InputError(f"{what} must be JSON; got one too deep") from error
-
-
 @router.post("/estimate")
 async def estimate(
-    given: Annotated[dict[str, Any], Depends(_small_object)], jobs: AllJobs
+    given: Annotated[dict[str, Any], Depends(object_within(MOST_JSON))], jobs: AllJobs
 ) -> Estimate:
     """What a run will give: JSON {width, height, options, of?} in, figures out."""
     of = jobs.known.get(str(given.get("of")))

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Depends, Request
 from fastapi.responses import FileResponse, HTMLResponse, Response
 from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
@@ -17,7 +17,7 @@ from gauss2svg.measure.heatmap import MOST, legend
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio.options import form
-from gauss2svg.studio.routes import AllJobs, KnownSample, Samples
+from gauss2svg.studio.routes import AllJobs, KnownSample, Samples, object_within, validated
 from gauss2svg.studio.schemas import Sample
 from gauss2svg.studio.uploads import REFUSED
 from gauss2svg.version import __version__
@@ -37,6 +37,7 @@ _KINDS = {
 }
 _TEMPLATES = template_environment("gauss2svg.compare.pages", "gauss2svg.studio")
 _MOST_POINTS = 10_000  # of a chart
+_MOST_CHART = 4_000_000  # bytes of what it is drawn of
 _AXES = {axis.key: axis for axis in SCORES}
 _COSTS = {key: (title, at_tick) for key, _, title, _, at_tick in COSTS}
 
@@ -99,9 +100,20 @@ class ChartAsked(BaseModel):
     points: Annotated[list[PointAsked], Field(min_length=1, max_length=_MOST_POINTS)]
 
 
-@router.post("/api/chart", response_class=Response, summary="A chart of a score over a cost")
-def draw_chart(asked: ChartAsked) -> Response:
+def _body_of_chart() -> dict[str, Any]:
+    schema = ChartAsked.model_json_schema()
+    # In place: a reference would be looked for in the whole document.
+    schema["properties"]["points"]["items"] = schema.pop("$defs")[PointAsked.__name__]
+    content = {"application/json": {"schema": schema}}
+    return {"requestBody": {"required": True, "content": content}}
+
+
+@router.post("/api/chart", response_class=Response, openapi_extra=_body_of_chart())
+def draw_chart(
+    given: Annotated[dict[str, Any], Depends(object_within(_MOST_CHART))],
+) -> Response:
     """A chart of a score over a cost as SVG, its points in their order."""
+    asked = validated(ChartAsked, given)
     axis, (title, at_tick) = _AXES[asked.score], _COSTS[asked.cost]
     points = [
         Point(one.cost, one.score, one.series, group=one.series, text=one.text)

@@ -17,7 +17,6 @@ from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.measure.drawing import draw
 from gauss2svg.studio import uploads
-from gauss2svg.studio.guard import PICTURE_POLICY
 from gauss2svg.studio.jobs import Job
 from gauss2svg.studio.options import MOST_DRAWN
 from gauss2svg.studio.routes import AllJobs, FinishedJob, finished, job_named
@@ -43,10 +42,10 @@ async def picture(
     """The SVG: as it was written, or in another markup, or as SVGZ."""
     svg = await _svg(job, markup)
     zipped = gzip or job.is_zipped
-    headers = {"Content-Security-Policy": PICTURE_POLICY}
+    headers = dict[str, str]()
     if download:
         which = f"-{markup}" if markup else ""
-        headers |= _attachment(job, f"{which}.svgz" if zipped else f"{which}.svg")
+        headers = _attachment(job, f"{which}.svgz" if zipped else f"{which}.svg")
     elif zipped:
         headers["Content-Encoding"] = "gzip"
     data = await asyncio.to_thread(file_bytes, svg, zipped)
@@ -97,8 +96,6 @@ async def file(
     if not path.is_file():
         raise HTTPException(404, f"this job has no {file}" + (job.flaw and f": {job.flaw}"))
     headers = _attachment(job, f"-{file}") if download else {}
-    if file.endswith(".svg"):
-        headers["Content-Security-Policy"] = PICTURE_POLICY
     return FileResponse(path, media_type=_FILES[file], headers=headers)
 
 
