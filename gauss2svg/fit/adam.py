@@ -53,6 +53,7 @@ class Limits:
     least_rim     px of the working image in which a rim across the minor axis falls from
                   0.9 to 0.1: renderers sample sharper ones differently
     least_color, most_color  of each channel
+    held_skew     whether skews keep their lengths, those of the file, and turn alone
     """
 
     least_sigma: float
@@ -62,6 +63,7 @@ class Limits:
     least_rim: float = 0.5
     least_color: float = 0.0
     most_color: float = 1.0
+    held_skew: bool = False
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
@@ -159,6 +161,8 @@ def _step_block(
             most = np.clip(sharpest, LEAST_RAW_BETA, limits.most_raw_beta)
         elif parameter.name == "skew":
             u1, u2 = state.raw_skew[block].T + d[steps[0] : steps[-1] + 1]
+            if limits.held_skew:
+                u1, u2 = _of_length(u1, u2, state.raw_skew[block])
             co, si = turn
             for values, value in zip(
                 state.raw_skew[block].T, (co * u1 + si * u2, co * u2 - si * u1), strict=True
@@ -175,6 +179,15 @@ def _step_block(
         np.copyto(values, value, where=finite)
     first[~finite], second[~finite], age[~finite] = 0, 0, 0
     return False
+
+
+def _of_length(u1: _Column, u2: _Column, before: NDArray[np.float64]) -> tuple[_Column, _Column]:
+    """u1, u2 as long as before (n, 2); before where they have no direction."""
+    length, now = np.hypot(*before.T), np.hypot(u1, u2)
+    turns = (length > 0) & (now > 0)
+    scale = np.where(turns, length / np.where(turns, now, 1.0), 0.0)
+    u1, u2 = (np.where(turns, scale * u, b) for u, b in zip((u1, u2), before.T, strict=True))
+    return u1, u2
 
 
 def _directions(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gauss2svg.fit.saved import damaged, rows
 from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, RHO_LIMIT, SOFT, Scene
-from gauss2svg.scene.parameters import STEPPED, logistic, skew_of
+from gauss2svg.scene.parameters import STEPPED, logistic, raw_skew_of, skew_of
 
 FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
 # Columns of gradients and moments: shift along the two whitened axes and three of shape, which step
@@ -119,7 +119,10 @@ class State:
         return State(**{n: np.concatenate([a, on_top[n]]) for n, a in vars(self).items()})
 
     def quantized(self, scene: Scene) -> State:
-        """With a scene's shapes and what files share; resets Adam's moments of the latter."""
+        """With a scene's shapes and what files share; resets Adam's moments of the latter.
+
+        Of skews files share the lengths, so that their moments stay.
+        """
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         first, second = self.first.copy(), self.second.copy()
         shared = {}
@@ -129,6 +132,8 @@ class State:
                 shared[raw.name] = raw.inverse(getattr(scene, parameter.name).copy())
         return dataclasses.replace(
             self,
+            mean=scene.mean.copy(),
+            raw_skew=raw_skew_of(scene.skew),
             factor=np.stack([l11, l21, l22], axis=1),
             drawn=scene.drawn.copy(),
             first=first,

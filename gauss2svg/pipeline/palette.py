@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
+from gauss2svg.scene.falloff import BETA_CLASSES, SKEW_CLASSES, nearest_class
 from gauss2svg.scene.nearest import nearest_entry
 
 _ITERATIONS = 6  # of Lloyd; twice as many gain under 2 % (docs/decisions/palette.md)
@@ -22,6 +22,9 @@ _LEAST_AIM = 0.1
 # Weight of ln beta beside colours in 0..1: the best for photos and near the best at few bytes
 # (docs/decisions/palette.md).
 _BETA_WEIGHT = 0.1
+
+# Further skews that a palette has in all, as a share of its entries (docs/decisions/skew.md).
+_SHARE_OF_SKEWS = 0.25
 
 _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 
@@ -59,6 +62,42 @@ def best_palette(
     kept = _features(exact), exact.entry
     entries, entry = _few(features, weight, count, allowed, kept, lambda e: _features(_rounded(e)))
     return dataclasses.replace(_rounded(entries), entry=entry)
+
+
+def few_skews(
+    length: NDArray[np.float64],
+    entry: NDArray[np.intp],
+    weight: NDArray[np.float64],
+    share: float = _SHARE_OF_SKEWS,
+) -> NDArray[np.intp]:
+    """Index into SKEW_CLASSES (n,) of skews of length (n,), few different ones in each entry (n,).
+
+    Each entry of a palette has the class that minimises sum weight (length - class)^2 over its
+    shapes; further classes, `share` of the number of entries in all, go where they lower it most.
+    """
+    classes, entries = np.array(SKEW_CLASSES), int(entry.max(initial=-1)) + 1
+    cost = weight[:, None] * np.square(length[:, None] - classes)
+    total = np.stack([np.bincount(entry, column, entries) for column in cost.T], axis=1)
+    chosen = total.argmin(axis=1)[entry]
+    left = int(share * entries)
+    while left > 0:
+        now = np.take_along_axis(cost, chosen[:, None], axis=1)
+        saved = np.maximum(now - cost, 0.0)
+        gain = np.stack([np.bincount(entry, column, entries) for column in saved.T], axis=1)
+        best = gain.argmax(axis=1)
+        gain = gain.max(axis=1)
+        # A few at a time, as an entry may gain by more than one.
+        widened = np.argsort(-gain, kind="stable")[: -(-left // 3)]
+        widened = widened[gain[widened] > 0]
+        if not len(widened):
+            break
+        left -= len(widened)
+        takes = np.full(entries, -1)
+        takes[widened] = best[widened]
+        wanted = takes[entry]
+        better = (wanted >= 0) & (saved[np.arange(len(entry)), np.maximum(wanted, 0)] > 0)
+        chosen = np.where(better, wanted, chosen)
+    return chosen
 
 
 def quantize_signed(

@@ -125,15 +125,15 @@ def _falloff(
     and the offset from a distant mean would be lost.
     """
     dtype = mean.dtype
-    mean, sigma, rho, beta, skew = (
-        t.to(_wide(t.device)) for t in (mean, sigma, rho, beta, skew)
-    )
+    mean, sigma, rho, beta, skew = (t.to(_wide(t.device)) for t in (mean, sigma, rho, beta, skew))
     y = torch.arange(height, dtype=mean.dtype, device=mean.device) + 0.5
     x = torch.arange(width, dtype=mean.dtype, device=mean.device) + 0.5
     z1 = (x - mean[0]) / sigma[0]
     v = (y - mean[1]) / sigma[1]
     z2 = (v[:, None] - rho * z1) / torch.sqrt((1 - rho) * (1 + rho))
-    half = 0.5 * _square_distance(z1.expand_as(z2), z2, torch.sqrt(2 * CUT ** (1 / beta)) * skew, skew)
+    half = 0.5 * _square_distance(
+        z1.expand_as(z2), z2, torch.sqrt(2 * CUT ** (1 / beta)) * skew, skew
+    )
     inside = half < CUT ** (1 / beta)
     # Masked before the power, so that the backward pass never multiplies infinity by zero:
     # at the mean itself, where the logarithm is infinite, the falloff is 1 for every shape.
@@ -157,7 +157,9 @@ def _square_distance(
     square = along * along + rest
     # At the focus itself the root has no derivative, and r^2 has 0.
     away = square > 0
-    n = torch.where(away, torch.sqrt(torch.where(away, square, torch.ones_like(square))), 0 * square)
+    n = torch.where(
+        away, torch.sqrt(torch.where(away, square, torch.ones_like(square))), 0 * square
+    )
     return (2 * along * (along + n) + rest) / (left * left)
 
 
@@ -192,6 +194,4 @@ def render_reference(
     with torch.no_grad():
         if scene.blend == ADD:
             return _accumulate(mean, sigma, rho, color, background, height, width).clamp(0, 1)
-        return _composite(
-            mean, sigma, rho, color, opacity, background, height, width, beta, skew
-        )
+        return _composite(mean, sigma, rho, color, opacity, background, height, width, beta, skew)

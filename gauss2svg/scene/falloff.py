@@ -44,6 +44,12 @@ RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
 # nothing (docs/decisions/falloff.md).
 BETA_CLASSES = (1.0, 1.7, 3.0, 6.0, 16.0, 64.0)
 
+# The skews |f| of a file: a class of a colour and an exponent takes 50 bytes, its direction none
+# (docs/decisions/skew.md, also for the next).
+SKEW_CLASSES = (0.0, 0.4, 0.65, 0.85)
+# Exponent from which a rim is so narrow that a skew would not be seen.
+SYMMETRIC_FROM = 16.0
+
 
 def cut_radius(beta: ArrayLike) -> NDArray[np.float64]:
     """Mahalanobis distance sqrt(2 CUT^(1 / beta)) from which on the profile is 0; any shape."""
@@ -75,6 +81,20 @@ def half_radius(beta: ArrayLike) -> NDArray[np.float64]:
     1.165 at beta = 1; where (r^2 / 2)^beta = -ln((1 + RIM) / 2).
     """
     return np.sqrt(2 * (-math.log(0.5 * (1 + RIM))) ** (1 / np.asarray(beta, np.float64)))
+
+
+def nearest_skew(skew: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Index into SKEW_CLASSES of the nearest length of skews (n, 2)."""
+    ends = np.array(SKEW_CLASSES)
+    return np.searchsorted(0.5 * (ends[1:] + ends[:-1]), np.hypot(*skew.T))
+
+
+def with_length(skew: NDArray[np.float64], length: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Skews (n, 2) in their directions with other lengths (n,); as they are where that is theirs."""
+    before = np.hypot(*skew.T)
+    same = np.abs(before - length) <= 1e-12
+    scale = np.divide(length, before, where=before > 0, out=np.zeros_like(before))
+    return np.where(same[:, None], skew, skew * scale[:, None])
 
 
 def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -20,7 +20,7 @@ from gauss2svg.svg.plain_ellipse import (
     plain_beta,
     plain_radius,
 )
-from gauss2svg.svg.snap import with_exponents
+from gauss2svg.svg.snap import with_falloffs
 
 HEX_DIGITS = (3, 6)
 LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
@@ -66,7 +66,7 @@ def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> 
     opacity = np.round(scene.opacity, opacity_decimals)
     while True:
         classes = np.array(BETA_CLASSES)[kind]
-        snapped = with_exponents(scene, np.where(plain, scene.beta, classes))
+        snapped = with_falloffs(scene, np.where(plain, scene.beta, classes))
         radius = _radius(snapped.beta, plain)
         numbers = _matrix(snapped, radius, unit)
         numbers[plain] = arc_numbers(snapped.select(plain), radius[plain], unit)
