@@ -39,7 +39,7 @@ LEAST_SIGMA = 0.35
 # A unit of ln beta must lower the loss by this share of a Gaussian's part of it, so that shapes
 # which gain nothing stay Gaussians (docs/decisions/fit.md).
 _BETA_PRICE = 0.06
-_SKEW_PRICE = float(__import__("os").environ.get("SKP", "0.0"))
+_SKEW_PRICE = 0.06
 # A shape more opaque than this becomes opaque, which saves bytes (docs/decisions/fit.md).
 _OPAQUE_FROM = 0.953
 _OPAQUE_LOGIT = 12.0

@@ -1,4 +1,4 @@
-"""Palettes: weighted k-means on pairs of a colour and an exponent, one gradient each."""
+"""Palettes: weighted k-means on colours, exponents and skews, one gradient each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.scene.falloff import BETA_CLASSES, SKEW_CLASSES, nearest_class
+from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
 from gauss2svg.scene.nearest import nearest_entry
 
 _ITERATIONS = 6  # of Lloyd; twice as many gain under 2 % (docs/decisions/palette.md)
@@ -22,82 +22,51 @@ _LEAST_AIM = 0.1
 # Weight of ln beta beside colours in 0..1: the best for photos and near the best at few bytes
 # (docs/decisions/palette.md).
 _BETA_WEIGHT = 0.1
-
-# Further skews that a palette has in all, as a share of its entries (docs/decisions/skew.md).
-_SHARE_OF_SKEWS = 0.25
+# Weight of the length of a skew beside them (docs/decisions/skew.md).
+_SKEW_WEIGHT = 0.05
 
 _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 
 
 @dataclass(frozen=True)
 class Palette:
-    """k entries, 8-bit sRGB color (k, 3) and exponent beta (k,); entry (n,) of each shape."""
+    """k entries: 8-bit sRGB color (k, 3), exponent beta (k,) and skew (k,); entry (n,) of shapes.
+
+    skew is the length of it; no two entries have one colour and one exponent.
+    """
 
     color: NDArray[np.uint8]
     beta: NDArray[np.float64]
+    skew: NDArray[np.float64]
     entry: NDArray[np.intp]
 
 
 def best_palette(
     color: NDArray[np.float64],
     beta: NDArray[np.float64],
+    skew: NDArray[np.float64],
     weight: NDArray[np.float64],
     count: int,
     allowed: float = 0.0,
 ) -> Palette:
-    """At most `count` pairs of a colour and an exponent, and the one of each shape.
+    """At most `count` pairs of a colour and an exponent, each with a skew, and that of each shape.
 
-    Weighted k-means on color (n, 3) in 0..1 and _BETA_WEIGHT ln beta (n,) minimises
+    Weighted k-means on color (n, 3) in 0..1, _BETA_WEIGHT ln beta (n,) and _SKEW_WEIGHT times the
+    lengths of skews (n,) minimises
 
         sum weight |difference|^2,
 
     whose colour part is the squared error of the image if weight (n,) >= 0 is the squared visible
     mass of a shape. Pairs that are few enough already are kept, colours rounded to 8 bits and
-    exponents to BETA_CLASSES. If `allowed` > 0, about as few entries are used as keep the sum under
+    exponents to BETA_CLASSES, with the mean of their skews. If `allowed` > 0, about as few entries are used as keep the sum under
     it. The result is deterministic: it starts from clusters that are split again and again.
     """
     classes = np.array(BETA_CLASSES)[nearest_class(beta)]
-    features = np.column_stack([color, _BETA_WEIGHT * np.log(classes)])
+    features = np.column_stack([color, _BETA_WEIGHT * np.log(classes), _SKEW_WEIGHT * skew])
     exact = _rounded(features)
     kept = _features(exact), exact.entry
     entries, entry = _few(features, weight, count, allowed, kept, lambda e: _features(_rounded(e)))
     return dataclasses.replace(_rounded(entries), entry=entry)
-
-
-def few_skews(
-    length: NDArray[np.float64],
-    entry: NDArray[np.intp],
-    weight: NDArray[np.float64],
-    share: float = _SHARE_OF_SKEWS,
-) -> NDArray[np.intp]:
-    """Index into SKEW_CLASSES (n,) of skews of length (n,), few different ones in each entry (n,).
-
-    Each entry of a palette has the class that minimises sum weight (length - class)^2 over its
-    shapes; further classes, `share` of the number of entries in all, go where they lower it most.
-    """
-    classes, entries = np.array(SKEW_CLASSES), int(entry.max(initial=-1)) + 1
-    cost = weight[:, None] * np.square(length[:, None] - classes)
-    total = np.stack([np.bincount(entry, column, entries) for column in cost.T], axis=1)
-    chosen = total.argmin(axis=1)[entry]
-    left = int(share * entries)
-    while left > 0:
-        now = np.take_along_axis(cost, chosen[:, None], axis=1)
-        saved = np.maximum(now - cost, 0.0)
-        gain = np.stack([np.bincount(entry, column, entries) for column in saved.T], axis=1)
-        best = gain.argmax(axis=1)
-        gain = gain.max(axis=1)
-        # A few at a time, as an entry may gain by more than one.
-        widened = np.argsort(-gain, kind="stable")[: -(-left // 3)]
-        widened = widened[gain[widened] > 0]
-        if not len(widened):
-            break
-        left -= len(widened)
-        takes = np.full(entries, -1)
-        takes[widened] = best[widened]
-        wanted = takes[entry]
-        better = (wanted >= 0) & (saved[np.arange(len(entry)), np.maximum(wanted, 0)] > 0)
-        chosen = np.where(better, wanted, chosen)
-    return chosen
 
 
 def quantize_signed(
@@ -159,7 +128,8 @@ def _loss(
 
 
 def _features(palette: Palette) -> NDArray[np.float64]:
-    return np.column_stack([palette.color / 255, _BETA_WEIGHT * np.log(palette.beta)])
+    logs = _BETA_WEIGHT * np.log(palette.beta)
+    return np.column_stack([palette.color / 255, logs, _SKEW_WEIGHT * palette.skew])
 
 
 def _lloyd(
@@ -181,12 +151,13 @@ def _lloyd(
 
 
 def _rounded(features: NDArray[np.float64]) -> Palette:
-    """Distinct 8-bit colours with the classes of their exponents."""
+    """Distinct 8-bit colours with the classes of their exponents, and the mean of their skews."""
     classes = nearest_class(np.exp(features[:, 3] / _BETA_WEIGHT))
     levels = np.column_stack([np.round(features[:, :3] * 255), classes]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
-    beta = np.array(BETA_CLASSES)[distinct[:, 3]]
-    return Palette(distinct[:, :3].astype(np.uint8), beta, entry.reshape(-1))
+    entry, beta = entry.reshape(-1), np.array(BETA_CLASSES)[distinct[:, 3]]
+    skew = np.bincount(entry, features[:, 4], len(distinct)) / np.bincount(entry) / _SKEW_WEIGHT
+    return Palette(distinct[:, :3].astype(np.uint8), beta, skew, entry)
 
 
 def _split(

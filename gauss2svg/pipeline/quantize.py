@@ -1,4 +1,4 @@
-"""Quantisation: fewer distinct pairs of a colour and an exponent, hence fewer gradients."""
+"""Quantisation: fewer distinct colours, exponents and skews, hence fewer gradients."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, must_be, required
-from gauss2svg.pipeline.palette import best_palette, few_skews, quantize_signed
-from gauss2svg.render.cpu import removal_cost, render_planar, splats_of
+from gauss2svg.pipeline.palette import best_palette, quantize_signed
+from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.scene.falloff import SKEW_CLASSES, SYMMETRIC_FROM, with_length
+from gauss2svg.scene.falloff import with_length, written_skew
 from gauss2svg.svg.blur import GRADIENT, drawn_blurs
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.snap import snapped, with_falloffs
@@ -30,12 +30,12 @@ def quantize(
     """The scene with colours, exponents and skews of a palette; the operation is idempotent.
 
     form         of the shapes in the file, "gradient" or "blur"
-    palette      largest number of gradients, one for each pair of a colour and an exponent, in
-                 proportion if some shapes are blurred; 0: no limit
+    palette      largest number of gradients, one for each pair of a colour and an exponent, whose
+                 shapes have one length of skew; in proportion if some are blurred; 0: no limit
     color_error  mean squared error that fewer gradients may add; 0: as many as the palette has
     weight       (h, w) of a pixel's error, of any size and mean 1; None: 1 everywhere
 
-    Pairs have few lengths of skews each (gauss2svg.pipeline.palette.few_skews). Solid ellipses and blurred discs need no gradient and keep their colour, rounded to 8 bits. In
+    Solid ellipses and blurred discs need no gradient and keep their colour, rounded to 8 bits. In
     an additive scene only colours are quantised, and not rounded. Raises InputError for an additive
     scene in another form than gradients.
     """
@@ -47,36 +47,19 @@ def quantize(
     if not shaded.any() or not (palette or color_error):
         return scene
     count = max(1, math.ceil(palette * (1 - blurred.mean()))) if palette else len(scene)
-    mass, effect, pixels = visible_mass(exact, weight)
+    mass, pixels = visible_mass(exact, weight)
+    length = np.hypot(*exact.skew.T)
     found = best_palette(
-        exact.color[shaded], exact.beta[shaded], mass[shaded], count, color_error * 3 * pixels
-    )
+        exact.color[shaded], exact.beta[shaded], length[shaded], mass[shaded], count,
+        color_error * 3 * pixels,
+    )  # fmt: skip
     beta, color = scene.beta.copy(), scene.color.copy()
     color[shaded] = found.color[found.entry] / 255
     beta[shaded] = found.beta[found.entry]
-    return with_falloffs(
-        exact, beta, _few_skews(exact, scene, beta, shaded, found.entry, effect)
-    ).replace(color=color, drawn=scene.drawn)
-
-
-def _few_skews(
-    exact: Scene,
-    snapped: Scene,
-    beta: NDArray[np.float64],
-    shaded: NDArray[np.bool_],
-    entry: NDArray[np.intp],
-    effect: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Skews (n, 2) of which each entry of a palette has few lengths; as they are if all are few."""
-    length = np.hypot(*snapped.skew.T)
-    skewed = shaded & (beta < SYMMETRIC_FROM)
-    own = np.hypot(*exact.skew.T)
-    if not np.allclose(own, length, rtol=0, atol=1e-9):
-        # What another length changes of a shape goes with its square, and is less the crisper.
-        counts = np.where(skewed, effect / beta, 0.0)[shaded]
-        length[shaded] = np.array(SKEW_CLASSES)[few_skews(own[shaded], entry, counts)]
-    length[~skewed] = 0.0
-    return with_length(exact.skew, length)
+    skewed = shaded & (length > 0)  # the others stay symmetric
+    length[shaded] = written_skew(found.skew[found.entry], beta[shaded])
+    skew = with_length(exact.skew, np.where(skewed, length, 0.0))
+    return with_falloffs(exact, beta, skew).replace(color=color, drawn=scene.drawn)
 
 
 def _quantize_additive(
@@ -86,28 +69,28 @@ def _quantize_additive(
         raise InputError(must_be("form", f"{GRADIENT!r} for an additive scene", form))
     if not len(scene) or not (palette or color_error):
         return scene
-    mass, _, pixels = visible_mass(scene, weight)
+    mass, pixels = visible_mass(scene, weight)
     count = palette or len(scene)
     return scene.replace(color=quantize_signed(scene.color, mass, count, color_error * 3 * pixels))
 
 
 def visible_mass(
     scene: Scene, weight: NDArray[np.floating] | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64], int]:
+) -> tuple[NDArray[np.float64], int]:
     """(n,) visible mass in px of each shape, sum over the canvas of weight (alpha transmittance)^2.
 
-    And (n,) the weighted sum of squares by which the picture changes without it, and the pixels of
-    the canvas that both were computed on, which is reduced if large. A change d of a colour changes
-    the weighted sum of squared errors by visible_mass d^2. weight is as for `quantize`.
+    And the pixels of the canvas that it was computed on, which is reduced if large. A change d of
+    a colour changes the weighted sum of squared errors by visible_mass d^2. weight is as for
+    `quantize`.
     """
     shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
     width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
     splats = splats_of(scene, (width / scene.width, height / scene.height))
+    blank = np.zeros((3, height, width), np.float32)
     if weight is not None:
         rows, columns = (
             ((np.arange(n) + 0.5) * m / n).astype(np.intp)
             for n, m in zip((height, width), weight.shape, strict=True)
         )
         weight = weight[np.ix_(rows, columns)]
-    change, mass = removal_cost(splats, render_planar(splats, height, width), weight)[1].T
-    return np.maximum(mass, 0.0), np.maximum(change, 0.0), width * height
+    return np.maximum(removal_cost(splats, blank, weight)[1][:, 1], 0.0), width * height

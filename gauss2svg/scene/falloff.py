@@ -44,10 +44,10 @@ RIM_WIDTH = math.log(math.log(0.1) / math.log(0.9)) / math.sqrt(2)
 # nothing (docs/decisions/falloff.md).
 BETA_CLASSES = (1.0, 1.7, 3.0, 6.0, 16.0, 64.0)
 
-# The skews |f| of a file: a class of a colour and an exponent takes 50 bytes, its direction none
-# (docs/decisions/skew.md, also for the next).
-SKEW_CLASSES = (0.0, 0.4, 0.65, 0.85)
-# Exponent from which a rim is so narrow that a skew would not be seen.
+# Lengths of skews in a file are multiples of this; those under the second would not be seen, nor
+# any of an exponent from the third on, whose rim is narrow (docs/decisions/skew.md).
+SKEW_STEP = 0.01
+LEAST_SKEW = 0.1
 SYMMETRIC_FROM = 16.0
 
 
@@ -83,10 +83,11 @@ def half_radius(beta: ArrayLike) -> NDArray[np.float64]:
     return np.sqrt(2 * (-math.log(0.5 * (1 + RIM))) ** (1 / np.asarray(beta, np.float64)))
 
 
-def nearest_skew(skew: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Index into SKEW_CLASSES of the nearest length of skews (n, 2)."""
-    ends = np.array(SKEW_CLASSES)
-    return np.searchsorted(0.5 * (ends[1:] + ends[:-1]), np.hypot(*skew.T))
+def written_skew(length: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Lengths of skews as a file has them, for lengths (n,) of shapes of exponents (n,)."""
+    steps = np.minimum(np.round(length / SKEW_STEP), math.floor(MOST_SKEW / SKEW_STEP + 1e-9))
+    seen = (length >= LEAST_SKEW - 0.5 * SKEW_STEP) & (beta < SYMMETRIC_FROM)
+    return np.where(seen, steps * SKEW_STEP, 0.0)
 
 
 def with_length(skew: NDArray[np.float64], length: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -166,7 +166,7 @@ PARAMETERS = (
     ),
     Parameter(
         "skew", 2, -MOST_SKEW, MOST_SKEW, added=(0.0, 0.0), disc=True, default=0.0, since=5,
-        rate=0.04,
+        rate=0.08,
         followed=lambda values, scale: values * np.sign(scale),
         raw=Raw("raw_skew", skew_of, raw_skew_of, -MOST_RAW_SKEW, MOST_RAW_SKEW),
         advice="to shorten it",

@@ -7,10 +7,7 @@ triangular one has c = 0 and is the shortest to write:
     a = R sx,  b = R rho sy,  c = 0,  d = R sqrt(1 - rho^2) sy.
 
 A skewed shape turns the circle under it, so that its focus lies on the x axis: of M = R L Q the
-rotation Q has the first column f / |f|, and the gradient has fx = |f|, one of SKEW_CLASSES. A
-second class of a colour and an exponent shares the stops of the first:
-
-    <radialGradient fx=".65" id="d" xlink:href="#a"/>
+rotation Q has the first column f / |f|, and the gradient has fx = |f|.
 
 The user unit is `precision` px, so that all these are whole numbers. Three shapes at 0.04 px, of
 which 25 are a pixel:
@@ -41,7 +38,6 @@ Crisp rims need two more things (docs/decisions/svg.md, benchmarks/rims.py):
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,10 +47,9 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import (
     BETA_CLASSES,
     RIM_WIDTH,
-    SKEW_CLASSES,
+    SKEW_STEP,
     cut_radius,
     nearest_class,
-    nearest_skew,
 )
 from gauss2svg.svg.blur import BLURS, GRADIENT, Blur, drawn_blurs
 from gauss2svg.svg.element import (
@@ -117,7 +112,8 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     blurred = ~plain & (blur >= 0) & (svg_format.form != GRADIENT)
     shaded = ~plain & ~blurred
     color = np.round(scene.color * 255).astype(np.uint8)
-    keys = np.column_stack([nearest_class(scene.beta), color, nearest_skew(scene.skew)])
+    length = np.round(np.hypot(*scene.skew.T) / SKEW_STEP).astype(np.intp)
+    keys = np.column_stack([nearest_class(scene.beta), color, length])
     shared, entry, uses = np.unique(keys[shaded], axis=0, return_inverse=True, return_counts=True)
     # The shortest ids go to those that are used most.
     uses = np.append(uses, np.bincount(blur[blurred], minlength=len(BLURS)))
@@ -141,14 +137,16 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     circles = ((i, _circle(discs, i, svg_format)) for i in fits)
     shapes = tuple(Drawn(i, circle) for i, circle in circles if circle is not None)
     used = {value for shape in shapes for value in shape.element.attributes.values()}
+    gradients = zip(ids, shared, strict=True)
     blurs = zip(filter_ids, BLURS, strict=True)
     return EncodedScene(
         view=view_of(scene, svg_format.precision),
         background=_background(scene),
         definitions=(
-            *_gradients(
-                [(n, k) for n, k in zip(ids, shared, strict=True) if f"url(#{n})" in used],
-                svg_format.stops,
+            *(
+                _gradient(name, BETA_CLASSES[key[0]], key[1:4], key[4], svg_format.stops)
+                for name, key in gradients
+                if f"url(#{name})" in used
             ),
             *(_filter(name, blur) for name, blur in blurs if f"url(#{name})" in used),
         ),
@@ -224,36 +222,17 @@ def turned(scene: Scene) -> NDArray[np.float64]:
     return np.where(turns[:, None, None], scene.factor @ rotation, scene.factor)
 
 
-def _gradients(keys: Sequence[tuple[str, NDArray[np.integer]]], count: int) -> list[Element]:
-    """A gradient for each id and (exponent's class, r, g, b, skew's class), these ascending."""
-    first: dict[tuple[int, ...], str] = {}
-    found = []
-    for name, key in keys:
-        of_stops = tuple(key[:4].tolist())
-        beta, skew = BETA_CLASSES[key[0]], SKEW_CLASSES[key[4]]
-        if of_stops in first:
-            href = {"xlink:href": f"#{first[of_stops]}"}
-            attributes = {"fx": focus_text(skew, _unit(beta)), "id": name, **href}
-            found.append(Element("radialGradient", attributes))
-        else:
-            first[of_stops] = name
-            found.append(_gradient(name, beta, key[1:4], count, skew))
-    return found
+def focus_text(steps: int, unit: int = 1) -> str:
+    """The fx of a gradient of radius `unit`, for so many times SKEW_STEP.
+
+    0 would be drawn less accurately by resvg (docs/decisions/svg.md).
+    """
+    return number(unit * (SKEW_STEP * steps or _NO_SKEW), 3)
 
 
-def focus_text(skew: float, unit: int = 1) -> str:
-    """The fx of a gradient of radius `unit`: 0 would be drawn less accurately by resvg."""
-    return number(unit * (skew or _NO_SKEW), 3)
-
-
-def _unit(beta: float) -> int:
-    return _LARGE if beta >= _LARGE_FROM else 1
-
-
-def _gradient(
-    name: str, beta: float, color: NDArray[np.integer], count: int, skew: float
-) -> Element:
-    shade = hex_color(color)
+def _gradient(name: str, beta: float, color: NDArray[np.integer], skew: int, count: int) -> Element:
+    """The gradient of an exponent, a colour and a skew of so many times SKEW_STEP."""
+    shade, unit = hex_color(color), _LARGE if beta >= _LARGE_FROM else 1
     stops = [
         Element(
             "stop",
@@ -265,7 +244,7 @@ def _gradient(
         )
         for offset, value in zip(*gradient_stops(count, beta), strict=True)
     ]
-    return radial_gradient(name, stops, str(_unit(beta)), focus_text(skew, _unit(beta)))
+    return radial_gradient(name, stops, str(unit), focus_text(skew, unit))
 
 
 def _filter(name: str, blur: Blur) -> Element:

@@ -8,14 +8,12 @@ from numpy.typing import NDArray
 from gauss2svg.scene import ADD, BLURRED, LEAST_SIGMA, MOST_SIGMA, PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import (
     BETA_CLASSES,
-    SKEW_CLASSES,
-    SYMMETRIC_FROM,
     cut_radius,
     half_radius,
     nearest_class,
-    nearest_skew,
     widening,
     with_length,
+    written_skew,
 )
 from gauss2svg.svg.blur import BLURS, chosen_blurs
 from gauss2svg.svg.plain_ellipse import is_plain
@@ -25,7 +23,7 @@ def snapped(scene: Scene, form: str) -> Scene:
     """The scene with exponents, skews and colours as a file of this form; `snapped` of it is it.
 
     Exponents become those of BETA_CLASSES, or in the form blur those of blurred discs, and lengths
-    of skews those of SKEW_CLASSES; sigma and mean change with them so that the contour of half
+    of skews those of written_skew; sigma and mean change with them so that the contour of half
     height stays. Plain ellipses keep their exponent; they, blurred discs and exponents from
     SYMMETRIC_FROM on have no skew. Colours are rounded to 8 bits. Additive scenes are returned as
     they are: their stops are computed from exact colours.
@@ -39,8 +37,7 @@ def snapped(scene: Scene, form: str) -> Scene:
     beta = scene.beta.copy()
     beta[blurred] = [BLURS[k].beta for k in blur[blurred]]
     beta[shaded] = np.array(BETA_CLASSES)[nearest_class(beta[shaded])]
-    length = np.array(SKEW_CLASSES)[nearest_skew(scene.skew)]
-    length[~shaded | (beta >= SYMMETRIC_FROM)] = 0.0
+    length = np.where(shaded, written_skew(np.hypot(*scene.skew.T), beta), 0.0)
     drawn = np.where(blurred, BLURRED, np.where(scene.drawn == PLAIN, PLAIN, SOFT))
     color = np.round(scene.color * 255) / 255
     skew = with_length(scene.skew, length)
