@@ -29,7 +29,7 @@ SKEW = COLUMNS["skew"]
 LEAST_RAW_SKEW = 0.12  # of one that is written
 # Adam's learning rates; fits from 0.002 to 0.015 end within 0.01 dB.
 _RATE = 0.006
-_SKEW_RATE = 0.02
+_SKEW_RATE = 0.05
 # Weight of the length of a skew beside colours in 0..1, where shapes exchange their entries.
 _SKEW_WEIGHT = 0.1
 # Distance of a unit of ln beta, beside colours in 0..1: what is held never changes.

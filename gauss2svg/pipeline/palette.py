@@ -23,7 +23,7 @@ _LEAST_AIM = 0.1
 # (docs/decisions/palette.md).
 _BETA_WEIGHT = 0.1
 # Weight of the length of a skew beside them (docs/decisions/skew.md).
-_SKEW_WEIGHT = 0.05
+_SKEW_WEIGHT = 0.1
 
 _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 

@@ -92,7 +92,9 @@ class Differences:
         if key is None:
             raise InputError(must_be("its fill", "a gradient of write_svg", fill, "to delete it"))
         if key not in self._ramps:
-            stops, disc, in_box = self._gradients.parts(key)
+            stops, disc, in_box, focus = self._gradients.parts(key)
+            if any(focus):
+                raise InputError(must_be("focus of an additive gradient", "its centre", focus))
             shade, reach = _nearest(stops)
             self._ramps[key] = _Ramp(shade, float(cut_radius(1.0)) * reach, disc, in_box)
         ramp = self._ramps[key]
