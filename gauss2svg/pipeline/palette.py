@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
+from gauss2svg.scene.falloff import BETA_CLASSES, SKEW_STEP, nearest_class, written_skew
 from gauss2svg.scene.nearest import nearest_entry
 
 _ITERATIONS = 6  # of Lloyd; twice as many gain under 2 % (docs/decisions/palette.md)
@@ -32,7 +32,7 @@ _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 class Palette:
     """k entries: 8-bit sRGB color (k, 3), exponent beta (k,) and skew (k,); entry (n,) of shapes.
 
-    skew is the length of it; no two entries have one colour and one exponent.
+    skew is the length of it.
     """
 
     color: NDArray[np.uint8]
@@ -44,24 +44,25 @@ class Palette:
 def best_palette(
     color: NDArray[np.float64],
     beta: NDArray[np.float64],
-    skew: NDArray[np.float64],
     weight: NDArray[np.float64],
     count: int,
     allowed: float = 0.0,
+    skew: NDArray[np.float64] | None = None,
 ) -> Palette:
     """At most `count` pairs of a colour and an exponent, each with a skew, and that of each shape.
 
     Weighted k-means on color (n, 3) in 0..1, _BETA_WEIGHT ln beta (n,) and _SKEW_WEIGHT times the
-    lengths of skews (n,) minimises
+    lengths of skews (n,), None for all 0, minimises
 
         sum weight |difference|^2,
 
     whose colour part is the squared error of the image if weight (n,) >= 0 is the squared visible
     mass of a shape. Pairs that are few enough already are kept, colours rounded to 8 bits and
-    exponents to BETA_CLASSES, with the mean of their skews. If `allowed` > 0, about as few entries are used as keep the sum under
+    exponents to BETA_CLASSES, skews to what a file has. If `allowed` > 0, about as few entries are used as keep the sum under
     it. The result is deterministic: it starts from clusters that are split again and again.
     """
     classes = np.array(BETA_CLASSES)[nearest_class(beta)]
+    skew = np.zeros(len(beta)) if skew is None else skew
     features = np.column_stack([color, _BETA_WEIGHT * np.log(classes), _SKEW_WEIGHT * skew])
     exact = _rounded(features)
     kept = _features(exact), exact.entry
@@ -151,13 +152,14 @@ def _lloyd(
 
 
 def _rounded(features: NDArray[np.float64]) -> Palette:
-    """Distinct 8-bit colours with the classes of their exponents, and the mean of their skews."""
+    """Distinct 8-bit colours with the classes of their exponents, and skews as a file has them."""
     classes = nearest_class(np.exp(features[:, 3] / _BETA_WEIGHT))
-    levels = np.column_stack([np.round(features[:, :3] * 255), classes]).astype(np.intp)
+    skew = written_skew(features[:, 4] / _SKEW_WEIGHT, np.array(BETA_CLASSES)[classes])
+    steps = np.round(skew / SKEW_STEP)
+    levels = np.column_stack([np.round(features[:, :3] * 255), classes, steps]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
-    entry, beta = entry.reshape(-1), np.array(BETA_CLASSES)[distinct[:, 3]]
-    skew = np.bincount(entry, features[:, 4], len(distinct)) / np.bincount(entry) / _SKEW_WEIGHT
-    return Palette(distinct[:, :3].astype(np.uint8), beta, skew, entry)
+    beta, skew = np.array(BETA_CLASSES)[distinct[:, 3]], SKEW_STEP * distinct[:, 4]
+    return Palette(distinct[:, :3].astype(np.uint8), beta, skew, entry.reshape(-1))
 
 
 def _split(

@@ -11,7 +11,7 @@ from gauss2svg.errors import InputError, must_be, required
 from gauss2svg.pipeline.palette import best_palette, quantize_signed
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, Scene
-from gauss2svg.scene.falloff import with_length, written_skew
+from gauss2svg.scene.falloff import with_length
 from gauss2svg.svg.blur import GRADIENT, drawn_blurs
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.snap import snapped, with_falloffs
@@ -30,8 +30,8 @@ def quantize(
     """The scene with colours, exponents and skews of a palette; the operation is idempotent.
 
     form         of the shapes in the file, "gradient" or "blur"
-    palette      largest number of gradients, one for each pair of a colour and an exponent, whose
-                 shapes have one length of skew; in proportion if some are blurred; 0: no limit
+    palette      largest number of gradients, one for each colour, exponent and length of skew, in
+                 proportion if some shapes are blurred; 0: no limit
     color_error  mean squared error that fewer gradients may add; 0: as many as the palette has
     weight       (h, w) of a pixel's error, of any size and mean 1; None: 1 everywhere
 
@@ -50,15 +50,15 @@ def quantize(
     mass, pixels = visible_mass(exact, weight)
     length = np.hypot(*exact.skew.T)
     found = best_palette(
-        exact.color[shaded], exact.beta[shaded], length[shaded], mass[shaded], count,
-        color_error * 3 * pixels,
+        exact.color[shaded], exact.beta[shaded], mass[shaded], count, color_error * 3 * pixels,
+        length[shaded],
     )  # fmt: skip
     beta, color = scene.beta.copy(), scene.color.copy()
     color[shaded] = found.color[found.entry] / 255
     beta[shaded] = found.beta[found.entry]
-    skewed = shaded & (length > 0)  # the others stay symmetric
-    length[shaded] = written_skew(found.skew[found.entry], beta[shaded])
-    skew = with_length(exact.skew, np.where(skewed, length, 0.0))
+    length = np.zeros(len(scene))
+    length[shaded] = found.skew[found.entry]
+    skew = with_length(exact.skew, length)
     return with_falloffs(exact, beta, skew).replace(color=color, drawn=scene.drawn)
 
 

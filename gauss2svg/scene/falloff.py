@@ -91,11 +91,16 @@ def written_skew(length: NDArray[np.float64], beta: NDArray[np.float64]) -> NDAr
 
 
 def with_length(skew: NDArray[np.float64], length: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Skews (n, 2) in their directions with other lengths (n,); as they are where that is theirs."""
+    """Skews (n, 2) in their directions, x where they have none, with other lengths (n,).
+
+    One of that length already stays as it is.
+    """
     before = np.hypot(*skew.T)
     same = np.abs(before - length) <= 1e-12
     scale = np.divide(length, before, where=before > 0, out=np.zeros_like(before))
-    return np.where(same[:, None], skew, skew * scale[:, None])
+    scaled = skew * scale[:, None]
+    scaled[before == 0, 0] = length[before == 0]
+    return np.where(same[:, None], skew, scaled)
 
 
 def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
