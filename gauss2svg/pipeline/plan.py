@@ -25,6 +25,8 @@ from gauss2svg.pipeline.presets import (
 )
 from gauss2svg.raster import DRAW_MINIMAL, renderer_version
 from gauss2svg.scene import ADD, OVER
+from gauss2svg.scene.names import SYMMETRIC
+from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
 
 Markup = Literal["editable", "minimal"]
@@ -216,6 +218,8 @@ class Plan:
         if self.only_time_limits and given is None:
             densify = dataclasses.replace(densify, round_iterations=_STEPS_A_ROUND)
         falloff = options.fit.falloff if blend == options.written_blend else None
+        if falloff is None and blend == OVER and options.svg.form != GRADIENT:
+            falloff = SYMMETRIC  # as blurred discs are
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
             gaussians=0 if self.count_adapts else self.count or 0,

@@ -89,7 +89,7 @@ def shapes_of(
     while True:
         classes = np.array(BETA_CLASSES)[kind]
         under_masks = np.count_nonzero(~plain) <= MOST_MASKED if masked is None else masked
-        skews = written_skew(_of_masks(length) if under_masks else length, classes)
+        skews = written_skew(mask_skew(length) if under_masks else length, classes)
         skews[plain] = 0.0
         beta = np.where(plain, scene.beta, classes)
         snapped = with_falloffs(scene, beta, with_length(scene.skew, skews))
@@ -178,7 +178,7 @@ def _is_arc(
     return (looks_plain(axes, beta) | crisp) & (skew < MOST_PLAIN_SKEW)
 
 
-def _of_masks(length: NDArray[np.float64]) -> NDArray[np.float64]:
+def mask_skew(length: NDArray[np.float64]) -> NDArray[np.float64]:
     """The nearest of _MASK_SKEWS to lengths of skews (n,)."""
     ends = np.array(_MASK_SKEWS)
     return ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), length)]
@@ -204,10 +204,13 @@ def _geometry(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centres (n, 2) and factors (n, 3) of what is drawn, in units."""
     mean, (a, b, d, c) = numbers[:, 3:5].copy(), numbers[:, [0, 1, 2, 5]].T
-    upright = np.where(c == 0, a, np.hypot(a, c))
-    # Of a shape that is not turned as it is written, to the last bit.
-    slope = np.where(c == 0, b, (a * b + c * d) / np.maximum(upright, 1e-300))
-    left = np.where(c == 0, d, (a * d - b * c) / np.maximum(upright, 1e-300))
+    upright = np.hypot(a, c)
+    long = np.maximum(upright, 1e-300)
+    turns = (c != 0) | (a < 0)  # the others are, to the last bit, as they are written
+    slope, left = (
+        np.where(turns, (a * b + c * d) / long, b),
+        np.where(turns, (a * d - b * c) / long, d),
+    )
     factor = np.column_stack([upright, slope, left])
     mean[plain], factor[plain] = arc_geometry(numbers[plain, :5])
     return mean, factor
