@@ -26,9 +26,9 @@ from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, W
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, with_length, written_skew
+from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
 from gauss2svg.scene.names import SYMMETRIC
-from gauss2svg.svg.minimal.shapes import HEX_DIGITS, mask_skew
+from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_falloffs
 
@@ -80,17 +80,12 @@ _EXPONENTS: tuple[tuple[int, tuple[float, ...]], ...] = (
 )
 
 
-# Bytes from which soft shapes are skewed: fewer are better spent on shapes (docs/decisions/skew.md).
-_SKEWED_FROM = 8000
-
-
 @dataclass(frozen=True)
 class Recipe:
     """A fit: how it begins, what shapes it has, and how its file is written.
 
     init, rate  placement and learning rate
     exponents   of soft shapes; others are plain ellipses
-    skewed      whether soft shapes have a skew
     """
 
     init: str
@@ -98,7 +93,6 @@ class Recipe:
     iterations: int
     exponents: tuple[float, ...]
     writing: Writing
-    skewed: bool = False
 
 
 class ByBytes:
@@ -243,8 +237,7 @@ class ByBytes:
             is_plain = k % 2 == 0 and learned and self._limit < TUNING.plain_under
             classes, each = ((), plain) if is_plain else (exponents, soft)
             writing = Writing(each, grids)
-            skewed = bool(classes) and self._options.learned_skew and self._limit >= _SKEWED_FROM
-            recipes.append(Recipe(init, rate, TUNING.iterations, classes, writing, skewed))
+            recipes.append(Recipe(init, rate, TUNING.iterations, classes, writing))
         return recipes
 
     def _count(self, recipe: Recipe, earlier: tuple[int, int] | None) -> int:
@@ -267,7 +260,7 @@ class ByBytes:
     def _fit(self, count: int, recipe: Recipe, start: int, starts: int) -> Scene:
         """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA too."""
         options, subject = self._options, self.subject
-        if options.learned_skew and not recipe.skewed:
+        if options.learned_skew:  # so few bytes are better spent on shapes: docs/decisions/skew.md
             options = dataclasses.replace(options, falloff=SYMMETRIC)
         config = FitConfig(
             gaussians=count,
@@ -316,5 +309,4 @@ def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
     plain = nearest == len(exponents)
     beta = classes[nearest]
     beta[plain] = drawn_beta(scene, plain)
-    length = np.where(plain, 0.0, written_skew(mask_skew(np.hypot(*scene.skew.T)), beta))
-    return with_falloffs(scene, beta, with_length(scene.skew, length))
+    return with_falloffs(scene, beta)

@@ -72,7 +72,7 @@ Kind = tuple[int, float]
 _UNIT_DISC = {"gradientUnits": "userSpaceOnUse", "cx": "0", "cy": "0", "r": "1"}
 # The circle of an exponent from this one on is larger than its gradient, whose rim its own edge
 # would clip (gauss2svg.svg.encode).
-_CLIPPED_FROM, _CLEAR = 6.0, "1.1"
+_CLIPPED_FROM, _CLEAR, _CLEAR_OF_SKEWED = 6.0, "1.1", "2"
 # Largest error of a side of the view box, in user units and in px, where the file has a size.
 _VIEW_ERROR, _VIEW_ERROR_PX = 0.02, 0.25
 _WHOLE = 1e-9  # relative error of a side that is a whole number of units
@@ -209,7 +209,8 @@ def _drawing(
         else:
             soft = kinds[_kind(shapes, i)]
             place = {"transform": _matrix(shapes.numbers[i])}
-            elements.append(Element(soft.tag, {**soft.attributes, **color, **place}))
+            r = {"r": _CLEAR_OF_SKEWED} if shapes.skew[i] and not shapes.masked else {}
+            elements.append(Element(soft.tag, {**soft.attributes, **r, **color, **place}))
     if stops is None:
         templates, elements = _shared(elements, 3 * len(kinds))
         definitions += templates
@@ -302,7 +303,9 @@ def _gradients(
 
 
 def _circle(kind: Kind) -> str:
-    return _CLEAR if kind[1] or BETA_CLASSES[kind[0]] >= _CLIPPED_FROM else "1"
+    if kind[1]:
+        return _CLEAR_OF_SKEWED
+    return _CLEAR if BETA_CLASSES[kind[0]] >= _CLIPPED_FROM else "1"
 
 
 def _matrix(numbers: NDArray[np.float64]) -> str:
