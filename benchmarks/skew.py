@@ -2,8 +2,8 @@
 
     python benchmarks/skew.py FOLDER [--counts 256,512,1024,5000] [--bytes 2000,20000] [--tune psnr]
 
-For each picture of the folder and each count, or each limit of bytes, one run with `--falloff symmetric`
-and one with `--falloff adaptive`, on one thread. docs/decisions/skew.md has the tables.
+For each picture of the folder and each count, or each limit of bytes, one run with
+`--falloff symmetric` and one with `--falloff adaptive`, on one thread.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def main() -> None:
     for goal in goals:
         for falloff in ("symmetric", "adaptive"):
             rows = [run(photo, falloff, given.tune, given.scores, goal, names) for photo in photos]
-            means = [means_of(name, column) for name, column in zip(names, zip(*rows), strict=True)]
+            columns = zip(*rows, strict=True)
+            means = [means_of(name, c) for name, c in zip(names, columns, strict=True)]
             (kind, value), *_ = goal.items()
             print(f"| {kind} {value} | {falloff} | {' | '.join(means)} |", flush=True)
 
@@ -49,7 +50,8 @@ def run(photo, falloff, tune, scores, goal, names) -> list[float]:
     """The numbers of one run."""
     start = time.process_time()
     options = RunOptions(threads=1, scores=scores)
-    report = vectorize(photo, fit=FitOptions(tune=tune, falloff=falloff), run=options, **goal).report
+    fit = FitOptions(tune=tune, falloff=falloff)
+    report = vectorize(photo, fit=fit, run=options, **goal).report
     report["cpu_s"] = time.process_time() - start
     return [report[name] for name in names]
 
@@ -58,7 +60,8 @@ def means_of(name: str, values: tuple[float, ...]) -> str:
     """The mean; of bytes the geometric one."""
     if name.endswith("bytes"):
         return f"{math.exp(np.log(values).mean()):.0f}"
-    return f"{np.mean(values):.4f}" if name.startswith("ssim_") or "flip" in name else f"{np.mean(values):.2f}"
+    digits = 4 if name.startswith(("ssim_", "flip")) else 2
+    return f"{np.mean(values):.{digits}f}"
 
 
 if __name__ == "__main__":

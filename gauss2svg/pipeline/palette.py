@@ -23,7 +23,7 @@ _LEAST_AIM = 0.1
 # (docs/decisions/palette.md).
 _BETA_WEIGHT = 0.1
 # Weight of the length of a skew beside them (docs/decisions/skew.md).
-_SKEW_WEIGHT = 0.1
+_SKEW_WEIGHT = 0.04
 
 _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 
@@ -58,8 +58,9 @@ def best_palette(
 
     whose colour part is the squared error of the image if weight (n,) >= 0 is the squared visible
     mass of a shape. Pairs that are few enough already are kept, colours rounded to 8 bits and
-    exponents to BETA_CLASSES, skews to what a file has. If `allowed` > 0, about as few entries are used as keep the sum under
-    it. The result is deterministic: it starts from clusters that are split again and again.
+    exponents to BETA_CLASSES, skews to what a file has. If `allowed` > 0, about as few entries are
+    used as keep the sum under it. The result is deterministic: it starts from clusters that are
+    split again and again.
     """
     classes = np.array(BETA_CLASSES)[nearest_class(beta)]
     skew = np.zeros(len(beta)) if skew is None else skew

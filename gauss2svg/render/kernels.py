@@ -36,10 +36,11 @@ of gauss2svg.scene.falloff,
 
 so that dr/dz = e / n and dr/df = -(R - r) e / n. With g = h r / n its moments are those of
 
-    sum g e1, sum g e2, sum g e1 z1, sum g e2 z1, sum g e2 z2,  and two more, dL/df = sum g (R - r) e,
+    sum g e1, sum g e2, sum g e1 z1, sum g e2 z1, sum g e2 z2,
 
-which for f = 0 are those above. n = (1 - f.f) r - d.f needs no second root. R changes with beta, so
-that dL/dbeta has one term more, which follows from the others (gauss2svg.render.cpu.by_exponent).
+which for f = 0 are those above, and two more are dL/df = sum g (R - r) e. n = (1 - f.f) r - d.f
+needs no second root. R changes with beta, so that dL/dbeta has one term more, which follows from
+the others (gauss2svg.render.cpu.by_exponent).
 
 Gaussians, other exponents and skewed shapes have a loop each and pay nothing for what they do not
 have: the second takes about 1.5 times as long as the first (docs/decisions/kernels.md), the third

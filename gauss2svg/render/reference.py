@@ -44,7 +44,8 @@ def composite(
 
     mean (n, 2) and sigma (n, 2) in px, rho (n,), color (n, 3), opacity (n,),
     background (3,), beta (n,) or None for Gaussians, skew (n, 2) or None for symmetric shapes; all
-    of one dtype and device, which the image shares. Raises InputError outside of the domain (gauss2svg.render.domain).
+    of one dtype and device, which the image shares. Raises InputError outside of the domain
+    (gauss2svg.render.domain).
     """
     beta = torch.ones_like(rho) if beta is None else beta
     skew = torch.zeros_like(mean) if skew is None else skew

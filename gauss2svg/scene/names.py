@@ -3,6 +3,6 @@
 OVER, ADD = "over", "add"
 BLENDS = (OVER, ADD)
 
-# Falloffs of a fit: beta = 1 everywhere, as in the paper, a learned beta for each shape, or a learned
+# Falloffs of a fit: beta = 1 everywhere, as in the paper; a learned beta for each shape; a learned
 # beta and a learned skew.
 GAUSSIAN, SYMMETRIC, ADAPTIVE = "gaussian", "symmetric", "adaptive"

@@ -50,8 +50,9 @@ _LEAST_FOCUS = 0.01  # of the radius: within it the focus changes the image by u
 class Gradient:
     """One gradient: colour, opacity at the focus, exponent, and where it ends.
 
-    focus in the unit circle, (0, 0) for a symmetric one, within MOST_SKEW of its centre. disc maps the unit circle onto the gradient's edge, in the shape's user space or, with in_box,
-    in the unit square of its bounding box.
+    focus is within MOST_SKEW of the unit circle's centre, (0, 0) for a symmetric one. disc maps the
+    unit circle onto the gradient's edge, in the shape's user space or, with in_box, in the unit
+    square of its bounding box.
     """
 
     color: Color
