@@ -267,7 +267,7 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     target = np.random.default_rng(0).random((3, 30, 40)).astype(dtype)
     # a copy, as fits have it: what cannot be written to is another type, to be compiled for itself
     splats = state_of(scene).splats(scene.background.copy())
-    fast = gradients(squared_error(splats, target)[2], splats.opacity, scene.beta)
+    fast = gradients(squared_error(splats, target)[2], splats)
 
     step = torch.zeros((6, 10), dtype=torch.float64, requires_grad=True)
     factor = torch.tensor(scene.factor)
