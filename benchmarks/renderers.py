@@ -40,8 +40,13 @@ from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.pipeline.vectorize import vectorize_by
-from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS, rasterize, renderer_version
-from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.raster import (
+    DRAW_ROTATED_BLURS,
+    RENDERERS,
+    rasterize,
+    refuse_unsupported,
+    renderer_version,
+)
 from gauss2svg.render import render
 from gauss2svg.svg.blur import BLUR, GRADIENT
 from gauss2svg.svg.file import bytes_by_part

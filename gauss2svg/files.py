@@ -48,9 +48,9 @@ def reading(path: FileName, advice: str) -> Iterator[BinaryIO]:
     try:
         descriptor = os.open(path, os.O_RDONLY | _NOT_BLOCKING | _BINARY)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
         # Windows, which opens no folder, says that permission was denied.
-        reason = "it is a folder, not a regular file" if os.path.isdir(path) else reason
+        is_folder = os.path.isdir(path)
+        reason = "it is a folder, not a regular file" if is_folder else _reason_of(error)
         raise _cannot_read(path, reason, advice) from error
     mode = os.fstat(descriptor).st_mode
     if not stat.S_ISREG(mode):
@@ -85,8 +85,8 @@ def make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise OutputError(f"cannot create {folder}: {reason}. Try another folder") from error
+        message = f"cannot create {folder}: {_reason_of(error)}. Try another folder"
+        raise OutputError(message) from error
 
 
 def write_atomically(path: FileName, data: bytes) -> None:
@@ -265,8 +265,11 @@ def folds_case(folder: FileName) -> bool:
 
 
 def _cannot_write(target: Path, error: Exception) -> OutputError:
-    reason = getattr(error, "strerror", None) or str(error)
-    return OutputError(f"cannot write {target}: {reason}. Try another folder")
+    return OutputError(f"cannot write {target}: {_reason_of(error)}. Try another folder")
+
+
+def _reason_of(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
 
 
 def _cannot_read(path: FileName, reason: str, advice: str) -> InputError:

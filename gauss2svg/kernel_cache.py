@@ -17,7 +17,6 @@ from numba.core import config
 from numba.core.caching import CacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
 
-_BESIDE = "__pycache__"
 # s between tries to list code on Windows, which replaces no list while another process reads it.
 _PAUSES_S = (0.01, 0.03, 0.1, 0.3)
 _numba: Any = config  # which creates its attributes dynamically
@@ -60,8 +59,8 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
         files = getattr(cache, "_cache_file", None)
         if type(files) is IndexDataCacheFile:
             files.__class__ = KernelFiles
-            beside = os.path.join(os.path.dirname(function.__code__.co_filename), _BESIDE)
-            vars(files)["beside"] = beside
+            module = Path(function.__code__.co_filename)
+            vars(files)["beside"] = str(module.with_name("__pycache__"))
         return dispatcher
 
     return compiled

@@ -151,12 +151,12 @@ def own_group(system: str = os.name) -> _Group:
 
 def end_tree(process_id: int, system: str = os.name) -> None:
     """Kill a process that was started with `own_group`, and what it has started."""
-    if system != WINDOWS:
-        # It may be gone; macOS refuses where only its exit status is left.
-        with suppress(ProcessLookupError, PermissionError):
-            os.killpg(process_id, signal.SIGKILL)
+    if system == WINDOWS:
+        end_family(process_id)
         return
-    end_family(process_id)
+    # It may be gone; macOS refuses where only its exit status is left.
+    with suppress(ProcessLookupError, PermissionError):
+        os.killpg(process_id, signal.SIGKILL)
 
 
 def end_family(process_id: int) -> None:

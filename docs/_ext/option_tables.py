@@ -19,9 +19,14 @@ from gauss2svg.cli.main import build_app
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Number, OptionGroup, Whole, fields_of
 from gauss2svg.photo.formats import FORMATS
-from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS, RENDERERS
+from gauss2svg.raster import (
+    DRAW_BLENDS,
+    DRAW_MINIMAL,
+    DRAW_ROTATED_BLURS,
+    RENDERERS,
+    renderer_named,
+)
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.registry import renderer_named
 from gauss2svg.studio.schemas import ERRORS
 
 _OPTION = re.compile(r"(?<![\w-])(--[a-z][a-z0-9-]*|-)(?![\w-])")

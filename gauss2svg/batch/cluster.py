@@ -1,28 +1,35 @@
-"""Dask's clusters: one of this machine that we start, or one whose scheduler is named."""
+"""Dask's clusters, of this machine or with a scheduler that is named, and tasks on them."""
 
 from __future__ import annotations
 
 import logging
+import queue
 import time
 import warnings
+import zlib
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, TypeVar
 
 import dask.config
-from distributed import Client, LocalCluster
+from distributed import Client, Future, LocalCluster
+from distributed.protocol.pickle import dumps, loads
 from distributed.security import Security
 from numba.core import config
 
-from gauss2svg.batch.spec import BatchSpec
+from gauss2svg import batch
+from gauss2svg.batch.records import BatchSpec
 from gauss2svg.batch.worker import cannot_run, check_worker
 from gauss2svg.errors import ClusterError, Gauss2SvgError, quoted
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.processes import end_family
 
+T = TypeVar("T")
 _CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
 _COUNT_S = 1.0  # for which a number of workers is taken as known
 _CLOSE_S = 5.0  # by then the workers are killed, and nothing is lost with the rest
+_POLL_S = 1.0
 _DASHBOARD = 8787
 _PRELOAD = "distributed.worker.preload"
 _LOCAL = {
@@ -53,18 +60,15 @@ def cores() -> int:
 
 @contextmanager
 def local_client(
-    workers: int, memory: int | None = None, blend: str | None = None, dashboard: bool = True
+    workers: int, memory: int | None = None, dashboard: bool = True
 ) -> Iterator[Client]:
     """A client of so many worker processes of this machine, which end with it.
 
     memory     bytes of each, above which it is killed; None: no limit
-    blend      blend whose kernels are compiled before, once; None: none
     dashboard  whether Dask's web page is served, at its usual port, if that is free, or at any
     Connections need a certificate that is made here and kept in memory: whoever can connect to a
     scheduler or a worker can have it run anything.
     """
-    if blend is not None:
-        compile_kernels(blend=blend)
     preload = dask.config.get(_PRELOAD)
     preload = [preload] if isinstance(preload, str) else list(preload)
     given = {**_LOCAL, _PRELOAD: [*preload, "gauss2svg.batch.worker"]}
@@ -137,7 +141,7 @@ def check_workers(client: Client, spec: BatchSpec) -> None:
     for address, worker in client.scheduler_info(n_workers=-1)["workers"].items():
         first.setdefault(worker["host"], address)
     if first:
-        client.run(_compile, spec.options.fit.blend, workers=list(first.values()))
+        client.run(compile_kernels, spec.options.fit.blend, workers=list(first.values()))
 
 
 def counter(client: Client) -> Callable[[], int]:
@@ -154,10 +158,6 @@ def counter(client: Client) -> Callable[[], int]:
         return known
 
     return count
-
-
-def _compile(blend: str) -> None:
-    compile_kernels(blend=blend)
 
 
 def _end(cluster: LocalCluster) -> None:
@@ -181,3 +181,73 @@ def _quiet() -> Iterator[None]:
     finally:
         for logger, level in before.items():
             logger.setLevel(level)
+
+
+def answers(
+    client: Client,
+    function: Callable[[T], Any],
+    next_request: Callable[[], T | None],
+    window: Callable[[], int],
+    idle: Callable[[], None] = lambda: None,
+) -> Iterator[tuple[T, Any]]:
+    """(request, what the function returned or the exception of its task) as tasks finish.
+
+    next_request  the next one, or None while there is none: what a caller learns from an answer
+                  may lead to more
+    window        how many may be submitted at once; neither driver nor scheduler holds more
+    idle          called about each second in which none has finished
+    A worker that dies gives its tasks back to Dask, which raises KilledWorker for one at which
+    several have died. Raises ClusterError where the scheduler is gone; tasks that are unfinished
+    when the iterator is closed are cancelled.
+    """
+    finished: queue.SimpleQueue[Future] = queue.SimpleQueue()
+    submitted: dict[Any, tuple[Future, T]] = {}
+    try:
+        while True:
+            if batch.pending is not None:
+                batch.pending()
+            while len(submitted) < window() and (request := next_request()) is not None:
+                # The scheduler remembers its last thousand tasks, with all that is in them.
+                packed = zlib.compress(dumps((function, request)))
+                try:
+                    future = client.submit(_call, packed, pure=False)
+                except Exception as error:  # of a connection that is closed
+                    raise _gone(client) from error
+                submitted[future.key] = future, request
+                future.add_done_callback(finished.put)
+            if not submitted:
+                return
+            try:
+                future = finished.get(timeout=_POLL_S)
+            except queue.Empty:
+                if client.status not in ("running", "connecting"):
+                    raise _gone(client) from None
+                idle()
+                continue
+            _, request = submitted.pop(future.key)
+            yield request, _outcome(client, future)
+            future.release()
+    finally:
+        if submitted and client.status == "running":
+            with suppress(OSError, CancelledError):  # they end with the scheduler
+                client.cancel([future for future, _ in submitted.values()], force=True)
+
+
+def _call(packed: bytes) -> Any:
+    function, request = loads(zlib.decompress(packed))
+    return function(request)
+
+
+def _outcome(client: Client, future: Future) -> Any:
+    try:
+        return future.exception() if future.status == "error" else future.result()
+    except (OSError, CancelledError) as error:  # what a task raises is returned just above
+        raise _gone(client) from error
+
+
+def _gone(client: Client) -> ClusterError:
+    scheduler = getattr(client.scheduler, "address", None) or "the scheduler"
+    return ClusterError(
+        f"lost the connection to {scheduler}. Try the same command again: it goes on where this "
+        "one ended"
+    )

@@ -13,11 +13,10 @@ from itertools import count
 
 from distributed import Client, KilledWorker
 
+from gauss2svg.batch.cluster import answers
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.records import PhotoRecord, ShardRecord
-from gauss2svg.batch.spec import BatchPhoto, BatchSpec
+from gauss2svg.batch.records import BatchPhoto, BatchSpec, PhotoRecord, ShardRecord
 from gauss2svg.batch.stores import stamp_of
-from gauss2svg.batch.tasks import answers
 from gauss2svg.batch.worker import Shard, ShardResult, cannot_run, work
 from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError
 
@@ -44,8 +43,8 @@ class Driver:
         workers: Callable[[], int],
         idle: Callable[[], None] = lambda: None,
     ) -> None:
-        self._client, self._spec, self._index, self._workers = client, spec, index, workers
-        self._idle = idle
+        self._client, self._spec, self._index = client, spec, index
+        self._workers, self._idle = workers, idle
         # Records of later runs come later by name.
         run = f"{datetime.now(UTC):%Y%m%dT%H%M%S%f}-{secrets.token_hex(3)}"
         self._keys = (f"{run}-{number:07d}" for number in count())

@@ -12,8 +12,7 @@ from typing import Any
 from msgspec.structs import asdict, replace
 
 from gauss2svg.batch.inputs import Source
-from gauss2svg.batch.records import STATE, PhotoRecord, record_of
-from gauss2svg.batch.spec import BatchPhoto
+from gauss2svg.batch.records import STATE, BatchPhoto, PhotoRecord, record_of
 from gauss2svg.batch.stores import is_contained, is_url
 from gauss2svg.errors import InputError, OutputError
 
@@ -47,10 +46,10 @@ class PhotoIndex:
     """
 
     def __init__(self, folds_case: bool = False) -> None:
-        # The empty name is that of a database which sqlite itself deletes.
         self._folds_case = folds_case
         self.count = 0
         with _on_disk():
+            # The empty name is that of a database which sqlite itself deletes.
             self._base = sqlite3.connect("", check_same_thread=False, isolation_level=None)
             self._base.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
             self._base.execute("PRAGMA journal_mode = OFF")

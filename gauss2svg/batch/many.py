@@ -7,7 +7,7 @@ import secrets
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from itertools import islice
 from typing import TYPE_CHECKING
 
@@ -19,11 +19,12 @@ from gauss2svg.batch.records import (
     PARTS,
     RECORDS,
     STATE,
+    BatchSpec,
     PhotoRecord,
     identity_of,
+    unchanged,
     versions,
 )
-from gauss2svg.batch.spec import BatchSpec, unchanged
 from gauss2svg.batch.stores import Store, is_url, opened, without_file_protocol
 from gauss2svg.errors import InputError, brief, instance, quoted
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
@@ -128,21 +129,19 @@ class Batch:
     def __exit__(self, *_: object) -> None:
         self.index.close()
 
-    @contextmanager
-    def connected(self) -> Iterator[Client]:
+    def connected(self) -> AbstractContextManager[Client]:
         """A client of the scheduler, or of worker processes of this machine."""
         from gauss2svg.batch.cluster import local_client, remote_client
+        from gauss2svg.pipeline.kernels import compile_kernels
 
         if self.batch.scheduler is not None:
-            with remote_client(self.batch.scheduler) as client:
-                yield client
-            return
-        workers, threads, memory = self.local_workers()
+            return remote_client(self.batch.scheduler)
+        workers, threads, memory = self._local_workers()
         self.options = self.options.changed(threads=threads)
-        with local_client(workers, memory, self.options.fit.blend) as client:
-            yield client
+        compile_kernels(self.options.fit.blend)
+        return local_client(workers, memory)
 
-    def local_workers(self) -> tuple[int, int, int]:
+    def _local_workers(self) -> tuple[int, int, int]:
         """Number of workers of this machine, threads of each, and memory of each in bytes.
 
         Workers times threads are the cores, and workers times the estimate of a run on the largest

@@ -1,4 +1,4 @@
-"""What became of each photo: lines of JSON, in one file for each shard."""
+"""What became of each photo: lines of JSON, in one file for each shard; and what still holds."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import hashlib
 import json
 import platform
 import time
-from functools import cache
+from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version
 from typing import Annotated, Any
 
 import msgspec
 
-from gauss2svg.batch.stores import Store
+from gauss2svg.batch.stores import Store, is_url, stamp_of
+from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
 from gauss2svg.version import __version__
 
@@ -22,7 +24,7 @@ RECORDS, PARTS = f"{STATE}/records", f"{STATE}/parts"
 _WORKING = {"working": True}  # the last line of a shard that is worked on, or whose worker died
 _SHARE = 0.05  # of a worker's time, for writing records
 # Options that change neither a picture nor whether there is one.
-_NOT_OF_LIMITS = frozenset({"threads", "checkpoint_every"})
+NOT_OF_LIMITS = frozenset({"threads", "checkpoint_every"})
 _Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # as a table holds it
 
 
@@ -88,23 +90,8 @@ def versions() -> dict[str, str]:
     return {"gauss2svg": __version__} | {name: version(name) for name in names}
 
 
-@cache
-def all_versions() -> dict[str, str]:
-    """The versions that workers and driver must share, and Python's own."""
-    return versions() | {"python": platform.python_version()}
-
-
-def identity_of(options: Options) -> str:
-    """A hash of the version and of all options that a file depends on."""
-    return _hash_of(options, NOT_OF_PICTURE)
-
-
-def limits_of(options: Options) -> str:
-    """A hash of the version and of all options that a failure depends on."""
-    return _hash_of(options, _NOT_OF_LIMITS)
-
-
-def _hash_of(options: Options, without: frozenset[str]) -> str:
+def identity_of(options: Options, without: frozenset[str] = NOT_OF_PICTURE) -> str:
+    """A hash of the version and of the options but some: of all that a file depends on."""
     given = {k: v for k, v in options.flat().items() if k not in without}
     text = json.dumps([__version__, given], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -153,3 +140,79 @@ class ShardRecord:
         self.begun = working
         self._last = time.monotonic()
         self._cost = self._last - begun
+
+
+class BatchPhoto(msgspec.Struct, frozen=True):
+    """A photo of a batch: its path or URL, its output's name, and what an earlier run recorded."""
+
+    path: str
+    output: str
+    prior: PhotoRecord | None = None
+
+
+@dataclass(frozen=True)
+class BatchSpec:
+    """What all photos share.
+
+    versions  that workers must have too
+    identity  of the options; folder: content of FOLDER, by which workers know the output folder
+    """
+
+    options: Options
+    store: Store
+    versions: dict[str, str]
+    identity: str
+    folder: bytes | None = None
+    retry_failed: bool = False
+
+    @cached_property
+    def limits(self) -> str:
+        """Identity of all options that a failure depends on."""
+        return identity_of(self.options, NOT_OF_LIMITS)
+
+    def record(self, photo: BatchPhoto, **found: Any) -> PhotoRecord:
+        """The record of a photo that was worked on, with what became of it."""
+        return PhotoRecord(
+            input=photo.path,
+            output=photo.output,
+            options=self.identity,
+            limits=self.limits if "error" in found else "",
+            versions=self.versions | {"python": platform.python_version()},
+            **found,
+        )
+
+
+def kept(spec: BatchSpec, photo: BatchPhoto, stamp: str, digest: str = "") -> PhotoRecord | None:
+    """The earlier record of a photo, where the photo would become the same again; else None.
+
+    stamp  of its file now; digest: SHA-256 of its bytes, which tells where the stamp does not
+    The record must be of the same options and its output there. One of a failure must be of the
+    same limits too, and is not kept where failures are taken up.
+    """
+    prior = photo.prior
+    if prior is None or prior.options != spec.identity:
+        return None
+    is_named = prior.input == photo.path
+    is_same = digest == prior.sha256 if digest else is_named and stamp == prior.stamp != ""
+    if not is_same:
+        return None
+    if prior.error is not None:
+        holds = is_named and prior.limits == spec.limits and not spec.retry_failed
+    else:
+        holds = spec.store.size(photo.output) == prior.bytes is not None
+    if not holds:
+        return None
+    return msgspec.structs.replace(prior, input=photo.path, stamp=stamp, skipped=True)
+
+
+def unchanged(spec: BatchSpec, photo: BatchPhoto) -> PhotoRecord | None:
+    """The earlier record of a photo of this machine that holds by its stamp, unread; else None.
+
+    A worker decides about all others, and where the photo or its output cannot be looked at.
+    """
+    if photo.prior is None or is_url(photo.path) or not spec.store.is_local:
+        return None
+    try:
+        return kept(spec, photo, stamp_of(photo.path))
+    except (InputError, OutputError):
+        return None

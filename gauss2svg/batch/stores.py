@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from gauss2svg.errors import InputError, OutputError, brief, on_one_line
-from gauss2svg.files import check_writable, reading, replace, write_whole
+from gauss2svg.files import check_writable, make_folder, reading, replace, write_whole
 
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
 _NO_NAMES = frozenset({"", ".", ".."})
@@ -78,24 +78,24 @@ def reason_of(error: BaseException) -> str:
 @contextmanager
 def opened(source: str) -> Iterator[BinaryIO]:
     """A photo open for reading; raises InputError."""
-    if not is_url(source):
+    if is_url(source):
+        with _reading(source) as (fs, path):
+            data = fs.cat_file(path)
+        yield io.BytesIO(data)
+    else:
         with reading(source, _ADVICE) as file:
             yield file
-        return
-    with _reading(source) as (fs, path):
-        data = fs.cat_file(path)
-    yield io.BytesIO(data)
 
 
 @contextmanager
 def lines_of(source: str) -> Iterator[Iterable[bytes]]:
     """The lines of a list of photos, read as they are wanted; raises InputError."""
-    if not is_url(source):
+    if is_url(source):
+        with _reading(source) as (fs, path), fs.open(path, "rb") as file:
+            yield file
+    else:
         with reading(source, _ADVICE) as file:
             yield file
-        return
-    with _reading(source) as (fs, path), fs.open(path, "rb") as file:
-        yield file
 
 
 @contextmanager
@@ -153,7 +153,7 @@ class Store:
 
     def path(self, name: str) -> str:
         """The path or the URL of a file."""
-        return f"{self.root}/{name}" if not self.is_local else os.path.join(self.root, name)
+        return os.path.join(self.root, name) if self.is_local else f"{self.root}/{name}"
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file, whole or not at all, replacing another of its name."""
@@ -161,8 +161,8 @@ class Store:
             raise OutputError(f"cannot write {name}: it is not in {self.root}. Try another name")
         if self.is_local:
             path, parts = Path(self.root, name), Path(self.root, self.parts)
-            self._make(parts)
-            self._make(path.parent)
+            make_folder(parts)
+            make_folder(path.parent)
             write_whole(path, data, parts / secrets.token_hex(8))
             return
         with self._putting(name) as (fs, path):
@@ -214,7 +214,7 @@ class Store:
             self.write(f"{self.parts}/writable", b"")
             return
         parts = Path(self.root, self.parts)
-        self._make(parts)
+        make_folder(parts)
         check_writable(parts / "writable")
 
     def sweep(self, older_than: float) -> None:
@@ -270,11 +270,3 @@ class Store:
             return None
         except Exception as error:
             raise OutputError(f"cannot read {where}: {reason_of(error)}. {_AGAIN}") from error
-
-    def _make(self, folder: Path) -> None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except (OSError, ValueError) as error:
-            raise OutputError(
-                f"cannot create {folder}: {reason_of(error)}. Try another folder"
-            ) from error

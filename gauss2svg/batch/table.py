@@ -132,7 +132,7 @@ def _umask() -> int:
 
 @contextmanager
 def _csv(path: Path) -> Iterator[Any]:
-    with path.open("w", newline="", encoding="utf-8", errors="backslashreplace") as stream:
+    with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)  # whose own line ends have names with either character quoted
         writer.writerow(_COLUMNS)
         yield lambda rows: writer.writerows(map(as_cell, row) for row in rows)
@@ -140,7 +140,12 @@ def _csv(path: Path) -> Iterator[Any]:
 
 def _row(record: PhotoRecord) -> list[Any]:
     *values, unreached, versions, skipped = astuple(record)
-    return [*values, "; ".join(unreached), _json(tuple(versions.items())), skipped]
+    row = [*values, "; ".join(unreached), _json(tuple(versions.items())), skipped]
+    # Names of files need not be Unicode.
+    return [
+        one.encode(errors="backslashreplace").decode() if isinstance(one, str) else one
+        for one in row
+    ]
 
 
 @lru_cache  # of all photos of a run they are the same
@@ -161,17 +166,7 @@ def _parquet(path: Path) -> Iterator[Any]:
     with parquet.ParquetWriter(path, schema) as writer:
 
         def add(rows: list[Any]) -> None:
-            arrays = list(map(_array, zip(*rows, strict=True), schema.types))
+            arrays = list(map(pa.array, zip(*rows, strict=True), schema.types))
             writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
 
         yield add
-
-
-def _array(column: tuple[Any, ...], kind: Any) -> Any:
-    import pyarrow as pa
-
-    try:
-        return pa.array(column, kind)
-    except UnicodeEncodeError:  # names of files need not be Unicode
-        texts = [one and one.encode(errors="backslashreplace").decode() for one in column]
-        return pa.array(texts, kind)

@@ -16,8 +16,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from gauss2svg.batch.records import FOLDER, PhotoRecord, ShardRecord, versions
-from gauss2svg.batch.spec import BatchPhoto, BatchSpec, kept
+from gauss2svg.batch.records import (
+    FOLDER,
+    BatchPhoto,
+    BatchSpec,
+    PhotoRecord,
+    ShardRecord,
+    kept,
+    versions,
+)
 from gauss2svg.batch.stores import Store, is_url, opened, reason_of, stamp_of
 from gauss2svg.errors import (
     ClusterError,
@@ -184,11 +191,10 @@ def vectorize_photo(
             return record
         begin()
         made = _vectorized(spec, options, photo)
-    except OutputError as error:
-        if not (spec.store.is_local and getattr(error.__cause__, "errno", None) in _OF_ITS_NAME):
-            raise
-        made = {"error": str(error)}
     except Gauss2SvgError as error:
+        is_of_its_name = getattr(error.__cause__, "errno", None) in _OF_ITS_NAME
+        if isinstance(error, OutputError) and not (spec.store.is_local and is_of_its_name):
+            raise
         made = {"error": str(error)}
     except MemoryError as error:
         made = {"error": f"out of memory ({error}). Try --max-size, or workers with more memory"}

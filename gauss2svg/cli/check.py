@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from gauss2svg.cli.lines import say
 from gauss2svg.cli.streams import standard_stream
 from gauss2svg.options import Number, OptionGroup, Renderer, Whole, byte_size
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.pipeline.options import color_name
 
 STATUS_UNDER = 1

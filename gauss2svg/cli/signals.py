@@ -15,7 +15,7 @@ from functools import partial
 from types import FrameType
 from typing import Any
 
-from gauss2svg.batch import interrupts
+from gauss2svg import batch
 
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
 _SHOW_CURSOR = b"\x1b[?25h"  # which a progress bar hides
@@ -116,14 +116,14 @@ def raising() -> Iterator[None]:
     """Let signals raise inside, so that files are closed and child processes end."""
 
     def received(number: int, _frame: FrameType | None) -> None:
-        interrupts.pending = partial(raise_for, number)
+        batch.pending = partial(raise_for, number)
         raise_for(number)
 
     try:
         with _handled(SIGNALS, received):
             yield
     finally:
-        interrupts.pending = None
+        batch.pending = None
 
 
 @contextmanager

@@ -9,8 +9,7 @@ from typing import Any
 
 from distributed import Client, KilledWorker
 
-from gauss2svg.batch.cluster import local_client
-from gauss2svg.batch.tasks import answers
+from gauss2svg.batch.cluster import answers, local_client
 
 Answer = dict[str, Any]
 _Numbered = tuple[int, Mapping[str, Any]]

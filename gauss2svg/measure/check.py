@@ -14,25 +14,23 @@ from numpy.typing import NDArray
 from gauss2svg.errors import whole_number
 from gauss2svg.measure import metrics
 from gauss2svg.measure.drawing import draw
-from gauss2svg.measure.frame import Frame, frame_of
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.measure.survey import Survey, survey
+from gauss2svg.measure.survey import Frame, Survey, frame_of, survey
 from gauss2svg.options import Number, OneOf, byte_size
 from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image, load_reduced
-from gauss2svg.raster import DEFAULT_RENDERER, RENDERERS, renderer_version
-from gauss2svg.raster.registry import BROWSERS
-from gauss2svg.raster.support import Features, may_have_features
+from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, RENDERERS, refuse, renderer_version
+from gauss2svg.raster.features import Features, may_have_features
 from gauss2svg.svg.syntax.source import MOST_BYTES, SvgSource, svg_source
 
 MOST_ELEMENTS = 1_000_000  # resvg's limit
 DRAW_TIMEOUT_S = 300.0
 LONGEST_DRAW_TIMEOUT_S = 86400.0
 # Elements that have an effect in a web page and none on the raster. Browsers never draw animation
-# here, because gauss2svg.raster.support refuses it.
+# here, because gauss2svg.raster refuses it.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
 
 
@@ -196,7 +194,7 @@ def sized_svg(
     features = Features(width, height, lambda root: frame_of(root).view_box)
     surveyed, root = survey(text, most_elements, *([features] if may_have_features(text) else []))
     frame = frame_of(surveyed.root)
-    features.refuse(renderer)
+    refuse(features, renderer)
     sized = root.stretched(width, height, " ".join(f"{v!r}" for v in frame.view_box))
     return surveyed, frame, sized
 

@@ -19,7 +19,6 @@ from gauss2svg.processes import crash_of, module_command, module_path, run
 from gauss2svg.raster import rasterize_sized
 
 _REFUSED = 2
-_MODULE = "gauss2svg.measure.drawing"
 # For a process that is asked to end to end its programs, which lead groups of their own.
 _ENDING_S = 5.0
 
@@ -34,7 +33,7 @@ def draw(
     words = str(width), str(height), renderer, str(channels)
     try:
         ended = run(
-            module_command(_MODULE, *words),
+            module_command("gauss2svg.measure.drawing", *words),
             svg.encode(),
             timeout_s=timeout_s,
             environment=module_path(),
@@ -55,13 +54,9 @@ def draw(
     return np.frombuffer(ended.output, np.float32).reshape(height, width, channels)
 
 
-def _end_on_request(*_: object) -> None:
-    sys.exit(_REFUSED)
-
-
 def main() -> int:
     """Read the SVG from standard input, write its pixels to standard output as float32."""
-    signal.signal(signal.SIGTERM, _end_on_request)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(_REFUSED))
     width, height, renderer = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     answer = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries may print; standard output is for the pixels only

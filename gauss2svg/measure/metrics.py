@@ -1,7 +1,7 @@
 """Image metrics. All images are (h, w, channels) float in 0..1."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,12 @@ from gauss2svg.errors import InputError
 from gauss2svg.photo.smooth import smoothed
 
 LEVELS = 255  # differences are reported in levels of an 8-bit channel
+LEAST_SIDE_FOR_SSIM = 3  # px
 LEAST_SIDE_FOR_MS_SSIM = 176  # px: 11 taps at a sixteenth of the size
 _SCALE_WEIGHTS = (0.0448, 0.2856, 0.3001, 0.2363, 0.1333)  # of MS-SSIM, the paper's
 _FULL_WINDOW, _SIGMA, _CUT = 11, 1.5, 3.5  # taps of a Gaussian, its px, and where it is cut
-# K1 of SSIM at which its luminance term is 1, so that contrast times structure is left.
+_K1, _K2 = 0.01, 0.03  # of SSIM
+# K1 at which its luminance term is 1, so that contrast times structure is left.
 _NO_LUMINANCE = 1e6
 _BAND = 256  # rows of windows at a time
 _BAND_VALUES = 65536  # of differences at a time, which stay in the processor's cache
@@ -23,7 +25,8 @@ _AWAY = 4  # px from a flat pixel to any steeper step
 _WORST = 1000  # flat_error takes one in so many of the flat pixels
 
 
-def _same_shape(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
+def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
+    """Raise InputError for two images that are not of one shape (h, w, channels)."""
     if image.shape != other.shape or image.ndim != 3:
         raise InputError(
             f"two images must be of one shape (h, w, channels); got {image.shape} and {other.shape}"
@@ -34,6 +37,7 @@ def _bands(
     image: NDArray[np.floating], other: NDArray[np.floating]
 ) -> Iterator[tuple[NDArray[np.floating], NDArray[np.floating]]]:
     """Bands of rows (n, w channels) of both: few copies at a time, and few steps of Python."""
+    check_shapes(image, other)
     height = len(image)
     step = max(1, _BAND_VALUES * height // max(image.size, 1))
     for top in range(0, height, step):
@@ -47,13 +51,23 @@ def _squares(a: NDArray[np.floating], b: NDArray[np.floating]) -> NDArray[np.flo
     return np.multiply(difference, difference, out=difference)
 
 
-def mean_squared_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
-    """Mean over pixels and channels of the squared difference, summed in float64."""
-    _same_shape(image, other)
+def _mean(
+    difference: Callable[..., NDArray[np.floating]],
+    image: NDArray[np.floating],
+    other: NDArray[np.floating],
+) -> float:
+    """Mean over pixels and channels of a difference of bands of both, summed in float64."""
     total = math.fsum(
-        row for a, b in _bands(image, other) for row in _squares(a, b).sum(axis=1).tolist()
+        row
+        for a, b in _bands(image, other)
+        for row in difference(a, b).sum(axis=1, dtype=np.float64).tolist()
     )
     return total / image.size
+
+
+def mean_squared_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
+    """Mean over pixels and channels of the squared difference, summed in float64."""
+    return _mean(_squares, image, other)
 
 
 def psnr(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
@@ -71,10 +85,10 @@ def ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     under 11 px a side have no full window: the largest odd box that fits is used.
     Raises InputError for smaller images.
     """
-    _same_shape(image, other)
+    check_shapes(image, other)
     height, width, channels = image.shape
     side = min(height, width)
-    if side < 3:
+    if side < LEAST_SIDE_FOR_SSIM:
         raise InputError(f"an image for SSIM must be at least 3 px a side; got {width}x{height} px")
     box = None if side >= _FULL_WINDOW else side - 1 + side % 2
     # In float32, which is what photos and rasters are: half the memory of float64.
@@ -94,7 +108,7 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     fractional power of it is not a real number.
     Raises InputError for smaller images: at scale five no window would fit.
     """
-    _same_shape(image, other)
+    check_shapes(image, other)
     height, width = image.shape[:2]
     if min(height, width) < LEAST_SIDE_FOR_MS_SSIM:
         raise InputError(
@@ -106,10 +120,8 @@ def ms_ssim(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
         one, two = image[:, :, c], other[:, :, c]
         product = 1.0
         for scale, weight in enumerate(_SCALE_WEIGHTS, 1):
-            constants: dict[str, Any] = (
-                {} if scale == len(_SCALE_WEIGHTS) else {"k1": _NO_LUMINANCE}
-            )
-            product *= max(_similarity(one, two, np.float64, **constants), 0.0) ** weight
+            k1 = _K1 if scale == len(_SCALE_WEIGHTS) else _NO_LUMINANCE
+            product *= max(_similarity(one, two, np.float64, k1=k1), 0.0) ** weight
             one, two = _halved(one), _halved(two)
         channels.append(product)
     return float(np.mean(channels))
@@ -120,7 +132,7 @@ def _similarity(
     two: NDArray[np.floating],
     dtype: Any,
     box: int | None = None,
-    **constants: Any,
+    k1: float = _K1,
 ) -> float:
     """Mean SSIM of two planes (h, w) over the windows inside: Gaussian, or boxes of `box` px."""
     rim = (box or _FULL_WINDOW) // 2
@@ -131,19 +143,17 @@ def _similarity(
         a, b = (
             np.ascontiguousarray(plane[top : top + _BAND + 2 * rim], dtype) for plane in (one, two)
         )
-        mean = _in_windows(a, b, **constants) if box is None else _in_boxes(a, b, box)
+        mean = _in_windows(a, b, k1) if box is None else _in_boxes(a, b, box)
         total += (a.shape[0] - 2 * rim) * mean
     return total / rows
 
 
-def _in_windows(
-    x: NDArray[np.floating], y: NDArray[np.floating], k1: float = 0.01, k2: float = 0.03
-) -> float:
+def _in_windows(x: NDArray[np.floating], y: NDArray[np.floating], k1: float = _K1) -> float:
     """Mean SSIM over the Gaussian windows inside; scikit-image's, without its imports."""
     mean_x, mean_y, xx, yy, xy = (
         smoothed(plane, _SIGMA, _CUT) for plane in (x, y, x * x, y * y, x * y)
     )
-    c1, c2 = k1**2, k2**2
+    c1, c2 = k1**2, _K2**2
     a1, a2 = 2 * mean_x * mean_y + c1, 2 * (xy - mean_x * mean_y) + c2
     b1 = mean_x**2 + mean_y**2 + c1
     b2 = (xx - mean_x * mean_x) + (yy - mean_y * mean_y) + c2
@@ -169,19 +179,12 @@ def _halved(plane: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def largest_error(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Largest absolute difference of any channel, in levels of 255."""
-    _same_shape(image, other)
     return max(float(np.abs(a - b).max()) for a, b in _bands(image, other)) * LEVELS
 
 
 def bias(image: NDArray[np.floating], other: NDArray[np.floating]) -> float:
     """Mean of image - other over pixels and channels, in levels of 255."""
-    _same_shape(image, other)
-    total = math.fsum(
-        row
-        for a, b in _bands(image, other)
-        for row in (a - b).sum(axis=1, dtype=np.float64).tolist()
-    )
-    return total / image.size * LEVELS
+    return _mean(np.subtract, image, other) * LEVELS
 
 
 def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> float:
@@ -194,7 +197,7 @@ def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> 
     """
     from scipy.ndimage import maximum_filter
 
-    _same_shape(image, reference)
+    check_shapes(image, reference)
     steep = np.zeros(reference.shape[:2], bool)
     for axis in (0, 1):  # both sides of a step are steep
         steps = np.abs(np.diff(reference, axis=axis)).max(axis=2, initial=0) >= _FLAT

@@ -21,14 +21,13 @@ from PIL import Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.measure.memory import SHARE, free_bytes
+from gauss2svg.measure.metrics import LEVELS, check_shapes
 from gauss2svg.measure.scores import FLIP, ON_REQUEST, SSIMULACRA2, Score
 from gauss2svg.photo.alpha import views
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.processes import module_command, module_path, run
 
 _ADVICE = 'Try pip install "gauss2svg[scores]"'
-_MODULE = "gauss2svg.measure.perceptual"
-_LEVELS = 255
 
 
 class ScoresMissingError(InputError, ImportError):
@@ -73,7 +72,7 @@ def perceptual_scores(
     picture is too small or too large for it, where it would take more memory, and where its package
     fails. Raises InputError for pictures that differ in shape.
     """
-    _check(raster, photo)
+    check_shapes(raster, photo)
     spare = int(SHARE * free_bytes()) if spare is None else spare
     found, missing = dict(known or {}), list(packages_missing())
     for score in ON_REQUEST:
@@ -151,7 +150,7 @@ def ssimulacra2(image: NDArray[np.floating], photo: NDArray[np.floating]) -> flo
     reference implementation, and of the package, meet the wrong means. Raises ScoresMissingError
     where the package is not installed.
     """
-    _check(image, photo)
+    check_shapes(image, photo)
     height, width = image.shape[:2]
     if min(height, width) < SSIMULACRA2.least_side:
         raise InputError(
@@ -178,12 +177,12 @@ def flip(image: NDArray[np.floating], photo: NDArray[np.floating]) -> float:
     Raises ScoresMissingError where the package is not installed, ChildProcessError where its
     process fails.
     """
-    _check(image, photo)
+    check_shapes(image, photo)
     if not FLIP.is_installed:
         raise ScoresMissingError(f"FLIP is not installed. {_ADVICE}")
     height, width = photo.shape[:2]
     # In a process of its own: its OpenMP hangs in the child of a process that has used it.
-    command = module_command(_MODULE, str(height), str(width))
+    command = module_command("gauss2svg.measure.perceptual", str(height), str(width))
     data = _eight_bits(photo).tobytes() + _eight_bits(image).tobytes()
     ended = run(command, data, environment=module_path())
     if ended.status:
@@ -198,19 +197,12 @@ def main() -> None:
 
     height, width = map(int, sys.argv[1:])
     levels = np.frombuffer(sys.stdin.buffer.read(), np.uint8).reshape(2, height, width, 3)
-    photo, image = levels.astype(np.float32) / np.float32(_LEVELS)
+    photo, image = levels.astype(np.float32) / np.float32(LEVELS)
     print(evaluate(photo, image, "LDR", applyMagma=False)[1])
 
 
-def _check(image: NDArray[np.floating], photo: NDArray[np.floating]) -> None:
-    if image.shape != photo.shape or image.ndim != 3:
-        raise InputError(
-            f"two images must be of one shape (h, w, channels); got {image.shape} and {photo.shape}"
-        )
-
-
 def _eight_bits(image: NDArray[np.floating]) -> NDArray[np.uint8]:
-    return np.round(np.clip(image, 0, 1) * _LEVELS).astype(np.uint8)
+    return np.round(np.clip(image, 0, 1) * LEVELS).astype(np.uint8)
 
 
 def _as_file(image: NDArray[np.floating]) -> io.BytesIO:

@@ -15,8 +15,6 @@ from gauss2svg.render import render, render_rgba
 from gauss2svg.scene import Scene
 from gauss2svg.svg.file import file_bytes
 
-_LEAST_SIDE_FOR_SSIM = 3
-
 
 @dataclass(frozen=True, eq=False)
 class RoundTrip:
@@ -52,11 +50,8 @@ class RoundTrip:
     @property
     def psnr_lowest(self) -> float:
         """PSNR of the SVG over white or over black, whichever is lower."""
-        return (
-            self.psnr_svg
-            if self.psnr_svg_black is None
-            else min(self.psnr_svg, self.psnr_svg_black)
-        )
+        black = self.psnr_svg_black
+        return self.psnr_svg if black is None else min(self.psnr_svg, black)
 
 
 def round_trip(
@@ -101,7 +96,7 @@ def model_psnr(scene: Scene, picture: NDArray[np.float32]) -> float:
 def measure_pixels(raster: NDArray[np.float32], photo: NDArray[np.float32]) -> dict[str, Any]:
     """The numbers of RoundTrip that depend only on raster and photo, of one shape."""
     shown, wanted = over(raster), over(photo)
-    measurable = min(photo.shape[:2]) >= _LEAST_SIDE_FOR_SSIM
+    measurable = min(photo.shape[:2]) >= metrics.LEAST_SIDE_FOR_SSIM
     black, alpha = _psnr_with_alpha(raster, photo)
     return {
         "psnr_svg": metrics.psnr(shown, wanted),

@@ -14,12 +14,13 @@ from pkgutil import resolve_name
 from typing import Any
 
 from PIL import Image
+from PIL.ExifTags import Base
 from PIL.JpegImagePlugin import JpegImageFile
 from PIL.TiffImagePlugin import TiffImageFile
 
 from gauss2svg.photo.formats import FORMATS
 from gauss2svg.photo.jpeg import END_OF_JPEG, survey
-from gauss2svg.photo.strips import one_strip
+from gauss2svg.photo.strips import SEPARATE, one_strip
 
 # Data of any kind without markers. The bits of one are the other's inverted: some code of a block
 # without content may begin with either.
@@ -33,12 +34,11 @@ _ADAM7 = (
     (0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2),
     (0, 1, 1, 2),
 )  # fmt: skip
-_WIDTH, _HEIGHT, _SAMPLES, _PLANES = 256, 257, 277, 284  # tags of a TIFF
-_STRIPS, _TILES = (273, 279), (324, 325)  # offsets and byte counts
-_ROWS_PER_STRIP, _TILE_WIDTH, _TILE_HEIGHT = 278, 322, 323
-_SEPARATE = 2
-_COMPRESSION, _JPEG_TABLES = 259, 347
-_FAX_TAGS = (_COMPRESSION, 262, 266, 292, 293)  # and photometric, order of bits, options
+# Tags by which libtiff decodes a fax.
+_FAX_TAGS = (
+    Base.Compression, Base.PhotometricInterpretation, Base.FillOrder, Base.T4Options,
+    Base.T6Options,
+)  # fmt: skip
 
 _Tags = dict[int, Any]
 
@@ -94,33 +94,37 @@ def damage_of_parts(offsets: Sequence[int], counts: Sequence[int], number: int) 
 
 def damage_of_tiff(file: bytes, _: Image.Image, tags: _Tags) -> str:
     """What a TIFF lacks of its strips or tiles, "" if nothing."""
-    width, height = _number(tags, _WIDTH, 1), _number(tags, _HEIGHT, 1)
-    across, down = width, _number(tags, _ROWS_PER_STRIP, height)
-    places, sizes = _STRIPS
-    if _TILES[0] in tags:
-        places, sizes = _TILES
-        across, down = _number(tags, _TILE_WIDTH, width), _number(tags, _TILE_HEIGHT, height)
-    columns, rows = math.ceil(width / across), math.ceil(height / down)
-    planes = _number(tags, _SAMPLES, 1) if tags.get(_PLANES) == _SEPARATE else 1
+    width, height = _number(tags, Base.ImageWidth, 1), _number(tags, Base.ImageLength, 1)
+    if is_tiled := Base.TileOffsets in tags:
+        places, sizes = Base.TileOffsets, Base.TileByteCounts
+        across = _number(tags, Base.TileWidth, width)
+        down = _number(tags, Base.TileLength, height)
+    else:
+        places, sizes = Base.StripOffsets, Base.StripByteCounts
+        across, down = width, _number(tags, Base.RowsPerStrip, height)
     offsets = _as_tuple(tags.get(places))
     counts = _as_tuple(tags.get(sizes)) or (1,) * len(offsets)
     if not offsets:  # as in old files of JPEG data
         return ""
-    if missing := damage_of_parts(offsets, counts, columns * rows * planes):
+    is_separate = tags.get(Base.PlanarConfiguration) == SEPARATE
+    planes = _number(tags, Base.SamplesPerPixel, 1) if is_separate else 1
+    columns, rows = math.ceil(width / across), math.ceil(height / down)
+    number = columns * rows * planes
+    if missing := damage_of_parts(offsets, counts, number):
         return missing
-    ends, number = _ENDS.get(_number(tags, _COMPRESSION, 1)), columns * rows * planes
+    ends = _ENDS.get(_number(tags, Base.Compression, 1))
     if ends is None or across * down > _MOST_PART_PIXELS:
         return ""
     for k, (offset, count) in enumerate(zip(offsets[:number], counts, strict=False)):
         left = height - k // columns % rows * down
-        tall = min(down, left) if places == _STRIPS[0] else down  # tiles are as high throughout
+        tall = down if is_tiled else min(down, left)
         if ends(file[offset : offset + count], tags, across, tall):
             return f"the data of its strip or tile {k + 1} of {number} end early"
     return ""
 
 
 def _jpeg_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
-    tables = tags.get(_JPEG_TABLES)
+    tables = tags.get(Base.JPEGTables)
     stream = tables[:-2] + part[2:] if isinstance(tables, bytes) else part
     with JpegImageFile(io.BytesIO(stream), "") as image:
         if image.width > width or image.height > height:  # of which libtiff reads a part
@@ -130,7 +134,11 @@ def _jpeg_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
 
 def _fax_ends(part: bytes, tags: _Tags, width: int, height: int) -> bool:
     """Whether the data of a fax strip end early; libtiff leaves what is missing white."""
-    numbers = {_WIDTH: width, _HEIGHT: height, 258: 1}
+    numbers: dict[int, int] = {
+        Base.ImageWidth: width,
+        Base.ImageLength: height,
+        Base.BitsPerSample: 1,
+    }
     numbers |= {tag: tags[tag] for tag in _FAX_TAGS if isinstance(tags.get(tag), int)}
     images = [
         TiffImageFile(io.BytesIO(one_strip(part + padding, numbers)), "")

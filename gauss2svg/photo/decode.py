@@ -9,15 +9,16 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image
+from PIL import Image
+from PIL.ExifTags import Base
 
 from gauss2svg.errors import InputError
-from gauss2svg.photo import gamma, icc
+from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.photo.open import UnreadTiffError, broken, loaded, opened
-from gauss2svg.photo.photo import Header, Photo
+from gauss2svg.photo.photo import Header, Photo, unit
 from gauss2svg.photo.reduce import Reduced, SizeNeeded, draft, pieces, reduced_size
-from gauss2svg.photo.samples import unit
-from gauss2svg.photo.tags import frames_note, orientation_left, tags_of, turned, upright
+from gauss2svg.photo.srgb import as_image, by_profile, in_srgb
+from gauss2svg.photo.tags import frames_note, tags_of, turned, upright
 from gauss2svg.photo.tiff import first_page, in_planes, tiff_header
 
 # Pillow's raw modes of 16-bit samples, of which it keeps the upper bytes.
@@ -29,10 +30,9 @@ _GREY_ALPHA_16 = "LA;16B"  # of a PNG; its four bytes per pixel are unpacked as 
 # Greys of a PNG that Pillow scales to 8 bits, but not their transparent level.
 _LEVEL_STEP = {"L;2": 85, "L;4": 17}
 _INKS = 4  # channels of a TIFF's CMYK
-_MOST_8, _MOST_12, _MOST_16 = 255, 4095, 65535  # levels of so many bits
+_MOST_12, _MOST_16 = 4095, 65535  # levels of so many bits
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
-_DNG_VERSION, _SAMPLE_FORMAT = 50706, 339  # tags
-_SIGNED = 2
+_SIGNED = 2  # SampleFormat
 # Bytes for each pixel while a photo is decoded and reduced (docs/decisions/memory.md): by format,
 # more with alpha, of a palette, of 16 bits, of a TIFF that is turned, and of progressive JPEGs, all
 # of whose coefficients are kept.
@@ -62,7 +62,7 @@ def decode_file(
         with opened(file, name, max_pixels) as image:
             _refuse_preview(image, name)
             if not in_planes(getattr(image, "tag_v2", {})):
-                return _decoded(image, name, file, max_pixels, needed)
+                return decode_image(image, name, needed, file)
     except UnreadTiffError:
         pass
     return _decoded_tiff(file, name, max_pixels, needed)
@@ -86,7 +86,7 @@ def header_of_image(image: Image.Image) -> Header:
     if image.mode == "P":
         reduced = max(reduced, _REDUCED_PALETTE)
     reduced += _REDUCED_ALPHA * has_alpha
-    reduced += _REDUCED_TURNED * (_tiff_number(image, ExifTags.Base.Orientation, 1) != 1)
+    reduced += _REDUCED_TURNED * (_tiff_number(image, Base.Orientation, 1) != 1)
     if "progressive" in image.info:
         reduced = _REDUCED_PROGRESSIVE_INKS if image.mode == "CMYK" else _REDUCED_PROGRESSIVE
     elif _SIXTEEN_BITS.fullmatch(rawmode := _rawmode(image)) or rawmode == _GREY_ALPHA_16:
@@ -96,21 +96,14 @@ def header_of_image(image: Image.Image) -> Header:
     return Header(*image.size, has_alpha, reduced_bytes=reduced)
 
 
-def decode_image(image: Image.Image, name: str, needed: SizeNeeded | None = None) -> Photo:
+def decode_image(
+    image: Image.Image, name: str, needed: SizeNeeded | None = None, file: BinaryIO | None = None
+) -> Photo:
     """A Pillow image, which may not be loaded yet, reduced to the size needed.
 
+    file  of which the image was opened here; None where it is its owner's
     Raises InputError for a broken one.
     """
-    return _decoded(image, name, None, 0, needed)
-
-
-def _decoded(
-    image: Image.Image,
-    name: str,
-    file: BinaryIO | None,
-    max_pixels: int,
-    needed: SizeNeeded | None = None,
-) -> Photo:
     stored = image.size
     size, scale = reduced_size(needed, *stored), 1
     # An image that was given is its owner's, who may need all of it.
@@ -121,7 +114,7 @@ def _decoded(
     if file is not None and rawmode == _GREY_ALPHA_16:
         samples = _sixteen_bit_grey_alpha(image, name)
     elif file is not None and (match := _SIXTEEN_BITS.fullmatch(rawmode)):
-        samples = _sixteen_bit_color(image, name, file, max_pixels, match)
+        samples = _sixteen_bit_color(image, name, file, match)
     elif loaded(image, name, helped).mode.startswith("I") or image.mode == "F":
         samples = _wide_grey(image, name)
     else:
@@ -134,8 +127,8 @@ def _decoded(
     if size is not None:
         reduced = Reduced(stored, size, scale)
         samples, sample = _reduced(samples, name, reduced, image), reduced.sample
-    color, notes = _in_srgb(samples, image, name, file)
-    turn = orientation_left(image)
+    color, notes = in_srgb(samples.color, image, name, file)
+    turn = tags_of(image).orientation  # Pillow applies that of a TIFF while loading it
     return Photo.from_samples(
         upright(color, turn),
         None if samples.alpha is None else upright(_alpha(samples.alpha, name), turn),
@@ -154,24 +147,16 @@ def _reduced(samples: _Samples, name: str, reduced: Reduced, image: Image.Image)
     color, alpha = reduced.result()
     mode = samples.color.mode if isinstance(samples.color, Image.Image) else ""
     if mode in ("CMYK", "LAB") or (mode and image.info.get("icc_profile")):
-        return _Samples(_image_of(color, mode, name), alpha, samples.notes)
+        return _Samples(as_image(color, mode, name), alpha, samples.notes)
     return _Samples(color, alpha, samples.notes)
-
-
-def _image_of(color: NDArray[Any], mode: str, name: str) -> Image.Image:
-    """An image of 8 bits of color (h, w, channels) of any type."""
-    levels = np.empty(color.shape, np.uint8)
-    for rows, some in pieces(color):
-        levels[rows] = np.round(unit(some, name, rows.start) * _MOST_8)
-    return Image.frombytes(mode, (color.shape[1], color.shape[0]), levels.tobytes())
 
 
 def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int, needed: SizeNeeded | None) -> Photo:
     page = first_page(file, name, max_pixels, needed)
     color: NDArray[Any] | Image.Image = page.color
     if page.color.shape[2] == _INKS:
-        color = _image_of(page.color, "CMYK", name)
-    color, _, notes = _by_profile(color, page.profile)
+        color = as_image(page.color, "CMYK", name)
+    color, _, notes = by_profile(color, page.profile)
     if page.color.shape[2] == _INKS and page.bits > 8:
         notes.append(f"{page.bits} bits per channel reduced to 8")
     if page.pages > 1:
@@ -190,8 +175,8 @@ def _decoded_tiff(file: BinaryIO, name: str, max_pixels: int, needed: SizeNeeded
 
 def _refuse_preview(image: Image.Image, name: str) -> None:
     """Refuse a camera's raw file: a TIFF whose first image is a small preview."""
-    kind = _tiff_number(image, ExifTags.Base.NewSubfileType, 0)
-    if kind & _REDUCED_RESOLUTION or _tiff_number(image, _DNG_VERSION, 0):
+    kind = _tiff_number(image, Base.NewSubfileType, 0)
+    if kind & _REDUCED_RESOLUTION or _tiff_number(image, Base.DNGVersion, 0):
         raise InputError(
             f"{name} must be a developed photo; got a camera's raw file, or one that begins "
             "with a preview. Try developing it, and saving it as TIFF, PNG or JPEG"
@@ -220,13 +205,11 @@ def _sixteen_bit_grey_alpha(image: Any, name: str) -> _Samples:
     return _Samples(pairs[:, :, :1], pairs[:, :, 1])
 
 
-def _sixteen_bit_color(
-    image: Any, name: str, file: BinaryIO, max_pixels: int, match: re.Match[str]
-) -> _Samples:
+def _sixteen_bit_color(image: Any, name: str, file: BinaryIO, match: re.Match[str]) -> _Samples:
     """Decoded twice, for upper and lower bytes: Pillow has no mode of 16 bits per channel."""
     lower = f"{match[1]};16{_OTHER_BYTE[match[2]]}"
     upper = np.asarray(loaded(image, name)).astype(np.uint16) << 8
-    with opened(file, name, max_pixels) as again:
+    with opened(file, name, MOST_PIXELS) as again:
         again.tile = [
             tile._replace(args=(lower, *tile.args[1:]) if isinstance(tile.args, tuple) else lower)
             for tile in again.tile
@@ -241,7 +224,7 @@ def _wide_grey(image: Image.Image, name: str) -> _Samples:
     if image.mode == "F":
         top = 1
     else:
-        signed = _tiff_number(image, _SAMPLE_FORMAT, 1) == _SIGNED
+        signed = _tiff_number(image, Base.SampleFormat, 1) == _SIGNED
         if array.dtype == np.int32 and image.format == "TIFF" and not signed:
             array = array.view(np.uint32)  # Pillow has no mode of them
         if array.min() < 0 or array.max() > _MOST_16:
@@ -250,9 +233,9 @@ def _wide_grey(image: Image.Image, name: str) -> _Samples:
                 f"{array.min()}..{array.max()}. Try rescaling them"
             )
         array = array.astype(np.uint16)
-        top = _MOST_12 if _tiff_number(image, ExifTags.Base.BitsPerSample, 16) == 12 else _MOST_16
+        top = _MOST_12 if _tiff_number(image, Base.BitsPerSample, 16) == 12 else _MOST_16
     alpha = _keyed(array, image, 1)
-    white_is_zero = _tiff_number(image, ExifTags.Base.PhotometricInterpretation, 1) == 0
+    white_is_zero = _tiff_number(image, Base.PhotometricInterpretation, 1) == 0
     if white_is_zero and image.mode != "I":  # Pillow inverts up to 8 bits
         array = top - array
     return _Samples(array if top in (1, _MOST_16) else array / np.float32(top), alpha)
@@ -260,7 +243,7 @@ def _wide_grey(image: Image.Image, name: str) -> _Samples:
 
 def _eight_bits(image: Image.Image, rawmode: str) -> _Samples:
     notes = ()
-    if _tiff_number(image, ExifTags.Base.BitsPerSample, 8) > 8:
+    if _tiff_number(image, Base.BitsPerSample, 8) > 8:
         notes = ("16 bits per channel reduced to 8",)
     if image.mode in ("P", "PA", "La", "RGBa"):
         key = image.info.get("transparency")
@@ -294,45 +277,3 @@ def _keyed(color: NDArray[Any], image: Image.Image, step: int) -> NDArray[np.boo
 
 def _alpha(alpha: NDArray[Any], name: str) -> NDArray[np.float32]:
     return unit(alpha[:, :, None], f"alpha of {name}")[:, :, 0]
-
-
-def _in_srgb(
-    samples: _Samples, image: Image.Image, name: str, file: BinaryIO | None
-) -> tuple[NDArray[np.float32], list[str]]:
-    """Color (h, w, 1 or 3) in sRGB, with notes; of a PNG by the chunk that takes precedence."""
-    info = image.info
-    profile = info.get("icc_profile")
-    cicp = gamma.cicp_of(file) if file is not None and image.format == "PNG" else None
-    notes = []
-    if cicp is not None and not gamma.says_srgb(cicp):
-        notes.append(f"cICP with primaries {cicp[0]} and transfer {cicp[1]} not supported; ignored")
-    overruled = gamma.says_srgb(cicp)
-    color, used, more = _by_profile(samples.color, None if overruled else profile)
-    notes += more
-    values = unit(color, name)
-    stated = info.get("gamma") if image.format == "PNG" else None
-    if stated is not None and not (overruled or used or "srgb" in info):
-        values, more = gamma.converted(values, stated, info.get("chromaticity"))
-        notes += more
-    return values, notes
-
-
-def _by_profile(
-    color: NDArray[Any] | Image.Image, profile: bytes | None
-) -> tuple[NDArray[Any], bool, list[str]]:
-    """Color (h, w, 1 or 3) converted by its ICC profile, whether it could be used, and notes."""
-    if isinstance(color, Image.Image):
-        image, used, notes = icc.converted(color, profile)
-        return np.atleast_3d(np.asarray(image)), used, notes
-    if not profile:
-        return color, False, []
-    reduced = np.round(unit(color, "photo") * _MOST_8).astype(np.uint8)
-    given = Image.fromarray(reduced[:, :, 0] if reduced.shape[2] == 1 else reduced)
-    image, used, notes = icc.converted(given, profile)
-    if image is given:
-        return color, used, notes
-    return (
-        np.atleast_3d(np.asarray(image)),
-        used,
-        ["reduced to 8 bits per channel to apply its ICC profile", *notes],
-    )

@@ -1,4 +1,4 @@
-"""The formats of photos, one entry each.
+"""The formats of photos, one entry each, and how many pixels a picture may have.
 
 Batches, the studio, the help and the documentation take their lists from here. This module loads
 no decoder: the help needs it.
@@ -7,6 +7,11 @@ no decoder: the help needs it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+# A quarter of a GiB at three bytes per pixel: Pillow's own limit (Image.MAX_IMAGE_PIXELS).
+DEFAULT_MAX_PIXELS = 89_478_485
+# Above twice that Pillow's decoders refuse any file; larger images are not rasterised either.
+MOST_PIXELS = 2 * DEFAULT_MAX_PIXELS
 
 
 @dataclass(frozen=True, kw_only=True)

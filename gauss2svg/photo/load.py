@@ -19,11 +19,10 @@ from gauss2svg.files import reading
 from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import has_alpha, nearest, over, pixels_of, shrunk
 from gauss2svg.photo.decode import decode_file, decode_image, header_of_file, header_of_image
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.open import check_size
-from gauss2svg.photo.photo import Header, Photo
+from gauss2svg.photo.photo import Header, Photo, plain_array, unit
 from gauss2svg.photo.reduce import Size, SizeNeeded, decoded_size, reduced_size
-from gauss2svg.photo.samples import plain_array, unit
 
 ImageSource = Any  # a path, bytes, a binary file, a PIL image, a numpy array or a torch tensor
 WHITE = (1.0, 1.0, 1.0)  # a matte: the background that browsers show

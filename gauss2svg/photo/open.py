@@ -14,8 +14,7 @@ from PIL import Image, ImageFile, features
 
 from gauss2svg.errors import InputError, brief
 from gauss2svg.photo.damage import damage_of, mend_jpeg
-from gauss2svg.photo.formats import FORMATS
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, FORMATS, MOST_PIXELS
 from gauss2svg.photo.stderr import stderr_silenced
 
 _ORDERED = re.compile(r"(F;32|I;32|I;16)B?([FS])")  # raw modes of numbers with a sign

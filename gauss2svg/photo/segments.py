@@ -13,12 +13,11 @@ from skimage.segmentation import slic
 from gauss2svg.errors import InputError
 from gauss2svg.files import reading
 from gauss2svg.photo.alpha import alpha_of, has_alpha, over
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.open import loaded, opened
-from gauss2svg.photo.tags import orientation_left, upright
+from gauss2svg.photo.tags import tags_of, upright
 
 MOST_SEGMENTS = 10_000
-_SEVERAL_CHANNELS = 3  # dimensions of an array of colours
 
 
 def labels_of(
@@ -74,13 +73,13 @@ def _read(path: str, max_pixels: int) -> NDArray[Any]:
     advice = "the path of a label image, or a number of superpixels"
     with reading(path, advice) as file, opened(file, path, max_pixels) as image:
         labels = _labels(loaded(image, path))
-        return upright(labels, orientation_left(image))
+        return upright(labels, tags_of(image).orientation)
 
 
 def _labels(image: Image.Image) -> NDArray[Any]:
     """Values of an image of one channel; of more channels the rank of each colour, from 1."""
     array = np.asarray(image)
-    if array.ndim == _SEVERAL_CHANNELS:
+    if array.ndim == 3:
         colors = np.zeros(array.shape[:2], np.uint32)
         for channel in np.moveaxis(array, 2, 0):
             colors = colors * 256 + channel

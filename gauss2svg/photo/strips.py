@@ -14,18 +14,19 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL.ExifTags import Base
 from PIL.TiffImagePlugin import TiffImageFile
 
 from gauss2svg.photo.reduce import rows_at_once
 from gauss2svg.photo.stderr import stderr_silenced
 
-_SEPARATE = 2  # PlanarConfiguration
+SEPARATE = 2  # PlanarConfiguration
 NOT_COMPRESSED = 1
 _DEFLATE = (8, 32946)
 UNPACKED = (NOT_COMPRESSED, *_DEFLATE, 5, 32773, 34925, 50000)  # LZW, PackBits, LZMA, Zstandard
 _NONE, _HORIZONTAL, _FLOATING = 1, 2, 3  # predictors
 _WITHOUT_PREDICTOR = (NOT_COMPRESSED, 32773)  # whatever the tag says, as in libtiff
-_FILL_ORDER, _REVERSED = 266, 2
+_REVERSED = 2  # FillOrder
 _WHOLE = (8, 16, 32, 64)  # bits of samples that are whole bytes
 _UNSIGNED, _FLOAT, _UNDEFINED = 1, 3, 4  # SampleFormat; the last is read as the first
 _OTHER_ORDER = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))  # of the bits of a byte
@@ -42,7 +43,7 @@ def bands(file: BinaryIO, page: Any) -> Iterator[Samples]:
     width, height, samples = page.imagewidth, page.imagelength, page.samplesperpixel
     across, down = _part_size(page)
     columns, rows = -(-width // across), -(-height // down)
-    planes = samples if page.planarconfig == _SEPARATE else 1
+    planes = samples if page.planarconfig == SEPARATE else 1
     for row in range(rows):
         tall = min(down, height - row * down)
         stored = down if page.is_tiled else tall
@@ -93,8 +94,12 @@ def _part_size(page: Any) -> tuple[int, int]:
 
 
 def _bytes_of_row(page: Any, columns: int) -> int:
-    samples = 1 if page.planarconfig == _SEPARATE else page.samplesperpixel
-    return -(-columns * samples * page.bitspersample // 8)
+    return -(-columns * _samples_together(page) * page.bitspersample // 8)
+
+
+def _samples_together(page: Any) -> int:
+    """How many samples of a pixel lie side by side."""
+    return 1 if page.planarconfig == SEPARATE else page.samplesperpixel
 
 
 def _part(
@@ -121,7 +126,7 @@ def _part(
 def _values(data: NDArray[np.uint8], page: Any, columns: int) -> Samples:
     """Samples (rows, columns, samples) of the unpacked bytes of rows."""
     rows, bits = len(data), page.bitspersample
-    samples = 1 if page.planarconfig == _SEPARATE else page.samplesperpixel
+    samples = _samples_together(page)
     if bits not in _WHOLE:
         digits = np.unpackbits(data, axis=1)[:, : columns * samples * bits]
         weights = 1 << np.arange(bits, dtype=np.uint16)[::-1]
@@ -129,9 +134,8 @@ def _values(data: NDArray[np.uint8], page: Any, columns: int) -> Samples:
         return values.astype(np.uint8 if bits < 8 else np.uint16)
     bytes_each = bits // 8
     shape = rows, columns, samples
-    if (
-        predictor := _predictor(page)
-    ) == _FLOATING:  # bytes by significance, each the difference to that before
+    predictor = _predictor(page)
+    if predictor == _FLOATING:  # bytes by significance, each the difference to that before
         sums = data.reshape(rows, -1, samples).cumsum(axis=1, dtype=np.uint8)
         by_value = np.moveaxis(sums.reshape(rows, bytes_each, -1), 1, 2)
         return np.ascontiguousarray(by_value).view(f">f{bytes_each}").reshape(shape)
@@ -149,23 +153,37 @@ def _unpacked(data: bytes, page: Any, size: int) -> bytes:
         return zlib.decompressobj().decompress(_in_order(data, page), size)
     if page.compression == NOT_COMPRESSED:
         return _in_order(data, page)
-    order = page.tags.valueof(_FILL_ORDER, default=1)
-    numbers = {256: size, 257: 1, 258: 8, 259: int(page.compression), 262: 1, _FILL_ORDER: order}
-    tiff = one_strip(data, numbers)
+    tags: dict[int, int] = {
+        Base.ImageWidth: size,
+        Base.ImageLength: 1,
+        Base.BitsPerSample: 8,
+        Base.Compression: int(page.compression),
+        Base.PhotometricInterpretation: 1,
+        Base.FillOrder: _fill_order(page),
+    }
+    tiff = one_strip(data, tags)
     with TiffImageFile(io.BytesIO(tiff), "") as image, stderr_silenced():
         return image.tobytes()
 
 
 def _in_order(data: bytes, page: Any) -> bytes:
     """The data with the highest bit of each byte first."""
-    if page.tags.valueof(_FILL_ORDER, default=1) != _REVERSED:
-        return data
-    return data.translate(_OTHER_ORDER)
+    return data.translate(_OTHER_ORDER) if _fill_order(page) == _REVERSED else data
+
+
+def _fill_order(page: Any) -> int:
+    return page.tags.valueof(Base.FillOrder, default=1)
 
 
 def one_strip(data: bytes, tags: Mapping[int, int]) -> bytes:
     """A grey TIFF of one strip of these data, with more tags, such as its size."""
-    numbers = {**tags, 273: 8, 277: 1, 278: tags[257], 279: len(data)}
+    numbers = {
+        **tags,
+        Base.StripOffsets: 8,
+        Base.SamplesPerPixel: 1,
+        Base.RowsPerStrip: tags[Base.ImageLength],
+        Base.StripByteCounts: len(data),
+    }
     entries = (struct.pack("<HHII", tag, 4, 1, numbers[tag]) for tag in sorted(numbers))
     directory = struct.pack("<H", len(numbers)) + b"".join(entries) + bytes(4)
     return b"II*\0" + struct.pack("<I", 8 + len(data)) + data + directory

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import ExifTags, Image
+from PIL import Image
+from PIL.ExifTags import Base
 
 _LEAST_DPI = 1.0  # a resolution of this or less counts as none
 _SQUARE = 0.01  # relative difference of resolutions up to which pixels count as square
 SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
-_CM_PER_INCH = 2.54
-_LENGTHS_PER_INCH = {2: 1.0, 3: _CM_PER_INCH}  # by ResolutionUnit
+_LENGTHS_PER_INCH = {2: 1.0, 3: 2.54}  # by ResolutionUnit: inches, centimetres
 
 Density = tuple[float, float]  # px per length, across and down
 
@@ -43,7 +43,7 @@ def tags_of(image: Image.Image) -> Tags:
         exif = {}
         notes = ("EXIF data broken; ignored",)
     dpi = _dpi(image, exif)
-    found = tags_from(exif.get(ExifTags.Base.Orientation), dpi, dpi or _proportions(image))
+    found = tags_from(exif.get(Base.Orientation), dpi, dpi or _proportions(image))
     return Tags(found.orientation, found.dpi, (*notes, *found.notes))
 
 
@@ -67,11 +67,6 @@ def tags_from(orientation: Any, dpi: Density | None, proportions: Density | None
             "resolution tag; treated as square"
         )
     return Tags(orientation, dpi, tuple(notes))
-
-
-def orientation_left(image: Image.Image) -> int:
-    """EXIF orientation 1..8 of a loaded image: Pillow applies that of a TIFF while loading it."""
-    return tags_of(image).orientation
 
 
 def upright(array: NDArray[Any], orientation: int) -> NDArray[Any]:
@@ -106,8 +101,8 @@ def _dpi(image: Image.Image, exif: dict[int, Any]) -> Density | None:
     stated = image.info.get("jfif_unit") in (1, 2) or image.format in ("PNG", "BMP", None)
     dpi = _pair(image.info.get("dpi")) if stated else None
     if dpi is None:
-        tags = exif.get(ExifTags.Base.XResolution), exif.get(ExifTags.Base.YResolution)
-        return dpi_in(_pair(tags), exif.get(ExifTags.Base.ResolutionUnit, 2))
+        tags = exif.get(Base.XResolution), exif.get(Base.YResolution)
+        return dpi_in(_pair(tags), exif.get(Base.ResolutionUnit, 2))
     return dpi if min(dpi) > _LEAST_DPI else None
 
 

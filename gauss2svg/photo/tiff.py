@@ -15,14 +15,14 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL.ExifTags import Base
 
 from gauss2svg.errors import InputError, brief
 from gauss2svg.photo.damage import damage_of_parts
 from gauss2svg.photo.open import broken, check_size
-from gauss2svg.photo.photo import Header
+from gauss2svg.photo.photo import Header, unit
 from gauss2svg.photo.reduce import Reduced, Size, SizeNeeded, pieces, reduced_size
-from gauss2svg.photo.samples import unit
-from gauss2svg.photo.strips import NOT_COMPRESSED, UNPACKED, are_read, bands, part_bytes
+from gauss2svg.photo.strips import NOT_COMPRESSED, SEPARATE, UNPACKED, are_read, bands, part_bytes
 from gauss2svg.photo.tags import Tags, dpi_in, tags_from
 
 _WHITE_IS_ZERO, _BLACK_IS_ZERO, _RGB, _INKS = 0, 1, 2, 5  # PhotometricInterpretation
@@ -30,9 +30,7 @@ _CHANNELS = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _RGB: 3, _INKS: 4}
 _MOST_EXTRA = 4  # samples besides colours: memory for all is allocated before decoding
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples
 _TYPES = (np.bool_, np.uint8, np.uint16, np.float16, np.float32, np.float64)
-_ICC_PROFILE, _ORIENTATION, _UNIT, _DENSITIES = 34675, 274, 296, (282, 283)  # tags
-_COMPRESSION, _PHOTOMETRIC, _SAMPLES, _PLANES = 259, 262, 277, 284
-_SEPARATE = 2
+_REDUCED = 3  # bytes for each pixel while it is decoded and reduced (benchmarks/memory.py)
 _TILE = 1024  # px of a side, up to which tiles may be larger than their picture
 _silent = logging.NullHandler()
 
@@ -63,12 +61,12 @@ def in_planes(tags: Any) -> bool:
 
     Not where they are luma and chroma, or JPEGs, which libtiff decodes.
     """
-    several = tags.get(_PLANES) == _SEPARATE and tags.get(_SAMPLES, 1) > 1
-    readable = tags.get(_COMPRESSION, NOT_COMPRESSED) in UNPACKED
-    return several and readable and tags.get(_PHOTOMETRIC) in _CHANNELS
-
-
-_REDUCED = 3  # bytes for each pixel while it is decoded and reduced (benchmarks/memory.py)
+    return (
+        tags.get(Base.PlanarConfiguration) == SEPARATE
+        and tags.get(Base.SamplesPerPixel, 1) > 1
+        and tags.get(Base.Compression, NOT_COMPRESSED) in UNPACKED
+        and tags.get(Base.PhotometricInterpretation) in _CHANNELS
+    )
 
 
 def tiff_header(file: BinaryIO, name: str, max_pixels: int) -> Header:
@@ -106,7 +104,7 @@ def first_page(
             colors, alphas = zip(*parts, strict=True)
             color = np.concatenate(colors)
             alpha = None if alphas[0] is None else np.concatenate(alphas)
-        profile, tags = page.tags.valueof(_ICC_PROFILE), _tags(page)
+        profile, tags = page.tags.valueof(Base.InterColorProfile), _tags(page)
         profile = profile if isinstance(profile, bytes) else None
         return Page(color, alpha, profile, tags, stored, page.bitspersample, pages, sample)
 
@@ -195,11 +193,11 @@ def _check_tiles(page: Any, name: str) -> None:
 
 def _tags(page: Any) -> Tags:
     """Orientation and resolution, whose numbers are fractions."""
-    pairs = [page.tags.valueof(tag) for tag in _DENSITIES]
+    pairs = [page.tags.valueof(tag) for tag in (Base.XResolution, Base.YResolution)]
     valid = all(isinstance(p, tuple) and len(p) == 2 and min(p) > 0 for p in pairs)
     density = (pairs[0][0] / pairs[0][1], pairs[1][0] / pairs[1][1]) if valid else None
-    dpi = dpi_in(density, page.tags.valueof(_UNIT, default=2))
-    return tags_from(page.tags.valueof(_ORIENTATION), dpi, density)
+    dpi = dpi_in(density, page.tags.valueof(Base.ResolutionUnit, default=2))
+    return tags_from(page.tags.valueof(Base.Orientation), dpi, density)
 
 
 def _straight(color: NDArray[Any], alpha: NDArray[Any]) -> NDArray[Any]:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.png import from_png
+from gauss2svg.raster.program import from_png
 
 _INSTALL = (
     "renderer cairo needs the cairo system library. Try to install it (apt-get install libcairo2, "

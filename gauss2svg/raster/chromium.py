@@ -29,8 +29,16 @@ from PIL import Image
 from gauss2svg.errors import RendererError, quoted
 from gauss2svg.photo.alpha import straight
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.html import CLEAR, IMAGE, WHITE, html
-from gauss2svg.raster.program import TIMEOUT_S, find, version_line, wrong_size
+from gauss2svg.raster.program import (
+    CLEAR,
+    IMAGE,
+    TIMEOUT_S,
+    WHITE,
+    find,
+    html,
+    version_line,
+    wrong_size,
+)
 
 # Found by Chromium 156.
 CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 from gauss2svg.errors import RendererError
 from gauss2svg.photo.alpha import from_views
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.html import BLACK, IMAGE, WHITE, html
-from gauss2svg.raster.png import from_png
-from gauss2svg.raster.program import find, run, version_line
+from gauss2svg.raster.program import BLACK, IMAGE, WHITE, find, from_png, html, run, version_line
 
 # Found by Firefox 153.
 CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
@@ -75,7 +73,10 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
         page.write_text(html(WHITE) + verdict, encoding="utf-8")
         profile = folder / "profile"
         profile.mkdir()
-        (profile / "user.js").write_text(_user_js(), encoding="utf-8")
+        preferences = (
+            f'user_pref("{key}", {json.dumps(_PREFERENCES[key])});' for key in _PREFERENCES
+        )
+        (profile / "user.js").write_text("\n".join(preferences), encoding="utf-8")
         screenshot = folder / "drawn.png"
         command = [
             _program(),
@@ -109,11 +110,6 @@ def _draw(svg: str, width: int, height: int, color: str) -> NDArray[np.float32]:
             "a viewBox"
         )
     return drawn[:height]
-
-
-def _user_js() -> str:
-    lines = (f'user_pref("{name}", {json.dumps(value)});' for name, value in _PREFERENCES.items())
-    return "\n".join(lines)
 
 
 def _program() -> str:

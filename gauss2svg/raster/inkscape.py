@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.png import from_png
-from gauss2svg.raster.program import find, run, version_line
+from gauss2svg.raster.program import find, from_png, run, version_line
 
 # Beyond the size of a cairo surface Inkscape writes a white image without any message.
 _MOST_PX = 32767

@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.png import from_png
-from gauss2svg.raster.program import find, run, version_line
+from gauss2svg.raster.program import find, from_png, run, version_line
 
 # Found by librsvg 2.54.
 CANNOT_DRAW = {

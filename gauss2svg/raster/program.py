@@ -1,13 +1,18 @@
-"""Installed renderer programs: found where they are, run in limited time, and their errors."""
+"""What the renderers share: programs found and run in limited time, browsers' pages, PNGs read."""
 
 from __future__ import annotations
 
+import io
 import os
 import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL.PngImagePlugin import PngImageFile
 
 from gauss2svg import processes
 from gauss2svg.errors import RendererError
@@ -16,8 +21,8 @@ from gauss2svg.errors import RendererError
 TIMEOUT_S = 300
 _VERSION_TIMEOUT_S = 30
 _DRAWING = "draw the SVG"
-
-
+IMAGE = "drawing.svg"
+WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # pages of browsers
 # Where installers put programs that are not on PATH, relative to the folders of `places`.
 _MACOS = {
     "chromium": (
@@ -113,3 +118,23 @@ def run(
         why = ended.complaint or "no reason given"
         raise RendererError(f"{name} cannot {task}: {why} (exit status {ended.status})")
     return ended.output
+
+
+def html(page: str) -> str:
+    """The page that shows an SVG in a browser, of the colour WHITE, BLACK or CLEAR.
+
+    It does so in an <img>, in which an SVG runs no script and loads nothing.
+    """
+    return f"""<!doctype html><meta charset="utf-8">
+<style>html, body {{ margin: 0; background: {page} }} img {{ display: block }}</style>
+<img src="{IMAGE}">
+"""
+
+
+def from_png(png: bytes) -> NDArray[np.float32]:
+    """Unpremultiplied RGBA (h, w, 4) float32 in 0..1 of a PNG that a renderer wrote."""
+    # Not by Image.open, whose size limits are for untrusted images: this size was requested.
+    with PngImageFile(io.BytesIO(png)) as picture:
+        pixels = np.array(picture.convert("RGBA"), np.float32)
+    pixels /= 255
+    return pixels

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import RendererError
 from gauss2svg.raster.features import Feature
-from gauss2svg.raster.png import from_png
+from gauss2svg.raster.program import from_png
 
 # Found by resvg 0.48.
 CANNOT_DRAW = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from gauss2svg.errors import InputError, required, whole_number
-from gauss2svg.photo.limits import MOST_PIXELS
+from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.scene import Scene
 
 

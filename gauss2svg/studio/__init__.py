@@ -13,14 +13,10 @@ from typing import Any
 
 
 @cache
-def _app() -> Any:
+def __getattr__(name: str) -> Any:
+    # Made on first use: the package imports without FastAPI.
+    if name != "app":
+        raise AttributeError(f"module 'gauss2svg.studio' has no attribute {name!r}")
     from gauss2svg.studio.service import create_app
 
     return create_app()
-
-
-def __getattr__(name: str) -> Any:
-    # Made on first use: the package imports without FastAPI.
-    if name == "app":
-        return _app()
-    raise AttributeError(f"module 'gauss2svg.studio' has no attribute {name!r}")

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from gauss2svg.errors import whole_number
-from gauss2svg.photo.limits import MOST_PIXELS
+from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.photo.photo import Header
 from gauss2svg.photo.reduce import Size
 from gauss2svg.pipeline import bytes_each

@@ -53,9 +53,8 @@ class RefusedError(HTTPException):
 class Bounded:
     """Bounds bodies in bytes and time, and adds the headers of safety."""
 
-    def __init__(self, app: ASGIApp, most: int | None = None) -> None:
+    def __init__(self, app: ASGIApp) -> None:
         self._app = app
-        self._most = MOST_UPLOADED if most is None else most
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request."""
@@ -77,8 +76,8 @@ class Bounded:
                 raise RefusedError(408, line) from error
             read += len(message.get("body", b""))
             whole = not message.get("more_body", False)
-            if read > self._most:
-                raise self._too_large()
+            if read > MOST_UPLOADED:
+                raise _too_large()
             return message
 
         async def with_headers(message: Message) -> None:
@@ -94,17 +93,13 @@ class Bounded:
             if _is_of_another_site(scope):
                 raise RefusedError(403, _OTHER_SITE)
             length = Headers(scope=scope).get("content-length", "")
-            if length.isdecimal() and int(length) > self._most:
-                raise self._too_large()
+            if length.isdecimal() and int(length) > MOST_UPLOADED:
+                raise _too_large()
             await self._app(scope, bounded, with_headers)
         except RefusedError as error:
             if answered:
                 raise
             await error.answer()(scope, receive, with_headers)
-
-    def _too_large(self) -> RefusedError:
-        most = f"{self._most / 1e6:g} MB"
-        return RefusedError(413, f"an upload must be at most {most}; got more. Try a smaller file")
 
 
 class Guard:
@@ -197,6 +192,11 @@ class Guard:
             return name in self._names and port == self._port
         # A name can be made to point here (DNS rebinding); digits cannot.
         return name in self._names or _is_address(name)
+
+
+def _too_large() -> RefusedError:
+    most = f"{MOST_UPLOADED / 1e6:g} MB"
+    return RefusedError(413, f"an upload must be at most {most}; got more. Try a smaller file")
 
 
 def _equal(given: str, secret: str) -> bool:

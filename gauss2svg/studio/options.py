@@ -1,8 +1,9 @@
-"""Options as data for the page: names, domains, defaults and help, from the option classes."""
+"""Options as data for the page, and the command and the Python call that have the same."""
 
 from __future__ import annotations
 
 import re
+from pathlib import PurePath
 from typing import Any, Literal
 
 from docstring_parser import parse_from_object
@@ -11,10 +12,11 @@ from gauss2svg.errors import InputError, quoted
 from gauss2svg.measure.perceptual import packages
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
+from gauss2svg.processes import command_line
 from gauss2svg.studio.guard import MOST_UPLOADED
 
 MOST_DRAWN = 40_000_000  # px of a PNG: half a gigabyte while it is drawn
@@ -23,6 +25,9 @@ _NOT_OFFERED = (
     "checkpoint", "checkpoint_every", "resume", "threads", "max_memory", "max_pixels",
 )  # fmt: skip
 _NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
+_OF_A_SCORE = (
+    "slug", "key", "name", "title", "unit", "digits", "least_step", "best", "falls", "always",
+)  # fmt: skip
 _UNIT = re.compile(r"\((dB|s|px)\)")
 
 
@@ -63,16 +68,7 @@ def form() -> dict[str, Any]:
         "presets": list(PRESETS),
         "scores": [
             {
-                "slug": score.slug,
-                "key": score.key,
-                "name": score.name,
-                "title": score.title,
-                "unit": score.unit,
-                "digits": score.digits,
-                "least_step": score.least_step,
-                "best": score.best,
-                "falls": score.falls,
-                "always": score.always,
+                **{name: getattr(score, name) for name in _OF_A_SCORE},
                 "installed": score.always or bool(packages()),
             }
             for score in SCORES
@@ -124,3 +120,44 @@ def _described(field: Field, text: str | None) -> dict[str, Any]:
         "help": words,
         "unit": unit[1] if unit else "B" if kind == "size" else None,
     }
+
+
+def lines_of(name: str, options: Options) -> dict[str, str]:
+    """{"command": .., "python": ..} of a photo of that name, with what differs from defaults."""
+    changed = _changed(options)
+    stem = PurePath(name).stem
+    output = f"{stem}.{'svgz' if options.svg.gzip else 'svg'}"
+    words = ["gauss2svg", _not_an_option(name), "-o", _not_an_option(output)]
+    for given in changed.values():
+        for option, value in given.items():
+            if isinstance(value, bool):
+                words.append(flag_of(option if value else f"no_{option}"))
+            elif str(value).startswith("-"):
+                words.append(f"{flag_of(option)}={value}")
+            else:
+                words.extend([flag_of(option), str(value)])
+    arguments, names = [repr(name)], ["vectorize"]
+    for key, given in changed.items():
+        values = [f"{option}={value!r}" for option, value in given.items()]
+        if key == "goal":
+            arguments += values
+        elif values:
+            names.append(GROUPS[key].__name__)
+            arguments.append(f"{key}={names[-1]}({', '.join(values)})")
+    imports, call = ", ".join(sorted(names)), ", ".join(arguments)
+    python = f"from gauss2svg import {imports}\n\nvectorize({call}).save({output!r})"
+    return {"command": command_line(words), "python": python}
+
+
+def _changed(options: Options) -> dict[str, dict[str, Any]]:
+    """Values that are not defaults, by group and name."""
+    defaults = Options().flat()
+    changed = {name: value for name, value in options.flat().items() if value != defaults[name]}
+    return {
+        key: {f.name: changed[f.name] for f in fields_of(group) if f.name in changed}
+        for key, group in GROUPS.items()
+    }
+
+
+def _not_an_option(name: str) -> str:
+    return f"./{name}" if name.startswith("-") else name

@@ -52,11 +52,6 @@ class Worker:
         return worker
 
     @property
-    def pid(self) -> int:
-        """Id of the worker's process."""
-        return self._process.pid
-
-    @property
     def is_alive(self) -> bool:
         """Whether the process has not ended."""
         return self._process.returncode is None
@@ -93,9 +88,8 @@ class Worker:
 
     def kill(self) -> None:
         """End the process, and what it has started, at once."""
-        if not self.is_alive:
-            return
-        end_tree(self._process.pid)
+        if self.is_alive:
+            end_tree(self._process.pid)
 
     async def end(self) -> None:
         """Kill it and wait for its end."""

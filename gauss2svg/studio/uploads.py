@@ -16,7 +16,7 @@ from PIL import ExifTags, Image
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.errors import InputError, brief
 from gauss2svg.files import is_device, reading
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
 from gauss2svg.photo.open import UnreadTiffError, opened
 from gauss2svg.photo.tags import SWAPPED
 from gauss2svg.studio.schemas import Sample
@@ -88,16 +88,12 @@ def samples_in(folder: Path | None) -> Sequence[Sample]:
         except InputError:  # it says so when it is picked nowhere: it is no photo to pick
             continue
         if width is not None and height is not None:
-            name = _unicode(path.name)
+            # For a page: bytes that are no UTF-8 are escaped as in an address.
+            name = _SURROGATE.sub(lambda found: f"%{ord(found[0]) & 0xFF:02X}", path.name)
             found.append(Sample(name=name, path=path, width=width, height=height))
     if folder is not None and not found:
         raise _no_folder(folder, "no photo is in it")
     return found
-
-
-def _unicode(name: str) -> str:
-    """A file's name for a page: bytes that are no UTF-8 are escaped as in an address."""
-    return _SURROGATE.sub(lambda found: f"%{ord(found[0]) & 0xFF:02X}", name)
 
 
 def _no_folder(folder: Path, why: str) -> InputError:

@@ -65,7 +65,7 @@ def check_segments(name: str, segments: Any) -> Any:
     # Here alone, for the help does not need them.
     import numpy as np
 
-    from gauss2svg.photo.samples import plain_array
+    from gauss2svg.photo.photo import plain_array
 
     if isinstance(segments, str) and _COUNT.fullmatch(segments):  # as on the command line
         segments = int(segments)

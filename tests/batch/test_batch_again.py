@@ -10,10 +10,17 @@ import pytest
 from batches import lines, outputs, save_photo, save_photos, tiny
 from clusters import NOBODY, batch_here
 
-from gauss2svg.batch import driver, spec, worker
+from gauss2svg.batch import driver, records, worker
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.batch.records import RECORDS, STATE, PhotoRecord, limits_of, record_of
+from gauss2svg.batch.records import (
+    NOT_OF_LIMITS,
+    RECORDS,
+    STATE,
+    PhotoRecord,
+    identity_of,
+    record_of,
+)
 from gauss2svg.batch.table import PARQUET, TABLE
 from gauss2svg.errors import OutputError
 
@@ -158,6 +165,7 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
     monkeypatch.setattr(worker, "_digest", read)
     path = str(save_photo(tmp_path / "a.png", 0))
     stamp, options = worker.stamp_of(path), tiny()
+    same_limits = identity_of(options, NOT_OF_LIMITS)
     store = worker.Store(str(tmp_path), f"{STATE}/parts")
     for size in (1, 2):
         (tmp_path / f"{size}.svg").write_bytes(bytes(size))
@@ -166,7 +174,7 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
         (path, str(tmp_path / "gone.png"), "memory://none.png"),
         ("1.svg", "2.svg", "none.svg", "file/x.svg", "x\0.svg"),
         (path, "other.png"), (stamp, "", "other"), ("same", "other"),
-        (None, "it failed"), (limits_of(options), "other"), (1, None), (False, True),
+        (None, "it failed"), (same_limits, "other"), (1, None), (False, True),
     )  # fmt: skip
     kept = 0
     for now, output, input_, stamped, identity, error, limits, size, retry in cases:
@@ -176,12 +184,12 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
         )  # fmt: skip
         given = worker.BatchSpec(options, store, {}, "same", retry_failed=retry)
         photo = worker.BatchPhoto(now, output, prior)
-        found = spec.unchanged(given, photo)
+        found = records.unchanged(given, photo)
         assert found == without_reading(given, photo)
         holds = (
             (now, input_, stamped, identity) == (path, path, stamp, "same")
             and (output == "1.svg" and size == 1 if error is None
-                 else limits == limits_of(options) and not retry)
+                 else limits == same_limits and not retry)
         )  # fmt: skip
         assert (found is not None) == holds
         if found is not None:
@@ -189,7 +197,7 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
             assert found.line() == prior.line()
             kept += 1
     assert kept == 1 * 2 * 2 + 5 * 2
-    assert spec.unchanged(given, worker.BatchPhoto(path, "1.svg")) is None
+    assert records.unchanged(given, worker.BatchPhoto(path, "1.svg")) is None
 
 
 def test_the_driver_looks_at_nothing_of_stores(tmp_path, dask_client, monkeypatch):

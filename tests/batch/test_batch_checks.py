@@ -16,7 +16,7 @@ from fsspec.implementations.local import LocalFileSystem
 from fsspec.implementations.memory import MemoryFileSystem
 
 from gauss2svg.batch import index, inputs, stores, table, worker
-from gauss2svg.batch.cluster import local_client
+from gauss2svg.batch.cluster import answers, local_client
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.records import (
@@ -28,7 +28,6 @@ from gauss2svg.batch.records import (
     record_of,
 )
 from gauss2svg.batch.stores import Store
-from gauss2svg.batch.tasks import answers
 from gauss2svg.errors import ClusterError, InputError, OutputError
 from gauss2svg.pipeline import checkpoint
 
@@ -316,7 +315,7 @@ def test_an_interrupt_that_was_lost_is_raised_again(dask_client, monkeypatch):
         raise KeyboardInterrupt
 
     def next_request():
-        monkeypatch.setattr("gauss2svg.batch.interrupts.pending", lost)
+        monkeypatch.setattr("gauss2svg.batch.pending", lost)
         return next(requests, None)
 
     requests = iter([0.0])  # seconds of a task, after which all would be done

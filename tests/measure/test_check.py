@@ -20,8 +20,7 @@ import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.heatmap import colors_of, heatmap
-from gauss2svg.raster import program
-from gauss2svg.raster.registry import BROWSERS
+from gauss2svg.raster import BROWSERS, program
 
 XMLNS = 'xmlns="http://www.w3.org/2000/svg"'
 HALVES = '<rect width="8" height="8" fill="#00f"/><rect width="4" height="8" fill="#f00"/>'

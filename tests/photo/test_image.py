@@ -9,7 +9,7 @@ from PIL import Image
 
 from gauss2svg.errors import InputError
 from gauss2svg.photo.alpha import shrunk
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.svg.document import Document
 

@@ -17,8 +17,7 @@ from PIL import Image, features
 from gauss2svg.batch.inputs import is_picture
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.photo.formats import FORMATS
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, FORMATS, MOST_PIXELS
 from gauss2svg.photo.load import load_image
 from gauss2svg.photo.photo import Photo
 from gauss2svg.studio.uploads import REFUSED

@@ -17,9 +17,15 @@ from gauss2svg.cli.check import CheckOptions
 from gauss2svg.errors import RendererError
 from gauss2svg.measure import metrics
 from gauss2svg.pipeline.options import RunOptions
-from gauss2svg.raster import RENDERERS, chromium, program, rasterize, renderer_version
-from gauss2svg.raster.registry import BROWSERS
-from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.raster import (
+    BROWSERS,
+    RENDERERS,
+    chromium,
+    program,
+    rasterize,
+    refuse_unsupported,
+    renderer_version,
+)
 from gauss2svg.render import render
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.format import SvgFormat

@@ -25,7 +25,7 @@ from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.check import sized_svg
 from gauss2svg.measure.survey import survey
 from gauss2svg.photo.load import load_image
-from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.raster import refuse_unsupported
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.syntax.source import svg_source
 

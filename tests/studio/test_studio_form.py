@@ -18,11 +18,9 @@ from gauss2svg.cli import vectorize as command
 from gauss2svg.cli.main import build_app, main
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.options import Options, option_names
-from gauss2svg.studio import frames
-from gauss2svg.studio.lines import lines_of
-from gauss2svg.studio.options import form, options_of
-from gauss2svg.studio.service import create_app
-from gauss2svg.studio.share import workers_and_threads
+from gauss2svg.studio import worker_process
+from gauss2svg.studio.options import form, lines_of, options_of
+from gauss2svg.studio.service import create_app, workers_and_threads
 
 OPTIONS = [option for group in form()["groups"] for option in group["options"]]
 # A value of each option that is not its default.
@@ -171,33 +169,36 @@ def test_lines_say_only_what_is_not_the_default():
     ],
 )  # fmt: skip
 def test_cores_are_shared_out(cores, given, shares, monkeypatch):
-    monkeypatch.setattr("gauss2svg.studio.share.machine", lambda: {"cores": cores})
+    monkeypatch.setattr("gauss2svg.studio.service.machine", lambda: {"cores": cores})
     assert workers_and_threads(*given) == shares
 
 
 @pytest.mark.parametrize("given", [(0, None), (99, None), (None, 99), (None, 0)])
 def test_more_than_the_cores_are_refused(given, monkeypatch):
-    monkeypatch.setattr("gauss2svg.studio.share.machine", lambda: {"cores": 2})
+    monkeypatch.setattr("gauss2svg.studio.service.machine", lambda: {"cores": 2})
     with pytest.raises(InputError):
         workers_and_threads(*given)
 
 
 def test_a_frame_is_a_jpeg_of_at_most_768_px():
-    assert Image.open(io.BytesIO(frames.as_jpeg(random_scene(3, 2000, 1000)))).size == (768, 384)
-    assert Image.open(io.BytesIO(frames.as_jpeg(random_scene(3, 30, 20)))).size == (30, 20)
+    assert Image.open(io.BytesIO(worker_process.as_jpeg(random_scene(3, 2000, 1000)))).size == (
+        768,
+        384,
+    )
+    assert Image.open(io.BytesIO(worker_process.as_jpeg(random_scene(3, 30, 20)))).size == (30, 20)
 
 
 @pytest.mark.parametrize(("cost", "made"), [(0.02, 30), (0.0, 150)])
 def test_frames_come_at_once_and_then_as_their_share_of_the_cpu_allows(cost, made, monkeypatch):
     now = {"wall": 100.0, "cpu": 5.0}
-    monkeypatch.setattr(frames.time, "perf_counter", lambda: now["wall"])
-    monkeypatch.setattr(frames.time, "process_time", lambda: now["cpu"])
-    monkeypatch.setattr(frames, "as_jpeg", lambda scene: b"JPEG")
+    monkeypatch.setattr(worker_process.time, "perf_counter", lambda: now["wall"])
+    monkeypatch.setattr(worker_process.time, "process_time", lambda: now["cpu"])
+    monkeypatch.setattr(worker_process, "as_jpeg", lambda scene: b"JPEG")
 
     def scene():
         now["cpu"] += cost
 
-    maker, found = frames.FrameMaker(), []
+    maker, found = worker_process.FrameMaker(), []
     for _ in range(1000):  # ten seconds, all of them of the fit
         found.append(bool(maker.frame(scene)))
         now["wall"] += 0.01

@@ -253,7 +253,7 @@ def test_an_upload_of_2_gb_is_refused_by_its_length_before_it_comes():
 
 
 def test_an_upload_whose_length_is_not_said_ends_at_the_bound(monkeypatch):
-    monkeypatch.setattr(STUDIO, "_most", 10**6)
+    monkeypatch.setattr(guard, "MOST_UPLOADED", 10**6)
     sent = 0
 
     async def long():

@@ -10,8 +10,7 @@ from PIL import Image
 from screens import captured
 
 from gauss2svg.errors import RendererError
-from gauss2svg.raster import chromium, rasterize
-from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.raster import chromium, rasterize, refuse_unsupported
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg

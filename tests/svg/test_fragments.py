@@ -10,8 +10,7 @@ from svg_texts import assert_same
 
 from gauss2svg import check
 from gauss2svg.errors import InputError
-from gauss2svg.raster import chromium, rasterize
-from gauss2svg.raster.registry import BROWSERS
+from gauss2svg.raster import BROWSERS, chromium, rasterize
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
@@ -98,7 +97,7 @@ def test_image_shows_the_rounds_up_to_the_one_in_its_address(name, monkeypatch):
     needs(name)
     expected = rasterize(written("plain", 2), 60, 45, name)
     svg = written("animated", fragments=True)
-    monkeypatch.setattr("gauss2svg.raster.html.IMAGE", "drawing.svg#round-2")
+    monkeypatch.setattr("gauss2svg.raster.program.IMAGE", "drawing.svg#round-2")
     assert (rasterize(svg, 60, 45, name) == expected).all()
 
 

@@ -15,9 +15,8 @@ from svg_texts import gradient
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
-from gauss2svg.measure.frame import frame_of
-from gauss2svg.measure.survey import survey
-from gauss2svg.raster.support import refuse_unsupported
+from gauss2svg.measure.survey import frame_of, survey
+from gauss2svg.raster import refuse_unsupported
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.syntax.source import svg_source
 

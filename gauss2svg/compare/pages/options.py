@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.options import Number, OptionGroup, Whole
-from gauss2svg.photo.limits import DEFAULT_MAX_PIXELS, MOST_PIXELS
+from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
 _MOST_JOBS = 256
 

@@ -1,1 +1,58 @@
-"""The addresses of the service, by what they are about."""
+"""The addresses of the service, by what they are about.
+
+Here is what they depend on: the queue, the samples, a job by its id, a job that has an SVG.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import Depends, Request
+from starlette.exceptions import HTTPException
+
+from gauss2svg.studio.jobs import Job, Jobs
+from gauss2svg.studio.schemas import Sample
+
+
+async def _jobs(request: Request) -> Jobs:
+    return request.app.state.jobs
+
+
+async def _samples(request: Request) -> dict[str, Sample]:
+    return request.app.state.samples
+
+
+AllJobs = Annotated[Jobs, Depends(_jobs)]
+Samples = Annotated[dict[str, Sample], Depends(_samples)]
+
+
+async def job_named(name: str, jobs: AllJobs) -> Job:
+    """The job of that id; HTTPException where there is none."""
+    job = jobs.known.get(name)
+    if job is None:
+        raise HTTPException(404, f"no job {name[:40]}; it may have been forgotten for newer ones")
+    return job
+
+
+KnownJob = Annotated[Job, Depends(job_named)]
+
+
+async def finished(job: KnownJob) -> Job:
+    """The job once its SVG is written; HTTPException where there will be none."""
+    await job.when()
+    if job.report is None:
+        raise HTTPException(409, job.error or f"the job was {job.state}; it has no SVG")
+    return job
+
+
+FinishedJob = Annotated[Job, Depends(finished)]
+
+
+async def sample_named(name: str, samples: Samples) -> Sample:
+    """The sample of that name; HTTPException where there is none."""
+    if name not in samples:
+        raise HTTPException(404, f"no sample {name[:100]}")
+    return samples[name]
+
+
+KnownSample = Annotated[Sample, Depends(sample_named)]

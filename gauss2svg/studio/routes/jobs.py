@@ -21,19 +21,11 @@ from starlette.exceptions import HTTPException
 from gauss2svg.errors import InputError, brief
 from gauss2svg.studio import uploads
 from gauss2svg.studio.estimate import estimate_of
-from gauss2svg.studio.guard import PICTURE_POLICY
 from gauss2svg.studio.jobs import CANCELED, FAILED, Job, Jobs
-from gauss2svg.studio.lines import lines_of
-from gauss2svg.studio.options import options_of
-from gauss2svg.studio.routes.dependencies import (
-    AllJobs,
-    KnownJob,
-    Samples,
-    job_named,
-    sample_named,
-)
+from gauss2svg.studio.options import lines_of, options_of
+from gauss2svg.studio.routes import AllJobs, KnownJob, Samples, job_named, sample_named
+from gauss2svg.studio.routes.results import picture
 from gauss2svg.studio.schemas import Estimate, JobState, PhotoForm, Sample
-from gauss2svg.svg.file import file_bytes
 
 _MOST_JSON = 64_000  # characters of what is given as JSON
 _ALIVE_S = 15.0  # between two lines of an event stream that has nothing to tell
@@ -58,10 +50,7 @@ async def _submitted(request: Request, jobs: AllJobs, samples: Samples) -> Job:
     jobs.check_room()
     with _disk_errors():
         async with request.form(max_files=1, max_fields=len(PhotoForm.model_fields)) as given:
-            job = await _new_job(_checked(given), jobs, samples)
-    with _removed_on_error(job.folder):
-        jobs.submit(job)
-    return job
+            return await _queued(_checked(given), jobs, samples)
 
 
 def _checked(given: FormData) -> PhotoForm:
@@ -75,16 +64,21 @@ def _checked(given: FormData) -> PhotoForm:
         raise RequestValidationError(error.errors()) from error
 
 
-async def _new_job(form: PhotoForm, jobs: Jobs, samples: dict[str, Sample]) -> Job:
-    options = _parsed("options", form.options)
-    checked = options_of(options)
+async def _queued(form: PhotoForm, jobs: Jobs, samples: dict[str, Sample]) -> Job:
+    given = _parsed("options", form.options)
+    options = options_of(given)
     folder = jobs.new_folder()
     path = folder / "photo"
-    with _removed_on_error(folder):
+    try:
         name, digest = await _keep_photo(form, path, jobs, samples)
-        width, height = await asyncio.to_thread(uploads.size_of, path, name)
-    lines = lines_of(name, checked)
-    return Job(folder, name, options, width, height, keep=form.keep, digest=digest, lines=lines)
+        size = await asyncio.to_thread(uploads.size_of, path, name)
+        lines = lines_of(name, options)
+        job = Job(folder, name, given, *size, keep=form.keep, digest=digest, lines=lines)
+        jobs.submit(job)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return job
 
 
 async def _keep_photo(
@@ -105,15 +99,6 @@ async def _keep_photo(
     raise InputError(
         "the photo must be given: a file as photo, a sample, or the job that it is of; got none"
     )
-
-
-@contextmanager
-def _removed_on_error(folder: Path) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        shutil.rmtree(folder, ignore_errors=True)
-        raise
 
 
 @contextmanager
@@ -151,12 +136,9 @@ async def vectorize(request: Request, job: SubmittedJob, jobs: AllJobs) -> Respo
         status = {CANCELED: 409, FAILED: 422}.get(job.state, 500)
         raise HTTPException(status, job.error or f"the job was {job.state}")
     headers = {f"X-Gauss2svg-{name.replace('_', '-')}": str(job.report[name]) for name in _FIGURES}
-    headers |= {"X-Gauss2svg-job": job.id, "Content-Security-Policy": PICTURE_POLICY}
-    svg = await asyncio.to_thread((job.folder / "picture.svg").read_text, "utf-8")
-    data = await asyncio.to_thread(file_bytes, svg, job.is_zipped)
-    if job.is_zipped:
-        headers["Content-Encoding"] = "gzip"
-    return Response(data, media_type="image/svg+xml", headers=headers)
+    answer = await picture(job)
+    answer.headers.update({**headers, "X-Gauss2svg-job": job.id})
+    return answer
 
 
 async def _disconnection(request: Request) -> None:

@@ -1,21 +1,24 @@
-"""Routes of the page: itself, its files, its options, and the pictures that it offers."""
+"""Routes of the page: itself, its files, its options, the pictures that it offers, its chart."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Request
 from fastapi.responses import FileResponse, HTMLResponse, Response
+from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
-from gauss2svg.compare.chart import template_environment
+from gauss2svg.compare.chart import BESIDE, Point, scatter, template_environment
+from gauss2svg.compare.pages.pages import COSTS
 from gauss2svg.measure.heatmap import MOST, legend
+from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio.options import form
-from gauss2svg.studio.routes.dependencies import AllJobs, KnownSample, Samples
+from gauss2svg.studio.routes import AllJobs, KnownSample, Samples
 from gauss2svg.studio.schemas import Sample
 from gauss2svg.studio.uploads import REFUSED
 from gauss2svg.version import __version__
@@ -34,6 +37,9 @@ _KINDS = {
     ".txt": "text/plain",
 }
 _TEMPLATES = template_environment("gauss2svg.compare.pages", "gauss2svg.studio")
+_MOST_POINTS = 10_000  # of a chart
+_AXES = {axis.key: axis for axis in SCORES}
+_COSTS = {key: (title, at_tick) for key, _, title, _, at_tick in COSTS}
 
 
 @router.get("/", include_in_schema=False)
@@ -75,3 +81,34 @@ async def listed_samples(samples: Samples) -> Collection[Sample]:
 async def sample(sample: KnownSample) -> FileResponse:
     """The file of a picture."""
     return FileResponse(sample.path)
+
+
+class PointAsked(BaseModel):
+    """A run: its cost, its score, None where the pictures are equal, its series and tooltip."""
+
+    cost: Annotated[float, Field(ge=1e-9, le=1e15)]
+    score: Annotated[float, Field(ge=-1e6, le=1e6)] | None
+    series: Annotated[int, Field(ge=0, le=1e6)]
+    text: Annotated[str, Field(max_length=1000)]
+
+
+class ChartAsked(BaseModel):
+    """What a chart is drawn of: the names of a report for its two axes, and runs."""
+
+    score: Literal[tuple(_AXES)]  # pyright: ignore[reportInvalidTypeForm]
+    cost: Literal[tuple(_COSTS)]  # pyright: ignore[reportInvalidTypeForm]
+    points: Annotated[list[PointAsked], Field(min_length=1, max_length=_MOST_POINTS)]
+
+
+@router.post("/api/chart", response_class=Response, summary="A chart of a score over a cost")
+def draw_chart(asked: ChartAsked) -> Response:
+    """A chart of a score over a cost as SVG, its points in their order."""
+    axis, (title, at_tick) = _AXES[asked.score], _COSTS[asked.cost]
+    points = [
+        Point(one.cost, one.score, one.series, group=one.series, text=one.text)
+        for one in asked.points
+    ]
+    svg = _TEMPLATES.get_template("chart.svg.jinja").render(
+        chart=scatter(points, at_tick, axis, BESIDE), axis=axis, cost=title
+    )
+    return Response(svg, media_type="image/svg+xml")

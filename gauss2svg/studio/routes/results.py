@@ -20,7 +20,7 @@ from gauss2svg.studio import uploads
 from gauss2svg.studio.guard import PICTURE_POLICY
 from gauss2svg.studio.jobs import Job
 from gauss2svg.studio.options import MOST_DRAWN
-from gauss2svg.studio.routes.dependencies import AllJobs, FinishedJob, finished, job_named
+from gauss2svg.studio.routes import AllJobs, FinishedJob, finished, job_named
 from gauss2svg.svg.file import file_bytes
 
 _DRAW_S = 60.0
@@ -87,7 +87,7 @@ async def data_uri(job: FinishedJob, markup: Markup = None) -> Response:
 @router.get("/jobs/{name}/{file}", response_class=FileResponse)
 async def file(
     job: FinishedJob,
-    file: Literal["photo.png", "errors.png", "outlines.svg", "report.json", "scene.npz"],
+    file: Literal[tuple(_FILES)],  # pyright: ignore[reportInvalidTypeForm]
     download: bool = False,
 ) -> FileResponse:
     """The photo as it was compared, the error map, the outlines, the report, the scene."""
