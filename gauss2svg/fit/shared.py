@@ -154,7 +154,7 @@ class SharedColors:
         """
         divisor = np.maximum(mass, _LEAST_MASS)[:, None]
         best = np.where(mass[:, None] > _LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
-        lengths = MOST_SKEW * self.skew / np.sqrt(1 + np.square(self.skew))
+        lengths: NDArray[np.float64] = MOST_SKEW * self.skew / np.hypot(1.0, self.skew)
         entries, targets = (
             np.column_stack([color, _APART * held, _APART * (skew > 0), _SKEW_WEIGHT * skew])
             for color, held, skew in (
@@ -162,7 +162,7 @@ class SharedColors:
                 (state.color - best, _held(state), lengths[self.entry]),
             )
         )
-        distance, entry = nearest_entry(entries, targets)
+        distance, entry = nearest_entry(np.float64(entries), np.float64(targets))
         return np.where(distance < _APART * 0.1, entry, self.entry)
 
 
