@@ -162,7 +162,9 @@ class SharedColors:
                 (state.color - best, _held(state), lengths[self.entry]),
             )
         )
-        distance, entry = nearest_entry(np.float64(entries), np.float64(targets))
+        distance, entry = nearest_entry(
+            np.asarray(entries, np.float64), np.asarray(targets, np.float64)
+        )
         return np.where(distance < _APART * 0.1, entry, self.entry)
 
 
