@@ -24,7 +24,7 @@ _SCORES = ("psnr_svg", "psnr_model", "psnr_roundtrip", "ssim_svg", "svg_bytes", 
 
 def main() -> None:
     """Print a table row for each count and each limit."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--pictures", default="*.png", help="pattern of names")
     parser.add_argument("--counts", default="256,512,1024,5000")

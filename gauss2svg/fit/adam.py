@@ -15,7 +15,8 @@ kernels' moments m of h (gauss2svg.render.kernels) the gradients are
 Sizes, ratios and exponents are stepped as logarithms, opacities as logits, and rho follows from L,
 which no step can make indefinite. A skew stays at its point of the ellipse: L exp(A) is lower
 triangular after a rotation Q alone, and f is turned with it. The rim of a crisp shape is
-sigma / beta wide, so steps of mean and shape are multiplied by beta^-0.35: without it plain drawings diverge
+sigma / beta wide, so steps of mean and shape are multiplied by beta^-0.35: without it plain
+drawings diverge
 (docs/decisions/divergence.md). Colours are bounded by 0..1: a step that leaves the bounds is
 clipped to them, and the gradient there is that of the image, so that the first one that points
 inward moves the colour again. Colours as logits, whose gradient vanishes at the bounds, end no

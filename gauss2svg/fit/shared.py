@@ -22,6 +22,7 @@ from gauss2svg.fit.state import COLOR, COLUMNS, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import OVER
+from gauss2svg.scene.falloff import MOST_SKEW
 from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.scene.parameters import MOST_RAW_SKEW, STEPPED
 
@@ -31,7 +32,7 @@ LEAST_RAW_SKEW = 0.12  # of one that is written
 _RATE = 0.006
 _SKEW_RATE = 0.05
 # Weight of the length of a skew beside colours in 0..1, where shapes exchange their entries.
-_SKEW_WEIGHT = 0.1
+_SKEW_WEIGHT = 1.0
 # Distance of a unit of ln beta, beside colours in 0..1: what is held never changes.
 _APART = 100.0
 _LEAST_MASS = 1e-3  # px; shapes that contribute less keep their colour
@@ -153,15 +154,17 @@ class SharedColors:
         """
         divisor = np.maximum(mass, _LEAST_MASS)[:, None]
         best = np.where(mass[:, None] > _LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
-        own = self.skew[self.entry]
+        lengths: NDArray[np.float64] = MOST_SKEW * self.skew / np.hypot(1.0, self.skew)
         entries, targets = (
             np.column_stack([color, _APART * held, _APART * (skew > 0), _SKEW_WEIGHT * skew])
             for color, held, skew in (
-                (self.color, self.held, self.skew),
-                (state.color - best, _held(state), own),
+                (self.color, self.held, lengths),
+                (state.color - best, _held(state), lengths[self.entry]),
             )
         )
-        distance, entry = nearest_entry(entries, targets)
+        distance, entry = nearest_entry(
+            np.asarray(entries, np.float64), np.asarray(targets, np.float64)
+        )
         return np.where(distance < _APART * 0.1, entry, self.entry)
 
 

@@ -159,7 +159,10 @@ def _rounded(features: NDArray[np.float64]) -> Palette:
     steps = np.round(skew / SKEW_STEP)
     levels = np.column_stack([np.round(features[:, :3] * 255), classes, steps]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
-    beta, skew = np.array(BETA_CLASSES)[distinct[:, 3]], SKEW_STEP * distinct[:, 4]
+    beta, skew = (
+        np.array(BETA_CLASSES)[distinct[:, 3]],
+        SKEW_STEP * distinct[:, 4].astype(np.float64),
+    )
     return Palette(distinct[:, :3].astype(np.uint8), beta, skew, entry.reshape(-1))
 
 

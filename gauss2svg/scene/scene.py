@@ -58,7 +58,7 @@ class Scene:
     drawn          (n,) how a file draws each: SOFT by a gradient, or by a plain ellipse where that
                    looks the same; PLAIN by a plain ellipse at any size; BLURRED as a blurred disc,
                    in the form "blur"; None for all SOFT
-    skew           (n, 2) focus of the falloff in the shape's unit disc, up to MOST_SKEW long, (0, 0)
+    skew           (n, 2) focus of the falloff in a shape's unit disc, up to MOST_SKEW long, (0, 0)
                    for a symmetric shape: see gauss2svg.scene.falloff; None for all 0, which they
                    are where blend is "add"
     transparent    whether the background is not part of the image: a file has none, and rendered
