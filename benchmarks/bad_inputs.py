@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 import tifffile
+from common import encoded
 from PIL import Image
 
 from gauss2svg.cli.main import main as command
@@ -45,7 +46,7 @@ def bad_inputs() -> Iterator[tuple[str, list[str]]]:
     """The name of each input, and the command's arguments; files go to the current folder."""
     noise = np.random.default_rng(0).integers(0, 256, (_SIDE, _SIDE, 3), np.uint8)
     picture = Image.fromarray(noise)
-    png, jpeg = (_encoded(picture, kind) for kind in ("PNG", "JPEG"))
+    png, jpeg = (encoded(picture, kind) for kind in ("PNG", "JPEG"))
     colors = np.asarray(picture, np.float32) / 255
     beyond, missing = colors.copy(), colors.copy()
     beyond[2, 5, 1], missing[3, 7, 0] = 1.25, np.nan
@@ -69,10 +70,10 @@ def bad_inputs() -> Iterator[tuple[str, list[str]]]:
         ("a camera's raw file", "raw.cr2", b"II*\0\x10\0\0\0CR\2\0" + bytes(20)),
         ("half of a JPEG", "half.jpg", jpeg[: len(jpeg) // 2]),
         ("half of a PNG", "half.png", png[: len(png) // 2]),
-        ("a part of a WebP", "part.webp", _encoded(picture, "WEBP")[:2000]),
-        ("a part of a TIFF", "part.tif", _encoded(picture, "TIFF")[:2000]),
-        ("a part of a GIF", "part.gif", _encoded(picture, "GIF")[:2000]),
-        ("a part of a BMP", "part.bmp", _encoded(picture, "BMP")[:2000]),
+        ("a part of a WebP", "part.webp", encoded(picture, "WEBP")[:2000]),
+        ("a part of a TIFF", "part.tif", encoded(picture, "TIFF")[:2000]),
+        ("a part of a GIF", "part.gif", encoded(picture, "GIF")[:2000]),
+        ("a part of a BMP", "part.bmp", encoded(picture, "BMP")[:2000]),
         ("a PNG with a wrong checksum", "sum.png", png[:29] + bytes(4) + png[33:]),
         ("a PNG without pixels", "none.png", _png(0, 4)),
         ("a bomb: 2000 million pixels in a PNG", "bomb.png", _png(50_000, 40_000)),
@@ -86,12 +87,6 @@ def bad_inputs() -> Iterator[tuple[str, list[str]]]:
     Path("photo.png").write_bytes(png)
     yield "a photo over `--max-pixels 200`", ["photo.png", "--max-pixels", "200"]
     yield "`--max-pixels 0`", ["photo.png", "--max-pixels", "0"]
-
-
-def _encoded(picture: Image.Image, kind: str, **options: str) -> bytes:
-    stream = io.BytesIO()
-    picture.save(stream, kind, **options)
-    return stream.getvalue()
 
 
 def _tiff(array: np.ndarray) -> bytes:

@@ -13,7 +13,6 @@ four times the size.
 from __future__ import annotations
 
 import argparse
-import gzip
 import json
 import math
 import statistics
@@ -22,21 +21,19 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+from common import eight_bits, largest_square, vectorized
 from drawn_pictures import own_pictures
 from numpy.typing import NDArray
 from paper.table import traced
 from PIL import Image, ImageDraw, ImageFont
-from scipy.ndimage import uniform_filter
 from skimage import data
 
 from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.records import finite
 from gauss2svg.measure import metrics
 from gauss2svg.photo.load import load_image
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.result import Result
-from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.raster import rasterize
+from gauss2svg.svg.file import file_bytes
 
 Pixels = NDArray[np.float32]
 
@@ -77,11 +74,6 @@ def drawings() -> Iterator[tuple[str, Pixels]]:
     yield from own_pictures()
 
 
-def vectorized(pixels: Pixels, **options: object) -> Result:
-    """The picture with options by name."""
-    return vectorize_by(Options.from_flat(options), pixels)
-
-
 def fitted(name: str, pixels: Pixels, count: int, falloff: str) -> Row:
     """The picture with `count` Gaussians."""
     result = vectorized(pixels, gaussians=count, falloff=falloff)
@@ -100,7 +92,6 @@ def peer_rows(name: str, pixels: Pixels) -> Iterator[Row]:
 def _row(
     name: str, tool: str, count: int, pixels: Pixels, svg: str, raster: Pixels, seconds: float
 ) -> Row:
-    encoded = svg.encode()
     return Row(
         picture=name,
         tool=tool,
@@ -109,8 +100,8 @@ def _row(
         height=pixels.shape[0],
         psnr=metrics.psnr(raster, pixels),
         flat=metrics.flat_error(raster, pixels),
-        svg_bytes=len(encoded),
-        svgz_bytes=len(gzip.compress(encoded, compresslevel=9, mtime=0)),
+        svg_bytes=len(svg.encode()),
+        svgz_bytes=len(file_bytes(svg, gzipped=True)),
         seconds=seconds,
         svg=svg,
     )
@@ -166,8 +157,9 @@ def sheet(pixels: Pixels, rows: list[Row], falloffs: list[str]) -> Image.Image:
     chooser = min(
         (row for row in rows if row.tool == falloffs[0]), key=lambda r: abs(r.count - _CHOOSING)
     )
-    left, top = _worst_square(pixels, chooser.svg)
-    part = Image.fromarray(_levels(pixels[top : top + _CROP, left : left + _CROP]))
+    error = ((rasterize(chooser.svg, chooser.width, chooser.height) - pixels) ** 2).sum(axis=2)
+    top, left = largest_square(error, _CROP)
+    part = eight_bits(pixels[top : top + _CROP, left : left + _CROP])
     side = _CROP * _ZOOM
     original = part.resize((side, side), Image.Resampling.NEAREST)
     lines = [[row for row in rows if row.tool == falloff] for falloff in falloffs]
@@ -182,26 +174,12 @@ def sheet(pixels: Pixels, rows: list[Row], falloffs: list[str]) -> Image.Image:
             raster = rasterize(row.svg, row.width * _ZOOM, row.height * _ZOOM)
             y, x = top * _ZOOM, left * _ZOOM
             label = f"{row.tool} {row.count}: {row.psnr:.2f} dB, flat {row.flat:.1f}"
-            panels.append((label, Image.fromarray(_levels(raster[y : y + side, x : x + side]))))
+            panels.append((label, eight_bits(raster[y : y + side, x : x + side])))
         for j, (label, panel) in enumerate(panels):
             corner = (j * (side + 4) + 2, i * (side + 4 + _LABEL) + 2)
             ImageDraw.Draw(page).text(corner, label, "#ffffff", font)
             page.paste(panel, (corner[0], corner[1] + _LABEL))
     return page
-
-
-def _worst_square(pixels: Pixels, svg: str) -> tuple[int, int]:
-    """Left and top of the square with the largest squared error."""
-    height, width = pixels.shape[:2]
-    error = ((rasterize(svg, width, height) - pixels) ** 2).sum(axis=2)
-    half = _CROP // 2  # the window around [y, x] begins at y - half, x - half
-    inside = uniform_filter(error, _CROP)[half : height - half + 1, half : width - half + 1]
-    top, left = np.unravel_index(np.argmax(inside), inside.shape)
-    return int(left), int(top)
-
-
-def _levels(pixels: Pixels) -> NDArray[np.uint8]:
-    return np.round(pixels * 255).astype(np.uint8)
 
 
 def main() -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 import scenes
+from common import encoded
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -46,18 +47,10 @@ def coffee(width: int) -> Pixels:
         return np.asarray(image.convert("RGB").resize(size, Image.Resampling.LANCZOS)) / 255
 
 
-def webp(pixels: Pixels, quality: int) -> bytes:
-    """An image (h, w, 3) in 0..1 as WebP."""
-    stream = io.BytesIO()
-    levels = np.round(255 * np.clip(pixels, 0, 1)).astype(np.uint8)
-    Image.fromarray(levels).save(stream, "WEBP", quality=quality, method=6)
-    return stream.getvalue()
-
-
 def small_webp(pixels: Pixels) -> bytes:
     """An image as WebP of at most MOST_BYTES, as good as that allows."""
     for quality in (90, 82, 74, 66, 58, 50):
-        data = webp(pixels, quality)
+        data = encoded(pixels, "WEBP", quality=quality, method=6)
         if len(data) <= MOST_BYTES:
             return data
     raise SystemExit(f"a figure must have at most {MOST_BYTES} bytes; got {len(data)}")
@@ -85,7 +78,7 @@ def start(folder: Path) -> None:
     for count in COUNTS:
         result = vectorize(photo, gaussians=count)
         report = result.report
-        (folder / f"{count}.webp").write_bytes(webp(result.raster, 80))
+        (folder / f"{count}.webp").write_bytes(encoded(result.raster, "WEBP", quality=80, method=6))
         frames.append(
             f"<li>{len(result.scene)} shapes: "
             f"{report['svg_bytes'] / 1000:.0f} kB, {report['svgz_bytes'] / 1000:.0f} kB gzipped, "

@@ -21,11 +21,11 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from common import vectorized
+
 from gauss2svg import FitOptions, vectorize
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.load import WHITE, load_image
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.vectorize import vectorize_by
 
 _OTHERS = ("images", "against", "their_iterations")  # arguments that are no options of the run
 
@@ -33,7 +33,7 @@ _OTHERS = ("images", "against", "their_iterations")  # arguments that are no opt
 def measure(image: Path, arguments: argparse.Namespace) -> dict[str, float]:
     """One row of the table."""
     given = {name: value for name, value in vars(arguments).items() if name not in _OTHERS}
-    result = vectorize_by(Options.from_flat(given), image)
+    result = vectorized(image, **given)
     report = result.report
     cairo = round_trip(result.svg, result.scene, load_image(image, matte=WHITE).pixels, "cairo")
     row = {

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import base64
-import io
 import itertools
 import json
 import statistics
@@ -19,7 +18,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from common import eight_bits, encoded
 
 from gauss2svg import FitOptions, SvgOptions, placeholder, vectorize
 from gauss2svg.measure.paint import drawn_pixels, paint_ms
@@ -59,7 +58,7 @@ def medians(browser, page_file: Path, body: str, size: tuple[int, int], repeats:
 def by_shapes(browser, folder: Path, given: argparse.Namespace) -> None:
     """A row for a JPEG and for each count and markup, a cell for each width."""
     photo = over(load_image(given.photos[0]).pixels)
-    Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(folder / "0.jpg", quality=80)
+    eight_bits(photo).save(folder / "0.jpg", quality=80)
     files = [("JPEG", folder / "0.jpg")]
     for count, markup in itertools.product(given.counts, ("editable", "minimal")):
         made = vectorize(
@@ -91,10 +90,9 @@ def of_placeholders(browser, folder: Path, given: argparse.Namespace) -> None:
         side = min(photo.shape[:2]) // 2
         y, x = (rng.integers(0, extent - side) for extent in photo.shape[:2])
         part = photo[y : y + side, x : x + side]
-        made, stream = placeholder(part), io.BytesIO()
-        thumbnail = Image.fromarray(np.round(part * 255).astype(np.uint8)).resize((40, 40))
-        thumbnail.save(stream, "WEBP", quality=40)
-        webp = base64.b64encode(stream.getvalue()).decode()
+        made = placeholder(part)
+        thumbnail = encoded(eight_bits(part).resize((40, 40)), "WEBP", quality=40)
+        webp = base64.b64encode(thumbnail).decode()
         tile = f"display:inline-block;width:{_TILE}px;height:{_TILE}px"
         rows["colours"] += f'<i style="{tile};background:{made.color}"></i>'
         rows["WebP"] += f'<img src="data:image/webp;base64,{webp}" {box}>'

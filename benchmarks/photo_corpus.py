@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 import tifffile
+from common import encoded
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -91,12 +92,11 @@ def by_pillow() -> Iterator[Made]:
     for size in SIZES:
         for name, modes, levels, options in kinds:
             for mode, option in itertools.product(modes, options):
-                image, stream = picture(size, mode), io.BytesIO()
                 try:
-                    image.save(stream, name, **option)
+                    file = encoded(picture(size, mode), name, **option)
                 except (OSError, ValueError, KeyError, SystemError):
                     continue  # not a combination that Pillow writes
-                yield f"Pillow {name} {mode} {size} {option}", stream.getvalue(), None, levels
+                yield f"Pillow {name} {mode} {size} {option}", file, None, levels
 
 
 def by_tifffile() -> Iterator[Made]:
@@ -147,13 +147,6 @@ def run(folder: Path, given: bytes, suffix: str, output: str, *command: str) -> 
     filled = [part.replace("IN", str(source)).replace("OUT", str(target)) for part in command]
     done = subprocess.run(filled, capture_output=True, check=False)
     return target.read_bytes() if done.returncode == 0 and target.exists() else b""
-
-
-def encoded(image: Image.Image, name: str, **options: Any) -> bytes:
-    """The file that Pillow makes of it."""
-    stream = io.BytesIO()
-    image.save(stream, name, **options)
-    return stream.getvalue()
 
 
 def by_programs(folder: Path) -> Iterator[Made]:

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import gzip
 import inspect
 import math
 import platform
@@ -30,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import vectorized
 from numpy.typing import NDArray
 from skimage import data
 
@@ -37,9 +37,7 @@ from gauss2svg import RendererError, Result, __version__
 from gauss2svg.compare.machine import machine
 from gauss2svg.measure import metrics
 from gauss2svg.photo.load import load_image
-from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.presets import PRESETS
-from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.raster import (
     DRAW_ROTATED_BLURS,
     RENDERERS,
@@ -49,7 +47,7 @@ from gauss2svg.raster import (
 )
 from gauss2svg.render import render
 from gauss2svg.svg.blur import BLUR, GRADIENT
-from gauss2svg.svg.file import bytes_by_part
+from gauss2svg.svg.file import bytes_by_part, file_bytes
 
 Pixels = NDArray[np.floating]
 Row = dict[str, Any]  # heading to number, text, or a tuple of numbers
@@ -60,11 +58,6 @@ _OWN, _FAILED = "own gradients", "failed"
 _RUNS = 3
 
 say = partial(print, file=sys.stderr, flush=True)  # progress, apart from the tables
-
-
-def vectorized(pixels: Pixels, **options: Any) -> Result:
-    """The photo with options by name."""
-    return vectorize_by(Options.from_flat(options), pixels)
 
 
 @cache
@@ -142,7 +135,7 @@ def unshared(result: Result) -> Result:
 
     shapes = re.sub(r"fill=\"url\(#(\w+)\)\"", renamed, defined.sub("", result.svg))
     svg = shapes.replace("</defs>", f"{''.join(own)}</defs>")
-    sizes = {"svg_bytes": len(svg), "svgz_bytes": len(gzip.compress(svg.encode(), 9, mtime=0))}
+    sizes = {"svg_bytes": len(svg), "svgz_bytes": len(file_bytes(svg, gzipped=True))}
     more = {"gradients": len(own), "bytes_by_part": bytes_by_part(svg)}
     return dataclasses.replace(result, svg=svg, report=result.report | sizes | more)
 

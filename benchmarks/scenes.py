@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from common import eight_bits
 from numpy.typing import NDArray
 from PIL import Image
 from skimage import data
@@ -61,8 +62,7 @@ def main() -> None:
 
 
 def _thumbnail(pixels: NDArray[np.float32]) -> NDArray[np.uint8]:
-    picture = Image.fromarray(np.round(pixels * 255).astype(np.uint8))
-    return np.asarray(picture.resize((_SIZE, _SIZE), Image.Resampling.LANCZOS))
+    return np.asarray(eight_bits(pixels).resize((_SIZE, _SIZE), Image.Resampling.LANCZOS))
 
 
 if __name__ == "__main__":

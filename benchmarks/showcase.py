@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from PIL import Image
+from common import eight_bits
 
 from gauss2svg import vectorize
 from gauss2svg.photo.load import WHITE, load_image
@@ -32,7 +32,7 @@ def main() -> None:
     for k, panel in enumerate(panels):
         y, x = (k // 2) * (height + GAP_PX), (k % 2) * (width + GAP_PX)
         sheet[y : y + height, x : x + width] = panel
-    Image.fromarray(np.round(sheet * 255).astype(np.uint8)).save(target, quality=88)
+    eight_bits(sheet).save(target, quality=88)
 
 
 if __name__ == "__main__":

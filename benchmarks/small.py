@@ -11,17 +11,16 @@ each PHOTO NAME.jpg.
 from __future__ import annotations
 
 import argparse
-import gzip
 import io
 import re
 import time
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
+from common import encoded
 from PIL import Image
 
-from gauss2svg import Result, SvgOptions, vectorize
+from gauss2svg import SvgOptions, vectorize
 from gauss2svg.measure.metrics import psnr, ssim
 from gauss2svg.photo.alpha import over, shrunk
 from gauss2svg.photo.load import load_image
@@ -32,6 +31,7 @@ from gauss2svg.pipeline.search.by_bytes import ByBytes
 from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize
+from gauss2svg.svg.file import file_bytes
 
 _SIDES = (16, 24, 32, 48, 64, 96, 128, 192, 256, 384, 512, 768)
 
@@ -43,15 +43,12 @@ def webp(photo: np.ndarray, limit: int) -> np.ndarray:
     for side in _SIDES:
         scale = side / max(height, width)
         small = shrunk(photo, max(1, round(height * scale)), max(1, round(width * scale)))
-        picture = Image.fromarray(np.round(small * 255).astype(np.uint8))
         for quality in (1, 5, 10, 20, 40, 60, 80):
-            stream = io.BytesIO()
-            picture.save(stream, "WEBP", quality=quality, method=6)
-            if stream.tell() > limit:
+            file = encoded(small, "WEBP", quality=quality, method=6)
+            if len(file) > limit:
                 break
-            large = (
-                Image.open(stream).convert("RGB").resize((width, height), Image.Resampling.BICUBIC)
-            )
+            picture = Image.open(io.BytesIO(file)).convert("RGB")
+            large = picture.resize((width, height), Image.Resampling.BICUBIC)
             drawn = np.asarray(large, np.float32) / 255
             if psnr(drawn, photo) > best_psnr:
                 best, best_psnr = drawn, psnr(drawn, photo)
@@ -64,11 +61,6 @@ def of_another_tool(svg: str, photo: np.ndarray) -> np.ndarray:
         sized = r'viewBox="0 0 \1 \2" preserveAspectRatio="none"'
         svg = re.sub(r'width="([\d.]+)" height="([\d.]+)"', sized, svg, count=1)
     return rasterize(svg, photo.shape[1], photo.shape[0])
-
-
-def usual(photo: np.ndarray, limit: int, markup: Literal["editable", "minimal"]) -> Result:
-    """The result of the usual fit, which files of over 20 000 bytes have."""
-    return vectorize(photo, max_bytes=limit, svg=SvgOptions(markup=markup))
 
 
 def main() -> None:
@@ -87,7 +79,7 @@ def main() -> None:
         for name, photo in photos.items():
             svg = (given.svgs / f"{name}.svg").read_text()
             drawn = of_another_tool(svg, photo)
-            packed = len(gzip.compress(svg.encode(), 9))
+            packed = len(file_bytes(svg, gzipped=True))
             rows.append([len(svg.encode()), packed, psnr(drawn, photo), ssim(drawn, photo)])
         size, packed, decibels, similar = np.mean(rows, axis=0)
         print(
@@ -102,13 +94,13 @@ def main() -> None:
         for photo in photos.values():
             begun = time.process_time()
             if given.usual:
-                found = usual(photo, limit, given.usual)
+                found = vectorize(photo, max_bytes=limit, svg=SvgOptions(markup=given.usual))
             else:
                 plan = Plan(Options.from_flat({"max_bytes": limit}), by_bytes=True)
                 found = ByBytes(plan, Subject.of(photo), Watch()).file()
             spent = time.process_time() - begun
             drawn = rasterize(found.svg, photo.shape[1], photo.shape[0])
-            packed = len(gzip.compress(found.svg.encode(), 9))
+            packed = len(file_bytes(found.svg, gzipped=True))
             thumbnail = webp(photo, limit)
             rows.append(
                 [len(found.scene), psnr(drawn, photo), ssim(drawn, photo), packed, spent,

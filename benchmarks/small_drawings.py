@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import eight_bits
 from drawings import drawings
 from drawn_pictures import flat_faces
 from PIL import Image
@@ -88,8 +89,7 @@ def sheet(name: str, picture: np.ndarray, panels: list[str], folder: Path) -> No
     rasters = [np.repeat(np.repeat(picture, _ZOOM, 0), _ZOOM, 1)]
     rasters += [of_another_tool(svg, rasters[0]) for svg in panels]
     for at, raster in enumerate(rasters):
-        levels = np.round(np.clip(raster, 0, 1) * 255).astype(np.uint8)
-        page.paste(Image.fromarray(levels), (at * (width + 4), 0))
+        page.paste(eight_bits(raster), (at * (width + 4), 0))
     folder.mkdir(parents=True, exist_ok=True)
     page.save(folder / f"{name.replace(' ', '_')}.png")
 

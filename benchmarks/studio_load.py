@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import concurrent.futures
-import io
 import json
 import re
 import subprocess
@@ -24,8 +23,8 @@ from statistics import median
 from typing import Any
 
 import httpx
-import numpy as np
 import psutil
+from common import encoded
 from PIL import Image
 from skimage import data
 
@@ -46,17 +45,15 @@ def studio() -> Iterator[tuple[httpx.Client, psutil.Process]]:
             address = re.search(r"(http://\S+)/\?token=(\S+)", process.stderr.readline())
         bearer = {"Authorization": f"Bearer {address[2]}"}
         with httpx.Client(base_url=address[1], headers=bearer, timeout=600) as client:
-            vectorized(client, photo_bytes(data.coffee()), _SMALL)
+            vectorized(client, photo_bytes(Image.fromarray(data.coffee())), _SMALL)
             yield client, psutil.Process(process.pid)
     finally:
         process.terminate()
         process.wait()
 
 
-def photo_bytes(pixels: Any) -> bytes:
-    stream = io.BytesIO()
-    Image.fromarray(np.asarray(pixels)).save(stream, "JPEG", quality=95)
-    return stream.getvalue()
+def photo_bytes(photo: Image.Image) -> bytes:
+    return encoded(photo, "JPEG", quality=95)
 
 
 def submitted(client: httpx.Client, photo: bytes, options: Any) -> str:

@@ -19,13 +19,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import vectorized
 from measure import print_table
 from numba import get_num_threads, set_num_threads
 
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.load import WHITE, load_image
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.scene import Scene
 
@@ -75,8 +74,7 @@ def measure(image: Path, arguments: argparse.Namespace) -> dict[str, float]:
         "portable": {"blend": "add", "portable": True},
     }
     for name, given in kinds.items():
-        options = Options.from_flat({"gaussians": count, "iterations": steps} | given)
-        result = vectorize_by(options, image)
+        result = vectorized(image, **{"gaussians": count, "iterations": steps} | given)
         row[f"{name}_dB"] = result.report["psnr_model"]
         row[f"{name}_s"] = result.report["fit_cpu_s"]
         if name == "add":
@@ -99,8 +97,7 @@ def main() -> None:
     parser.add_argument("--renderers", default="resvg")
     arguments = parser.parse_args()
     for blend in ("over", "add"):  # compile before any clock runs
-        options = Options.from_flat({"gaussians": 20, "iterations": 4, "blend": blend})
-        vectorize_by(options, arguments.images[0])
+        vectorized(arguments.images[0], gaussians=20, iterations=4, blend=blend)
     pairs = time_pairs()
     print(
         f"a pair: over {pairs['over']:.2f} ns, add {pairs['add']:.2f} ns, "

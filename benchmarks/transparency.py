@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from common import eight_bits
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import gaussian_filter, maximum_filter
@@ -97,7 +98,7 @@ def sheet(photo: NDArray[np.uint8], result: Result) -> Image.Image:
         alpha = rgba[:, :, 3:]
         on_checks = rgba[:, :, :3] * alpha + (1 - alpha) * checks
         rows.append(np.concatenate([over(rgba, 1.0), over(rgba, 0.0), on_checks], axis=1))
-    return Image.fromarray(np.round(np.concatenate(rows) * 255).astype(np.uint8))
+    return eight_bits(np.concatenate(rows))
 
 
 def main() -> None:

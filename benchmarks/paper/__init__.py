@@ -1,6 +1,7 @@
 """The figures and claims of "Investigation into 2D Gaussian Splatting for Image Representation".
 
-settings -> photos, engine -> schedules, windows, losses, shapes, table -> claims -> plots, page
+settings -> photos, engine -> schedules, kernel_window, losses, shapes, table -> claims -> plots,
+page
 """
 
 # Before torch, which loads OpenMP: after that the policy by which waiting threads sleep is ignored,

@@ -37,7 +37,8 @@ def _word(tests: Sequence[bool | None]) -> str:
     return HOLDS if all(tests) else IN_PART if any(tests) else NOT
 
 
-def _spread(values: Sequence[float]) -> float:
+def deviation_of(values: Sequence[float]) -> float:
+    """Standard deviation of a sample, 0 of a single value."""
     return statistics.stdev(values) if len(values) > 1 else 0.0
 
 
@@ -45,11 +46,11 @@ def _beyond(values: Sequence[float]) -> bool | None:
     """Whether the mean exceeds the spread; None for too few values."""
     if len(values) < _ENOUGH:
         return None
-    return statistics.fmean(values) > _spread(values)
+    return statistics.fmean(values) > deviation_of(values)
 
 
 def _signed(values: Sequence[float]) -> str:
-    return f"{statistics.fmean(values):+.2f} ± {_spread(values):.2f} dB"
+    return f"{statistics.fmean(values):+.2f} ± {deviation_of(values):.2f} dB"
 
 
 def fewer_gaussians(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from common import largest_square
 
 from gauss2svg.measure import metrics
 
@@ -62,9 +62,5 @@ def most_different_square(images: Sequence[Pixels]) -> tuple[slice, slice]:
     height, width = images[0].shape[:2]
     side = max(4, round(CROP * min(height, width)))
     apart = np.var(np.stack(images), axis=0).sum(axis=2)
-    half = side // 2  # the window around [y, x] begins at y - half, x - half
-    inside = uniform_filter(apart, side)[
-        half : height - side + half + 1, half : width - side + half + 1
-    ]
-    top, left = (int(i) for i in np.unravel_index(np.argmax(inside), inside.shape))
+    top, left = largest_square(apart, side)
     return slice(top, top + side), slice(left, left + side)

@@ -9,10 +9,9 @@ import numpy as np
 from gauss2svg.measure import metrics
 from gauss2svg.render.cpu import kernel_lock
 
-from . import claims, losses, plots, schedules, windows
-from .book import Book, Table, counted, texts
+from . import claims, kernel_window, losses, plots, schedules
+from .book import ZOOM, Book, Picture, Table, counted, difference, texts
 from .engine import EXPONENTIAL, LINEAR, LOSSES, PRODUCT, WAYS, Trace, fit, rendered
-from .pictures import ZOOM, Picture, difference
 
 GAIN = 4  # of the differences shown
 
@@ -27,7 +26,7 @@ def progressive(book: Book) -> None:
         image = rendered(trace.snapshots[iteration])
         caption = f"{counted(iteration, 'iteration')}, {metrics.psnr(image, book.pixels):.2f} dB"
         alt = f"The model of {book.shown} after {caption}"
-        shown.append(book.gallery.save(f"iteration-{iteration}", image, alt, caption))
+        shown.append(book.save(f"iteration-{iteration}", image, alt, caption))
     book.page["iterations"] = shown
     points = schedules.curve(trace, book.pixels)
     book.page["iterations_plot"] = plots.iterations_plot(book.folder, points)
@@ -41,12 +40,12 @@ def _rounds(book: Book, trace: Trace) -> list[Picture]:
         count = counted(len(scene), "Gaussian")
         caption = f"{count}, {metrics.psnr(image, book.pixels):.2f} dB"
         alt = f"The model of {book.shown} after round {k}, of {count}"
-        pictures.append(book.gallery.save(f"round-{k}", image, alt, caption))
+        pictures.append(book.save(f"round-{k}", image, alt, caption))
     return pictures
 
 
 def _photo(book: Book) -> Picture:
-    return book.gallery.save("photo", book.pixels, f"The photo {book.shown}", "the photo")
+    return book.save("photo", book.pixels, f"The photo {book.shown}", "the photo")
 
 
 def compared_schedules(book: Book) -> None:
@@ -108,10 +107,10 @@ def cropped_windows(book: Book) -> None:
             settings.iterations,
         ).scene  # fmt: skip
     sizes = [share * settings.side for share in settings.kernel_sizes]
-    fits = [windows.windowed(scene, size) for size in sizes]
+    fits = [kernel_window.windowed(scene, size) for size in sizes]
     chosen = len(sizes) // 2
-    bell = windows.bell(settings.side, sizes[0])
-    single = windows.windowed(bell, sizes[0])
+    bell = kernel_window.bell(settings.side, sizes[0])
+    single = kernel_window.windowed(bell, sizes[0])
     book.page["window_size"], book.page["bell_size"] = sizes[chosen], sizes[0]
     book.page["bell_sigma"] = float(bell.sigma[0, 0])
     book.page["bells"] = _side_by_side(book, single, "bell", "One wide Gaussian")
@@ -138,8 +137,10 @@ def cropped_windows(book: Book) -> None:
     book.verdicts.append(claims.crop_cured(*crop.jump, *crop.psnr))
 
 
-def _side_by_side(book: Book, shown: windows.Windowed, name: str, of_what: str) -> list[Picture]:
-    save = book.gallery.save
+def _side_by_side(
+    book: Book, shown: kernel_window.Windowed, name: str, of_what: str
+) -> list[Picture]:
+    save = book.save
     pictures = [save(f"{name}-whole", shown.whole, f"{of_what} without a window", "no window")]
     for kind, image, psnr in zip(
         ("fixed", "adaptive"), (shown.fixed, shown.adaptive), shown.crop.psnr, strict=True
@@ -160,7 +161,7 @@ def compared_losses(book: Book) -> None:
     rows = []
     for name, pixels in book.photos.items():
         square = losses.most_different_square([images[name, loss] for loss in LOSSES])
-        crop = book.gallery.save(
+        crop = book.save(
             f"loss-{name}-photo", pixels[square], f"Part of the photo {name}", name, ZOOM
         )
         row = [crop]
@@ -169,7 +170,7 @@ def compared_losses(book: Book) -> None:
             caption = f"{loss}: {score.psnr:.2f} dB, SSIM {score.ssim:.3f}"
             file = f"loss-{name}-{loss.replace('+', '-')}"
             alt = f"The same part of {name} fitted with the loss {loss}"
-            row.append(book.gallery.save(file, images[name, loss][square], alt, caption, ZOOM))
+            row.append(book.save(file, images[name, loss][square], alt, caption, ZOOM))
         rows.append(row)
     means = losses.means(scores)
     book.page["losses"] = rows

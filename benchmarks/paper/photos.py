@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from skimage import data
 
+from gauss2svg.measure.metrics import LEVELS
 from gauss2svg.photo.alpha import shrunk
 from gauss2svg.photo.load import load_image
 
 Pixels = NDArray[np.float32]
 
-_LEVELS = 255
 # 17 to 29 % of the photos at 256 px have no such step, ten levels, within that distance. The
 # criterion of flat_error, five levels within 4 px, leaves 4 to 7 %.
 _STEP, _AWAY = 0.04, 2
@@ -26,7 +26,7 @@ def photo(name: str, side: int) -> Pixels:
     pixels = load_image(getattr(data, name)()).pixels
     share = side / max(pixels.shape[:2])
     height, width = (round(s * share) for s in pixels.shape[:2])
-    return (np.round(shrunk(pixels, height, width) * _LEVELS) / _LEVELS).astype(np.float32)
+    return (np.round(shrunk(pixels, height, width) * LEVELS) / LEVELS).astype(np.float32)
 
 
 def steep(pixels: Pixels) -> NDArray[np.bool_]:
@@ -62,5 +62,5 @@ def smoothness(image: Pixels, pixels: Pixels) -> Smoothness:
     squares = np.square(image[area].astype(np.float64) - pixels[area])
     edges = steep(image)[area]
     return Smoothness(
-        float(area.mean()), math.sqrt(float(squares.mean())) * _LEVELS, float(edges.mean())
+        float(area.mean()), math.sqrt(float(squares.mean())) * LEVELS, float(edges.mean())
     )

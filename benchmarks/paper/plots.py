@@ -12,8 +12,8 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, NullFormatter, NullLocator
 
+from .book import Picture
 from .engine import SCHEDULES
-from .pictures import Picture
 from .schedules import Score
 from .shapes import ELLIPSES, GAUSSIANS, ShapeFit
 from .table import BEST, Kind, Row
@@ -190,25 +190,14 @@ def shapes_plot(folder: Path, fits: Sequence[ShapeFit], by_seconds: bool) -> Pic
     return _draw(folder, f"shapes-{axis}", alt, f"Gaussians and {ELLIPSES}, over {axis}.", plot)
 
 
-_AXES = {
+FILE_PLOTS = {
     "psnr-count": ("count", "psnr", "Gaussians", "PSNR of the rasterised SVG, dB"),
     "ssim-count": ("count", "ssim", "Gaussians", "SSIM of the rasterised SVG"),
     "psnr-bytes": ("svg_bytes", "psnr", "bytes", "PSNR of the rasterised SVG, dB"),
 }
 
 
-def file_plots(
-    folder: Path,
-    kinds: Sequence[Kind],
-    own: Sequence[Row],
-    peers: Sequence[Row],
-    png_bytes: float,
-) -> list[Picture]:
-    """PSNR and SSIM against the count and PSNR against bytes, mean over the photos."""
-    return [_file_plot(folder, name, kinds, own, peers, png_bytes) for name in _AXES]
-
-
-def _file_plot(
+def file_plot(
     folder: Path,
     name: str,
     kinds: Sequence[Kind],
@@ -216,7 +205,8 @@ def _file_plot(
     peers: Sequence[Row],
     png_bytes: float,
 ) -> Picture:
-    x, y, across, up = _AXES[name]
+    """One of FILE_PLOTS, mean over the photos."""
+    x, y, across, up = FILE_PLOTS[name]
     by_count = x == "count"
     inits = list(dict.fromkeys(kind.init for kind in kinds if kind != BEST))
     last = [next(row for row in reversed(own) if row.kind == kind.name) for kind in kinds]

@@ -23,8 +23,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.pipeline.kernels import compile_kernels
 
 from . import model_sections, svg_sections, table
-from .book import Book, counted
-from .pictures import ZOOM
+from .book import ZOOM, Book, counted
 from .settings import Settings
 
 PAPER_URL = "https://infoscience.epfl.ch/entities/publication/92d5c115-6b56-4d7a-aae2-3bb8f29f66b0"

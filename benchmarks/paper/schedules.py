@@ -12,6 +12,7 @@ import numpy as np
 
 from gauss2svg.measure import metrics
 
+from .claims import deviation_of
 from .engine import AT_ONCE, EXPONENTIAL, PAPER, SCHEDULES, WAYS, Trace, Way, fit, rendered
 from .photos import Pixels
 from .settings import Settings
@@ -52,9 +53,9 @@ class Summary:
 
 def progressive(pixels: Pixels, settings: Settings) -> Trace:
     """The paper's fit of one photo, with snapshots."""
-    watched = {max(1, round(settings.iterations * share)) for share in _SHARES}
     points = min(_CURVE_POINTS, settings.iterations)
-    watched |= {round(settings.iterations * (k + 1) / points) for k in range(points)}
+    watched = {round(settings.iterations * (k + 1) / points) for k in range(points)}
+    watched.update(shown_iterations(settings))
     count, rounds = settings.gaussians, settings.rounds
     return fit(pixels, PAPER, EXPONENTIAL, count, rounds, settings.iterations, watched=watched)
 
@@ -129,16 +130,11 @@ def summaries(scores: Sequence[Score]) -> list[Summary]:
                 by_photo.setdefault(score.photo, []).append(score.psnr)
             gains = differences(scores, way, schedule)
             mean = statistics.fmean(s.psnr for s in own)
-            spread = statistics.fmean(map(deviation, by_photo.values()))
+            spread = statistics.fmean(map(deviation_of, by_photo.values()))
             lines.append(
-                Summary(way, schedule, mean, spread, statistics.fmean(gains), deviation(gains))
+                Summary(way, schedule, mean, spread, statistics.fmean(gains), deviation_of(gains))
             )
     return lines
-
-
-def deviation(values: Sequence[float]) -> float:
-    """Standard deviation of a sample, 0 of a single value."""
-    return statistics.stdev(values) if len(values) > 1 else 0.0
 
 
 def reached(scores: Sequence[Score], way: str, schedule: str, seeds: Sequence[int]) -> float:

@@ -7,10 +7,9 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from . import claims, coded, losses, plots, shapes, table
-from .book import Book, Table, texts
+from . import claims, losses, plots, shapes, table
+from .book import ZOOM, Book, Picture, Table, texts
 from .photos import Pixels
-from .pictures import ZOOM, Picture
 
 Rasters = dict[tuple[str, str, int], Pixels]
 Pairs = list[tuple[float, float]]
@@ -33,9 +32,10 @@ def svg_files(book: Book) -> tuple[dict[str, Pairs], dict[str, Pairs]]:
     book.numbers["files_by_count"] = [asdict(row) for row in own]
     book.numbers["polygons"] = [asdict(row) for row in peers]
     png_bytes = _image_files(book, means)
-    book.page["file_plots"] = plots.file_plots(
-        book.folder, table.kinds(book.settings), means, peer_means, png_bytes
-    )
+    book.page["file_plots"] = [
+        plots.file_plot(book.folder, name, table.kinds(book.settings), means, peer_means, png_bytes)
+        for name in plots.FILE_PLOTS
+    ]
     book.page["file_tables"] = [
         _by_kind(name, column, pattern, means, book) for name, (column, pattern) in _COLUMNS.items()
     ]
@@ -59,14 +59,14 @@ def svg_files(book: Book) -> tuple[dict[str, Pairs], dict[str, Pairs]]:
 
 def _image_files(book: Book, own: Sequence[table.Row]) -> float:
     """The photos as PNG and JPEG beside files by count; returns the mean bytes of the PNG."""
-    files = coded.coded(book.photos)
-    means = coded.means(files)
+    files = table.coded(book.photos)
+    means = table.coded_means(files)
     best = [row for row in own if row.kind == table.BEST.name]
-    png = means[coded.PNG].file_bytes
+    png = means[table.PNG].file_bytes
     book.numbers["image_files"] = [asdict(file) for file in files]
     book.page["png_kb"] = png / 1000
     book.page["larger_than_png"] = {
-        name: coded.larger_from(best, column, png)
+        name: table.larger_from(best, column, png)
         for name, column in (("The SVG", "svg_bytes"), ("the compressed SVG", "svgz_bytes"))
     }
     book.page["image_files_table"] = Table(
@@ -141,7 +141,7 @@ def _polygon_pictures(
     polygons = next(v for k, v in traced.items() if k[:2] == (row.photo, row.kind))
     gaussians = rasters[match.photo, match.kind, int(match.count)]
     square = losses.most_different_square([polygons, gaussians])
-    save = book.gallery.save
+    save = book.save
     return [
         save("polygons-photo", book.pixels[square], f"Part of the photo {book.shown}",
              book.shown, ZOOM),
@@ -160,7 +160,7 @@ def crisp_ellipses(book: Book, error: dict[str, Pairs], edges: dict[str, Pairs])
     book.page["shapes_plots"] = [plots.shapes_plot(book.folder, fits, s) for s in (False, True)]
     book.page["shapes_table"] = _shapes_table(fits)
     book.page["shapes_pictures"] = [
-        book.gallery.save(
+        book.save(
             f"shapes-{fit.kind.replace(' ', '-').lower()}", fit.image,
             f"{book.shown} by {fit.kind}", f"{fit.kind}, {fit.psnr[-1]:.2f} dB",
         )

@@ -1,4 +1,4 @@
-"""SVG files by the number of Gaussians, which the paper lacks, and polygons beside them."""
+"""SVG files by the number of Gaussians, which the paper lacks; polygons and images beside them."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from PIL import Image
+from common import encoded, vectorized
 
 from gauss2svg import Result
 from gauss2svg.compare.peers import PEERS
+from gauss2svg.files import as_png
 from gauss2svg.measure import metrics
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.vectorize import vectorize_by
+from gauss2svg.photo.load import load_image
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import BLENDS
 from gauss2svg.svg.file import file_bytes
@@ -26,6 +25,8 @@ from .photos import Pixels, Smoothness, smoothness
 from .settings import Settings
 
 PEER = "vtracer"
+JPEG_QUALITY = 90
+PNG, JPEG = "PNG, lossless", f"JPEG, quality {JPEG_QUALITY}"
 
 
 @dataclass(frozen=True)
@@ -92,8 +93,8 @@ def own_rows(
     """Every kind, count and photo, and the rasters of the kind BEST."""
 
     def made(pixels: Pixels, kind: Kind, count: int) -> Result:
-        given = {"gaussians": count, "iterations": settings.table_iterations, "tune": "psnr"}
-        return vectorize_by(Options.from_flat(given | asdict(kind)), pixels)
+        steps = settings.table_iterations
+        return vectorized(pixels, gaussians=count, iterations=steps, tune="psnr", **asdict(kind))
 
     rows, rasters = [], {}
     for kind in kinds(settings):
@@ -138,7 +139,7 @@ def traced(pixels: Pixels, **settings: Any) -> tuple[str, Pixels, float]:
     """The SVG of the tracer, its raster, and the seconds of the tracing."""
     with tempfile.TemporaryDirectory() as folder:
         png, out = Path(folder) / "photo.png", Path(folder) / "traced.svg"
-        Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(png)
+        png.write_bytes(as_png(pixels))
         work = PEERS[PEER].prepare(png, out, **settings)
         begun = time.perf_counter()
         work()
@@ -233,3 +234,56 @@ def by_photo(
         (statistics.fmean(a for a, _ in values), statistics.fmean(b for _, b in values))
         for values in found.values()
     ]
+
+
+@dataclass(frozen=True)
+class Coded:
+    """One photo as an image file: bytes, and PSNR in dB and SSIM against the photo."""
+
+    photo: str
+    kind: str
+    file_bytes: float
+    psnr: float
+    ssim: float
+
+
+def coded(photos: dict[str, Pixels]) -> list[Coded]:
+    """Every photo as PNG and as JPEG."""
+    files = []
+    for name, pixels in photos.items():
+        for kind, data in (
+            (PNG, encoded(pixels, "PNG", optimize=True)),
+            (JPEG, encoded(pixels, "JPEG", quality=JPEG_QUALITY)),
+        ):
+            again = load_image(data).pixels
+            psnr, ssim = metrics.psnr(again, pixels), metrics.ssim(again, pixels)
+            files.append(Coded(name, kind, len(data), psnr, ssim))
+    return files
+
+
+def coded_means(files: Sequence[Coded]) -> dict[str, Coded]:
+    """Mean over the photos, by kind."""
+    return {
+        kind: Coded(
+            "mean",
+            kind,
+            *(
+                statistics.fmean(getattr(f, n) for f in files if f.kind == kind)
+                for n in ("file_bytes", "psnr", "ssim")
+            ),
+        )
+        for kind in (PNG, JPEG)
+    }
+
+
+def larger_from(rows: Sequence[Row], column: str, limit: float) -> int | None:
+    """Least count from which on all rows exceed the limit; None if the last row does not.
+
+    column is svg_bytes or svgz_bytes; rows ascend by count.
+    """
+    found = None
+    for row in reversed(rows):
+        if getattr(row, column) <= limit:
+            break
+        found = round(row.count)
+    return found

@@ -9,9 +9,10 @@ from typing import Annotated, Any
 from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.cli.lines import say
 from gauss2svg.cli.parameters import Quiet, options_of
-from gauss2svg.pipeline.options import GROUP_TITLES, Options
+from gauss2svg.cli.streams import counting_bar, say
+from gauss2svg.errors import InputError, brief, quoted
+from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
 
 STATUS_SOME_FAILED = 1
 _SHOW_S = 0.2  # between two states of the bar
@@ -54,7 +55,6 @@ def batch_command(
     """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
     from gauss2svg.batch.many import Batch
     from gauss2svg.batch.table import Summary
-    from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.files import refuse_option_like
 
     refuse_option_like(*photos, output)
@@ -115,9 +115,7 @@ def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None
 
     from cyclopts.config import Toml
 
-    from gauss2svg.errors import InputError, brief, quoted
     from gauss2svg.files import reading
-    from gauss2svg.pipeline.options import option_names
 
     given = [a.tokens for a in arguments if _OPTIONS_FILE in a.names and a.tokens]
     if not given:

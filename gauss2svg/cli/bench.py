@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.lines import say, words
+from gauss2svg.cli.parameters import Quiet, words
+from gauss2svg.cli.streams import counting_bar, say
 
 if TYPE_CHECKING:
     from gauss2svg.compare.run import Progress
@@ -24,7 +25,7 @@ def bench_command(
     peer_timeout: float = 300.0,
     seed: int = 0,
     threads: int | None = None,
-    quiet: Annotated[bool, Parameter(negative="")] = False,
+    quiet: Quiet = False,
 ) -> int:
     """Vectorise photos with many settings; write tables and plots of cost and quality.
 
@@ -53,7 +54,6 @@ def bench_command(
         Show neither progress nor summary.
 
     """
-    from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.compare.grid import parse_axes
     from gauss2svg.compare.peers import check_peers
     from gauss2svg.compare.tables.bench import run_bench

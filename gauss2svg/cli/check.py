@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.lines import say
-from gauss2svg.cli.streams import standard_stream
+from gauss2svg.cli.streams import say, standard_stream
+from gauss2svg.errors import InputError, brief
 from gauss2svg.options import Number, OptionGroup, Renderer, Whole, byte_size
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.pipeline.options import color_name
@@ -87,7 +87,6 @@ def check_command(
 ) -> int:
     """Measure how closely any SVG matches a photo."""
     from gauss2svg.cli.terminal import print_check
-    from gauss2svg.errors import InputError, brief
     from gauss2svg.files import (
         STANDARD_STREAM,
         as_json,

@@ -7,9 +7,10 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.lines import say, words
-from gauss2svg.cli.parameters import Photos, Quiet
+from gauss2svg.cli.parameters import Photos, Quiet, words
+from gauss2svg.cli.streams import counting_bar, say
 from gauss2svg.compare.pages.options import GalleryOptions
+from gauss2svg.errors import InputError, quoted
 
 STATUS_SOME_FAILED = 1
 _DEFAULTS = GalleryOptions()
@@ -48,7 +49,6 @@ def gallery_command(
     quiet: Quiet = False,
 ) -> int:
     """Write web pages that compare the results for photos; they open from the disk."""
-    from gauss2svg.cli.progress_bar import counting_bar
     from gauss2svg.compare.pages.build import build_gallery
     from gauss2svg.files import expanded
     from gauss2svg.measure.perceptual import packages_missing
@@ -83,7 +83,6 @@ def gallery_command(
 
 
 def _whole(word: str) -> int:
-    from gauss2svg.errors import InputError, quoted
 
     if not re.fullmatch("[0-9]{1,18}", word):
         raise InputError(

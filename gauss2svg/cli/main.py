@@ -11,9 +11,8 @@ from typing import Any
 
 from cyclopts import App, CoercionError, CycloptsError, Group, Parameter
 
-from gauss2svg.cli.lines import say
 from gauss2svg.cli.signals import SIGNALS, Terminated, raising, status_of
-from gauss2svg.cli.streams import drop_output, hold_closed_descriptors
+from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
 from gauss2svg.options import field_named

@@ -1,4 +1,4 @@
-"""Parameters that several commands have: photos, --quiet, the options of a run."""
+"""Parameters that several commands have: photos, --quiet, lists, the options of a run."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ Photos = Annotated[list[str], Parameter(negative="", help="Photos.")]
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]
 # Groups with a flag that is on by default, which --no-NAME turns off.
 _NEGATED: dict[str, Any] = {"densify": {"negative_bool": "no-", "negative": None}}
+
+
+def words(text: str) -> list[str]:
+    """The words of a list that is separated by commas."""
+    return [word.strip() for word in text.split(",") if word.strip()]
 
 
 def options_of(shown: Mapping[str, Group]) -> Any:

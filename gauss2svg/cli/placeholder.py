@@ -1,22 +1,28 @@
 """The command `gauss2svg placeholder`, imported only where it is run."""
 
+import json
 import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.lines import say
 from gauss2svg.cli.parameters import Photos, Quiet
-from gauss2svg.cli.streams import standard_stream
+from gauss2svg.cli.streams import counting_bar, say, write_output
+from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, quoted
+from gauss2svg.files import (
+    STANDARD_STREAM,
+    check_outputs,
+    expanded,
+    reading,
+    refuse_option_like,
+    write_all_atomically,
+)
 from gauss2svg.options import OptionGroup
-from gauss2svg.pipeline.placeholder import DEFAULT_BYTES, Placeholder, check_bytes
-
-if TYPE_CHECKING:
-    from gauss2svg.photo.listing import ListedPhoto
+from gauss2svg.photo.listing import ListedPhoto, listed_photos
+from gauss2svg.pipeline.placeholder import DEFAULT_BYTES, Placeholder, check_bytes, placeholder
 
 STATUS_SOME_FAILED = 1
 _IMAGE = '<img src="'  # with which a line of HTML begins
@@ -52,12 +58,6 @@ def placeholder_command(
     quiet: Quiet = False,
 ) -> int:
     """Write placeholders of about a kilobyte, which a page shows until its photos have come."""
-    from gauss2svg.cli.progress_bar import counting_bar
-    from gauss2svg.errors import Gauss2SvgError
-    from gauss2svg.files import STANDARD_STREAM, expanded, refuse_option_like
-    from gauss2svg.photo.listing import listed_photos
-    from gauss2svg.pipeline.placeholder import placeholder
-
     photos = expanded(photos)
     refuse_option_like(*photos, output)
     once = listed_photos(photos)
@@ -97,9 +97,6 @@ def placeholder_command(
 
 def _targets(output: str, form: str, slugs: list[str]) -> list[Path]:
     """The files that are written; none for standard output."""
-    from gauss2svg.errors import InputError, quoted
-    from gauss2svg.files import STANDARD_STREAM
-
     if output != STANDARD_STREAM:
         if form == "svg" and Path(output).suffix.lower() == ".svg":
             raise InputError(
@@ -114,9 +111,6 @@ def _targets(output: str, form: str, slugs: list[str]) -> list[Path]:
 
 def _check(photos: dict[str, str], targets: list[Path]) -> None:
     """Refuse outputs that would overwrite a photo, or could not be written."""
-    from gauss2svg.errors import OutputError
-    from gauss2svg.files import check_outputs
-
     for folder in {target.parent for target in targets}:
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -128,17 +122,13 @@ def _check(photos: dict[str, str], targets: list[Path]) -> None:
 
 
 def _write(
-    photos: list["ListedPhoto"],
-    made: dict["ListedPhoto", Placeholder],
+    photos: list[ListedPhoto],
+    made: dict[ListedPhoto, Placeholder],
     before: dict[str, Any],
     output: str,
     form: str,
 ) -> int:
     """Write what was made; what the file has of photos that failed is kept: returns how many."""
-    import json
-
-    from gauss2svg.files import STANDARD_STREAM, write_all_atomically
-
     if form == "svg" and output != STANDARD_STREAM:
         files = {Path(output) / f"{photo.slug}.svg": one.svg for photo, one in made.items()}
         write_all_atomically({path: svg.encode() for path, svg in files.items()})
@@ -161,9 +151,7 @@ def _write(
         (one,) = made.values()
         text = one.svg
     if output == STANDARD_STREAM:
-        stdout = standard_stream(sys.stdout, "output")
-        stdout.write(text.encode())
-        stdout.flush()
+        write_output(text.encode())
     else:
         write_all_atomically({output: text.encode()})
     return len(listed) - len(made)
@@ -174,11 +162,6 @@ def _entries(output: str, form: str) -> dict[str, Any]:
 
     Raises InputError for a file that cannot be read as such: to replace it would lose what it has.
     """
-    import json
-
-    from gauss2svg.errors import InputError
-    from gauss2svg.files import STANDARD_STREAM, reading
-
     if output == STANDARD_STREAM or not Path(output).is_file():
         return {}
     with reading(output, "another name for --output") as file:

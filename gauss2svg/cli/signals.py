@@ -20,7 +20,6 @@ from gauss2svg import batch
 _QUITTING = b"gauss2svg: interrupted; every file is whole or untouched\n"
 _SHOW_CURSOR = b"\x1b[?25h"  # which a progress bar hides
 _ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
-STATUS_OF_SIGNAL = 128  # plus the number of the signal, as in shells
 
 
 def handled_of(module: Any = signal) -> tuple[int, ...]:
@@ -73,14 +72,18 @@ class Interruption:
             _before_the_fit(number)
         if not (first and self._fitting):
             raise_for(number)
-        # Not by print, which the main thread may be executing.
-        with suppress(OSError):
-            os.write(2, _ENDING)
+        _tell(_ENDING)
+
+
+def _tell(line: bytes) -> None:
+    # Not by print, which the main thread may be executing.
+    with suppress(OSError):
+        os.write(2, line)
 
 
 def status_of(number: int) -> int:
     """Exit status after a signal: that of shells, and for Ctrl-Break that of SIGTERM."""
-    return STATUS_OF_SIGNAL + (signal.SIGINT if number == signal.SIGINT else signal.SIGTERM)
+    return 128 + (signal.SIGINT if number == signal.SIGINT else signal.SIGTERM)
 
 
 def raise_for(number: int, _frame: FrameType | None = None) -> None:
@@ -93,9 +96,7 @@ def exit_for(number: int, _frame: FrameType | None = None) -> None:
 
     An exception could be lost in a callback of a C library, or end an import half-way.
     """
-    # Not by print, which the main thread may be executing.
-    with suppress(OSError):
-        os.write(2, (_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
+    _tell((_SHOW_CURSOR if os.isatty(2) else b"") + _QUITTING)
     os._exit(status_of(number))
 
 

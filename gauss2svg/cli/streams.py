@@ -1,13 +1,19 @@
-"""The standard streams of a process, which may be closed or break."""
+"""The standard streams of a process, which may be closed or break, and what commands say there."""
 
 from __future__ import annotations
 
 import os
 import sys
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
-from gauss2svg.errors import InputError
+from gauss2svg.errors import InputError, on_one_line
+
+
+def say(line: str) -> None:
+    """Print a line of the program on standard error."""
+    print(f"gauss2svg: {on_one_line(line)}", file=sys.stderr)
 
 
 def standard_stream(stream: Any, name: str) -> Any:
@@ -17,6 +23,13 @@ def standard_stream(stream: Any, name: str) -> Any:
             f"standard {name} must be open; got a closed stream. Try a file name instead of -"
         )
     return stream.buffer
+
+
+def write_output(data: bytes) -> None:
+    """Write to standard output; raises InputError if it is closed."""
+    stdout = standard_stream(sys.stdout, "output")
+    stdout.write(data)
+    stdout.flush()
 
 
 def hold_closed_descriptors() -> None:
@@ -46,3 +59,37 @@ def drop_output() -> None:
             null = os.open(os.devnull, os.O_WRONLY)
             os.dup2(null, sys.stdout.fileno())
             os.close(null)
+
+
+@contextmanager
+def counting_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
+    """A progress bar on standard error: yields update(current step, finished steps, total steps).
+
+    Nothing is shown if quiet or if standard error is not a terminal.
+    """
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
+    console = Console(stderr=True)
+    columns = (
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.description}"),
+    )
+    shown = console.is_terminal and not quiet
+    with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
+        task = bar.add_task("reading the photos", total=None)
+
+        def update(now: str, done: int, total: int) -> None:
+            # A file name may contain markup.
+            bar.update(task, description=escape(now), completed=done, total=total)
+
+        yield update

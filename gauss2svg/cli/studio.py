@@ -5,7 +5,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.lines import say
+from gauss2svg.cli.streams import say
+from gauss2svg.errors import InputError
 
 
 def studio_command(
@@ -33,8 +34,6 @@ def studio_command(
         import python_multipart  # noqa: F401
         import uvicorn  # noqa: F401
     except ImportError as error:
-        from gauss2svg.errors import InputError
-
         raise InputError(
             f"the studio needs packages that are not installed ({error.name}). "
             'Try pip install "gauss2svg[studio]"'

@@ -3,18 +3,20 @@
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from gauss2svg.cli.lines import say
 from gauss2svg.cli.parameters import options_of
-from gauss2svg.cli.streams import standard_stream
+from gauss2svg.cli.signals import interruptible
+from gauss2svg.cli.streams import say, standard_stream, write_output
+from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.photo.formats import TITLES
-from gauss2svg.pipeline.options import GROUP_TITLES, Options
+from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
+from gauss2svg.scene import ADD
 
 _BEGUN = time.perf_counter()
 
@@ -26,6 +28,8 @@ _EXAMPLES = (
 HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
+_OURS = b"written by gauss2svg"  # of the description of every file
+_HEAD = 65536  # bytes within which it stands
 _ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
 _PARAMETERS = f"""
 
@@ -92,9 +96,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 def _one_photo(photos: tuple[str, ...]) -> str:
     from difflib import get_close_matches
 
-    from gauss2svg.errors import InputError, brief
     from gauss2svg.files import expanded
-    from gauss2svg.pipeline.options import option_names
 
     photos = tuple(expanded(photos))
     for name in photos:
@@ -112,7 +114,6 @@ def _one_photo(photos: tuple[str, ...]) -> str:
 
 
 def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> int:
-    from gauss2svg.cli.signals import interruptible
 
     with interruptible() as interruption:
         output, options = _checked(photo, output, options, files)
@@ -124,15 +125,12 @@ def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> in
 
 def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -> tuple[str, Any]:
     """The name of the SVG and the options that follow from it, once all names are checked."""
-    from gauss2svg.cli.outputs import check_names, check_svg_name, default_output
-    from gauss2svg.errors import InputError
     from gauss2svg.files import STANDARD_STREAM, refuse_option_like
-    from gauss2svg.scene import ADD
-    from gauss2svg.svg.file import is_svgz
+    from gauss2svg.svg.file import check_svg_name, is_svgz
 
     refuse_option_like(photo, output or "")
     if output is None:
-        output = default_output(photo, files.overwrite)
+        output = _default_output(photo, files.overwrite)
     if files.outline is not None and options.fit.blend == ADD and not options.svg.portable:
         raise InputError(
             "--outline must not be given with --blend add, whose signed colours have no strokes. "
@@ -143,7 +141,7 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
     _check_files(photo, output, options, files)
     if output != STANDARD_STREAM:
         check_svg_name("--output", output)
-    check_names(
+    _check_names(
         [
             ("--preview", files.preview, ".png"),
             ("--report", files.report, ".json"),
@@ -152,6 +150,55 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
         ]
     )
     return output, options.changed(gzip=True) if is_svgz(output) else options
+
+
+def _default_output(photo: str, overwrite: bool) -> str:
+    """The name of the SVG beside a photo: photo.svg of photo.jpg.
+
+    Raises InputError where that is the photo itself or, unless overwrite is True, an existing file
+    that gauss2svg did not write.
+    """
+    from gauss2svg.files import STANDARD_STREAM
+
+    if photo == STANDARD_STREAM:
+        raise InputError(
+            "--output must be given where the photo is standard input. Try -o out.svg, or -o - for "
+            "standard output"
+        )
+    output = Path(photo).with_suffix(".svg")
+    if output == Path(photo):
+        raise InputError(f"the photo must be an image other than an SVG; got {quoted(photo)}")
+    if not overwrite and output.is_file() and not _is_ours(output):
+        raise InputError(
+            f"{output} must be given by name, for it exists and gauss2svg did not write it. Try "
+            f"-o {output} to replace it, or -o with another name"
+        )
+    return os.fspath(output)
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return _OURS in file.read(_HEAD)
+    except OSError:
+        return False
+
+
+def _check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]) -> None:
+    """check_svg_name of further files: option, path or None, and the suffix of what is written."""
+    import mimetypes
+
+    from gauss2svg.svg.file import check_svg_name, check_type
+
+    for name, path, suffix in files:
+        if path is None:
+            continue
+        if suffix == ".svg":
+            check_svg_name(name, path)
+        else:
+            known = mimetypes.guess_type(f"x{suffix}")[0]
+            allowed = (known,) if known else ()
+            check_type(name, os.fspath(path), (*allowed, "text/plain"), suffix)
 
 
 def _result(photo: str, output: str, options: Any, files: OutputFiles, interruption: Any) -> Any:
@@ -190,9 +237,7 @@ def _write(result: Any, output: str, files: OutputFiles) -> None:
     svg = file_bytes(result.svg, result.report["gzip"])
     written: dict[str | os.PathLike[str], bytes] = {}
     if output == STANDARD_STREAM:
-        stdout = standard_stream(sys.stdout, "output")
-        stdout.write(svg)
-        stdout.flush()
+        write_output(svg)
     else:
         written[output] = svg
     if files.outline is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from gauss2svg.measure.scores import NONE, SPACE
 
 
@@ -12,20 +14,19 @@ def whole(value: float | None) -> str:
 
 def size(count: float | None) -> str:
     """Bytes to three digits: 940 B, 58.3 kB, 1.68 MB."""
-    if count is None:
-        return NONE
-    for unit, name in ((1e6, "MB"), (1e3, "kB")):
-        if count >= 0.9995 * unit:
-            return f"{_three_digits(count / unit)}{SPACE}{name}"
-    return f"{round(count)}{SPACE}B"
+    return NONE if count is None else _in_bytes(count, _three_digits, "{:.0f}".format)
 
 
 def short_size(count: float) -> str:
     """Bytes at a tick: 5 kB, 20 kB, 0.5 B."""
+    return _in_bytes(count, "{:g}".format, "{:g}".format)
+
+
+def _in_bytes(count: float, large: Callable[[float], str], small: Callable[[float], str]) -> str:
     for unit, name in ((1e6, "MB"), (1e3, "kB")):
         if count >= 0.9995 * unit:
-            return f"{count / unit:g}{SPACE}{name}"
-    return f"{count:g}{SPACE}B"
+            return f"{large(count / unit)}{SPACE}{name}"
+    return f"{small(count)}{SPACE}B"
 
 
 def short_seconds(value: float) -> str:

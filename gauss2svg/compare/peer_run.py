@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.compare.peers import PEERS
-from gauss2svg.compare.process import in_own_process
 from gauss2svg.compare.records import finite
+from gauss2svg.compare.worker import in_own_process
 from gauss2svg.errors import PeerError, RendererError
 from gauss2svg.files import as_png
 from gauss2svg.measure.check import check

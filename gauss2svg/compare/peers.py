@@ -10,6 +10,7 @@ import io
 import shutil
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -37,14 +38,11 @@ class Peer:
     settings: tuple[dict[str, Any], ...]
 
 
-def _package(name: str) -> Callable[[], str | None]:
-    def find() -> str | None:
-        try:
-            return version(name)
-        except PackageNotFoundError:
-            return None
-
-    return find
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def _vtracer(png: Path, output: Path, style: str, **changes: Any) -> Conversion:
@@ -109,31 +107,31 @@ def _primitive(png: Path, output: Path, shapes: int) -> Conversion:
     return convert
 
 
-def _pillow(format_name: str) -> Callable[..., Conversion]:
-    def prepare(png: Path, output: Path, quality: int) -> Conversion:
-        from PIL import Image
+def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Conversion:
+    from PIL import Image
 
-        with Image.open(png) as image:
-            pixels = image.convert("RGB")
-        pixels.save(io.BytesIO(), format_name, quality=quality)  # loads the codec
-
-        return lambda: pixels.save(output, format_name, quality=quality)
-
-    return prepare
+    with Image.open(png) as image:
+        pixels = image.convert("RGB")
+    pixels.save(io.BytesIO(), format_name, quality=quality)  # loads the codec
+    return lambda: pixels.save(output, format_name, quality=quality)
 
 
+_PILLOW = partial(_version, "Pillow")
 _RASTER_QUALITIES = tuple({"quality": quality} for quality in (10, 30, 60, 90))
 
 PEERS: dict[str, Peer] = {
     "vtracer": Peer(
-        _package("vtracer"), _vtracer, ".svg", tuple({"style": s} for s in _VTRACER_STYLES)
+        partial(_version, "vtracer"), _vtracer, ".svg", tuple({"style": s} for s in _VTRACER_STYLES)
     ),
     "splatthis": Peer(
-        _package("splatthis"), _splatthis, ".svg", tuple({"style": s} for s in _SPLATTHIS_STYLES)
+        partial(_version, "splatthis"),
+        _splatthis,
+        ".svg",
+        tuple({"style": s} for s in _SPLATTHIS_STYLES),
     ),
     "primitive": Peer(_primitive_version, _primitive, ".svg", ({"shapes": 100}, {"shapes": 500})),
-    "jpeg": Peer(_package("Pillow"), _pillow("JPEG"), ".jpg", _RASTER_QUALITIES),
-    "webp": Peer(_package("Pillow"), _pillow("WEBP"), ".webp", _RASTER_QUALITIES),
+    "jpeg": Peer(_PILLOW, partial(_pillow, "JPEG"), ".jpg", _RASTER_QUALITIES),
+    "webp": Peer(_PILLOW, partial(_pillow, "WEBP"), ".webp", _RASTER_QUALITIES),
 }
 
 

@@ -1,4 +1,4 @@
-"""Records as rows: a file of one JSON object per line, and CSV."""
+"""Records of runs: what a worker answers, and rows as one JSON object per line and as CSV."""
 
 from __future__ import annotations
 
@@ -6,19 +6,37 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import OutputError
+from gauss2svg.errors import Gauss2SvgError, OutputError
 from gauss2svg.files import as_cell
 
 Row = dict[str, Any]
 TOOL = "gauss2svg"  # the tool of all rows that are not a peer's
 
-
 # A row without these is damaged, and is measured again.
 _REQUIRED = {"key", "label", "tool", "tool_version", "image", "settings", "machine"}
+
+
+def answered(
+    make: Callable[[Mapping[str, Any]], dict[str, Any]], request: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The record, or {"error": one line}, so that a request that fails stops no other.
+
+    With "fatal" where no other request can succeed.
+    """
+    try:
+        return make(request)
+    except OutputError as error:  # of the others as well: a full disk, a deleted folder
+        return {"error": one_line(str(error)), "fatal": True}
+    except Gauss2SvgError as error:
+        return {"error": one_line(str(error))}
+    except MemoryError as error:
+        return {"error": f"out of memory ({error}). Try smaller photos or fewer Gaussians"}
+    except Exception as error:  # a peer may raise anything; a bug of ours is shown with its type
+        return {"error": one_line(f"{type(error).__name__}: {error}")}
 
 
 def rows_in(path: Path) -> dict[str, Row]:

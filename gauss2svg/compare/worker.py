@@ -1,9 +1,10 @@
-"""One run in a process of its own: `python -m gauss2svg.compare.worker REQUEST`.
+"""One run in a process of its own: `python -m gauss2svg.compare.worker REQUEST`, and its start.
 
 Its argument is a request in JSON, and it writes the record as JSON to standard output, so that CPU
-time and peak memory are those of this run alone. Where its standard input ends, its parent is gone,
-and it ends with what a peer has started. It imports heavy modules only where needed, or they would
-count as a peer's memory.
+time and peak memory are those of this run alone: in a worker of `batch` they would be Dask's as
+well (docs/decisions/batch.md). Where its standard input ends, its parent is gone, and it ends with
+what a peer has started. It imports heavy modules only where needed, or they would count as a
+peer's memory.
 """
 
 from __future__ import annotations
@@ -17,9 +18,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.compare.answer import answered
 from gauss2svg.compare.machine import Stopwatch, peak_bytes
-from gauss2svg.compare.records import TOOL, finite
+from gauss2svg.compare.records import TOOL, Row, answered, finite, one_line
 from gauss2svg.measure.scores import SCORES
 
 _FROM_REPORT = (
@@ -29,13 +29,27 @@ _FROM_REPORT = (
 )  # fmt: skip
 
 
+def in_own_process(request: Mapping[str, Any], timeout: float | None) -> Row:
+    """The worker's row; one with "error" if it dies or takes more than timeout seconds."""
+    from gauss2svg.processes import end_of, module_command, module_path, run
+
+    command = module_command("gauss2svg.compare.worker", json.dumps(request))
+    try:
+        # What a peer starts is killed with it; where its input ends, its parent is gone.
+        ended = run(command, timeout_s=timeout, environment=module_path(), tied=True)
+    except TimeoutError:
+        return {"error": f"timed out after {timeout:g} s. Try a longer --peer-timeout"}
+    if ended.status == 0:
+        return json.loads(ended.output)
+    return {"error": one_line(f"{end_of(ended.status)}: {ended.complaint or 'no message'}")}
+
+
 def _run(request: Mapping[str, Any]) -> dict[str, Any]:
     return _run_own(request) if request["tool"] == TOOL else _run_peer(request)
 
 
 def _run_own(request: Mapping[str, Any]) -> dict[str, Any]:
-    from gauss2svg.compare.grid import AXES
-    from gauss2svg.compare.tuning import apply_constants, options_in
+    from gauss2svg.compare.grid import AXES, apply_constants, options_in
     from gauss2svg.measure.perceptual import perceptual_scores
     from gauss2svg.pipeline.options import Options
     from gauss2svg.pipeline.vectorize import vectorize_by

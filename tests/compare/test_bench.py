@@ -12,14 +12,13 @@ from galleries import BLANK, cells_expected, cells_of, primitive, save
 from PIL import Image
 
 from gauss2svg.cli.main import main
-from gauss2svg.compare.answer import answered
 from gauss2svg.compare.peer_run import peer_record
-from gauss2svg.compare.process import in_own_process
-from gauss2svg.compare.records import finite
+from gauss2svg.compare.records import answered, finite
 from gauss2svg.compare.tables import bench
 from gauss2svg.compare.tables.bench import run_bench
 from gauss2svg.compare.tables.plots import NAMES, plots_of
 from gauss2svg.compare.tables.summary import summarise
+from gauss2svg.compare.worker import in_own_process
 from gauss2svg.measure.scores import SCORES
 
 pytestmark = pytest.mark.process

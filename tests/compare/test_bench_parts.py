@@ -13,14 +13,15 @@ from hypothesis import strategies as st
 from gauss2svg.compare.grid import (
     AXES,
     DEFAULT_GRID,
+    apply_constants,
+    options_in,
     parse_axes,
     parse_axis,
     settings_of,
 )
 from gauss2svg.compare.records import csv_text, row_lines, rows_in
 from gauss2svg.compare.run import Task
-from gauss2svg.compare.tables.front import distance_below, front
-from gauss2svg.compare.tuning import apply_constants, options_in
+from gauss2svg.compare.tables.summary import distance_below, front
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.photo.listing import ListedPhoto

@@ -327,7 +327,7 @@ def test_a_setting_counts_only_where_every_photo_has_a_file_beside_it():
 
 
 def test_files_are_larger_from_the_count_after_the_last_that_fits():
-    larger_from = importlib.import_module("paper.coded").larger_from
+    larger_from = importlib.import_module("paper.table").larger_from
     rows = [dataclasses.replace(file_row("m", "k", b), count=c)
             for c, b in ((8, 90), (16, 210), (32, 180), (64, 400))]  # fmt: skip
     assert larger_from(rows, "svg_bytes", 200) == 64
@@ -336,7 +336,7 @@ def test_files_are_larger_from_the_count_after_the_last_that_fits():
 
 
 def test_jumps_at_edges_are_those_within_the_canvas():
-    windows = importlib.import_module("paper.windows")
+    windows = importlib.import_module("paper.kernel_window")
     scene = windows.bell(40, 10.0)  # sigma 4, at 20, 20
     value = math.exp(-((5 / 4) ** 2) / 2)
     assert windows.edges_inside(scene, np.array([5.0])) == pytest.approx([value])

@@ -164,7 +164,7 @@ def test_a_file_that_is_no_list_of_placeholders_is_kept_and_said_before_any_work
 
     with monkeypatch.context() as patch:
         # None of the photos is looked at.
-        patch.setattr("gauss2svg.pipeline.placeholder.placeholder", pytest.fail)
+        patch.setattr("gauss2svg.cli.placeholder.placeholder", pytest.fail)
         for data in FOREIGN[form]:
             output.write_bytes(data)
             refuses(f"--output must be a file of placeholders in {form}, or none yet")

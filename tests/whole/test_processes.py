@@ -11,7 +11,7 @@ import pytest
 from conftest import has_ended
 
 from gauss2svg import processes
-from gauss2svg.compare.process import in_own_process
+from gauss2svg.compare.worker import in_own_process
 from gauss2svg.processes import Ended, run
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="a shell stands in for a program")

@@ -19,11 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from gauss2svg.compare.answer import answered
 from gauss2svg.compare.machine import Stopwatch, machine
 from gauss2svg.compare.pages.crops import worst_and_typical
 from gauss2svg.compare.peer_run import peer_file
-from gauss2svg.compare.records import TOOL, finite
+from gauss2svg.compare.records import TOOL, answered, finite
 from gauss2svg.errors import OutputError
 from gauss2svg.files import as_json, as_png, make_folder, write_all_atomically
 from gauss2svg.measure.check import check
@@ -42,7 +41,7 @@ RECORD = "record.json"
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
 PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
 OUTLINES, ERRORS = "outlines.svg", "errors.png"
-THUMBNAIL_PX = 320
+_THUMBNAIL_PX = 320
 _MOST_WEBP_PX = 16383  # largest side of a WebP image
 _PNG_PHOTO = "photo.png"
 
@@ -53,11 +52,7 @@ _ROUND = re.compile(r"round-([0-9]+)")
 def answer_to(request: Request) -> dict[str, Any]:
     """The record of what a request asks for, or {"error": ..}: what a worker does."""
     with own_standard_error():
-        return answered(_make, request)
-
-
-def _make(request: Request) -> dict[str, Any]:
-    return _MAKERS[request["kind"]](request)
+        return answered(make_photo if request["kind"] == "photo" else make_variant, request)
 
 
 def make_photo(request: Request) -> dict[str, Any]:
@@ -198,10 +193,14 @@ def _eight_bits(pixels: NDArray[np.float32]) -> Image.Image:
 
 
 def _thumbnail(pixels: NDArray[np.float32]) -> bytes:
-    height, width = pixels.shape[:2]
-    scale = min(THUMBNAIL_PX / max(height, width), 1.0)
-    small = shrunk(pixels, max(1, round(height * scale)), max(1, round(width * scale)))
-    return _encoded(_eight_bits(small), "PNG", optimize=True)
+    width, height = thumbnail_size(pixels.shape[1], pixels.shape[0])
+    return _encoded(_eight_bits(shrunk(pixels, height, width)), "PNG", optimize=True)
+
+
+def thumbnail_size(width: int, height: int) -> tuple[int, int]:
+    """Width and height (px) of the thumbnails of a photo of this size."""
+    scale = min(1.0, _THUMBNAIL_PX / max(width, height))
+    return max(1, round(width * scale)), max(1, round(height * scale))
 
 
 def _encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
@@ -246,6 +245,3 @@ def finished(folder: Path, key: str) -> dict[str, Any] | None:
     except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None  # missing or damaged: it is made again
     return record
-
-
-_MAKERS = {"photo": make_photo, "variant": make_variant}

@@ -11,17 +11,9 @@ from typing import Any
 
 from gauss2svg.compare.pages.artifacts import RECORD, answer_to, finished, is_scored
 from gauss2svg.compare.pages.options import GalleryOptions
-from gauss2svg.compare.pages.pages import (
-    ASSETS,
-    DATA,
-    INDEX,
-    OUTPUTS,
-    is_gallery,
-    write_pages,
-)
-from gauss2svg.compare.pages.photos import with_kept_slugs
+from gauss2svg.compare.pages.pages import ASSETS, DATA, INDEX, OUTPUTS, is_gallery, write_pages
 from gauss2svg.compare.pages.results import Failure, Row, results_of, rows_of, summary_of
-from gauss2svg.compare.pages.tasks import PHOTOS, Tasks, folder_of
+from gauss2svg.compare.pages.tasks import PHOTOS, Tasks, folder_of, with_kept_slugs
 from gauss2svg.compare.pool import WorkerPool
 from gauss2svg.compare.run import Grid, Place, Progress, Record, Task
 from gauss2svg.compare.variants import Variant, variants_of

@@ -9,8 +9,6 @@ from gauss2svg.errors import InputError, quoted
 from gauss2svg.options import Number, OptionGroup, Whole
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 
-_MOST_JOBS = 256
-
 
 def encodable_title(name: str, title: Any) -> str:
     """A title that UTF-8 can encode; raises InputError for an empty one and for other types."""
@@ -23,7 +21,7 @@ def encodable_title(name: str, title: Any) -> str:
 class GalleryOptions(OptionGroup):
     """How a gallery is made."""
 
-    jobs: Annotated[int, Whole(1, _MOST_JOBS)] = 1
+    jobs: Annotated[int, Whole(1, 256)] = 1
     """Number of worker processes; with several, each SVG takes longer."""
 
     threads: Annotated[int | None, Whole(1)] = None

@@ -13,13 +13,9 @@ from jinja2 import Environment
 
 from gauss2svg.compare import numbers
 from gauss2svg.compare.chart import Point, scatter, template_environment
-from gauss2svg.compare.pages.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, THUMBNAIL_PX
+from gauss2svg.compare.pages.artifacts import ERRORS, OUTLINES, PICTURE, THUMBNAIL, thumbnail_size
 from gauss2svg.compare.pages.crops import SIDE
-from gauss2svg.compare.pages.results import (
-    PhotoResult,
-    Row,
-    SvgResult,
-)
+from gauss2svg.compare.pages.results import PhotoResult, Row, SvgResult
 from gauss2svg.compare.records import csv_text
 from gauss2svg.compare.variants import Variant, main_variant
 from gauss2svg.files import as_json, write_all_atomically
@@ -118,14 +114,8 @@ def _environment() -> Environment:
     for show in (numbers.whole, numbers.size, numbers.seconds):
         environment.filters[show.__name__] = show
     environment.filters["decibels"] = PSNR.text
-    environment.globals["thumbnail_size"] = _thumbnail_size
+    environment.globals["thumbnail_size"] = thumbnail_size
     return environment
-
-
-def _thumbnail_size(one: PhotoResult) -> tuple[int, int]:
-    """Width and height (px) of a photo's thumbnails."""
-    scale = min(1.0, THUMBNAIL_PX / max(one.width, one.height))
-    return max(1, round(one.width * scale)), max(1, round(one.height * scale))
 
 
 def _card(one: PhotoResult) -> dict[str, Any]:

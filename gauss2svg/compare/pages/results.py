@@ -11,13 +11,12 @@ from typing import Any
 
 from gauss2svg.compare.pages.artifacts import OUTLINES, PICTURE, REPORT, SCENE
 from gauss2svg.compare.pages.tasks import folder_of
+from gauss2svg.compare.records import Row
 from gauss2svg.compare.run import Place, Record
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.listing import ListedPhoto
-
-Row = dict[str, Any]
 
 # Keys of a report; a peer's report lacks some.
 NUMBERS = (

@@ -9,17 +9,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.compare.answer import answered
 from gauss2svg.compare.grid import settings_of
 from gauss2svg.compare.machine import machine
 from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.peers import PEERS, check_peers
-from gauss2svg.compare.process import in_own_process
-from gauss2svg.compare.records import Row, csv_text, row_lines, rows_in
+from gauss2svg.compare.records import Row, answered, csv_text, row_lines, rows_in
 from gauss2svg.compare.run import Grid, Progress, Task
 from gauss2svg.compare.tables import plots
 from gauss2svg.compare.tables.summary import markdown, summarise
 from gauss2svg.compare.variants import Variant, of_peer
+from gauss2svg.compare.worker import in_own_process
 from gauss2svg.errors import InputError, number_within, whole_number
 from gauss2svg.files import as_json, check_writable, make_folder, write_all_atomically
 from gauss2svg.options import file_name
@@ -28,7 +27,6 @@ from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.version import __version__
 
-DEFAULT_PEER_TIMEOUT = 300.0  # s
 _LONGEST_TIMEOUT = 1e6  # s; the system's calls take no more than 24 days
 _ROWS = "rows.jsonl"
 _OUTPUTS = (_ROWS, "bench.json", "bench.csv", "summary.md", *plots.NAMES)
@@ -42,7 +40,7 @@ def run_bench(
     peers: Iterable[str] = (),
     seed: int = 0,
     threads: int | None = None,
-    peer_timeout: float = DEFAULT_PEER_TIMEOUT,
+    peer_timeout: float = 300.0,
     progress: Callable[[Progress], None] | None = None,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process; returns the rows.

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
+import operator
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from gauss2svg.compare.records import TOOL, finite
-from gauss2svg.compare.tables.front import TOLERANCE, distance_below
+from gauss2svg.compare.records import TOOL, Row, finite
 from gauss2svg.measure.scores import SCORES
 
-Row = dict[str, Any]
-
+TOLERANCE = 0.1  # dB below a Pareto front that still count as on it
 SECONDS = "cpu_s"
 BYTES = "svgz_bytes"  # what a web server sends; a raster image has no smaller form
 _MEANS = (
@@ -138,3 +138,23 @@ def _count(number: int, thing: str) -> str:
 
 def _machine(machine: Mapping[str, Any]) -> str:
     return f"{machine['cpu']}, {_count(machine['cores'], 'core')}, {machine['platform']}"
+
+
+def front(psnr: Sequence[float], cost: Sequence[float]) -> list[int]:
+    """The Pareto front as indices, from the cheapest on; of equal entries the first."""
+    best, found = -math.inf, []
+    for index in sorted(range(len(psnr)), key=lambda i: (cost[i], -psnr[i], i)):
+        if psnr[index] > best:
+            best = psnr[index]
+            found.append(index)
+    return found
+
+
+def distance_below(psnr: Sequence[float], *costs: Sequence[float]) -> list[float]:
+    """Distance (dB, >= 0) of each below the best that costs no more in any respect."""
+    known = list(zip(psnr, zip(*costs, strict=True), strict=True))
+    found = []
+    for mine, own in known:
+        best = max(p for p, price in known if all(map(operator.le, price, own)))
+        found.append(0.0 if best == mine else best - mine)  # infinite PSNRs have no difference
+    return found
