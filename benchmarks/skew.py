@@ -3,7 +3,7 @@
     python benchmarks/skew.py FOLDER [--counts 256,512,1024,5000] [--bytes 2000,20000] [--tune psnr]
 
 For each picture of the folder and each count, or each limit of bytes, one run with
-`--falloff symmetric` and one with `--falloff adaptive`, on one thread.
+`--falloff adaptive` and one with `--falloff skewed`, on one thread.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def main() -> None:
     names = (*_SCORES, *(("ssimulacra2_svg", "flip_svg") if given.scores else ()), "cpu_s")
     print(f"| goal | falloff | {' | '.join(names)} |\n|{'---|' * (len(names) + 2)}")
     for goal in goals:
-        for falloff in ("symmetric", "adaptive"):
+        for falloff in ("adaptive", "skewed"):
             rows = [run(photo, falloff, given.tune, given.scores, goal, names) for photo in photos]
             columns = zip(*rows, strict=True)
             means = [means_of(name, c) for name, c in zip(names, columns, strict=True)]

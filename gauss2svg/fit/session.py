@@ -252,7 +252,7 @@ class FitSession(Saved):
                 self._restore_best(tolerant=True)
                 population.prune(self.policy.least_gain())
                 self.guard.reset()
-            if done >= schedule.QUANTIZED_FROM and not stage.quantized:
+            if done >= self._quantized_from and not stage.quantized:
                 stage.quantized = True
                 self._quantize()
             if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
@@ -313,6 +313,13 @@ class FitSession(Saved):
             self._rates = self._shared_rates()
             self._shared = SharedColors.of(self.state, population.blending)
         self.guard.reset()
+
+    @property
+    def _quantized_from(self) -> float:
+        """Progress from which exponents and colours are those of the file."""
+        if self.config.fit.learned_skew:
+            return schedule.SKEWS_QUANTIZED_FROM
+        return schedule.QUANTIZED_FROM
 
     def _shared_rates(self) -> Rates:
         """The rates where what shapes share is no longer stepped shape by shape."""

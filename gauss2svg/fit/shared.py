@@ -28,9 +28,9 @@ from gauss2svg.scene.parameters import MOST_RAW_SKEW, STEPPED
 
 SKEW = COLUMNS["skew"]
 LEAST_RAW_SKEW = 0.12  # of one that is written
-# Adam's learning rates; fits from 0.002 to 0.015 end within 0.01 dB.
-_RATE = 0.006
-_SKEW_RATE = 0.05
+# Adam's learning rates of r, g, b and the length of a skew. With 0.002 to 0.015 for colours fits end
+# within 0.01 dB; docs/decisions/skew.md has the other.
+_RATES = np.array([0.006, 0.006, 0.006, 0.05])
 # Weight of the length of a skew beside colours in 0..1, where shapes exchange their entries.
 _SKEW_WEIGHT = 1.0
 # Distance of a unit of ln beta, beside colours in 0..1: what is held never changes.
@@ -107,11 +107,10 @@ class SharedColors:
         self.second += (1 - SECOND_DECAY) * (summed * summed - self.second)
         first = self.first / (1 - FIRST_DECAY**self.age)
         second = self.second / (1 - SECOND_DECAY**self.age)
-        step = rate * first / (np.sqrt(second) + 1e-12)
-        moved = self.color - _RATE * step[:, :3]
-        self.color = np.clip(moved, self.least_color, self.most_color)
-        moved = self.skew - _SKEW_RATE * step[:, 3]
-        self.skew = np.where(self.skew > 0, np.clip(moved, LEAST_RAW_SKEW, MOST_RAW_SKEW), 0.0)
+        step = _RATES * rate * first / (np.sqrt(second) + 1e-12)
+        self.color = np.clip(self.color - step[:, :3], self.least_color, self.most_color)
+        skew = np.clip(self.skew - step[:, 3], LEAST_RAW_SKEW, MOST_RAW_SKEW)
+        self.skew = np.where(self.skew > 0, skew, 0.0)
         self.assign(state, self.entry)
 
     def assign(self, state: State, entry: NDArray[np.intp]) -> None:
@@ -155,16 +154,13 @@ class SharedColors:
         divisor = np.maximum(mass, _LEAST_MASS)[:, None]
         best = np.where(mass[:, None] > _LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
         lengths: NDArray[np.float64] = MOST_SKEW * self.skew / np.hypot(1.0, self.skew)
-        entries, targets = (
-            np.column_stack([color, _APART * held, _APART * (skew > 0), _SKEW_WEIGHT * skew])
-            for color, held, skew in (
-                (self.color, self.held, lengths),
-                (state.color - best, _held(state), lengths[self.entry]),
-            )
-        )
-        distance, entry = nearest_entry(
-            np.asarray(entries, np.float64), np.asarray(targets, np.float64)
-        )
+        entries = [self.color, _APART * self.held]
+        targets = [state.color - best, _APART * _held(state)]
+        if lengths.any():
+            length = lengths[self.entry]
+            entries += [_APART * (lengths > 0)[:, None], _SKEW_WEIGHT * lengths[:, None]]
+            targets += [_APART * (length > 0)[:, None], _SKEW_WEIGHT * length[:, None]]
+        distance, entry = nearest_entry(np.hstack(entries), np.hstack(targets))
         return np.where(distance < _APART * 0.1, entry, self.entry)
 
 

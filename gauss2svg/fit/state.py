@@ -125,6 +125,10 @@ class State:
         """
         l11, l21, l22 = scene.factor[:, 0, 0], scene.factor[:, 1, 0], scene.factor[:, 1, 1]
         first, second = self.first.copy(), self.second.copy()
+        # The mean is moved with a skew alone: that of a scaled scene is another in its last bits.
+        moved: dict[str, NDArray[np.float64]] = {}
+        if self.raw_skew.any():
+            moved = {"mean": scene.mean.copy(), "raw_skew": raw_skew_of(scene.skew)}
         shared = {}
         for parameter, raw in STEPPED:
             if parameter.shared:
@@ -132,8 +136,7 @@ class State:
                 shared[raw.name] = raw.inverse(getattr(scene, parameter.name).copy())
         return dataclasses.replace(
             self,
-            mean=scene.mean.copy(),
-            raw_skew=raw_skew_of(scene.skew),
+            **moved,
             factor=np.stack([l11, l21, l22], axis=1),
             drawn=scene.drawn.copy(),
             first=first,

@@ -63,11 +63,16 @@ def best_palette(
     split again and again.
     """
     classes = np.array(BETA_CLASSES)[nearest_class(beta)]
-    skew = np.zeros(len(beta)) if skew is None else skew
-    features = np.column_stack([color, _BETA_WEIGHT * np.log(classes), _SKEW_WEIGHT * skew])
+    skew = skew if skew is not None and skew.any() else None
+    features = _stacked(color, classes, skew)
+
+    def written(palette: Palette) -> NDArray[np.float64]:
+        lengths = None if skew is None else palette.skew
+        return _stacked(palette.color / 255, palette.beta, lengths)
+
     exact = _rounded(features)
-    kept = _features(exact), exact.entry
-    entries, entry = _few(features, weight, count, allowed, kept, lambda e: _features(_rounded(e)))
+    kept = written(exact), exact.entry
+    entries, entry = _few(features, weight, count, allowed, kept, lambda e: written(_rounded(e)))
     return dataclasses.replace(_rounded(entries), entry=entry)
 
 
@@ -129,9 +134,14 @@ def _loss(
     return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
 
 
-def _features(palette: Palette) -> NDArray[np.float64]:
-    logs = _BETA_WEIGHT * np.log(palette.beta)
-    return np.column_stack([palette.color / 255, logs, _SKEW_WEIGHT * palette.skew])
+def _stacked(
+    color: NDArray[np.float64], beta: NDArray[np.float64], skew: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Features (n, 4), or (n, 5) with skews: a column of zeros would turn the axes of a split."""
+    columns = [color, (_BETA_WEIGHT * np.log(beta))[:, None]]
+    if skew is not None:
+        columns.append((_SKEW_WEIGHT * skew)[:, None])
+    return np.hstack(columns)
 
 
 def _lloyd(
@@ -155,14 +165,12 @@ def _lloyd(
 def _rounded(features: NDArray[np.float64]) -> Palette:
     """Distinct 8-bit colours with the classes of their exponents, and skews as a file has them."""
     classes = nearest_class(np.exp(features[:, 3] / _BETA_WEIGHT))
-    skew = written_skew(features[:, 4] / _SKEW_WEIGHT, np.array(BETA_CLASSES)[classes])
-    steps = np.round(skew / SKEW_STEP)
+    length = features[:, 4] / _SKEW_WEIGHT if features.shape[1] > 4 else np.zeros(len(features))
+    steps = np.round(written_skew(length, np.array(BETA_CLASSES)[classes]) / SKEW_STEP)
     levels = np.column_stack([np.round(features[:, :3] * 255), classes, steps]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
-    beta, skew = (
-        np.array(BETA_CLASSES)[distinct[:, 3]],
-        SKEW_STEP * distinct[:, 4].astype(np.float64),
-    )
+    beta = np.array(BETA_CLASSES)[distinct[:, 3]]
+    skew = np.asarray(SKEW_STEP * distinct[:, 4], np.float64)
     return Palette(distinct[:, :3].astype(np.uint8), beta, skew, entry.reshape(-1))
 
 

@@ -25,19 +25,13 @@ from gauss2svg.pipeline.presets import (
 )
 from gauss2svg.raster import DRAW_MINIMAL, renderer_version
 from gauss2svg.scene import ADD, OVER
-from gauss2svg.scene.names import SYMMETRIC
-from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
-from gauss2svg.svg.minimal.shapes import MOST_MASKED
 
 Markup = Literal["editable", "minimal"]
 
 # Mean squared error that a palette may add in any case: 38 dB, about three levels of 255. With
 # eight levels, which a coarse fit of foliage would allow, sky and leaves change their hue.
 LARGEST_COLOR_ERROR = 1.6e-4
-# Bytes before gzip up to which the shapes of a minimal file are under masks, where skews do not pay
-# (docs/decisions/skew.md).
-_MASKED_UP_TO = 40_000
 # Bytes of the largest placeholder, and of the largest file with a target that is minimal by itself.
 MINIMAL_UP_TO = 20_000
 # Palette entries within a budget: they cost less than 8 bits do, and more would take long to find
@@ -222,8 +216,6 @@ class Plan:
         if self.only_time_limits and given is None:
             densify = dataclasses.replace(densify, round_iterations=_STEPS_A_ROUND)
         falloff = options.fit.falloff if blend == options.written_blend else None
-        if falloff is None and blend == OVER and not self._may_be_skewed:
-            falloff = SYMMETRIC
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
             gaussians=0 if self.count_adapts else self.count or 0,
@@ -233,15 +225,6 @@ class Plan:
             extend=options.fit.iterations is None and not self.count_adapts,
             sparse=self.is_budget or self.only_time_limits,
         )
-
-    @property
-    def _may_be_skewed(self) -> bool:
-        """Whether skews pay for their bytes: not of blurred discs, nor of the few under masks."""
-        limit, count = self.plain_limit, self.count
-        masked = (limit is not None and limit <= _MASKED_UP_TO) or (
-            count is not None and count <= MOST_MASKED
-        )
-        return self.options.svg.form == GRADIENT and not (self.markup == MINIMAL and masked)
 
     @cached_property
     def markup(self) -> Markup:

@@ -5,4 +5,4 @@ BLENDS = (OVER, ADD)
 
 # Falloffs of a fit: beta = 1 everywhere, as in the paper; a learned beta for each shape; a learned
 # beta and a learned skew.
-GAUSSIAN, SYMMETRIC, ADAPTIVE = "gaussian", "symmetric", "adaptive"
+GAUSSIAN, ADAPTIVE, SKEWED = "gaussian", "adaptive", "skewed"

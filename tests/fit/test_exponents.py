@@ -72,7 +72,7 @@ def test_shape_a_hair_from_a_gaussian_is_drawn_as_one():
 def test_sharp_shapes_fit_a_drawing_that_gaussians_smear():
     picture = drawing()
     soft, sharp = (
-        fit(picture, fit_config(24, 150, falloff=f)).scene for f in ("gaussian", "symmetric")
+        fit(picture, fit_config(24, 150, falloff=f)).scene for f in ("gaussian", "adaptive")
     )
     assert (soft.beta == 1).all()
     psnr = [metrics.psnr(render(scene), picture) for scene in (soft, sharp)]

@@ -42,7 +42,6 @@ from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
-from gauss2svg.scene.names import SYMMETRIC
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_falloffs
@@ -275,8 +274,6 @@ class ByBytes:
     def _fit(self, count: int, recipe: Recipe, start: int, starts: int) -> Scene:
         """A fit of so many shapes, on the photo's canvas; plain ellipses have MOST_BETA too."""
         options, subject = self._options, self.subject
-        if options.learned_skew:  # so few bytes are better spent on shapes: docs/decisions/skew.md
-            options = dataclasses.replace(options, falloff=SYMMETRIC)
         config = FitConfig(
             gaussians=count,
             iterations=options.iterations or recipe.iterations,

@@ -112,6 +112,8 @@ def shapes_of(
     index = np.flatnonzero(drawn)
     levels = color_levels(scene.color[index], digits)
     falloff = np.where(plain, -1, kind)[index]
+    if masked is None and not length.any():  # skews are those of masks or of gradients already
+        under_masks = np.count_nonzero(falloff >= 0) <= MOST_MASKED
     shapes = Shapes(
         index, falloff, skews[index], numbers[index], levels, opacity[index], bool(under_masks)
     )
