@@ -28,8 +28,8 @@ from gauss2svg.scene.parameters import MOST_RAW_SKEW, STEPPED
 
 SKEW = COLUMNS["skew"]
 LEAST_RAW_SKEW = 0.12  # of one that is written
-# Adam's learning rates of r, g, b and the length of a skew. With 0.002 to 0.015 for colours fits end
-# within 0.01 dB; docs/decisions/skew.md has the other.
+# Adam's learning rates of r, g, b, and of the length of a skew (docs/decisions/skew.md). With 0.002
+# to 0.015 for colours fits end within 0.01 dB.
 _RATES = np.array([0.006, 0.006, 0.006, 0.05])
 # Weight of the length of a skew beside colours in 0..1, where shapes exchange their entries.
 _SKEW_WEIGHT = 1.0

@@ -1,5 +1,7 @@
 """Laws of skewed shapes: the formula, both renderers and their gradients, files and fits."""
 
+import re
+
 import numpy as np
 import pytest
 import torch
@@ -7,8 +9,6 @@ from conftest import random_scene, random_skews
 from flat import vectorize
 
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
@@ -24,6 +24,7 @@ from gauss2svg.scene.falloff import (
     cut_radius,
     focal_radius,
 )
+from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import half_centers, snapped, with_falloffs
 from gauss2svg.svg.write import outline_svg, write_svg
@@ -168,33 +169,33 @@ def test_renderers_draw_skews_as_the_model_has_them(renderer):
     assert psnr(picture, render(even)) < 30
 
 
-@pytest.mark.parametrize("markup", ["editable", "minimal"])
-def test_a_fit_learns_sides_unless_it_is_told_not_to(photo, markup):
-    given = {"gaussians": 600, "markup": markup, "iterations": 60}
-    found = vectorize(photo, **given)
-    even = vectorize(photo, **given, falloff="symmetric")
-    assert (np.hypot(*found.scene.skew.T) > LEAST_SKEW / 2).mean() > 0.5
-    assert not even.scene.skew.any()
-    assert found.report["falloff"] == "adaptive"
-    assert even.report["falloff"] == "symmetric"
-    back = read_svg(found.svg)
-    np.testing.assert_allclose(
-        np.hypot(*back.skew.T).mean(), np.hypot(*found.scene.skew.T).mean(), atol=0.02
-    )
-
-
 @pytest.mark.parametrize(
-    ("options", "falloff"),
+    "given",
     [
-        ({}, "adaptive"), ({"form": "blur", "renderer": "chromium"}, "symmetric"),
-        ({"blend": "add"}, "gaussian"), ({"markup": "minimal"}, "symmetric"),
-        ({"markup": "minimal", "gaussians": 2000}, "adaptive"),
-        ({"markup": "minimal", "falloff": "adaptive"}, "adaptive"),
+        {"gaussians": 600}, {"gaussians": 600, "markup": "minimal"},
+        {"gaussians": 80, "markup": "minimal"}, {"max_bytes": 3000},
     ],
+    ids=["editable", "gradients", "masks", "by bytes"],
 )  # fmt: skip
-def test_shapes_are_skewed_where_that_pays(options, falloff):
-    plan = Plan(Options.from_flat({"gaussians": 60, **options}))
-    assert plan.fit_config.fit.shaped == falloff
+def test_a_skewed_fit_learns_sides_and_its_file_is_the_same_again(photo, given):
+    found = vectorize(photo, **given, iterations=60, falloff="skewed")
+    report = found.report
+    assert report["falloff"] == "skewed"
+    length = np.hypot(*found.scene.skew.T)
+    assert (length > LEAST_SKEW / 2).mean() > 0.3
+    back = read_svg(found.svg)
+    np.testing.assert_allclose(np.hypot(*back.skew.T).mean(), length.mean(), atol=0.05)
+    markup = report["markup"]
+    once = write_svg(back, SvgFormat(markup=markup))
+    assert write_svg(read_svg(once), SvgFormat(markup=markup)) == once
+
+
+@pytest.mark.parametrize("falloff", [None, "adaptive", "gaussian"])
+def test_other_fits_learn_no_sides(photo, falloff):
+    found = vectorize(photo, gaussians=100, iterations=30, falloff=falloff)
+    assert not found.scene.skew.any()
+    assert found.report["falloff"] == (falloff or "adaptive")
+    assert set(re.findall('fx="(.*?)"', found.svg)) <= {".001", ".1"}
 
 
 def test_additive_scenes_have_no_skew(photo):
