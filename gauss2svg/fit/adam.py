@@ -90,10 +90,12 @@ def gradients(
     gradient[:, : moments.shape[1]] = moments
     gradient[:, COLUMNS["opacity"]] *= 1 - splats.opacity[:, None]
     gradient[:, COLUMNS["beta"]] = (price + splats.beta * by_exponent(moments, splats))[:, None]
+    gradient[:, 3] *= 2
     skew, by_skew = splats.skew, gradient[:, COLUMNS["skew"]]
+    if not skew.any():
+        return gradient
     # The skew is turned with the shape: dL/dA12 is that at a fixed one and what its turn adds.
-    turned = skew[:, 0] * by_skew[:, 1] - skew[:, 1] * by_skew[:, 0]
-    gradient[:, 3] = 2 * gradient[:, 3] - turned
+    gradient[:, 3] -= skew[:, 0] * by_skew[:, 1] - skew[:, 1] * by_skew[:, 0]
     share = skew / MOST_SKEW
     squares = np.square(share).sum(axis=1, keepdims=True)
     by_skew += skew_price * skew / np.sqrt(np.square(skew).sum(axis=1, keepdims=True) + _NEARLY**2)

@@ -127,7 +127,7 @@ class State:
         first, second = self.first.copy(), self.second.copy()
         # The mean is moved with a skew alone: that of a scaled scene is another in its last bits.
         moved: dict[str, NDArray[np.float64]] = {}
-        if self.raw_skew.any():
+        if self.raw_skew.any() or scene.skew.any():
             moved = {"mean": scene.mean.copy(), "raw_skew": raw_skew_of(scene.skew)}
         shared = {}
         for parameter, raw in STEPPED:
