@@ -10,11 +10,13 @@ kernels' moments m of h (gauss2svg.render.kernels) the gradients are
 
     dL/dt = (m1, m2),  dL/dA11 = m11,  dL/dA12 = 2 m12,  dL/dA22 = m22,
     dL/d(logit opacity) = (sum dL/dalpha alpha) (1 - opacity),  dL/dcolor = sum w g,
-    dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s.
+    dL/d(ln beta) = -beta sum dL/dalpha alpha' t ln s, and a term where the shape is skewed.
 
 Sizes, ratios and exponents are stepped as logarithms, opacities as logits, and rho follows from L,
-which no step can make indefinite. The rim of a crisp shape is sigma / beta wide, so steps of mean
-and shape are multiplied by beta^-0.35: without it plain drawings diverge
+which no step can make indefinite. A skew stays at its point of the ellipse: L exp(A) is lower
+triangular after a rotation Q alone, and f is turned with it. The rim of a crisp shape is
+sigma / beta wide, so steps of mean and shape are multiplied by beta^-0.35: without it plain
+drawings diverge
 (docs/decisions/divergence.md). Colours are bounded by 0..1: a step that leaves the bounds is
 clipped to them, and the gradient there is that of the image, so that the first one that points
 inward moves the colour again. Colours as logits, whose gradient vanishes at the bounds, end no
@@ -28,7 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit.state import COLUMNS, FARTHEST, GEOMETRY, STEPS, State
-from gauss2svg.scene.falloff import RIM_WIDTH
+from gauss2svg.render.cpu import Splats, by_exponent
+from gauss2svg.scene.falloff import MOST_SKEW, RIM_WIDTH
 from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA, PARAMETERS, STEPPED
 
 _Column = NDArray[np.float64]  # (n,), one number for each Gaussian
@@ -51,6 +54,7 @@ class Limits:
     least_rim     px of the working image in which a rim across the minor axis falls from
                   0.9 to 0.1: renderers sample sharper ones differently
     least_color, most_color  of each channel
+    held_skew     whether skews keep their lengths, those of the file, and turn alone
     """
 
     least_sigma: float
@@ -60,6 +64,7 @@ class Limits:
     least_rim: float = 0.5
     least_color: float = 0.0
     most_color: float = 1.0
+    held_skew: bool = False
 
 
 FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
@@ -67,27 +72,36 @@ FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
 EPSILON = 1e-12
 # Steps of mean and shape are multiplied by beta to this power (docs/decisions/divergence.md).
 _STEP_BY_BETA = -0.35
+# Length of a skew under which its price falls, so that a price does not shake what it holds at 0.
+_NEARLY = 0.05
 # Gaussians that are stepped at a time, so that what is computed for them stays in the cache.
 _BLOCK = 4096
 
 
 def gradients(
-    moments: NDArray[np.float64],
-    opacity: NDArray[np.float64],
-    beta: NDArray[np.float64],
-    price: float = 0.0,
+    moments: NDArray[np.float64], splats: Splats, price: float = 0.0, skew_price: float = 0.0
 ) -> NDArray[np.float64]:
-    """(n, STEPS) gradients of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta, ...
+    """(n, STEPS) gradients of t1, t2, A11, A12, A22, logit opacity, r, g, b, ln beta, u1, u2.
 
-    price is added to that of ln beta: what the loss must gain for each unit of it. The kernels'
-    moments are in this order; what they have no moments of has no gradient.
+    price and skew_price are added to those of ln beta and of the length of the skew: what the loss
+    must gain for each unit of it. The kernels' moments are in this order, u is the raw skew.
     """
     gradient = np.zeros((len(moments), STEPS))
     gradient[:, : moments.shape[1]] = moments
+    gradient[:, COLUMNS["opacity"]] *= 1 - splats.opacity[:, None]
+    gradient[:, COLUMNS["beta"]] = (price + splats.beta * by_exponent(moments, splats))[:, None]
     gradient[:, 3] *= 2
-    gradient[:, COLUMNS["opacity"]] *= 1 - opacity[:, None]
-    raw_beta = gradient[:, COLUMNS["beta"]]
-    raw_beta[:] = price - beta[:, None] * raw_beta
+    skew, by_skew = splats.skew, gradient[:, COLUMNS["skew"]]
+    if not skew.any():
+        return gradient
+    # The skew is turned with the shape: dL/dA12 is that at a fixed one and what its turn adds.
+    gradient[:, 3] -= skew[:, 0] * by_skew[:, 1] - skew[:, 1] * by_skew[:, 0]
+    share = skew / MOST_SKEW
+    squares = np.square(share).sum(axis=1, keepdims=True)
+    by_skew += skew_price * skew / np.sqrt(np.square(skew).sum(axis=1, keepdims=True) + _NEARLY**2)
+    # f = MOST_SKEW u / sqrt(1 + u.u)
+    by_skew -= share * (share * by_skew).sum(axis=1, keepdims=True)
+    by_skew *= MOST_SKEW * np.sqrt(1 - squares)
     return gradient
 
 
@@ -124,7 +138,7 @@ def _step_block(
     l11, l21, l22 = state.factor[block].T
     x = mean[:, 0] + l11 * d[0]
     y = mean[:, 1] + l21 * d[0] + l22 * d[1]
-    l11, l21, l22, minor = _stretched(l11, l21, l22, d[2], d[3], d[4], limits)
+    l11, l21, l22, minor, turn = _stretched(l11, l21, l22, d[2], d[3], d[4], limits)
     reach = np.abs(x) + np.abs(y) + l11 + np.abs(l21) + l22
     # A sum is finite only if all of its terms are.
     finite = (reach < FARTHEST) & (l22 > 0) & np.isfinite(sum(d[6:], d[5]))
@@ -148,6 +162,16 @@ def _step_block(
         elif parameter.name == "beta":
             sharpest = np.log(RIM_WIDTH / limits.least_rim * minor)
             most = np.clip(sharpest, LEAST_RAW_BETA, limits.most_raw_beta)
+        elif parameter.name == "skew":
+            u1, u2 = state.raw_skew[block].T + d[steps[0] : steps[-1] + 1]
+            if limits.held_skew:
+                u1, u2 = _of_length(u1, u2, state.raw_skew[block])
+            co, si = turn
+            for values, value in zip(
+                state.raw_skew[block].T, (co * u1 + si * u2, co * u2 - si * u1), strict=True
+            ):
+                moved.append((values, np.clip(value, least, most)))
+            continue
         for values, k in zip(np.atleast_2d(getattr(state, raw.name)[block].T), steps, strict=True):
             moved.append((values, np.clip(values + d[k], least, most)))
     if finite.all():
@@ -158,6 +182,15 @@ def _step_block(
         np.copyto(values, value, where=finite)
     first[~finite], second[~finite], age[~finite] = 0, 0, 0
     return False
+
+
+def _of_length(u1: _Column, u2: _Column, before: NDArray[np.float64]) -> tuple[_Column, _Column]:
+    """u1, u2 as long as before (n, 2); before where they have no direction."""
+    length, now = np.hypot(*before.T), np.hypot(u1, u2)
+    turns = (length > 0) & (now > 0)
+    scale = np.where(turns, length / np.where(turns, now, 1.0), 0.0)
+    u1, u2 = (np.where(turns, scale * u, b) for u, b in zip((u1, u2), before.T, strict=True))
+    return u1, u2
 
 
 def _directions(
@@ -189,8 +222,11 @@ def _directions(
 
 def _stretched(
     l11: _Column, l21: _Column, l22: _Column, a: _Column, c: _Column, b: _Column, limits: Limits
-) -> tuple[_Column, _Column, _Column, _Column]:
-    """l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], within the limits, and the minor axis."""
+) -> tuple[_Column, _Column, _Column, _Column, tuple[_Column, _Column]]:
+    """l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], within the limits, and the minor axis.
+
+    And cosine and sine of Q's angle, L exp(A) Q being lower triangular.
+    """
     # exp(A) to second order; L exp(A) gives a valid covariance whatever the error
     e11 = 1 + a + 0.5 * (a * a + c * c)
     e12 = c + 0.5 * c * (a + b)
@@ -215,5 +251,7 @@ def _stretched(
         xx[at] = co * co * p + si * si * q
         xy[at] = co * si * (p - q)
         yy[at] = si * si * p + co * co * q
+    length = np.hypot(f11, f12)
+    turn = f11 / length, f12 / length
     root = np.sqrt(xx)
-    return root, xy / root, np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / root, new_minor
+    return root, xy / root, np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / root, new_minor, turn

@@ -40,15 +40,19 @@ _ADD = Blending(
 )  # fmt: skip
 
 
-def blending(blend: str, opaque: bool = False, learned_falloff: bool = True) -> Blending:
+def blending(
+    blend: str, opaque: bool = False, learned_falloff: bool = True, learned_skew: bool = True
+) -> Blending:
     """The settings for a blend, one of gauss2svg.scene.BLENDS.
 
     opaque           whether all opacities stay 1
     learned_falloff  whether exponents are stepped; else all stay those of Gaussians
+    learned_skew     whether skews are stepped; else all stay 0
     """
     found = _ADD if blend == ADD else _OVER
-    if not learned_falloff:
-        found = dataclasses.replace(found, rates={**found.rates, "beta": 0.0})
+    for name, learned in (("beta", learned_falloff), ("skew", learned_skew)):
+        if not learned:
+            found = dataclasses.replace(found, rates={**found.rates, name: 0.0})
     if not opaque:
         return found
     rates = {**found.rates, "opacity": 0.0}

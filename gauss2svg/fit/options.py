@@ -11,7 +11,7 @@ from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.fit.choices import PERCEPTUAL, Tune, has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, steps_of, totals
 from gauss2svg.options import Number, OptionGroup, Whole
-from gauss2svg.scene.names import ADAPTIVE, ADD, GAUSSIAN, OVER
+from gauss2svg.scene.names import ADAPTIVE, ADD, GAUSSIAN, OVER, SKEWED
 
 if TYPE_CHECKING:
     from gauss2svg.scene import Scene
@@ -49,9 +49,10 @@ class FitOptions(OptionGroup):
     """Alpha compositing (over) or the paper's additive blending of signed colours (add), which
     CairoSVG does not draw."""
 
-    falloff: Literal["gaussian", "adaptive"] | None = None
-    """Falloff of the shapes: adaptive learns how crisp each rim is, gaussian keeps Gaussians, as in
-    the paper; the default is adaptive, or gaussian with additive blending."""
+    falloff: Literal["gaussian", "adaptive", "skewed"] | None = None
+    """Falloff of the shapes: adaptive learns how crisp each rim is, skewed also on which side, for
+    larger files; gaussian keeps Gaussians, as in the paper. The default is adaptive, or gaussian
+    with additive blending."""
 
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
     """Random seed; the same seed gives the same file. Another often does too: by default little is
@@ -65,7 +66,17 @@ class FitOptions(OptionGroup):
     @property
     def learned_falloff(self) -> bool:
         """Whether each shape learns its exponent."""
-        return (self.falloff or (GAUSSIAN if self.blend == ADD else ADAPTIVE)) == ADAPTIVE
+        return self.shaped != GAUSSIAN
+
+    @property
+    def learned_skew(self) -> bool:
+        """Whether each shape learns its skew."""
+        return self.shaped == SKEWED
+
+    @property
+    def shaped(self) -> str:
+        """falloff, or its default."""
+        return self.falloff or (GAUSSIAN if self.blend == ADD else ADAPTIVE)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.choices import PERCEPTUAL
 from gauss2svg.fit.components import components_of
+from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.target import Target
 from gauss2svg.photo.smooth import smoothed
 
 FIRST_RAW_BETA = 0.1  # ln beta; the start hardly matters
+# At exactly 0 the kernels leave out what the gradient of the skew needs.
+FIRST_RAW_SKEW = 0.01
 _LEAST_SIGMA = 0.8  # px
 _LEAST_MINOR = 0.6  # px
 _ELONGATION = 0.5  # along an edge sigma is e^0.5 longer, across it as much shorter
@@ -53,6 +56,14 @@ class NewGaussians:
             np.concatenate([self.factor, more.factor]),
             np.concatenate([self.color, more.color]),
         )
+
+
+def first_falloff(count: int, options: FitOptions) -> dict[str, NDArray[np.float64]]:
+    """Raw exponents and skews of `count` new Gaussians, by the names of a state."""
+    return {
+        "raw_beta": np.full(count, FIRST_RAW_BETA if options.learned_falloff else 0.0),
+        "raw_skew": np.full((count, 2), FIRST_RAW_SKEW if options.learned_skew else 0.0),
+    }
 
 
 def place(

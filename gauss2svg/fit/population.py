@@ -14,7 +14,7 @@ from gauss2svg.fit.blending import blending
 from gauss2svg.fit.convert import composited
 from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
-from gauss2svg.fit.placement import FIRST_RAW_BETA, NewGaussians, place
+from gauss2svg.fit.placement import NewGaussians, first_falloff, place
 from gauss2svg.fit.saved import Saved, checks, whole
 from gauss2svg.fit.schedule import LARGEST_REDUCTION, reduction, refinement_reduction
 from gauss2svg.fit.state import State
@@ -51,7 +51,9 @@ class Population(Saved):
         targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
-        self.blending = blending(config.fit.blend, config.opaque, config.fit.learned_falloff)
+        self.blending = blending(
+            config.fit.blend, config.opaque, config.fit.learned_falloff, config.fit.learned_skew
+        )
         self.state = State.empty()
         self.round_index = 0
         # Rounded to 8 bits as in the file, so that the fit makes up for it.
@@ -196,13 +198,13 @@ class Population(Saved):
             self.config.densify.init, self.target, rendered, count, total, self.rng, self.blending
         )
         opacity = self.target.opacity_logits(new.mean, self.blending.initial_opacity_logit)
-        raw_beta = np.full(count, FIRST_RAW_BETA if self.config.fit.learned_falloff else 0.0)
+        shape = first_falloff(count, self.config.fit)
         color = new.color
         if self.blending.additive:
             color = color / self._overlap(new)[:, None]
         added = State.of(
             new.mean, new.factor, self.round_index,
-            raw_opacity=opacity, color=color, raw_beta=raw_beta,
+            raw_opacity=opacity, color=color, **shape,
         )  # fmt: skip
         self.state = self.state.append(added)
         if self._order is not None:  # from the start, so that the fit makes up for it

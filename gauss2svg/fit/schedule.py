@@ -13,8 +13,8 @@ GROWTH_SHARE = 0.3
 DECAY_START = 0.75
 _LAST_RATE = 0.02
 # From here on exponents and colours are those of the file; earlier costs PSNR
-# (docs/decisions/fit.md).
-QUANTIZED_FROM = 0.85
+# (docs/decisions/fit.md), unless shapes are skewed (docs/decisions/skew.md).
+QUANTIZED_FROM, SKEWS_QUANTIZED_FROM = 0.85, 0.8
 # The target of a round is reduced as long as each Gaussian keeps this many pixels: a fifth fewer
 # pixel-Gaussian pairs at no loss of PSNR (docs/decisions/fit.md).
 _PIXELS_PER_GAUSSIAN = 36

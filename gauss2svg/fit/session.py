@@ -20,6 +20,7 @@ from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
+from gauss2svg.fit.placement import FIRST_RAW_SKEW
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.saved import Saved, as_saved, checks, optional, part
 from gauss2svg.fit.shared import SharedColors
@@ -38,6 +39,7 @@ LEAST_SIGMA = 0.35
 # A unit of ln beta must lower the loss by this share of a Gaussian's part of it, so that shapes
 # which gain nothing stay Gaussians (docs/decisions/fit.md).
 _BETA_PRICE = 0.06
+_SKEW_PRICE = 0.06
 # A shape more opaque than this becomes opaque, which saves bytes (docs/decisions/fit.md).
 _OPAQUE_FROM = 0.953
 _OPAQUE_LOGIT = 12.0
@@ -141,6 +143,9 @@ class FitSession(Saved):
             if self.config.fit.learned_falloff:  # exponents are no longer those of a file
                 self.state.raw_beta = np.maximum(self.state.raw_beta, LEAST_RAW_BETA)
                 self.state.drawn[:] = SOFT
+            if self.config.fit.learned_skew:  # nor are skews; at 0 one would stay there
+                symmetric = ~self.state.raw_skew.any(axis=1)
+                self.state.raw_skew[symmetric] = FIRST_RAW_SKEW
             self._begin_refining(iterations, _RESUME_AT, adjusting=False)
             self.guard.begin_gently()
             self._refine()
@@ -247,7 +252,7 @@ class FitSession(Saved):
                 self._restore_best(tolerant=True)
                 population.prune(self.policy.least_gain())
                 self.guard.reset()
-            if done >= schedule.QUANTIZED_FROM and not stage.quantized:
+            if done >= self._quantized_from and not stage.quantized:
                 stage.quantized = True
                 self._quantize()
             if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
@@ -309,6 +314,13 @@ class FitSession(Saved):
             self._shared = SharedColors.of(self.state, population.blending)
         self.guard.reset()
 
+    @property
+    def _quantized_from(self) -> float:
+        """Progress from which exponents and colours are those of the file."""
+        if self.config.fit.learned_skew:
+            return schedule.SKEWS_QUANTIZED_FROM
+        return schedule.QUANTIZED_FROM
+
     def _shared_rates(self) -> Rates:
         """The rates where what shapes share is no longer stepped shape by shape."""
         return {**self._rates, **dict.fromkeys((p.name for p in PARAMETERS if p.shared), 0.0)}
@@ -345,18 +357,20 @@ class FitSession(Saved):
         self.clock.iteration += 1
         self._report_progress(done)
 
-    def _optimize(self, splats: Splats, evaluated: LossAndGradient, share: float) -> None:
+    def _optimize(self, splats: Splats, evaluated: LossAndGradient, rate: float) -> None:
         """One optimiser step, at this share of the full learning rate."""
         state, target, blending = self.state, self.population.target, self.population.blending
-        price = _BETA_PRICE * evaluated.loss / max(len(state), 1)
-        gradient = adam.gradients(evaluated.moments, splats.opacity, splats.beta, price)
+        share = evaluated.loss / max(len(state), 1)
+        price, skew_price = _BETA_PRICE * share, _SKEW_PRICE * share
+        gradient = adam.gradients(evaluated.moments, splats, price, skew_price)
         limits = adam.Limits(
             least_sigma=LEAST_SIGMA,
             most_sigma=float(max(target.width, target.height)),
             least_color=blending.least_color,
             most_color=blending.most_color,
+            held_skew=self._shared is not None,
         )
-        size = self.config.fit.learning_rate * self.guard.rate * share
+        size = self.config.fit.learning_rate * self.guard.rate * rate
         if not adam.step(state, gradient, self._rates, limits, size):
             self._roll_back()
         elif self._shared is not None:

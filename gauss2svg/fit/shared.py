@@ -1,4 +1,4 @@
-"""Colours that several shapes share, as those of a file: one Adam step for each, and reassignment.
+"""Colours and skews that several shapes share, as in a file: one Adam step for each, and exchanges.
 
 Steps by the summed gradient of a colour's shapes, and shapes that may change to another colour,
 win back part of what a palette costs: docs/decisions/adam.md.
@@ -18,15 +18,21 @@ from gauss2svg.errors import whole_number
 from gauss2svg.fit.adam import FIRST_DECAY, SECOND_DECAY
 from gauss2svg.fit.blending import Blending, blending
 from gauss2svg.fit.saved import damaged, rows
-from gauss2svg.fit.state import COLOR, State
+from gauss2svg.fit.state import COLOR, COLUMNS, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import BLENDS, OVER
+from gauss2svg.scene.falloff import MOST_SKEW
 from gauss2svg.scene.nearest import nearest_entry
-from gauss2svg.scene.parameters import STEPPED
+from gauss2svg.scene.parameters import MOST_RAW_SKEW, STEPPED
 
-# Adam's learning rate; fits from 0.002 to 0.015 end within 0.01 dB.
-_RATE = 0.006
+SKEW = COLUMNS["skew"]
+LEAST_RAW_SKEW = 0.12  # of one that is written
+# Adam's learning rates of r, g, b, and of the length of a skew (docs/decisions/skew.md). With 0.002
+# to 0.015 for colours fits end within 0.01 dB.
+_RATES = np.array([0.006, 0.006, 0.006, 0.05])
+# Weight of the length of a skew beside colours in 0..1, where shapes exchange their entries.
+_SKEW_WEIGHT = 1.0
 # Distance of a unit of ln beta, beside colours in 0..1: what is held never changes.
 _APART = 100.0
 _LEAST_MASS = 1e-3  # px; shapes that contribute less keep their colour
@@ -38,7 +44,7 @@ class SharedColors:
 
     More exactly the distinct values of all that shapes share by a gradient (Parameter.shared).
 
-    color  (k, 3), with Adam's moments first and second (k, 3)
+    color  (k, 3); skew (k,) lengths of raw skews; Adam's moments first and second (k, 4) of both
     held   (k, m) raw values of the other shared parameters, which never change
     entry  (n,) index of each shape's
     age    steps taken
@@ -46,6 +52,7 @@ class SharedColors:
     """
 
     color: NDArray[np.float64]
+    skew: NDArray[np.float64]
     held: NDArray[np.float64]
     first: NDArray[np.float64]
     second: NDArray[np.float64]
@@ -57,12 +64,13 @@ class SharedColors:
     @classmethod
     def of(cls, state: State, blending: Blending) -> SharedColors:
         """The shared colours of a state."""
-        keys = np.column_stack([state.color, _held(state)])
+        length = np.round(np.hypot(*state.raw_skew.T), 9)
+        keys = np.column_stack([state.color, length, _held(state)])
         shared, entry = np.unique(keys, axis=0, return_inverse=True)
-        color = shared[:, :3].copy()
+        moments = np.zeros((len(shared), 4))
         return cls(
-            color, shared[:, 3:].copy(), np.zeros_like(color), np.zeros_like(color),
-            entry.reshape(-1), 0, blending.least_color, blending.most_color,
+            shared[:, :3].copy(), shared[:, 3].copy(), shared[:, 4:].copy(), moments,
+            moments.copy(), entry.reshape(-1), 0, blending.least_color, blending.most_color,
         )  # fmt: skip
 
     def copy(self) -> SharedColors:
@@ -74,7 +82,9 @@ class SharedColors:
         """The shared colours of a checkpoint; raises InputError for values that none have."""
         usual = vars(cls.of(State.empty(), blending(OVER)))
         whose = "the checkpoint's shared colours"
-        rows(whose, saved, {key: usual[key] for key in ("color", "held", "first", "second")})
+        rows(
+            whose, saved, {key: usual[key] for key in ("color", "skew", "held", "first", "second")}
+        )
         entry, count = saved["entry"], len(saved["color"])
         is_index = entry.dtype == np.intp and entry.ndim == 1
         if not is_index or (entry < 0).any() or (entry >= count).any():
@@ -90,11 +100,12 @@ class SharedColors:
         return cls(**saved)
 
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
-        """One Adam step by the gradient (n, STEPS), summed over each colour's shapes.
+        """One Adam step by the gradient (n, STEPS), summed over each entry's shapes.
 
-        rate is a factor of the learning rate; the new colours are written to state.color.
+        rate is a factor of the learning rate; the new values are written to the state.
         """
-        columns = gradient[:, COLOR].T
+        along = (gradient[:, SKEW] * _directions(state)).sum(axis=1)
+        columns = np.column_stack([gradient[:, COLOR], along]).T
         count = len(self.color)
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
         self.age += 1
@@ -102,14 +113,17 @@ class SharedColors:
         self.second += (1 - SECOND_DECAY) * (summed * summed - self.second)
         first = self.first / (1 - FIRST_DECAY**self.age)
         second = self.second / (1 - SECOND_DECAY**self.age)
-        moved = self.color - _RATE * rate * first / (np.sqrt(second) + 1e-12)
-        self.color = np.clip(moved, self.least_color, self.most_color)
+        step = _RATES * rate * first / (np.sqrt(second) + 1e-12)
+        self.color = np.clip(self.color - step[:, :3], self.least_color, self.most_color)
+        skew = np.clip(self.skew - step[:, 3], LEAST_RAW_SKEW, MOST_RAW_SKEW)
+        self.skew = np.where(self.skew > 0, skew, 0.0)
         self.assign(state, self.entry)
 
     def assign(self, state: State, entry: NDArray[np.intp]) -> None:
-        """Give every shape of the state the shared colour of its entry (n,)."""
+        """Give every shape of the state the colour and the length of skew of its entry (n,)."""
         self.entry = entry
         state.color = self.color[entry]
+        state.raw_skew = self.skew[entry, None] * _directions(state)
 
     def exchange(
         self,
@@ -137,16 +151,29 @@ class SharedColors:
     ) -> NDArray[np.intp]:
         """(n,) the entry of the same exponent that would give each shape the least error.
 
+        One of a similar skew, and none where either is symmetric and the other is not.
+
         With all others fixed, half the squared error of the picture changes by g d + mass d^2 / 2
         for a change d of a colour, where g is its gradient, columns COLOR of gradient (n, ...), and
         mass (n,) the sum of the shape's squared weights. So the best colour is color - g / mass.
         """
         divisor = np.maximum(mass, _LEAST_MASS)[:, None]
         best = np.where(mass[:, None] > _LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
-        entries = np.column_stack([self.color, _APART * self.held])
-        targets = np.column_stack([state.color - best, _APART * _held(state)])
-        distance, entry = nearest_entry(entries, targets)
+        lengths: NDArray[np.float64] = MOST_SKEW * self.skew / np.hypot(1.0, self.skew)
+        entries = [self.color, _APART * self.held]
+        targets = [state.color - best, _APART * _held(state)]
+        if lengths.any():
+            length = lengths[self.entry]
+            entries += [_APART * (lengths > 0)[:, None], _SKEW_WEIGHT * lengths[:, None]]
+            targets += [_APART * (length > 0)[:, None], _SKEW_WEIGHT * length[:, None]]
+        distance, entry = nearest_entry(np.hstack(entries), np.hstack(targets))
         return np.where(distance < _APART * 0.1, entry, self.entry)
+
+
+def _directions(state: State) -> NDArray[np.float64]:
+    """(n, 2) raw skews of length 1, 0 where there is none."""
+    length = np.hypot(*state.raw_skew.T)[:, None]
+    return np.divide(state.raw_skew, length, where=length > 0, out=np.zeros_like(state.raw_skew))
 
 
 def _held(state: State) -> NDArray[np.float64]:

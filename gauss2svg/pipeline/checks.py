@@ -9,6 +9,7 @@ from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.options import Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS
 from gauss2svg.scene import ADD
+from gauss2svg.scene.names import ADAPTIVE, GAUSSIAN, SKEWED
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.format import EDITABLE, MINIMAL
 
@@ -97,6 +98,11 @@ def _check_shapes(options: Options) -> None:
         raise RendererError(
             f"renderer must be one of {', '.join(DRAW_MINIMAL)} for minimal markup; got "
             f"{quoted(renderer)}. Try --renderer resvg"
+        )
+    if svg.form != GRADIENT and options.fit.falloff == SKEWED:
+        raise InputError(
+            f"falloff must be {GAUSSIAN} or {ADAPTIVE} with form {svg.form}, whose discs have no "
+            f"sides; got {quoted(SKEWED)}. Try --form {GRADIENT}"
         )
     if svg.form != GRADIENT and renderer not in DRAW_ROTATED_BLURS:
         raise RendererError(

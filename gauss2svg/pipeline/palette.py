@@ -1,4 +1,4 @@
-"""Palettes: weighted k-means on pairs of a colour and an exponent, one gradient each."""
+"""Palettes: weighted k-means on colours, exponents and skews, one gradient each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.scene.falloff import BETA_CLASSES, nearest_class
+from gauss2svg.scene.falloff import BETA_CLASSES, SKEW_STEP, nearest_class, written_skew
 from gauss2svg.scene.nearest import nearest_entry
 
 _ITERATIONS = 6  # of Lloyd; twice as many gain under 2 % (docs/decisions/palette.md)
@@ -22,16 +22,22 @@ _LEAST_AIM = 0.1
 # Weight of ln beta beside colours in 0..1: the best for photos and near the best at few bytes
 # (docs/decisions/palette.md).
 _BETA_WEIGHT = 0.1
+# Weight of the length of a skew beside them (docs/decisions/skew.md).
+_SKEW_WEIGHT = 0.04
 
 _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 
 
 @dataclass(frozen=True)
 class Palette:
-    """k entries, 8-bit sRGB color (k, 3) and exponent beta (k,); entry (n,) of each shape."""
+    """k entries: 8-bit sRGB color (k, 3), exponent beta (k,) and skew (k,); entry (n,) of shapes.
+
+    skew is the length of it.
+    """
 
     color: NDArray[np.uint8]
     beta: NDArray[np.float64]
+    skew: NDArray[np.float64]
     entry: NDArray[np.intp]
 
 
@@ -41,23 +47,32 @@ def best_palette(
     weight: NDArray[np.float64],
     count: int,
     allowed: float = 0.0,
+    skew: NDArray[np.float64] | None = None,
 ) -> Palette:
-    """At most `count` pairs of a colour and an exponent, and the one of each shape.
+    """At most `count` pairs of a colour and an exponent, each with a skew, and that of each shape.
 
-    Weighted k-means on color (n, 3) in 0..1 and _BETA_WEIGHT ln beta (n,) minimises
+    Weighted k-means on color (n, 3) in 0..1, _BETA_WEIGHT ln beta (n,) and _SKEW_WEIGHT times the
+    lengths of skews (n,), None for all 0, minimises
 
         sum weight |difference|^2,
 
     whose colour part is the squared error of the image if weight (n,) >= 0 is the squared visible
     mass of a shape. Pairs that are few enough already are kept, colours rounded to 8 bits and
-    exponents to BETA_CLASSES. If `allowed` > 0, about as few entries are used as keep the sum under
-    it. The result is deterministic: it starts from clusters that are split again and again.
+    exponents to BETA_CLASSES, skews to what a file has. If `allowed` > 0, about as few entries are
+    used as keep the sum under it. The result is deterministic: it starts from clusters that are
+    split again and again.
     """
     classes = np.array(BETA_CLASSES)[nearest_class(beta)]
-    features = np.column_stack([color, _BETA_WEIGHT * np.log(classes)])
+    skew = skew if skew is not None and skew.any() else None
+    features = _stacked(color, classes, skew)
+
+    def written(palette: Palette) -> NDArray[np.float64]:
+        lengths = None if skew is None else palette.skew
+        return _stacked(palette.color / 255, palette.beta, lengths)
+
     exact = _rounded(features)
-    kept = _features(exact), exact.entry
-    entries, entry = _few(features, weight, count, allowed, kept, lambda e: _features(_rounded(e)))
+    kept = written(exact), exact.entry
+    entries, entry = _few(features, weight, count, allowed, kept, lambda e: written(_rounded(e)))
     return dataclasses.replace(_rounded(entries), entry=entry)
 
 
@@ -119,8 +134,14 @@ def _loss(
     return float(np.sum(weight * np.square(entries[entry] - features).sum(axis=1)))
 
 
-def _features(palette: Palette) -> NDArray[np.float64]:
-    return np.column_stack([palette.color / 255, _BETA_WEIGHT * np.log(palette.beta)])
+def _stacked(
+    color: NDArray[np.float64], beta: NDArray[np.float64], skew: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Features (n, 4), or (n, 5) with skews: a column of zeros would turn the axes of a split."""
+    columns = [color, (_BETA_WEIGHT * np.log(beta))[:, None]]
+    if skew is not None:
+        columns.append((_SKEW_WEIGHT * skew)[:, None])
+    return np.hstack(columns)
 
 
 def _lloyd(
@@ -142,12 +163,15 @@ def _lloyd(
 
 
 def _rounded(features: NDArray[np.float64]) -> Palette:
-    """Distinct 8-bit colours with the classes of their exponents."""
+    """Distinct 8-bit colours with the classes of their exponents, and skews as a file has them."""
     classes = nearest_class(np.exp(features[:, 3] / _BETA_WEIGHT))
-    levels = np.column_stack([np.round(features[:, :3] * 255), classes]).astype(np.intp)
+    length = features[:, 4] / _SKEW_WEIGHT if features.shape[1] > 4 else np.zeros(len(features))
+    steps = np.round(written_skew(length, np.array(BETA_CLASSES)[classes]) / SKEW_STEP)
+    levels = np.column_stack([np.round(features[:, :3] * 255), classes, steps]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)
     beta = np.array(BETA_CLASSES)[distinct[:, 3]]
-    return Palette(distinct[:, :3].astype(np.uint8), beta, entry.reshape(-1))
+    skew = np.asarray(SKEW_STEP * distinct[:, 4], np.float64)
+    return Palette(distinct[:, :3].astype(np.uint8), beta, skew, entry.reshape(-1))
 
 
 def _split(

@@ -1,4 +1,4 @@
-"""Quantisation: fewer distinct pairs of a colour and an exponent, hence fewer gradients."""
+"""Quantisation: fewer distinct colours, exponents and skews, hence fewer gradients."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ from gauss2svg.errors import InputError, quoted, required
 from gauss2svg.pipeline.palette import best_palette, quantize_signed
 from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene.falloff import with_length
 from gauss2svg.svg.blur import GRADIENT, drawn_blurs
 from gauss2svg.svg.plain_ellipse import is_plain
-from gauss2svg.svg.snap import snapped, with_exponents
+from gauss2svg.svg.snap import snapped, with_falloffs
 
 # Colours are weighted by their visible mass, on a canvas of at most this side.
 _WEIGHING_SIDE = 768
@@ -26,10 +27,10 @@ def quantize(
     color_error: float = 0.0,
     weight: NDArray[np.floating] | None = None,
 ) -> Scene:
-    """The scene with colours and exponents of a palette; the operation is idempotent.
+    """The scene with colours, exponents and skews of a palette; the operation is idempotent.
 
     form         of the shapes in the file, "gradient" or "blur"
-    palette      largest number of gradients, one for each pair of a colour and an exponent, in
+    palette      largest number of gradients, one for each colour, exponent and length of skew, in
                  proportion if some shapes are blurred; 0: no limit
     color_error  mean squared error that fewer gradients may add; 0: as many as the palette has
     weight       (h, w) of a pixel's error, of any size and mean 1; None: 1 everywhere
@@ -47,13 +48,18 @@ def quantize(
         return scene
     count = max(1, math.ceil(palette * (1 - blurred.mean()))) if palette else len(scene)
     mass, pixels = visible_mass(exact, weight)
+    length = np.hypot(*exact.skew.T)
     found = best_palette(
-        exact.color[shaded], exact.beta[shaded], mass[shaded], count, color_error * 3 * pixels
-    )
+        exact.color[shaded], exact.beta[shaded], mass[shaded], count, color_error * 3 * pixels,
+        length[shaded],
+    )  # fmt: skip
     beta, color = scene.beta.copy(), scene.color.copy()
     color[shaded] = found.color[found.entry] / 255
     beta[shaded] = found.beta[found.entry]
-    return with_exponents(exact, beta).replace(color=color, drawn=scene.drawn)
+    length = np.zeros(len(scene))
+    length[shaded] = found.skew[found.entry]
+    skew = with_length(exact.skew, length)
+    return with_falloffs(exact, beta, skew).replace(color=color, drawn=scene.drawn)
 
 
 def _quantize_additive(

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
 from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.scene import PLAIN, Scene
-from gauss2svg.scene.falloff import cut_radius, profile
+from gauss2svg.scene.falloff import cut_radius, focal_radius, profile
 from gauss2svg.svg.plain_ellipse import drawn_beta
-from gauss2svg.svg.snap import with_exponents
+from gauss2svg.svg.snap import with_falloffs
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -92,7 +92,9 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
         u = np.arange(x0, x1) + 0.5 - scene.mean[k, 0]
         v = np.arange(y0, y1)[:, None] + 0.5 - scene.mean[k, 1]
         w11, w21, w22 = whitening[k]
-        alpha = scene.opacity[k] * profile(np.hypot(w11 * u, w21 * u + w22 * v), scene.beta[k])
+        z = np.stack(np.broadcast_arrays(w11 * u, w21 * u + w22 * v), axis=-1)
+        r = focal_radius(z, scene.skew[k], scene.beta[k])
+        alpha = scene.opacity[k] * profile(r, scene.beta[k])
         box = left[y0:y1, x0:x1]
         weight = alpha * box
         shows = weight > _LEAST_WEIGHT
@@ -112,7 +114,7 @@ def _antialiased(scene: Scene) -> Scene:
     plain = scene.drawn == PLAIN
     beta = scene.beta.copy()
     beta[plain] = drawn_beta(scene, plain)
-    return with_exponents(scene, beta)
+    return with_falloffs(scene, beta)
 
 
 def _solved(

@@ -20,7 +20,6 @@ from gauss2svg.pipeline.drawings import outline_bytes
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.run import Run
 from gauss2svg.pipeline.search.outcome import Outcome
-from gauss2svg.scene.names import ADAPTIVE, GAUSSIAN
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.svg.format import MINIMAL
@@ -56,7 +55,7 @@ def run_report(
         "measured_height": measured.raster.shape[0],
         "gaussians": len(outcome.scene),
         "iterations": fitted.iterations,
-        "falloff": ADAPTIVE if plan.fit_config.fit.learned_falloff else GAUSSIAN,
+        "falloff": plan.fit_config.fit.shaped,
         "markup": chosen.markup,
         "stops": outcome.format.stops,
         "precision": None if chosen.by_bytes else outcome.format.precision,

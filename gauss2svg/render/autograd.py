@@ -8,7 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.render.cpu import Splats, moments_of_gradient, render_planar, splats_from
+from gauss2svg.render.cpu import (
+    Splats,
+    by_exponent,
+    moments_of_gradient,
+    render_planar,
+    splats_from,
+)
 from gauss2svg.render.domain import check_domain
 from gauss2svg.render.torch_extra import TorchMissingError
 from gauss2svg.scene import whitening_of
@@ -22,6 +28,8 @@ except ImportError as error:
 # At an opacity of 0 the falloff that its gradient needs is lost. At these it is not, and ten
 # thousand of them in one pixel still change less than the dtype resolves.
 _LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
+# Changes no rendered pixel, but takes the loop of skewed shapes.
+_LEAST_SKEW = 1e-20
 
 
 class _FastRender(torch.autograd.Function):
@@ -38,14 +46,17 @@ class _FastRender(torch.autograd.Function):
     def backward(  # pyright: ignore[reportIncompatibleMethodOverride] (the decorator's type)
         ctx: Any, *grad_outputs: torch.Tensor
     ) -> tuple[Any, ...]:
-        mean, sigma, rho, color, opacity, background, beta = ctx.saved_tensors
+        mean, sigma, rho, color, opacity, background, beta, skew = ctx.saved_tensors
         real = _precision(ctx.saved_tensors)
         seen = opacity.double().clamp(min=_LEAST_OPACITY[real])
         # The kernels' loop for beta = 1 leaves out what the exponent's gradient needs.
         near = beta.double()
         if ctx.needs_input_grad[6]:
             near = torch.where(near == 1, np.nextafter(1, 2), near)
-        splats = _splats(mean, sigma, rho, color, seen, background, near)
+        aside = skew.double()
+        if ctx.needs_input_grad[7]:  # nor that for symmetric shapes what the skew's needs
+            aside = torch.where((aside == 0).all(dim=1, keepdim=True), _LEAST_SKEW, aside)
+        splats = _splats(mean, sigma, rho, color, seen, background, near, aside)
         splats = splats._replace(additive=ctx.additive)
         gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)
         moments = torch.from_numpy(moments_of_gradient(splats, gradient))
@@ -57,7 +68,8 @@ class _FastRender(torch.autograd.Function):
             moments[:, 6:9],
             by_opacity,
             torch.from_numpy(_by_background(splats, gradient)),
-            -moments[:, 9],
+            torch.from_numpy(by_exponent(moments.numpy(), splats)),
+            moments[:, 10:],
         )
         typed = (g.to(t.dtype) for g, t in zip(wanted, ctx.saved_tensors, strict=True))
         return (*typed, None, None, None)
@@ -68,12 +80,12 @@ def _precision(tensors: Sequence[torch.Tensor]) -> type[np.floating]:
 
 
 def _splats(*tensors: torch.Tensor) -> Splats:
-    mean, sigma, rho, color, opacity, background, beta = (
+    mean, sigma, rho, color, opacity, background, beta, skew = (
         tensor.detach().to(torch.float64).numpy() for tensor in tensors
     )
     return splats_from(
         mean, sigma, rho, whitening_of(sigma, rho),
-        color=color, opacity=opacity, beta=beta, background=background,
+        color=color, opacity=opacity, beta=beta, skew=skew, background=background,
     )  # fmt: skip
 
 
@@ -114,6 +126,7 @@ def fast_composite(
     height: int,
     width: int,
     beta: torch.Tensor | None = None,
+    skew: torch.Tensor | None = None,
 ) -> torch.Tensor:
     """gauss2svg.render.reference.composite by the numba kernels.
 
@@ -124,11 +137,12 @@ def fast_composite(
     domain (gauss2svg.render.domain).
     """
     beta = torch.ones_like(rho) if beta is None else beta
+    skew = torch.zeros_like(mean) if skew is None else skew
     check_domain(
         mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity, background=background,
-        beta=beta,
+        beta=beta, skew=skew,
     )  # fmt: skip
-    arguments = (mean, sigma, rho, color, opacity, background, beta, height, width, False)
+    arguments = (mean, sigma, rho, color, opacity, background, beta, skew, height, width, False)
     image = _FastRender.apply(*arguments)
     assert isinstance(image, torch.Tensor)
     return image
@@ -149,7 +163,8 @@ def fast_accumulate(
     """
     check_domain(mean=mean, sigma=sigma, rho=rho, color=color, background=background)
     one = torch.ones_like(rho)
-    arguments = (mean, sigma, rho, color, one, background, one, height, width, True)
+    none = torch.zeros_like(mean)
+    arguments = (mean, sigma, rho, color, one, background, one, none, height, width, True)
     image = _FastRender.apply(*arguments)
     assert isinstance(image, torch.Tensor)
     return image

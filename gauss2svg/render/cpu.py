@@ -10,6 +10,7 @@ half of whole tiles: docs/decisions/kernels.md.
 The number of threads changes no bit of any result: see gauss2svg.render.walk.
 """
 
+import math
 import os
 import threading
 from typing import NamedTuple, TypeVar
@@ -33,7 +34,7 @@ from gauss2svg.render.walk import (
     walk_tiles_additive,
 )
 from gauss2svg.scene import ADD, Scene, whitening_of
-from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.scene.falloff import CUT, cut_radius
 
 
 class _KernelLock:
@@ -84,10 +85,10 @@ class Splats(NamedTuple):
     """What the kernels read of n Gaussians, bottom first; all float64.
 
     mean (n, 2), sigma (n, 2), rho (n,), radius (n,) of the cut: for the tiles
-    shape (n, 7): mean x, y, whitening w11, w21, w22, beta and radius^2
+    shape (n, 9): mean x, y, whitening w11, w21, w22, beta, radius^2 and skew f1, f2
     opacity_color (n, 4): opacity, r, g, b
     background (3,)
-    additive: whether they are blended additively; opacities and exponents are not read then
+    additive: whether they are blended additively; opacities, exponents, skews are not read then
     """
 
     mean: NDArray[np.float64]
@@ -109,6 +110,11 @@ class Splats(NamedTuple):
         """(n,) exponents of the falloff."""
         return self.shape[:, 5]
 
+    @property
+    def skew(self) -> NDArray[np.float64]:
+        """(n, 2) foci of the falloff, in the unit disc."""
+        return self.shape[:, 7:]
+
 
 def splats_from(
     mean: NDArray[np.float64],
@@ -119,6 +125,7 @@ def splats_from(
     color: NDArray[np.float64],
     opacity: NDArray[np.float64],
     beta: NDArray[np.float64],
+    skew: NDArray[np.float64],
     background: NDArray[np.float64],
     additive: bool = False,
 ) -> Splats:
@@ -132,7 +139,7 @@ def splats_from(
         sigma,
         rho,
         radius,
-        np.column_stack([mean, whitening, beta, radius * radius]),
+        np.column_stack([mean, whitening, beta, radius * radius, skew]),
         np.column_stack([opacity, color]),
         background,
         additive,
@@ -154,6 +161,7 @@ def splats_of(scene: Scene, scale: tuple[float, float] = (1.0, 1.0)) -> Splats:
         color=scene.color,
         opacity=scene.opacity,
         beta=scene.beta,
+        skew=scene.skew,
         background=scene.background.copy(),
         additive=scene.blend == ADD,
     )
@@ -223,6 +231,15 @@ def squared_error(
     L = 1/2 sum weight (rendered - target)^2; forward and backward share one visit of a tile.
     """
     return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight)
+
+
+def by_exponent(moments: NDArray[np.float64], splats: Splats) -> NDArray[np.float64]:
+    """dL/dbeta (n,) from moments (n, MOMENTS): of the power, and of the radius of a skewed shape.
+
+    The latter takes the focus with it: dr/dR = -e.f / n, dR/dbeta = -R ln CUT / (2 beta^2).
+    """
+    moved = (moments[:, :2] * splats.skew).sum(axis=1)
+    return -moments[:, 9] - 0.5 * math.log(CUT) * splats.radius / np.square(splats.beta) * moved
 
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ except ImportError as error:
     raise TorchMissingError("the differentiable renderer") from error
 
 _DOMAIN = {parameter.name: (parameter.least, parameter.most) for parameter in PARAMETERS}
+_DISCS = {parameter.name for parameter in PARAMETERS if parameter.disc}
 _DOMAIN |= dict.fromkeys(("color", "background"), (-MOST_SIGNED, MOST_SIGNED))
 
 
@@ -42,6 +43,15 @@ def check_domain(**tensors: torch.Tensor) -> None:
                 f"{name}{list(at)} must be finite and in {least!r}..{most!r}; got "
                 f"{values[at]!s}. Try clamping it"
             )
+        if name in _DISCS:
+            length = np.sqrt(np.square(values).sum(axis=1))
+            long = length > most * (1 + 2 * kind.eps)  # as a scaled vector may be
+            if long.any():
+                at = int(long.argmax())
+                raise InputError(
+                    f"{name}[{at}] must be of a length in 0..{most!r}; got {length[at]!s}. Try "
+                    "shortening it"
+                )
 
 
 def below_one(dtype: torch.dtype) -> float:

@@ -10,9 +10,10 @@ behave as they do in scalar code.
     store(array, i, v)  and back
     splat(x, like)      sixteen times x, of the element type of like: lanes or an array
     narrow(v, like)     lanes of float64 rounded to the element type of like
-    + - *               between lanes of one element type
+    + - * /             between lanes of one element type
     least, most         lane by lane minimum and maximum
     exponent(v), mantissa(v)  v = mantissa 2^exponent, mantissa in 0.75..1.5, v normal and > 0
+    root(v)             square root, v >= 0
     whole(v)            rounded to whole numbers
     power_of_two(v)     2^v for whole v in the range of the type's normal numbers
     total(v)            sum of the lanes, by pairs, in a fixed order
@@ -203,6 +204,7 @@ def _overload_operator(symbol, emit):
 _overload_operator(operator.add, lambda builder, a, b: builder.fadd(a, b, flags=_CONTRACT))
 _overload_operator(operator.sub, lambda builder, a, b: builder.fsub(a, b, flags=_CONTRACT))
 _overload_operator(operator.mul, lambda builder, a, b: builder.fmul(a, b, flags=_CONTRACT))
+_overload_operator(operator.truediv, lambda builder, a, b: builder.fdiv(a, b))
 
 
 def _unary(emit):
@@ -238,10 +240,13 @@ def _emit_mantissa(builder, value, *layout):
     return builder.bitcast(builder.sub(as_bits, shifted), value.type)
 
 
-def _emit_whole(builder, value, *layout):
-    signature = ir.FunctionType(value.type, [value.type])
-    name = f"llvm.rint.v{LANES}f{layout[0]}"
-    return builder.call(builder.module.declare_intrinsic(name, fnty=signature), [value])
+def _emit_intrinsic(name):
+    def emit(builder, value, *layout):
+        signature = ir.FunctionType(value.type, [value.type])
+        full = f"llvm.{name}.v{LANES}f{layout[0]}"
+        return builder.call(builder.module.declare_intrinsic(full, fnty=signature), [value])
+
+    return emit
 
 
 def _emit_power_of_two(builder, value, bits, fraction, bias):
@@ -254,7 +259,8 @@ def _emit_power_of_two(builder, value, bits, fraction, bias):
 
 exponent = _unary(_emit_exponent)
 mantissa = _unary(_emit_mantissa)
-whole = _unary(_emit_whole)
+whole = _unary(_emit_intrinsic("rint"))
+root = _unary(_emit_intrinsic("sqrt"))
 power_of_two = _unary(_emit_power_of_two)
 
 

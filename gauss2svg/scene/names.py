@@ -3,5 +3,6 @@
 OVER, ADD = "over", "add"
 BLENDS = (OVER, ADD)
 
-# Falloffs of a fit: beta = 1 everywhere, as in the paper, or a learned beta for each shape.
-GAUSSIAN, ADAPTIVE = "gaussian", "adaptive"
+# Falloffs of a fit: beta = 1 everywhere, as in the paper; a learned beta for each shape; a learned
+# beta and a learned skew.
+GAUSSIAN, ADAPTIVE, SKEWED = "gaussian", "adaptive", "skewed"

@@ -11,6 +11,7 @@ from gauss2svg.scene.falloff import half_radius
 from gauss2svg.svg.element import Element, hex_color, number
 from gauss2svg.svg.encode import Drawn
 from gauss2svg.svg.limits import writable
+from gauss2svg.svg.snap import half_centers
 
 OUTLINE_WIDTH = 0.5  # px
 STROKE_WIDTHS = 0.01, 100.0
@@ -27,12 +28,13 @@ def outlines(scene: Scene) -> list[Drawn]:
     axes, angle_rad = scene.ellipse_axes
     radii = axes * half_radius(scene.beta)[:, None]
     levels = np.round(scene.color * 255).astype(int)
+    center = scene.mean + half_centers(scene)
     drawn = []
     for i in np.flatnonzero(writable(scene, half_radius(scene.beta), 1.0)).tolist():
         rx, ry = (number(v, STROKE_DECIMALS) for v in radii[i])
         if "0" in (rx, ry) or scene.opacity[i] < _LEAST_OPACITY:
             continue
-        x, y = (number(v, STROKE_DECIMALS) for v in scene.mean[i])
+        x, y = (number(v, STROKE_DECIMALS) for v in center[i])
         angle = number(math.degrees(angle_rad[i]), STROKE_DECIMALS)
         turned = {} if angle == "0" or rx == ry else {"transform": f"rotate({angle} {x} {y})"}
         attributes = {"cx": x, "cy": y, "rx": rx, "ry": ry, "stroke": hex_color(levels[i])}

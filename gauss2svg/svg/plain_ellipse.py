@@ -28,6 +28,7 @@ _LARGEST_ERROR = 0.003
 _LARGEST_ON_RIM = 0.013
 # Profiles of smaller exponents have no flat top.
 LEAST_PLAIN_BETA = 3.0
+MOST_PLAIN_SKEW = 0.5
 _DIRECTIONS = 16  # in one quadrant; the others mirror it
 _WIDTHS = np.geomspace(0.05, 8, 48)  # px
 # Exponents that plain_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
@@ -38,9 +39,11 @@ _LIKELY, _STEPS = 0.7, 8  # px; exponents tried on either side
 def is_plain(scene: Scene) -> NDArray[np.bool_]:
     """(n,) whether a file draws a shape by a plain ellipse: as it says, or as that looks the same.
 
-    The latter is at the size of the scene's canvas: on a larger one rims are wider.
+    The latter is at the size of the scene's canvas: on a larger one rims are wider. A shape that is
+    skewed more than MOST_PLAIN_SKEW has too wide a rim on one side.
     """
-    return (scene.drawn == PLAIN) | looks_plain(scene.ellipse_axes[0], scene.beta)
+    even = np.square(scene.skew).sum(axis=1) < MOST_PLAIN_SKEW**2
+    return (scene.drawn == PLAIN) | (even & looks_plain(scene.ellipse_axes[0], scene.beta))
 
 
 def looks_plain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -9,10 +9,12 @@ from gauss2svg.fit import adam
 from gauss2svg.fit.adam import EPSILON, FIRST_DECAY, RATES, SECOND_DECAY, Limits
 from gauss2svg.fit.state import GEOMETRY, STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
-from gauss2svg.scene.parameters import LEAST_RAW_BETA, STEPPED
+from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_SKEW, STEPPED
 
 LIMITS = Limits(0.35, 40.0, most_aspect=10.0)
-NAMES = ("mean", "factor", "raw_opacity", "color", "raw_beta", "first", "second", "age")
+NAMES = (
+    "mean", "factor", "raw_opacity", "color", "raw_beta", "raw_skew", "first", "second", "age",
+)  # fmt: skip
 
 
 def random_state(count: int, seed: int) -> State:
@@ -23,7 +25,7 @@ def random_state(count: int, seed: int) -> State:
     raw_beta = np.where(rng.random(count) < 0.3, 0.0, rng.uniform(0, 3, count))
     return State.of(
         rng.random((count, 2)) * 50, factor, 0, raw_opacity=rng.normal(0, 4, count),
-        color=rng.random((count, 3)), raw_beta=raw_beta,
+        color=rng.random((count, 3)), raw_beta=raw_beta, raw_skew=rng.normal(0, 1, (count, 2)),
     )  # fmt: skip
 
 
@@ -52,7 +54,8 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
         lower = np.array([[l11, 0], [l21, l22]])
         state.mean[i] += lower @ d[:2]
         a = np.array([[d[2], d[3]], [d[3], d[4]]])
-        u, axes, _ = np.linalg.svd(lower @ (np.eye(2) + a + a @ a / 2))
+        stretched = lower @ (np.eye(2) + a + a @ a / 2)
+        u, axes, _ = np.linalg.svd(stretched)
         minor = np.clip(axes[1], limits.least_sigma, limits.most_sigma)
         major = np.clip(axes[0], limits.least_sigma, limits.most_sigma)
         major = min(major, limits.most_aspect * minor)
@@ -61,6 +64,12 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
         state.raw_opacity[i] = np.clip(state.raw_opacity[i] + d[5], -8, 12)
         color = state.color[i] + d[6:9]
         state.color[i] = np.clip(color, limits.least_color, limits.most_color)
+        if rates["skew"]:
+            # stretched = L Q^T with L lower triangular; the point f of the disc stays where it is.
+            first = stretched[0] / np.hypot(*stretched[0])
+            turn = np.array([first, [-first[1], first[0]]])
+            raw = turn @ (state.raw_skew[i] + d[10:12])
+            state.raw_skew[i] = np.clip(raw, -MOST_RAW_SKEW, MOST_RAW_SKEW)
         if rates["beta"]:
             sharpest = math.log(max(RIM_WIDTH / limits.least_rim * minor, 1e-300))
             sharpest = min(max(sharpest, LEAST_RAW_BETA), limits.most_raw_beta)

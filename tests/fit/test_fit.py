@@ -22,14 +22,15 @@ from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import LEAST_OPACITY
 from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import LEAST_SIGMA, FitSession
-from gauss2svg.fit.state import State
+from gauss2svg.fit.state import STEPS, State
 from gauss2svg.fit.target import Target
 from gauss2svg.measure import metrics
 from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost, squared_error
 from gauss2svg.render.reference import composite
 from gauss2svg.scene import Scene
-from gauss2svg.scene.parameters import STEPPED
+from gauss2svg.scene.falloff import MOST_SKEW
+from gauss2svg.scene.parameters import STEPPED, raw_skew_of
 
 LOSSES, PLACEMENTS, SCHEDULES = choices("loss"), choices("init"), choices("schedule")
 OVER = blending("over")
@@ -263,13 +264,17 @@ def test_state_activates_to_the_scene_it_came_from():
 def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     scene = random_scene(6, 40, 30, seed=2, sigma=(2.0, 7.0))
     # a Gaussian proper leaves out what the exponent's gradient needs
-    scene = scene.replace(beta=np.maximum(scene.beta, 1 + 1e-9))
+    # and a symmetric shape what the skew's does
+    scene = scene.replace(
+        beta=np.maximum(scene.beta, 1 + 1e-9),
+        skew=np.where(scene.skew == 0, 1e-12, scene.skew),
+    )
     target = np.random.default_rng(0).random((3, 30, 40)).astype(dtype)
     # a copy, as fits have it: what cannot be written to is another type, to be compiled for itself
     splats = state_of(scene).splats(scene.background.copy())
-    fast = gradients(squared_error(splats, target)[2], splats.opacity, scene.beta)
+    fast = gradients(squared_error(splats, target)[2], splats)
 
-    step = torch.zeros((6, 10), dtype=torch.float64, requires_grad=True)
+    step = torch.zeros((6, STEPS), dtype=torch.float64, requires_grad=True)
     factor = torch.tensor(scene.factor)
     mean = torch.tensor(scene.mean) + torch.einsum("nij,nj->ni", factor, step[:, :2])
     a11, a12, a22 = step[:, 2], step[:, 3], step[:, 4]
@@ -282,10 +287,15 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
     color = torch.tensor(scene.color) + step[:, 6:9]
     beta = torch.tensor(scene.beta) * torch.exp(step[:, 9])
     ground = torch.tensor(scene.background)
-    image = composite(mean, sigma, rho, color, opacity, ground, 30, 40, beta)
+    # The skew's point of the ellipse goes along: moved = L Q^T, L lower triangular.
+    raw = torch.tensor(raw_skew_of(scene.skew)) + step[:, 10:]
+    turn = torch.linalg.solve(torch.linalg.cholesky(covariance), moved)
+    skew = MOST_SKEW * raw / torch.sqrt(1 + (raw * raw).sum(1, keepdim=True))
+    skew = torch.einsum("nij,nj->ni", turn, skew)
+    image = composite(mean, sigma, rho, color, opacity, ground, 30, 40, beta, skew)
     (0.5 * (image - torch.tensor(np.moveaxis(target, 0, -1))) ** 2).sum().backward()
     assert step.grad is not None
-    for column in range(10):
+    for column in range(STEPS):
         slow = step.grad[:, column].numpy()
         scale = np.abs(slow).max()
         np.testing.assert_allclose(fast[:, column] / scale, slow / scale, atol=off)
@@ -294,7 +304,7 @@ def test_gradients_in_the_gaussians_frame_are_those_of_autograd(dtype, off):
 def test_first_adam_step_moves_by_the_rates_against_the_gradient():
     scene = random_scene(5, seed=3, sigma=(2.0, 3.0))
     state = state_of(scene)
-    gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, 10))
+    gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, STEPS))
     adam.step(state, gradient, RATES, Limits(0.1, 100.0), 0.1)
     shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** adam._STEP_BY_BETA
     expected = scene.mean + np.einsum("nij,nj->ni", scene.factor, shift)
@@ -306,7 +316,7 @@ def test_first_adam_step_moves_by_the_rates_against_the_gradient():
 @pytest.mark.parametrize("size", [1e-3, 1e3])
 def test_step_keeps_every_shape_within_its_limits(size):
     state = state_of(random_scene(200, seed=4, sigma=(size, 2 * size)))
-    gradient = np.random.default_rng(1).normal(size=(200, 10)) * 1e6
+    gradient = np.random.default_rng(1).normal(size=(200, STEPS)) * 1e6
     for _ in range(20):
         adam.step(state, gradient, RATES, Limits(0.35, 50.0, 10.0), 5.0)
     axes = state.scene(np.ones(3), 40, 30).ellipse_axes[0]

@@ -176,7 +176,7 @@ def test_moments_of_a_reduced_refinement_are_those_of_its_own_gradients(factor):
     def gradient() -> np.ndarray:
         splats = fitted.splats()
         moments = fitted.target.evaluate(splats, "mse", None).moments
-        return gradients(moments, splats.opacity, splats.beta)
+        return gradients(moments, splats)
 
     full = gradient()
     fitted.state.first, fitted.state.second = full, np.square(full)

@@ -18,7 +18,7 @@ from gauss2svg.render.cpu import moments_of_gradient, removal_cost, splats_of, s
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.render.tiles import LEAST_STEPPED, TILE_HEIGHT, TILE_WIDTH, find_pairs
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import RADIUS, cut_radius, profile
+from gauss2svg.scene.falloff import RADIUS, cut_radius, focal_radius, profile
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -31,13 +31,13 @@ TORCH = {np.float32: torch.float32, np.float64: torch.float64}
 
 
 def tensors_of(scene: Scene, dtype: torch.dtype = torch.float64) -> list[torch.Tensor]:
-    names = ("mean", "sigma", "rho", "color", "opacity", "background", "beta")
+    names = ("mean", "sigma", "rho", "color", "opacity", "background", "beta", "skew")
     return [torch.tensor(getattr(scene, n), dtype=dtype).requires_grad_() for n in names]
 
 
 def drawn(renderer, tensors, height: int, width: int) -> torch.Tensor:
-    *others, beta = tensors
-    return renderer(*others, height, width, beta)
+    *others, beta, skew = tensors
+    return renderer(*others, height, width, beta, skew)
 
 
 def pairs_of_scene(scene: Scene, radius: np.ndarray, height: int, width: int):
@@ -56,6 +56,10 @@ def composite_by_numpy(scene: Scene) -> np.ndarray:
     for k in range(len(scene) - 1, -1, -1):
         u = np.stack([x - scene.mean[k, 0], y - scene.mean[k, 1]], axis=-1)
         r = np.sqrt(np.einsum("yxi,ij,yxj->yx", u, scene.conic[k], u))
+        if scene.skew[k].any():
+            r = focal_radius(
+                np.linalg.solve(scene.factor[k], u[..., None])[..., 0], scene.skew[k], scene.beta[k]
+            )
         alpha = scene.opacity[k] * profile(r, scene.beta[k])
         image += (alpha * transmittance)[..., None] * scene.color[k]
         transmittance *= 1 - alpha

@@ -5,7 +5,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
-from conftest import random_scene, random_sum
+from conftest import random_scene, random_skews, random_sum
 from hypothesis import given
 from hypothesis import strategies as st
 from svg_texts import assert_same
@@ -20,7 +20,7 @@ from gauss2svg.scene.falloff import BETA_CLASSES
 from gauss2svg.scene.parameters import PARAMETERS
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import STOP_COUNTS, SvgFormat
-from gauss2svg.svg.minimal import write as minimal
+from gauss2svg.svg.minimal import shapes
 from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
@@ -37,7 +37,7 @@ def mixed_scene(count: int, seed: int, width: float = 60, height: float = 40) ->
         width, height, rng.uniform(-5, 65, (count, 2)), np.exp(rng.uniform(-1.5, 2.5, (count, 2))),
         rng.uniform(-0.98, 0.98, count), np.round(rng.random((count, 3)) * 3) / 3,
         rng.choice([0.004, 0.25, 1.0, 1.0], count), rng.random(3), beta=some,
-        transparent=bool(rng.integers(2)),
+        transparent=bool(rng.integers(2)), skew=random_skews(rng, count),
     )  # fmt: skip
 
 
@@ -58,7 +58,7 @@ def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
 ):
     scene = mixed_scene(count, seed)
     written = SvgFormat(markup="minimal", precision=precision, stops=stops)
-    with patch.object(minimal, "MOST_MASKED", 500 if masked else 0):
+    with patch.object(shapes, "MOST_MASKED", 500 if masked else 0):
         svg = write_svg(scene, written)
         back = read_svg(svg)
         assert_read_as(back, minimal_rounded(scene, precision, 6), rtol=1e-9, atol=1e-9)

@@ -17,7 +17,7 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits, as_given
 from gauss2svg.fit.order import SegmentOrder
 from gauss2svg.fit.session import FitSession
-from gauss2svg.fit.state import State
+from gauss2svg.fit.state import STEPS, State
 from gauss2svg.measure import metrics
 from gauss2svg.photo.segments import MOST_SEGMENTS, labels_of, superpixels
 from gauss2svg.raster import rasterize
@@ -176,10 +176,10 @@ def test_centres_that_leave_their_segment_go_back_no_further_than_they_came():
 
     def state(mean):
         n = len(mean)
-        ones, wide = np.ones(n), np.zeros((n, 10))
+        ones, wide = np.ones(n), np.zeros((n, STEPS))
         return State(
-            mean, np.ones((n, 3)), ones, np.ones((n, 3)), ones, np.zeros(n, np.int32),
-            np.zeros(n, np.int8), wide, wide, ones,
+            mean, np.ones((n, 3)), ones, np.ones((n, 3)), ones, np.zeros((n, 2)),
+            np.zeros(n, np.int32), np.zeros(n, np.int8), wide, wide, ones,
         )  # fmt: skip
 
     order = SegmentOrder(below)

@@ -108,7 +108,7 @@ def test_gradient_over_both_backdrops_is_that_of_the_oracle(small):
     scene = scene.replace(opacity=0.2 + 0.6 * scene.opacity, color=0.1 + 0.8 * scene.color)
     target = target_of(rgba, np.float64, "psnr")
     evaluated = target.evaluate(splats_of(scene), "mse", None)
-    gradient = gradients(evaluated.moments, scene.opacity, scene.beta)
+    gradient = gradients(evaluated.moments, splats_of(scene))
     by_mean = np.linalg.solve(np.swapaxes(scene.factor, 1, 2), gradient[:, :2, None])[:, :, 0]
     by_opacity = gradient[:, 5] / (scene.opacity * (1 - scene.opacity))
     step = 1e-5

@@ -44,7 +44,7 @@ from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import drawn_beta
-from gauss2svg.svg.snap import with_exponents
+from gauss2svg.svg.snap import with_falloffs
 
 
 @dataclass(frozen=True)
@@ -309,7 +309,7 @@ class ByBytes:
             plain &= ~np.isclose(scene.beta, beta)
         width, height = subject.canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
-        scene = with_exponents(scene, np.where(plain, MOST_BETA, scene.beta))
+        scene = with_falloffs(scene, np.where(plain, MOST_BETA, scene.beta))
         return scene.replace(width=width, height=height, drawn=np.where(plain, PLAIN, SOFT))
 
 
@@ -321,4 +321,4 @@ def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
     plain = nearest == len(exponents)
     beta = classes[nearest]
     beta[plain] = drawn_beta(scene, plain)
-    return with_exponents(scene, beta)
+    return with_falloffs(scene, beta)

@@ -24,8 +24,8 @@ from gauss2svg.svg.document import Document
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.format import MINIMAL, SvgFormat
 from gauss2svg.svg.layers import grouped_by_segment
-from gauss2svg.svg.minimal.shapes import HEX_DIGITS
-from gauss2svg.svg.minimal.write import MOST_MASKED, minimal_svg
+from gauss2svg.svg.minimal.shapes import HEX_DIGITS, MOST_MASKED
+from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.write import write_svg
 

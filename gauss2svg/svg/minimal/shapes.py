@@ -10,21 +10,34 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, number_within, quoted
 from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_SIGMA, PLAIN, RHO_LIMIT, SOFT, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, cut_radius, nearest_class
+from gauss2svg.scene.falloff import (
+    BETA_CLASSES,
+    MOST_BETA,
+    RIM_WIDTH,
+    cut_radius,
+    nearest_class,
+    with_length,
+    written_skew,
+)
+from gauss2svg.svg.encode import turned
 from gauss2svg.svg.limits import check_canvas, writable
 from gauss2svg.svg.minimal.arcs import arc_geometry, arc_numbers
 from gauss2svg.svg.minimal.paint_order import colors_together
 from gauss2svg.svg.plain_ellipse import (
     LEAST_PLAIN_BETA,
+    MOST_PLAIN_SKEW,
     looks_plain,
     plain_beta,
     plain_radius,
 )
-from gauss2svg.svg.snap import with_exponents
+from gauss2svg.svg.snap import with_falloffs
 
 HEX_DIGITS = (3, 6)
 LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
 OPACITY_DECIMALS = 2
+# docs/decisions/minimal.md has what more masks cost; skew.md those of skews, one for each exponent.
+MOST_MASKED = 500
+_MASK_SKEWS = (0.0, 0.4, 0.65, 0.85)
 # px of rim across the major axis: a plain ellipse's edge, of about a pixel, is no crisper.
 _CRISP = 1.0
 
@@ -35,21 +48,29 @@ class Shapes:
 
     index    (n,) of the shape in its scene
     falloff  (n,) index into BETA_CLASSES, -1 for a plain ellipse
-    numbers  (n, 5) whole a b d e f: matrix(a b 0 d e f) of the circle of radius 1; of a plain
-             ellipse those of gauss2svg.svg.minimal.arcs
+    skew     (n,) length of the skew; 0 for a plain ellipse
+    numbers  (n, 6) whole a b d e f c: matrix(a b c d e f) of the circle of radius 1, c being 0 for
+             a symmetric one; of a plain ellipse those of gauss2svg.svg.minimal.arcs, and 0
+    masked   whether soft shapes are drawn under masks, by few skews, not by gradients
     levels   (n, 3) of colour, in 0..255
     opacity  (n,) in 0..1
     """
 
     index: NDArray[np.intp]
     falloff: NDArray[np.intp]
+    skew: NDArray[np.float64]
     numbers: NDArray[np.float64]
     levels: NDArray[np.intp]
     opacity: NDArray[np.float64]
+    masked: bool
 
 
-def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> Shapes:
+def shapes_of(
+    scene: Scene, unit: float, digits: int, opacity_decimals: int, masked: bool | None = None
+) -> Shapes:
     """Shapes of a scene in units of so many px; those written as nothing are left out.
+
+    masked  whether soft shapes are drawn under masks; None: up to MOST_MASKED of them
 
     Raises InputError for a unit out of range, other digits than 3 or 6, and an additive scene;
     SceneError for shapes whose numbers do not fit into a file.
@@ -64,33 +85,45 @@ def shapes_of(scene: Scene, unit: float, digits: int, opacity_decimals: int) -> 
         )
     check_canvas(scene)
     kind = nearest_class(scene.beta)
-    plain = (scene.drawn == PLAIN) | _is_arc(scene.ellipse_axes[0], scene.beta)
+    length = np.hypot(*scene.skew.T)
+    plain = (scene.drawn == PLAIN) | _is_arc(scene.ellipse_axes[0], scene.beta, length)
     opacity = np.round(scene.opacity, opacity_decimals)
     while True:
         classes = np.array(BETA_CLASSES)[kind]
-        snapped = with_exponents(scene, np.where(plain, scene.beta, classes))
+        under_masks = np.count_nonzero(~plain) <= MOST_MASKED if masked is None else masked
+        skews = written_skew(mask_skew(length) if under_masks else length, classes)
+        skews[plain] = 0.0
+        beta = np.where(plain, scene.beta, classes)
+        snapped = with_falloffs(scene, beta, with_length(scene.skew, skews))
         radius = _radius(snapped.beta, plain)
         numbers = _matrix(snapped, radius, unit)
-        numbers[plain] = arc_numbers(snapped.select(plain), radius[plain], unit)
-        extent = np.where(plain[:, None], numbers[:, :2], numbers[:, [0, 2]])
-        drawn = writable(snapped, radius, unit) & (extent > 0).all(axis=1) & (opacity > 0)
+        numbers[plain] = 0.0
+        numbers[plain, :5] = arc_numbers(snapped.select(plain), radius[plain], unit)
+        a, b, d, c = numbers[:, [0, 1, 2, 5]].T
+        extent = np.where(plain, numbers[:, :2].min(axis=1), a * d - b * c)
+        drawn = writable(snapped, radius, unit) & (extent > 0) & (opacity > 0)
         # Shapes that are plain only as they are rounded, so that a rounded scene stays as it is.
         soft = np.flatnonzero(drawn & ~plain)
         placed = _placed(snapped.select(soft), numbers[soft], radius[soft], unit)
-        more = soft[_is_arc(placed.ellipse_axes[0], placed.beta)]
+        more = soft[_is_arc(placed.ellipse_axes[0], placed.beta, skews[soft])]
         if not len(more):
             break
         plain[more] = True
     index = np.flatnonzero(drawn)
     levels = color_levels(scene.color[index], digits)
     falloff = np.where(plain, -1, kind)[index]
-    shapes = Shapes(index, falloff, numbers[index], levels, opacity[index])
+    if masked is None and not length.any():  # skews are those of masks or of gradients already
+        under_masks = np.count_nonzero(falloff >= 0) <= MOST_MASKED
+    shapes = Shapes(
+        index, falloff, skews[index], numbers[index], levels, opacity[index], bool(under_masks)
+    )
     if (falloff >= 0).all():
         return shapes
     mean, factor = _geometry(shapes.numbers, falloff < 0)
     keys = np.stack([mean[:, 0], mean[:, 1], falloff])
     order = colors_together(mean, factor, levels, keys, 1 / unit)
-    return Shapes(*(getattr(shapes, field.name)[order] for field in dataclasses.fields(shapes)))
+    names = ("index", "falloff", "skew", "numbers", "levels", "opacity")
+    return dataclasses.replace(shapes, **{name: getattr(shapes, name)[order] for name in names})
 
 
 def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Scene:
@@ -106,6 +139,7 @@ def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Sce
         background=color_levels(scene.background, digits) / 255,
         beta=beta,
         drawn=np.where(plain, PLAIN, SOFT),
+        skew=np.column_stack([shapes.skew, 0 * shapes.skew]),
     )
     return _placed(rounded, shapes.numbers, _radius(beta, plain), unit, plain)
 
@@ -118,7 +152,19 @@ def arc_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     beta = plain_beta(semi_axes)
     axes = semi_axes / plain_radius(beta)[:, None]
-    return np.where(_is_arc(axes, beta), beta, MOST_BETA)
+    return np.where(_is_arc(axes, beta, 0 * beta), beta, MOST_BETA)
+
+
+def skew_of_focus(rows: NDArray[np.float64], focus: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2) skews of shapes whose unit circle has the focus (n, 2), by rows (n, 2, 2) of the map.
+
+    The map is R L Q with L the covariance's Cholesky factor and Q a rotation, maybe of a mirror:
+    the skew is Q focus. The first row of Q has the direction of the map's.
+    """
+    first = rows[:, 0] / np.hypot(*rows[:, 0].T)[:, None]
+    turn = np.sign(np.linalg.det(rows))
+    second = np.column_stack([-turn * first[:, 1], turn * first[:, 0]])
+    return np.stack([(first * focus).sum(axis=1), (second * focus).sum(axis=1)], axis=1)
 
 
 def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
@@ -127,11 +173,19 @@ def color_levels(color: NDArray[np.float64], digits: int) -> NDArray[np.intp]:
     return np.round(color * most).astype(np.intp) * (255 // most)
 
 
-def _is_arc(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _is_arc(
+    axes: NDArray[np.float64], beta: NDArray[np.float64], skew: NDArray[np.float64]
+) -> NDArray[np.bool_]:
     """(n,) whether an arc draws shapes of such one-sigma axes: nearly their rim, or a wider one."""
     across = RIM_WIDTH * axes[:, 0] / beta
     crisp = (beta >= LEAST_PLAIN_BETA) & (across < _CRISP)
-    return looks_plain(axes, beta) | crisp
+    return (looks_plain(axes, beta) | crisp) & (skew < MOST_PLAIN_SKEW)
+
+
+def mask_skew(length: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The nearest of _MASK_SKEWS to lengths of skews (n,)."""
+    ends = np.array(_MASK_SKEWS)
+    return ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), length)]
 
 
 def _radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -142,9 +196,10 @@ def _radius(beta: NDArray[np.float64], plain: NDArray[np.bool_]) -> NDArray[np.f
 
 
 def _matrix(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
-    """(n, 5) whole numbers of units a b d e f, for circles of radius (n,) sigmas."""
-    factor = scene.factor * radius[:, None, None]
-    entries = [factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1], *scene.mean.T]
+    """(n, 6) whole numbers of units a b d e f c, for circles of radius (n,) sigmas."""
+    factor = turned(scene) * radius[:, None, None]
+    a, b, c, d = factor.transpose(2, 1, 0).reshape(4, -1)
+    entries = [a, b, d, *scene.mean.T, c]
     return np.round(np.column_stack(entries) / unit) + 0.0  # no -0
 
 
@@ -152,8 +207,16 @@ def _geometry(
     numbers: NDArray[np.float64], plain: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Centres (n, 2) and factors (n, 3) of what is drawn, in units."""
-    mean, factor = numbers[:, 3:].copy(), numbers[:, :3].copy()
-    mean[plain], factor[plain] = arc_geometry(numbers[plain])
+    mean, (a, b, d, c) = numbers[:, 3:5].copy(), numbers[:, [0, 1, 2, 5]].T
+    upright = np.hypot(a, c)
+    long = np.maximum(upright, 1e-300)
+    turns = (c != 0) | (a < 0)  # the others are, to the last bit, as they are written
+    slope, left = (
+        np.where(turns, (a * b + c * d) / long, b),
+        np.where(turns, (a * d - b * c) / long, d),
+    )
+    factor = np.column_stack([upright, slope, left])
+    mean[plain], factor[plain] = arc_geometry(numbers[plain, :5])
     return mean, factor
 
 
@@ -168,8 +231,14 @@ def _placed(
     mean, factor = _geometry(numbers, np.zeros(len(scene), bool) if plain is None else plain)
     a, b, d = unit * factor.T
     sigma = np.column_stack([a, np.hypot(b, d)]) / radius[:, None]
+    rows = numbers[:, [0, 5, 1, 2]].reshape(-1, 2, 2)  # a c, b d
+    length = np.hypot(*scene.skew.T)
+    focus = np.column_stack([length, 0 * length])
+    with np.errstate(invalid="ignore", divide="ignore"):  # arcs have none
+        skew = np.where(length[:, None] > 0, skew_of_focus(rows, focus), 0.0)
     return scene.replace(
         mean=unit * mean,
+        skew=skew,
         sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA),
         rho=np.clip(b / np.hypot(b, d), -RHO_LIMIT, RHO_LIMIT),
     )

@@ -64,14 +64,15 @@ from gauss2svg.svg.minimal.shapes import (
 from gauss2svg.svg.stops import gradient_stops
 from gauss2svg.svg.whole_stops import grey_stops
 
-# docs/decisions/minimal.md has what more masks cost, and what two stops more are worth.
-MOST_MASKED = 500
+# docs/decisions/minimal.md has what two stops more are worth.
 MASK_STOPS, _MANY = (3, 5), 60  # of few soft shapes, and from so many on
+# Class of an exponent, and length of a skew.
+Kind = tuple[int, float]
 # Without userSpaceOnUse librsvg 2.54 loses shapes under a rotation.
 _UNIT_DISC = {"gradientUnits": "userSpaceOnUse", "cx": "0", "cy": "0", "r": "1"}
 # The circle of an exponent from this one on is larger than its gradient, whose rim its own edge
 # would clip (gauss2svg.svg.encode).
-_CLIPPED_FROM, _CLEAR = 6.0, "1.1"
+_CLIPPED_FROM, _CLEAR, _CLEAR_OF_SKEWED = 6.0, "1.1", "2"
 # Largest error of a side of the view box, in user units and in px, where the file has a size.
 _VIEW_ERROR, _VIEW_ERROR_PX = 0.02, 0.25
 _WHOLE = 1e-9  # relative error of a side that is a whole number of units
@@ -102,16 +103,14 @@ def minimal_svg(
     """
     document = instance(document, "document", Document)
     refuse_layers(document)
-    shapes = shapes_of(scene, unit, digits, opacity_decimals)
+    shapes = shapes_of(scene, unit, digits, opacity_decimals, masked)
     width, height = (_view(side, unit) for side in (scene.width, scene.height))
     cover = []
     if not scene.transparent:
         across, down = (number(math.ceil(float(side)), 0) for side in (width, height))
         fill = _fill(color_levels(scene.background, digits))
         cover = [Element("path", {**fill, "d": f"M0 0h{across}v{down}H0"})]
-    if masked is None:
-        masked = int(np.count_nonzero(shapes.falloff >= 0)) <= MOST_MASKED
-    definitions, drawn = _drawing(shapes, opacity_decimals, None if masked else stops)
+    definitions, drawn = _drawing(shapes, opacity_decimals, None if shapes.masked else stops)
     named = _names(document)
     attributes = {
         "xmlns": "http://www.w3.org/2000/svg",
@@ -206,11 +205,12 @@ def _drawing(
         i = index[0]
         color = {**fills[i], **opacity[i]}
         if shapes.falloff[i] < 0:
-            elements.append(Element("path", {**color, "d": path_data(shapes.numbers[index])}))
+            elements.append(Element("path", {**color, "d": path_data(shapes.numbers[index, :5])}))
         else:
-            soft = kinds[int(shapes.falloff[i])]
+            soft = kinds[_kind(shapes, i)]
             place = {"transform": _matrix(shapes.numbers[i])}
-            elements.append(Element(soft.tag, {**soft.attributes, **color, **place}))
+            r = {"r": _CLEAR_OF_SKEWED} if shapes.skew[i] and not shapes.masked else {}
+            elements.append(Element(soft.tag, {**soft.attributes, **r, **color, **place}))
     if stops is None:
         templates, elements = _shared(elements, 3 * len(kinds))
         definitions += templates
@@ -222,28 +222,47 @@ def _fill(levels: NDArray[np.intp], name: str = "fill") -> dict[str, str]:
     return with_default(name, hex_color(levels), "#000")
 
 
-def _kinds(shapes: Shapes) -> list[int]:
-    """Exponents of the soft shapes, those that are used most first."""
-    kinds, uses = np.unique(shapes.falloff[shapes.falloff >= 0], return_counts=True)
-    return kinds[np.argsort(-uses, kind="stable")].tolist()
+def _kind(shapes: Shapes, i: int) -> Kind:
+    """Class of the exponent and length of the skew of a soft shape, the latter under masks alone.
+
+    A gradient under none has its own.
+    """
+    return int(shapes.falloff[i]), float(shapes.skew[i]) if shapes.masked else 0.0
 
 
-def _masked(shapes: Shapes) -> tuple[list[Element], dict[int, Element]]:
-    """A masked circle for each exponent, of the first ids, and what uses it, by exponent."""
+def _kinds(shapes: Shapes) -> list[Kind]:
+    """Kinds of the soft shapes, those that are used most first."""
+    soft = np.flatnonzero(shapes.falloff >= 0).tolist()
+    uses = Counter(_kind(shapes, i) for i in soft)
+    return sorted(uses, key=lambda kind: (-uses[kind], kind))
+
+
+def _masked(shapes: Shapes) -> tuple[list[Element], dict[Kind, Element]]:
+    """A masked circle for each kind, of the first ids, and what uses it, by kind.
+
+    Those of one exponent share the stops of the first.
+    """
     kinds = _kinds(shapes)
     count = MASK_STOPS[int(np.count_nonzero(shapes.falloff >= 0) >= _MANY)]
-    uses, definitions = {}, []
+    uses, definitions, first = {}, [], {}
     for k, kind in enumerate(kinds):
+        beta, skew = BETA_CLASSES[kind[0]], kind[1]
         name, mask, ramp = (short_id(k + part * len(kinds)) for part in range(3))
         uses[kind] = Element("use", {"href": f"#{name}"})
         stops = [
             Element("stop", {"offset": number(o, 3), **_fill(np.full(3, 17 * grey), "stop-color")})
-            for o, grey in zip(*grey_stops(count, BETA_CLASSES[kind]), strict=True)
+            for o, grey in zip(*grey_stops(count, beta), strict=True)
         ]
+        owner, inherited = first.setdefault(kind[0], (ramp, kinds[0][1] if k else 0.0))
         r = {"r": _circle(kind)}
         disc = {"href": f"#{short_id(2 * len(kinds))}"} if k else _UNIT_DISC  # of the first
+        if owner != ramp:
+            disc, stops = {"href": f"#{owner}"}, None
+        else:
+            first[kind[0]] = ramp, skew
+        focus = with_default("fx", number(skew, 3), number(inherited, 3))
         definitions += [
-            Element("radialGradient", {"id": ramp, **disc}, stops),
+            Element("radialGradient", {"id": ramp, **disc, **focus}, stops),
             Element("mask", {"id": mask}, [Element("circle", {**r, "fill": f"url(#{ramp})"})]),
             Element("circle", {"id": name, **r, "mask": f"url(#{mask})"}),
         ]
@@ -252,14 +271,14 @@ def _masked(shapes: Shapes) -> tuple[list[Element], dict[int, Element]]:
 
 def _gradients(
     shapes: Shapes, fills: list[dict[str, str]], stops: int
-) -> tuple[list[Element], dict[int, Element], list[dict[str, str]]]:
-    """A gradient for each exponent and colour; circles by exponent, fills of all shapes."""
+) -> tuple[list[Element], dict[Kind, Element], list[dict[str, str]]]:
+    """A gradient for each exponent, skew and colour; circles by exponent, fills of all shapes."""
     kinds = _kinds(shapes)
     circles = {kind: Element("circle", {"r": _circle(kind)}) for kind in kinds}
     rules, definitions, first, ramps = [], [], {}, {}
     for k, kind in enumerate(kinds):
         name = first[kind] = short_id(k)
-        offsets, values = gradient_stops(stops, BETA_CLASSES[kind])
+        offsets, values = gradient_stops(stops, BETA_CLASSES[kind[0]])
         for at, value in enumerate(values):
             color = "" if at else "stop-color:currentColor;"
             stop = "+".join(["stop"] * (at + 1))
@@ -268,12 +287,13 @@ def _gradients(
         definitions.append(Element("radialGradient", {"id": name, **_UNIT_DISC, "fx": ".001"}))
         ramps[kind] = [Element("stop", {"offset": number(o, 4)}) for o in offsets]
     colors = [fill.get("fill", "#000") for fill in fills]
-    keys = list(zip(shapes.falloff.tolist(), colors, strict=True))
+    keys = list(zip(shapes.falloff.tolist(), colors, shapes.skew.tolist(), strict=True))
     ids = {}
     for k, (key, _) in enumerate(Counter(key for key in keys if key[0] >= 0).most_common()):
-        kind, color = key
+        kind, color, skew = (key[0], 0.0), *key[1:]
         ids[key] = name = short_id(len(kinds) + k)
         attributes = {"id": name, "href": f"#{first[kind]}", "color": color}
+        attributes |= {"fx": number(skew, 3)} if skew else {}
         definitions.append(Element("radialGradient", attributes, ramps[kind]))
     drawn = [
         {"fill": f"url(#{ids[key]})"} if key in ids else fill
@@ -282,13 +302,15 @@ def _gradients(
     return [Element("style", inside="".join(rules)), *definitions], circles, drawn
 
 
-def _circle(kind: int) -> str:
-    return _CLEAR if BETA_CLASSES[kind] >= _CLIPPED_FROM else "1"
+def _circle(kind: Kind) -> str:
+    if kind[1]:
+        return _CLEAR_OF_SKEWED
+    return _CLEAR if BETA_CLASSES[kind[0]] >= _CLIPPED_FROM else "1"
 
 
 def _matrix(numbers: NDArray[np.float64]) -> str:
-    a, b, d, e, f = (number(v, 0) for v in numbers)
-    return f"matrix({a} {b} 0 {d} {e} {f})".replace(" -", "-")
+    a, b, d, e, f, c = (number(v, 0) for v in numbers)
+    return f"matrix({a} {b} {c} {d} {e} {f})".replace(" -", "-")
 
 
 def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Element]]:
