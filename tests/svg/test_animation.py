@@ -23,8 +23,13 @@ OPTIONS = SvgFormat()
 STILL = write_svg(SCENE, OPTIONS)
 MOVING = write_svg(SCENE, OPTIONS, Document(animate=6))
 # Played, paused at a time in ms, or finished; and what the root then looks like.
-AT = """(ms) => document.getAnimations().forEach(
-    a => { if (ms === null) a.finish(); else { a.pause(); a.currentTime = ms; } })"""
+# Two frames later, as a busy browser may show an earlier one until then.
+AT = """async (ms) => {
+    for (const a of document.getAnimations()) {
+        if (ms === null) a.finish(); else { a.pause(); a.currentTime = ms; await a.ready; }
+    }
+    for (let k = 0; k < 2; k++) await new Promise(requestAnimationFrame);
+}"""
 
 
 def test_animation_adds_a_style_sheet_and_nothing_else():
