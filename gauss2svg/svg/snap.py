@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.scene import ADD, BLURRED, LEAST_SIGMA, MOST_SIGMA, PLAIN, SOFT, Scene
+from gauss2svg.scene import ADD, BLURRED, LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import (
     BETA_CLASSES,
     cut_radius,
@@ -56,7 +56,8 @@ def with_falloffs(
     sigma = scene.sigma * widening(scene.beta, beta)[:, None]
     changed = scene.replace(beta=beta, skew=skew, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))
     moved = half_centers(scene) - half_centers(changed)
-    return changed.replace(mean=scene.mean + moved)
+    # A shape at the end of the domain stays within it.
+    return changed.replace(mean=np.clip(scene.mean + moved, -MOST_MEAN, MOST_MEAN))
 
 
 def half_centers(scene: Scene) -> NDArray[np.float64]:
