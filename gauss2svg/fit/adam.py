@@ -74,6 +74,7 @@ EPSILON = 1e-12
 _STEP_BY_BETA = -0.35
 # Length of a skew under which its price falls, so that a price does not shake what it holds at 0.
 _NEARLY = 0.05
+_SKEW = COLUMNS["skew"]
 # Gaussians that are stepped at a time, so that what is computed for them stays in the cache.
 _BLOCK = 4096
 
@@ -131,7 +132,9 @@ def _step_block(
     limits: Limits,
 ) -> bool:
     first, second, age = state.first[block], state.second[block], state.age[block]
-    d = _directions(first, second, age, gradient, sizes)
+    # Most fits have no skews, whose columns are the last: then they cost nothing.
+    used = slice(None if sizes[_SKEW].any() else _SKEW.start)
+    d = _directions(first[:, used], second[:, used], age, gradient[:, used], sizes[used])
     mean = state.mean[block]
     blunted = np.exp(_STEP_BY_BETA * state.raw_beta[block])
     d[:5] = [direction * blunted for direction in d[:5]]
@@ -166,7 +169,7 @@ def _step_block(
             u1, u2 = state.raw_skew[block].T + d[steps[0] : steps[-1] + 1]
             if limits.held_skew:
                 u1, u2 = _of_length(u1, u2, state.raw_skew[block])
-            co, si = turn
+            co, si = np.stack(turn) / np.hypot(*turn)
             for values, value in zip(
                 state.raw_skew[block].T, (co * u1 + si * u2, co * u2 - si * u1), strict=True
             ):
@@ -225,7 +228,7 @@ def _stretched(
 ) -> tuple[_Column, _Column, _Column, _Column, tuple[_Column, _Column]]:
     """l11, l21, l22 of L exp(A), A = [[a, c], [c, b]], within the limits, and the minor axis.
 
-    And cosine and sine of Q's angle, L exp(A) Q being lower triangular.
+    And what is in proportion to cosine and sine of Q's angle, L exp(A) Q being lower triangular.
     """
     # exp(A) to second order; L exp(A) gives a valid covariance whatever the error
     e11 = 1 + a + 0.5 * (a * a + c * c)
@@ -251,7 +254,6 @@ def _stretched(
         xx[at] = co * co * p + si * si * q
         xy[at] = co * si * (p - q)
         yy[at] = si * si * p + co * co * q
-    length = np.hypot(f11, f12)
-    turn = f11 / length, f12 / length
     root = np.sqrt(xx)
-    return root, xy / root, np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / root, new_minor, turn
+    l22 = np.sqrt(np.maximum(xx * yy - xy * xy, 0)) / root
+    return root, xy / root, l22, new_minor, (f11, f12)
