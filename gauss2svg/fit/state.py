@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gauss2svg.fit.saved import damaged, rows
 from gauss2svg.render.cpu import Splats, splats_from
 from gauss2svg.scene import ADD, OVER, RHO_LIMIT, SOFT, Scene
-from gauss2svg.scene.parameters import STEPPED, logistic, raw_skew_of, skew_of
+from gauss2svg.scene.parameters import STEPPED, raw_skew_of
 
 FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
 # Columns of gradients and moments: shift along the two whitened axes and three of shape, which step
@@ -152,6 +152,9 @@ class State:
             factor=self.factor * [scale_x, scale_y, scale_y],
         )
 
+    def _activated(self) -> dict[str, Any]:
+        return {p.name: raw.activated(getattr(self, raw.name)) for p, raw in STEPPED}
+
     def splats(self, background: NDArray[np.float64], blend: str = OVER) -> Splats:
         """The activated Gaussians, as the kernels read them."""
         sigma, rho, whitening = _activate(self.factor)
@@ -160,12 +163,9 @@ class State:
             sigma,
             rho,
             whitening,
-            color=self.color,
-            opacity=logistic(self.raw_opacity),
-            beta=np.exp(self.raw_beta),
-            skew=skew_of(self.raw_skew),
             background=background,
             additive=blend == ADD,
+            **self._activated(),
         )
 
     def scene(
@@ -173,9 +173,9 @@ class State:
     ) -> Scene:
         """The activated Gaussians as a scene."""
         sigma, rho, _ = _activate(self.factor)
-        activated: dict[str, Any] = {
-            p.name: np.clip(raw.activated(getattr(self, raw.name)), *p.domain(blend))
-            for p, raw in STEPPED
+        activated = self._activated()
+        clipped: dict[str, Any] = {
+            p.name: np.clip(activated[p.name], *p.domain(blend)) for p, _ in STEPPED
         }
         return Scene(
             width,
@@ -187,7 +187,7 @@ class State:
             round_index=self.round_index,
             blend=blend,
             drawn=self.drawn,
-            **activated,
+            **clipped,
         )
 
 
