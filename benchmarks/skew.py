@@ -1,9 +1,11 @@
 """What a skewed falloff gains: PSNR of the rasterised SVG and bytes, without and with it.
 
     python benchmarks/skew.py FOLDER [--counts 256,512,1024,5000] [--bytes 2000,20000] [--tune psnr]
+        [--scores] [--renderers resvg,cairo,librsvg,chromium,firefox,inkscape]
 
 For each picture of the folder and each count, or each limit of bytes, one run with
-`--falloff adaptive` and one with `--falloff skewed`, on one thread.
+`--falloff adaptive` and one with `--falloff skewed`, on one thread. --scores adds SSIMULACRA2 and
+FLIP, --renderers the PSNR of each renderer's raster against the model.
 """
 
 from __future__ import annotations
@@ -17,7 +19,10 @@ import numpy as np
 
 from gauss2svg import vectorize
 from gauss2svg.fit.options import FitOptions
+from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.options import RunOptions
+from gauss2svg.raster import rasterize
+from gauss2svg.render import render
 
 _SCORES = ("psnr_svg", "psnr_model", "psnr_roundtrip", "ssim_svg", "svg_bytes", "svgz_bytes")
 
@@ -30,29 +35,40 @@ def main() -> None:
     parser.add_argument("--counts", default="256,512,1024,5000")
     parser.add_argument("--bytes", default="")
     parser.add_argument("--tune", default="psnr")
-    parser.add_argument("--scores", action="store_true", help="SSIMULACRA2 and FLIP too")
+    parser.add_argument("--scores", action="store_true")
+    parser.add_argument("--renderers", default="")
     given = parser.parse_args()
+    renderers = tuple(name for name in given.renderers.split(",") if name)
     photos = sorted(given.folder.glob(given.pictures))
     goals = [{"gaussians": int(n)} for n in given.counts.split(",") if n]
     goals += [{"max_bytes": int(n)} for n in given.bytes.split(",") if n]
     names = (*_SCORES, *(("ssimulacra2_svg", "flip_svg") if given.scores else ()), "cpu_s")
+    names += renderers
     print(f"| goal | falloff | {' | '.join(names)} |\n|{'---|' * (len(names) + 2)}")
     for goal in goals:
         for falloff in ("adaptive", "skewed"):
-            rows = [run(photo, falloff, given.tune, given.scores, goal, names) for photo in photos]
+            rows = [
+                run(photo, falloff, given.tune, given.scores, goal, names, renderers)
+                for photo in photos
+            ]
             columns = zip(*rows, strict=True)
             means = [means_of(name, c) for name, c in zip(names, columns, strict=True)]
             (kind, value), *_ = goal.items()
             print(f"| {kind} {value} | {falloff} | {' | '.join(means)} |", flush=True)
 
 
-def run(photo, falloff, tune, scores, goal, names) -> list[float]:
+def run(photo, falloff, tune, scores, goal, names, renderers) -> list[float]:
     """The numbers of one run."""
     start = time.process_time()
     options = RunOptions(threads=1, scores=scores)
     fit = FitOptions(tune=tune, falloff=falloff)
-    report = vectorize(photo, fit=fit, run=options, **goal).report
+    result = vectorize(photo, fit=fit, run=options, **goal)
+    report = result.report
     report["cpu_s"] = time.process_time() - start
+    if renderers:
+        model = render(result.scene)
+        height, width = model.shape[:2]
+        report |= {n: psnr(rasterize(result.svg, width, height, n), model) for n in renderers}
     return [report[name] for name in names]
 
 
