@@ -105,7 +105,7 @@ def run(tree: Path, threads: int, folder: Path, name: str, family: str, given: l
     if status:
         raise SystemExit(f"{' '.join(command)}: {said}")
     found = json.loads(report.read_text())
-    score = found["ssimulacra2"] if family == "ssimulacra2" else found["psnr_svg"]
+    score = found["ssimulacra2_svg"] if family == "ssimulacra2" else found["psnr_svg"]
     if any("measured at" in note for note in found["notes"]):
         score = check(folder / f"{name}.png", Path(f"{stem}.svg")).psnr
     limit = found["max_bytes"]
