@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit.saved import damaged, rows
 from gauss2svg.render.cpu import Splats, splats_from
-from gauss2svg.scene import ADD, OVER, RHO_LIMIT, SOFT, Scene
+from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.parameters import STEPPED, raw_skew_of
 
 FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
@@ -165,6 +165,7 @@ class State:
             whitening,
             background=background,
             additive=blend == ADD,
+            plain=self.drawn == PLAIN,
             **self._activated(),
         )
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, views
 from gauss2svg.pipeline.palette import best_palette
 from gauss2svg.scene import PLAIN, Scene
-from gauss2svg.scene.falloff import cut_radius, focal_radius, profile
-from gauss2svg.svg.plain_ellipse import drawn_beta
+from gauss2svg.scene.falloff import coverage, cut_radius, focal_radius, profile
+from gauss2svg.svg.plain_ellipse import drawn_beta, plain_radius
 from gauss2svg.svg.snap import with_falloffs
 
 if TYPE_CHECKING:
@@ -29,19 +29,24 @@ _DAMPING = 1e-6  # of the diagonal, for shapes that are nearly hidden
 
 
 def recolored(
-    scene: Scene, pixels: NDArray[np.float32], digits: int, shared: float = 0.0
+    scene: Scene,
+    pixels: NDArray[np.float32],
+    digits: int,
+    shared: float = 0.0,
+    covering: bool = False,
 ) -> tuple[Scene, float]:
     """The scene with the colours of least squared error, and that error per value.
 
     pixels  (h, w, 3) or (h, w, 4) float32 in 0..1, compared with the scene at this size
     digits  of hex colours, 3 or 6, that the colours are rounded to
     shared  share of the squared error that may be added so that shapes have colours in common
+    covering  whether plain ellipses count by how much of each pixel they cover, not by a falloff
     A picture with alpha is compared over white and over black, and has no background. The error is
     that of the model at pixel centres.
     """
     height, width = pixels.shape[:2]
     weights, products = _weights(
-        scene.scaled(width / scene.width, height / scene.height), height, width
+        scene.scaled(width / scene.width, height / scene.height), height, width, covering
     )
     targets = [view.reshape(-1, 3).astype(np.float64) for view in views(pixels)]
     first = 0
@@ -72,7 +77,9 @@ def recolored(
     return scene.replace(background=color[0], color=color[1:]), error
 
 
-def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[np.float64]]:
+def _weights(
+    scene: Scene, height: int, width: int, covering: bool
+) -> tuple[csr_array, NDArray[np.float64]]:
     """(n + 1, h w) weight of each colour, that of the background first, and their products.
 
     The products (n + 1, n + 1) are sums over all pixels. The weights are sparse: few shapes show in
@@ -80,8 +87,11 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
     """
     from scipy.sparse import csr_array  # a third of a second, for small files alone
 
-    scene = _antialiased(scene)
-    reach = scene.sigma * cut_radius(scene.beta)[:, None]
+    covers = (scene.drawn == PLAIN) & covering
+    radius = cut_radius(scene.beta)
+    radius[covers] = plain_radius(scene.beta[covers])
+    scene = scene if covering else _antialiased(scene)
+    reach = scene.sigma * cut_radius(scene.beta)[:, None] + covers[:, None]
     low = np.clip(np.floor(scene.mean - reach - 0.5), 0, [width, height]).astype(np.intp)
     high = np.clip(np.ceil(scene.mean + reach + 0.5), 0, [width, height]).astype(np.intp)
     left, whitening = np.ones((height, width)), scene.whitening
@@ -93,8 +103,11 @@ def _weights(scene: Scene, height: int, width: int) -> tuple[csr_array, NDArray[
         v = np.arange(y0, y1)[:, None] + 0.5 - scene.mean[k, 1]
         w11, w21, w22 = whitening[k]
         z = np.stack(np.broadcast_arrays(w11 * u, w21 * u + w22 * v), axis=-1)
-        r = focal_radius(z, scene.skew[k], scene.beta[k])
-        alpha = scene.opacity[k] * profile(r, scene.beta[k])
+        if covers[k]:
+            share = coverage(z, whitening[k], radius[k])
+        else:
+            share = profile(focal_radius(z, scene.skew[k], scene.beta[k]), scene.beta[k])
+        alpha = scene.opacity[k] * share
         box = left[y0:y1, x0:x1]
         weight = alpha * box
         shows = weight > _LEAST_WEIGHT

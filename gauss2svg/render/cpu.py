@@ -33,8 +33,8 @@ from gauss2svg.render.walk import (
     walk_tiles,
     walk_tiles_additive,
 )
-from gauss2svg.scene import ADD, Scene, whitening_of
-from gauss2svg.scene.falloff import CUT, cut_radius
+from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
+from gauss2svg.scene.falloff import CUT, cut_radius, half_radius, longer_axes
 
 
 class _KernelLock:
@@ -85,7 +85,9 @@ class Splats(NamedTuple):
     """What the kernels read of n Gaussians, bottom first; all float64.
 
     mean (n, 2), sigma (n, 2), rho (n,), radius (n,) of the cut: for the tiles
-    shape (n, 9): mean x, y, whitening w11, w21, w22, beta, radius^2 and skew f1, f2
+    shape (n, 12): mean x, y, whitening w11, w21, w22, beta, radius^2, skew f1, f2, and for plain
+    ellipses, which cover shares of pixels, o11, o21, o22: (o11 z1, o21 z1 + o22 z2) lies in the
+    unit disc where they do; 0 for others
     opacity_color (n, 4): opacity, r, g, b
     background (3,)
     additive: whether they are blended additively; opacities, exponents, skews are not read then
@@ -113,7 +115,7 @@ class Splats(NamedTuple):
     @property
     def skew(self) -> NDArray[np.float64]:
         """(n, 2) foci of the falloff, in the unit disc."""
-        return self.shape[:, 7:]
+        return self.shape[:, 7:9]
 
 
 def splats_from(
@@ -128,28 +130,46 @@ def splats_from(
     skew: NDArray[np.float64],
     background: NDArray[np.float64],
     additive: bool = False,
+    plain: NDArray[np.bool_] | None = None,
 ) -> Splats:
     """What the kernels read of n Gaussians with these parameters, as in a scene.
 
-    whitening (n, 3) as of gauss2svg.scene.whitening_of.
+    whitening (n, 3) as of gauss2svg.scene.whitening_of; plain (n,) are ellipses that cover shares
+    of pixels, None for none.
     """
-    radius = cut_radius(beta)
+    radius = cut = cut_radius(beta)
+    outer = np.zeros_like(whitening)
+    if plain is not None and plain.any():
+        radius = np.where(plain, half_radius(beta), radius)
+        w11, w21, w22 = longer_axes(whitening, radius).T
+        l11, l22 = 1 / w11, 1 / w22
+        l21 = -w21 * l11 * l22
+        sy = np.hypot(l21, l22)
+        sigma = np.where(plain[:, None], np.column_stack([l11, sy]), sigma)
+        rho, cut = np.where(plain, l21 / sy, rho), np.where(plain, 1.0, cut)
+        # From z to the coordinates in which the outer ellipse is the unit disc.
+        v11, v21, v22 = whitening.T
+        factors = np.column_stack([w11 / v11, (w21 - v21 * w22 / v22) / v11, w22 / v22])
+        outer = np.where(plain[:, None], factors, 0.0)
     return Splats(
         mean,
         sigma,
         rho,
-        radius,
-        np.column_stack([mean, whitening, beta, radius * radius, skew]),
+        cut,
+        np.column_stack([mean, whitening, beta, radius * radius, skew, outer]),
         np.column_stack([opacity, color]),
         background,
         additive,
     )
 
 
-def splats_of(scene: Scene, scale: tuple[float, float] = (1.0, 1.0)) -> Splats:
+def splats_of(
+    scene: Scene, scale: tuple[float, float] = (1.0, 1.0), covering: bool = False
+) -> Splats:
     """What the kernels read of a scene, scaled along x and y.
 
     The same as for scene.scaled(*scale), but the scaled shapes may leave the domain of scenes.
+    covering: plain ellipses cover shares of pixels, as renderers draw them, and have no falloff.
     """
     # Copies: numba would compile the kernels once more for a scene's read-only arrays.
     sigma = scene.sigma * scale
@@ -164,6 +184,7 @@ def splats_of(scene: Scene, scale: tuple[float, float] = (1.0, 1.0)) -> Splats:
         skew=scene.skew,
         background=scene.background.copy(),
         additive=scene.blend == ADD,
+        plain=scene.drawn == PLAIN if covering else None,
     )
 
 

@@ -42,6 +42,10 @@ which for f = 0 are those above, and two more are dL/df = sum g (R - r) e. n = (
 needs no second root. R changes with beta, so that dL/dbeta has one term more, which follows from
 the others (gauss2svg.render.cpu.by_exponent).
 
+A plain ellipse covers a share of each pixel instead (gauss2svg.scene.falloff), alpha = opacity
+clip(1/2 + (R - r) / g) where it is wide. g = n / r with n = |W^T z| counts as constant beside r, so
+that h = dL/dalpha opacity / n where the pixel is on the rim, and 0 elsewhere.
+
 Gaussians, other exponents and skewed shapes have a loop each and pay nothing for what they do not
 have: the second takes about 1.5 times as long as the first (docs/decisions/kernels.md), the third
 1.2 times as long as the second (docs/decisions/skew.md).
@@ -157,6 +161,29 @@ def _focus(i, shape, like):
 
 
 @njit(inline="always")
+def _covered(i, z1, z2, radius, shape):
+    """Share of each pixel that a plain ellipse covers, and 1 / n on its rim: see the module."""
+    zero, half, one = splat(0.0, z1), splat(0.5, z1), splat(1.0, z1)
+    steep = splat(1e30, z1)
+    tiny = splat(_least_square(z1), z1)
+    o1 = splat(shape[i, 9], z1) * z1
+    o2 = splat(shape[i, 10], z1) * z1 + splat(shape[i, 11], z1) * z2
+    inside = least(one, most(zero, one - (o1 * o1 + o2 * o2)) * steep)
+    n1 = splat(shape[i, 2], z1) * z1 + splat(shape[i, 3], z1) * z2
+    n2 = splat(shape[i, 4], z1) * z2
+    r = root(z1 * z1 + z2 * z2 + tiny)
+    per = one / root(n1 * n1 + n2 * n2 + tiny)
+    px = r * per
+    near = most(zero, half + (radius - r) * px)
+    far = half + (radius + r) * px
+    # 1 within the rim's pixel and 0 elsewhere, without a branch; clipped values stay 0 or 1
+    on_near = least(one, near * steep) * least(one, most(zero, one - near) * steep)
+    on_far = least(one, most(zero, one - far) * steep)
+    share = least(one, near) + least(one, far) - one
+    return inside * most(zero, share), inside * ((on_near - on_far) * per)
+
+
+@njit(inline="always")
 def _layer(j, at, a, c0, c1, c2, alpha, transmittance, color, remaining):
     """Composite alpha a behind what a tile's row at j shows; returns the next free `at`."""
     t = load(remaining, j)
@@ -181,7 +208,8 @@ def compose_tile(
     x0, y0  the tile's first pixel; column: (16,) 0..15, float64
     inside  (16,): 1 for columns of the image, 0 beyond its right edge, where
             the transmittance starts at 0 and nothing counts
-    shape   (n, 9) float64: mean x, y, whitening w11, w21, w22, beta, R^2 = 2 CUT^(1 / beta), f1, f2
+    shape   (n, 12) float64: mean x, y, whitening w11, w21, w22, beta, R^2 = 2 CUT^(1 / beta), f1,
+            f2; plain ellipses have the R of their rim, and o11, o21, o22 of what they reach
     opacity_color  (n, 4) float64: opacity, r, g, b
     alpha, transmittance  flat buffers, 16 for each row of each pair, in visiting order
     steep, logs  the same for s^(beta - 1) and ln s; not written for Gaussians (beta = 1)
@@ -217,6 +245,17 @@ def compose_tile(
         w22 = shape[i, 4]
         power = splat((shape[i, 5] - 1.0) * LOG2_E, centre)
         reach = splat(shape[i, 6], centre)
+        if shape[i, 9] != 0.0:
+            opacity = splat(opacity_color[i, 0], centre)
+            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+                z2 = across + splat(w22 * (y - middle), centre)
+                share, on_rim = _covered(i, z1, z2, root(reach), shape)
+                store(steep, at, on_rim)
+                at = _layer(
+                    y * TILE_WIDTH, at, opacity * share, c0, c1, c2, alpha, transmittance, color,
+                    remaining,
+                )  # fmt: skip
+            continue
         if skewed:
             f1, f2, left, radius = _focus(i, shape, centre)
             smallest = splat(_least_square(centre), centre)
@@ -330,6 +369,26 @@ def backpropagate_tile(
         s0 = s1 = s2 = so = h0 = h2 = h22 = hb = k1 = k2 = zero
         reach = splat(shape[i, 6], centre)
         beta = splat(shape[i, 5], centre)
+        if shape[i, 9] != 0.0:
+            # _unlayer's h is w dL/dalpha and, where alpha > 0, this times T dL/dalpha
+            whole = splat(opacity_color[i, 0], centre)
+            for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
+                z2 = across + splat(w22 * (y - middle), centre)
+                w, wd, h, g0, g1, g2 = _unlayer(
+                    y * TILE_WIDTH, row, whole, c0, c1, c2, alpha, transmittance, g, behind
+                )
+                s0 = s0 + w * g0
+                s1 = s1 + w * g1
+                s2 = s2 + w * g2
+                so = so + wd
+                h = (h - wd) * load(steep, row)
+                hz = h * z2
+                h0 = h0 + h
+                h2 = h2 + hz
+                h22 = h22 + hz * z2
+                row += TILE_WIDTH
+            put_moments(moments, p, z1, h0 * z1, h2, h22, so, s0, s1, s2, hb, k1, k2)
+            continue
         if skewed:
             f1, f2, left, radius = _focus(i, shape, centre)
             d1 = z1 - radius * f1

@@ -22,6 +22,14 @@ r = t cut_radius(beta) takes the place of |z|, with
       = (d.f + sqrt((d.f)^2 + (1 - f.f) d.d)) / (1 - f.f),   d = v - f.
 
 The contour of a value t is the circle of radius t round (1 - t) f; f = 0 is the symmetric shape.
+
+A plain ellipse has no falloff: a renderer draws its edge by how much of each pixel it covers. With
+R = half_radius(beta) its radius and g = |W^T z| / |z| the growth of |z| for each px, that share is
+
+    clip(1/2 + (R - |z|) / g) + clip(1/2 + (R + |z|) / g) - 1,  clip to 0..1,
+
+the pixel's distances in px from the near and from the far rim, and 0 outside of the ellipse whose
+axes are half a pixel longer at either end: beyond the ends of a needle they say too much.
 """
 
 import math
@@ -73,6 +81,48 @@ def focal_radius(
     left = 1 - np.square(skew).sum(axis=-1)
     along = (d * skew).sum(axis=-1)
     return (along + np.sqrt(np.square(along) + left * np.square(d).sum(axis=-1))) / left
+
+
+def coverage(
+    z: NDArray[np.float64], whitening: NDArray[np.float64], radius: ArrayLike
+) -> NDArray[np.float64]:
+    """Share of each pixel that plain ellipses cover, in 0..1, for z (..., 2) = W (x - mean).
+
+    whitening (..., 3) entries w11, w21, w22 of W in 1/px, radius (...) in sigmas; broadcast.
+    """
+    whitening, radius = np.asarray(whitening, np.float64), np.asarray(radius, np.float64)
+    z1, z2 = np.moveaxis(z, -1, 0)
+    w11, w21, w22 = np.moveaxis(whitening, -1, 0)
+    r = np.hypot(z1, z2)
+    slope = np.hypot(w11 * z1 + w21 * z2, w22 * z2)
+    px = r / np.maximum(slope, np.finfo(np.float64).tiny)  # for each unit of r
+    near, far = ((radius + sign * r) * px + 0.5 for sign in (-1, 1))
+    o11, o21, o22 = np.moveaxis(longer_axes(whitening, radius), -1, 0)
+    u, v = z1 / w11, (z2 - w21 * z1 / w11) / w22
+    inside = np.square(o11 * u) + np.square(o21 * u + o22 * v) < 1
+    return np.where(inside, np.clip(near, 0, 1) + np.clip(far, 0, 1) - 1, 0.0)
+
+
+def longer_axes(whitening: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 3) whitening of the ellipses of radius (...) whose semi-axes are half a px longer.
+
+    Their radius is 1. whitening (..., 3) entries w11, w21, w22 in 1/px.
+    """
+    w11, w21, w22 = np.moveaxis(whitening, -1, 0)
+    l11, l21, l22 = radius / w11, -radius * w21 / (w11 * w22), radius / w22
+    xx, xy, yy = l11 * l11, l11 * l21, l21 * l21 + l22 * l22
+    middle, half = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
+    long = np.sqrt(middle + half)
+    short = l11 * l22 / long
+    # (a + 1/2)^2 = a^2 + a + 1/4 along either axis
+    more, rest = 0.5 * (long + short) + 0.25, 0.5 * (long - short)
+    turned = np.divide(rest, half, out=np.zeros_like(half), where=half > 0)
+    xx, yy = xx + more + turned * 0.5 * (xx - yy), yy + more - turned * 0.5 * (xx - yy)
+    xy = xy + turned * xy
+    l11 = np.sqrt(xx)
+    l21 = xy / l11
+    l22 = np.sqrt(yy - l21 * l21)
+    return np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=-1)
 
 
 def half_radius(beta: ArrayLike) -> NDArray[np.float64]:

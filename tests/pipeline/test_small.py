@@ -19,6 +19,7 @@ from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render
+from gauss2svg.render.cpu import render_planar, splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.minimal.write import minimal_rounded
 
@@ -296,3 +297,15 @@ def test_a_drawing_is_told_by_its_flat_colours_and_drawn_with_crisp_rims():
     assert score > 30
     assert "mask" not in found.svg
     assert found.svg.count("<path") < len(found.scene)
+
+
+def test_drawings_are_fitted_as_renderers_draw_plain_ellipses():
+    found = search(shapes(), 900, iterations=STEPS).file()
+    raster = rasterize_like(found.svg, shapes())
+    scale = 64 / found.scene.width, 64 / found.scene.height
+    model, falloff = (
+        np.moveaxis(render_planar(splats_of(found.scene, scale, covering), 64, 64), 0, -1)
+        for covering in (True, False)
+    )
+    assert len(found.scene) > 4
+    assert psnr(model, raster) > psnr(falloff, raster) + 6

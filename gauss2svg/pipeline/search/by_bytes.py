@@ -123,7 +123,7 @@ class ByBytes:
         self._most = min(caps, default=math.inf)
         self._each = MINIMAL_GZIPPED if plan.counts_gzipped else MINIMAL
         self.is_drawing = is_drawing(subject.photo) and self._options.learned_falloff
-        self._files = SmallFiles(plan, subject)
+        self._files = SmallFiles(plan, subject, covering=self.is_drawing)
         self._files.subject = self._reduced(subject)
         self.fits: list[FitResult] = []
         self._ended = ""  # why no further step is made
@@ -297,7 +297,9 @@ class ByBytes:
             config,
             fixed_count(config),
             progress=progress,
-            as_written=lambda scene, _: _with_few_exponents(scene, recipe.exponents),
+            as_written=lambda scene, _: _with_few_exponents(
+                scene, recipe.exponents, self.is_drawing
+            ),
             stop=self._stop,
             targets=subject.targets(self._plan.tune),
         )
@@ -313,12 +315,18 @@ class ByBytes:
         return scene.replace(width=width, height=height, drawn=np.where(plain, PLAIN, SOFT))
 
 
-def _with_few_exponents(scene: Scene, exponents: tuple[float, ...]) -> Scene:
-    """The scene with the nearest of these exponents, or that of a plain ellipse."""
+def _with_few_exponents(
+    scene: Scene, exponents: tuple[float, ...], covering: bool = False
+) -> Scene:
+    """The scene with the nearest of these exponents, or that of a plain ellipse.
+
+    covering: these are fitted by how much of each pixel they cover from here on.
+    """
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     logs = np.log(classes)
     nearest = np.abs(np.log(scene.beta)[:, None] - logs).argmin(axis=1)
     plain = nearest == len(exponents)
     beta = classes[nearest]
     beta[plain] = drawn_beta(scene, plain)
-    return with_falloffs(scene, beta)
+    scene = with_falloffs(scene, beta)
+    return scene.replace(drawn=np.where(plain, PLAIN, SOFT)) if covering else scene

@@ -84,12 +84,14 @@ class SmallFiles:
     """Writes scenes as files of at most the bytes of a plan.
 
     subject  its working picture is what files are compared with, and may be replaced by another
+    covering whether plain ellipses are compared by how much of each pixel they cover
     flat     the shortest file without Gaussians
     Raises InputError where that has more bytes.
     """
 
-    def __init__(self, plan: Plan, subject: Subject) -> None:
+    def __init__(self, plan: Plan, subject: Subject, covering: bool = False) -> None:
         assert plan.byte_limit is not None
+        self._covering = covering
         self._plan, self.subject, self._limit = plan, subject, plan.byte_limit
         self._flat = [self._flat_file(digits) for digits in HEX_DIGITS]
         self.flat = min(self._flat, key=lambda file: file.size)
@@ -124,7 +126,8 @@ class SmallFiles:
         None where no Gaussian is left. stop is polled before each grid but the first.
         """
         width, height = self.subject.size
-        splats = splats_of(fitted, (width / fitted.width, height / fitted.height))
+        scale = width / fitted.width, height / fitted.height
+        splats = splats_of(fitted, scale, self._covering)
         cost = self.subject.target(self._plan.tune).removal_cost(splats)[1][:, 0]
         order = np.argsort(-cost, kind="stable")
         best, whole = None, (len(fitted), self.flat.size)
@@ -146,7 +149,9 @@ class SmallFiles:
         kept, whole = len(fitted), 0
         while kept > 0:
             scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
-            exact, error = recolored(scene, self.subject.working, digits, writing.shared)
+            exact, error = recolored(
+                scene, self.subject.working, digits, writing.shared, self._covering
+            )
             file = self._file(exact, unit, digits, error)
             whole = whole or file.size
             if file.size <= self._limit:
