@@ -309,3 +309,12 @@ def test_drawings_are_fitted_as_renderers_draw_plain_ellipses():
     )
     assert len(found.scene) > 4
     assert psnr(model, raster) > psnr(falloff, raster) + 6
+
+
+@pytest.mark.parametrize("picture", [hills(), shapes()], ids=["photo", "drawing"])
+def test_small_files_are_as_close_where_skews_are_asked_for(picture):
+    files = [
+        search(picture, 1200, falloff=falloff, iterations=20).file().svg
+        for falloff in ("adaptive", "skewed")
+    ]
+    assert files[0] == files[1]
