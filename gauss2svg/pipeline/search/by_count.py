@@ -22,9 +22,9 @@ from functools import partial
 from typing import Any
 
 from gauss2svg.errors import number_within
+from gauss2svg.fit import schedule
 from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits, Snapshot, as_given
 from gauss2svg.fit.options import FitProgress, FitResult
-from gauss2svg.fit.schedule import GROWTH_SHARE
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.alpha import over
@@ -159,7 +159,7 @@ class ByCount:
 
     def _on_step(self, progress: FitProgress) -> None:
         target = self._session.population.target
-        growing = progress.done <= GROWTH_SHARE
+        growing = progress.done <= schedule.TUNING.growth_share
         self._budget.stepped(target.width * target.height, progress.gaussians, growing)
         self._after_step(FIT, self._session, progress)
         reserved = self._budget.reserve(

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit.choices import Tune
-from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.target import Target, TargetPyramid
 from gauss2svg.photo.photo import Photo
 from gauss2svg.svg.document import PHOTO_SIZE, Document
@@ -49,7 +48,7 @@ class Subject:
     def targets(self, tune: Tune) -> TargetPyramid:
         """The working image as targets of a fit, whose weight maps are computed once."""
         if tune not in self._targets:
-            self._targets[tune] = TargetPyramid(self.working, DEFAULT_DTYPE, tune)
+            self._targets[tune] = TargetPyramid(self.working, tune)
         return self._targets[tune]
 
     def target(self, tune: Tune) -> Target:
