@@ -23,7 +23,7 @@ MOST_GAUSSIANS = 10_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(OptionGroup):
-    """The model and the optimiser."""
+    """The model and the optimiser, as a caller of vectorize gives them."""
 
     iterations: Annotated[int | None, Whole(1, 10**9)] = None
     """Number of optimiser steps; the default is the preset's."""

@@ -23,7 +23,7 @@ from gauss2svg.photo.smooth import smoothed
 
 @dataclass(frozen=True)
 class WeightTuning:
-    """The formulas above (docs/decisions/perceptual.md).
+    """Contrast masking and flat areas, by the module's formulas (docs/decisions/perceptual.md).
 
     contrast       c, standard deviation of luma in 0..1 from which an error is masked
     exponent       g, how fast it fades

@@ -48,7 +48,7 @@ def tags_of(image: Image.Image) -> Tags:
 
 
 def tags_from(orientation: Any, dpi: Density | None, proportions: Density | None) -> Tags:
-    """Tags from those of the stored rows and columns.
+    """Tags of the upright photo from those of its stored rows and columns.
 
     orientation  anything; values other than 1..8 count as 1
     dpi          px per inch across and down; proportions: the same, perhaps without a unit

@@ -31,8 +31,9 @@ from gauss2svg.scene import ADD, OVER
 MEASURED_PIXELS = 1_000_000
 # Measured bytes (benchmarks/memory.py).
 _BASE = 205e6  # a photo of a few pixels
-# Per pixel of the photo: held, while decoding, and while measuring.
-_OPAQUE, _ALPHA = (12, 31, 57), (28, 70, 151)
+# Per pixel of the photo, opaque and with alpha: held, while decoding, and while measuring.
+_OPAQUE = (12, 31, 57)
+_ALPHA = (28, 70, 151)
 _HELD = 36  # per pixel of the fit, after it
 _FIT = {False: 75, True: 130}  # per pixel of the fit, by whether the loss has SSIM
 _SHAPE = 3000

@@ -139,7 +139,7 @@ def shapes_of(
 
 
 def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Scene:
-    """The scene of these shapes of it."""
+    """The scene that a file with these shapes of a scene draws."""
     plain = shapes.falloff < 0
     beta = np.array([*BETA_CLASSES, 1.0])[shapes.falloff]
     beta[plain] = arc_beta(np.sort(unit * shapes.numbers[plain, :2], axis=1)[:, ::-1])
