@@ -24,9 +24,6 @@ from gauss2svg.render.cpu import (
     squared_error,
 )
 
-_PIXELS_A_ROW = 16  # of a tile, the unit in which the kernels count pairs
-_LEAST_ALPHA = 0.5 / 255  # of a visible pixel
-
 
 @dataclass(frozen=True)
 class TargetTuning:
@@ -102,7 +99,7 @@ class Target:
             self.planar = self.source_color = color
             self._views = (View(color, None),)
         else:
-            self.visible = alpha >= _LEAST_ALPHA
+            self.visible = alpha >= 0.5 / 255
             self.source_color = _filled(color, self.visible)
             shown = [alpha * color + (1 - alpha) * color.dtype.type(b) for b in BACKDROPS]
             self.planar = np.concatenate(shown)
@@ -190,7 +187,8 @@ class Target:
             mean, gradient = image_gradient(loss, image, view.planar, ssim_weight)
             value = mean * view.planar.size
             moments = moments_of_gradient(splats, gradient)
-        return LossAndGradient(value, squares / view.planar.size, moments, rows * _PIXELS_A_ROW)
+        # Kernels count pairs in rows of a tile, of 16 px each.
+        return LossAndGradient(value, squares / view.planar.size, moments, rows * 16)
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
         """Weighted sum of squared differences, and the moments of the gradient of half of it."""

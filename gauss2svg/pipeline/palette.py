@@ -177,9 +177,8 @@ def _lloyd(
 def _rounded(features: NDArray[np.float64]) -> Palette:
     """Distinct 8-bit colours with the classes of their exponents, and skews as a file has them."""
     classes = nearest_class(np.exp(features[:, 3] / TUNING.beta_weight))
-    length = (
-        features[:, 4] / TUNING.skew_weight if features.shape[1] > 4 else np.zeros(len(features))
-    )
+    skewed = features.shape[1] > 4
+    length = features[:, 4] / TUNING.skew_weight if skewed else np.zeros(len(features))
     steps = np.round(written_skew(length, np.array(BETA_CLASSES)[classes]) / SKEW_STEP)
     levels = np.column_stack([np.round(features[:, :3] * 255), classes, steps]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)

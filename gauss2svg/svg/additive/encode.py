@@ -48,7 +48,6 @@ from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.limits import check_canvas, writable
 from gauss2svg.svg.whole_stops import whole_stops
 
-_CHANNELS = ("red", "green", "blue")
 _TRANSFER_DECIMALS = 5
 
 
@@ -212,7 +211,7 @@ def _stops_text(
 
 def _label(index: int, count: int, phase: Phase) -> str:
     """Label of a phase, such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
-    signs = tuple(zip(_CHANNELS, phase.takes, strict=True))
+    signs = tuple(zip(("red", "green", "blue"), phase.takes, strict=True))
     adds = ", ".join(name for name, taken in signs if not taken)
     takes = ", ".join(name for name, taken in signs if taken)
     one = count == 1
