@@ -15,7 +15,7 @@ from starlette.exceptions import HTTPException
 
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
-from gauss2svg.measure.drawing import draw
+from gauss2svg.measure.isolated import draw
 from gauss2svg.studio import uploads
 from gauss2svg.studio.jobs import Job
 from gauss2svg.studio.options import MOST_DRAWN

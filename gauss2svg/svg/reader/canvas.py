@@ -18,7 +18,8 @@ from gauss2svg.svg.syntax.values import length, numbers, view_box
 # The canvas in px, whatever the physical size that width and height say.
 CANVAS = "data-canvas"
 # What a background may leave free by rounding: px of the canvas, and of a path's units.
-_COVERED, _COVERED_UNITS = 0.01, 0.05
+_COVERED = 0.01
+_COVERED_UNITS = 0.05
 _ALIGNED = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
 
 
