@@ -28,7 +28,7 @@ from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg
 
 _WIDTH, _HEIGHT = 768, 512
 _UNIT = 0.04
-_FORMS = {"masks": 10**9, "gradients": -1}  # MOST_MASKED
+_FORMS = {"masks": 10**9, "gradients": -1}  # most_masked
 _SIDE = 192  # px of the fits
 _EMPTY, _BYTES_A_SHAPE, _FINE_FROM = 430, 63, 10_000
 
@@ -63,7 +63,7 @@ def forms(counts: list[int], renderers: list[str]) -> None:
         scene = random_scene(count)
         model = render(scene, _WIDTH, _HEIGHT)
         for form, most in _FORMS.items():
-            with patch.object(shapes, "MOST_MASKED", most):
+            with patch.object(shapes, "TUNING", shapes.ShapesTuning(most_masked=most)):
                 svg = minimal_svg(scene, _UNIT, 6)
             cells = [f"{count}, {form}", f"{len(svg):,}"]
             for name in renderers:

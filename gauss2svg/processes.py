@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     import subprocess
 
 WINDOWS = "nt"  # as os.name says
-_MOST_SAID = 4000  # bytes of standard error in which its last line is looked for
-_NEW_GROUP = 0x200  # CREATE_NEW_PROCESS_GROUP, which subprocess has on Windows alone
 # Exit statuses of Windows from here on are those of exceptions (ntstatus.h).
 _LEAST_EXCEPTION = 0xC0000000
 _EXCEPTIONS = {
@@ -130,7 +128,8 @@ def _end(process: subprocess.Popen[bytes], apart: bool, ending_s: float) -> None
 
 def _last_line(stream: IO[bytes]) -> str:
     stream.seek(0, os.SEEK_END)
-    stream.seek(max(0, stream.tell() - _MOST_SAID))
+    # The last line is looked for in so many bytes.
+    stream.seek(max(0, stream.tell() - 4000))
     lines = stream.read().decode(errors="replace").strip().splitlines()
     return lines[-1].strip() if lines else ""
 
@@ -158,7 +157,8 @@ def _is_current(folder: str) -> bool:
 
 def own_group(system: str = os.name) -> _Group:
     """Keywords of Popen for a process that `end_tree` ends, and that no Ctrl-C here reaches."""
-    return {"creationflags": _NEW_GROUP} if system == WINDOWS else {"start_new_session": True}
+    # CREATE_NEW_PROCESS_GROUP, which subprocess has on Windows alone.
+    return {"creationflags": 0x200} if system == WINDOWS else {"start_new_session": True}
 
 
 def end_tree(process_id: int, system: str = os.name) -> None:

@@ -19,7 +19,6 @@ from gauss2svg.errors import InputError, OutputError, brief, on_one_line
 from gauss2svg.files import check_writable, make_folder, reading, replace, write_whole
 
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
-_NO_NAMES = frozenset({"", ".", ".."})
 _ADVICE = "the path or the URL of a photo"
 _AGAIN = "Try the same command again"
 # Stores on which a put is whole or not there, and those whose rename replaces a file at once.
@@ -50,7 +49,7 @@ def without_file_protocol(path: str) -> str:
 
 def is_contained(name: str) -> bool:
     """Whether a file of this name, relative to a folder, is in it."""
-    return not os.path.splitdrive(name)[0] and _NO_NAMES.isdisjoint(PARTS_OF.split(name))
+    return not os.path.splitdrive(name)[0] and {"", ".", ".."}.isdisjoint(PARTS_OF.split(name))
 
 
 def filesystem(url: str) -> tuple[Any, str]:

@@ -26,7 +26,6 @@ from gauss2svg.files import as_cell
 
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
 _COLUMNS = PhotoRecord.__struct_fields__
-_ROWS = 10_000  # that are held at once
 _MOST_REASONS = 1000  # of failures that are distinguished
 
 
@@ -96,7 +95,7 @@ def write_table(store: Store, index: PhotoIndex) -> list[str]:
     rows = map(_row, index.records())
     with ExitStack() as stack:
         adders = [stack.enter_context(_made(store, *table)) for table in tables.items()]
-        while block := list(islice(rows, _ROWS)):
+        while block := list(islice(rows, 10_000)):  # that are held at once
             for add in adders:
                 add(block)
     return list(tables)

@@ -55,7 +55,7 @@ class Task:
 
     @property
     def place(self) -> Place:
-        """Where its record belongs."""
+        """The photo and the variant to which the task's record belongs."""
         return self.photo, self.variant
 
     @property

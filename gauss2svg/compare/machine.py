@@ -11,7 +11,7 @@ from typing import Any
 
 
 class Stopwatch:
-    """Starts when it is created."""
+    """Seconds of a machine since the watch was created."""
 
     def __init__(self) -> None:
         self._wall, self._own, self._all = time.perf_counter(), _cpu_seconds(), _busy_seconds()

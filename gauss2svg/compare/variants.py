@@ -39,7 +39,7 @@ class Variant:
 
     @property
     def preset(self) -> str | None:
-        """The preset, where that is all."""
+        """The preset of a variant that sets nothing else, or None."""
         settings = dict(self.settings)
         return settings["quality"] if self.is_own and settings.keys() == {"quality"} else None
 

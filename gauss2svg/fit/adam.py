@@ -24,7 +24,7 @@ better (docs/decisions/adam.md).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,37 +43,57 @@ RATES: Rates = {parameter.name: parameter.rate for parameter in PARAMETERS if pa
 
 
 @dataclass(frozen=True)
+class AdamTuning:
+    """How Gaussians are stepped; the learning rates are those of gauss2svg.scene.parameters.
+
+    first_decay   of Adam's first moment (docs/decisions/adam.md)
+    second_decay  of its second moment (docs/decisions/adam.md)
+    step_by_beta  power of beta by which steps of mean and shape are multiplied: the rim of a crisp
+                  shape is narrow (docs/decisions/divergence.md)
+    nearly        length of a skew under which its price falls, so that a price does not shake what
+                  it holds at 0 (docs/decisions/skew.md)
+    most_aspect   major over minor axis: thinner needles streak across flat areas
+    least_rim     px of the working image in which a rim across the minor axis falls from 0.9 to
+                  0.1: renderers sample sharper ones differently
+    """
+
+    first_decay: float = 0.9
+    second_decay: float = 0.95
+    step_by_beta: float = -0.35
+    nearly: float = 0.05
+    most_aspect: float = 30.0
+    least_rim: float = 0.5
+
+
+TUNING = AdamTuning()
+
+
+@dataclass(frozen=True)
 class Limits:
     """Bounds within which renderers draw shapes and opacities accurately.
 
     least_sigma   px of the working image, of the minor axis
     most_sigma    px of the working image, of the major axis
-    most_aspect   major over minor axis: thinner needles streak across flat areas
+    most_aspect   major over minor axis
     most_raw_beta  ln of the exponent of the falloff; the least exponent is 1, less ends worse
                   (docs/decisions/adam.md)
-    least_rim     px of the working image in which a rim across the minor axis falls from
-                  0.9 to 0.1: renderers sample sharper ones differently
+    least_rim     px of the working image in which a rim across the minor axis falls
     least_color, most_color  of each channel
     held_skew     whether skews keep their lengths, those of the file, and turn alone
     """
 
     least_sigma: float
     most_sigma: float
-    most_aspect: float = 30.0
+    most_aspect: float = field(default_factory=lambda: TUNING.most_aspect)
     most_raw_beta: float = MOST_RAW_BETA
-    least_rim: float = 0.5
+    least_rim: float = field(default_factory=lambda: TUNING.least_rim)
     least_color: float = 0.0
     most_color: float = 1.0
     held_skew: bool = False
 
 
-FIRST_DECAY, SECOND_DECAY = 0.9, 0.95
 # Keeps a step finite where the gradient has always been 0; added before the bias correction.
 EPSILON = 1e-12
-# Steps of mean and shape are multiplied by beta to this power (docs/decisions/divergence.md).
-_STEP_BY_BETA = -0.35
-# Length of a skew under which its price falls, so that a price does not shake what it holds at 0.
-_NEARLY = 0.05
 _SKEW = COLUMNS["skew"]
 # Gaussians that are stepped at a time, so that what is computed for them stays in the cache.
 _BLOCK = 4096
@@ -99,7 +119,8 @@ def gradients(
     gradient[:, 3] -= skew[:, 0] * by_skew[:, 1] - skew[:, 1] * by_skew[:, 0]
     share = skew / MOST_SKEW
     squares = np.square(share).sum(axis=1, keepdims=True)
-    by_skew += skew_price * skew / np.sqrt(np.square(skew).sum(axis=1, keepdims=True) + _NEARLY**2)
+    length = np.sqrt(np.square(skew).sum(axis=1, keepdims=True) + TUNING.nearly**2)
+    by_skew += skew_price * skew / length
     # f = MOST_SKEW u / sqrt(1 + u.u)
     by_skew -= share * (share * by_skew).sum(axis=1, keepdims=True)
     by_skew *= MOST_SKEW * np.sqrt(1 - squares)
@@ -136,7 +157,7 @@ def _step_block(
     used = slice(None if sizes[_SKEW].any() else _SKEW.start)
     d = _directions(first[:, used], second[:, used], age, gradient[:, used], sizes[used])
     mean = state.mean[block]
-    blunted = np.exp(_STEP_BY_BETA * state.raw_beta[block])
+    blunted = np.exp(TUNING.step_by_beta * state.raw_beta[block])
     d[:5] = [direction * blunted for direction in d[:5]]
     l11, l21, l22 = state.factor[block].T
     x = mean[:, 0] + l11 * d[0]
@@ -208,18 +229,19 @@ def _directions(
     The bias of both moments is corrected in one factor a Gaussian, as "Adam: A Method for
     Stochastic Optimization" (Kingma and Ba, 2015) suggests at the end of its section 2.
     """
+    first_decay, second_decay = TUNING.first_decay, TUNING.second_decay
     age += 1
-    scratch = (1 - FIRST_DECAY) * gradient
-    first *= FIRST_DECAY
+    scratch = (1 - first_decay) * gradient
+    first *= first_decay
     first += scratch
     np.multiply(gradient, gradient, out=scratch)
-    scratch *= 1 - SECOND_DECAY
-    second *= SECOND_DECAY
+    scratch *= 1 - second_decay
+    second *= second_decay
     second += scratch
     np.sqrt(second, out=scratch)
     scratch += EPSILON
     np.divide(first, scratch, out=scratch)
-    unbiased = -np.sqrt(1 - SECOND_DECAY**age) / (1 - FIRST_DECAY**age)
+    unbiased = -np.sqrt(1 - second_decay**age) / (1 - first_decay**age)
     return [size * unbiased * column for size, column in zip(sizes, scratch.T, strict=True)]
 
 

@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 from gauss2svg.fit.adam import RATES, Rates
 from gauss2svg.scene import ADD
 
 # An opaque or additive Gaussian has no opacity: its logit stays at one of practically 1.
-_OPAQUE_LOGIT = 12.0
+OPAQUE_LOGIT = 12.0
+
+
+@dataclass(frozen=True)
+class BlendingTuning:
+    """Where new Gaussians begin, and how those of additive blending move (docs/decisions/fit.md).
+
+    initial_opacity_logit  of a new alpha-composited Gaussian
+    initial_sigma          of a new Gaussian, as a share of the mean spacing
+    signed_color_rate      learning rate of signed colours
+    most_signed_color      of each channel while it is fitted, either way
+    """
+
+    initial_opacity_logit: float = 1.0
+    initial_sigma: float = 0.3
+    signed_color_rate: float = 0.025
+    most_signed_color: float = 0.5
+
+
+TUNING = BlendingTuning()
 
 
 @dataclass(frozen=True)
@@ -32,14 +50,6 @@ class Blending:
     color_from_residual: bool
 
 
-# All values from the ablations in docs/decisions/fit.md.
-_OVER = Blending(False, RATES, 0.0, 1.0, 1.0, 0.3, color_from_residual=False)
-_ADD = Blending(
-    True, {**RATES, "opacity": 0.0, "color": 0.025}, -0.5, 0.5, _OPAQUE_LOGIT, 0.3,
-    color_from_residual=True,
-)  # fmt: skip
-
-
 def blending(
     blend: str, opaque: bool = False, learned_falloff: bool = True, learned_skew: bool = True
 ) -> Blending:
@@ -49,11 +59,23 @@ def blending(
     learned_falloff  whether exponents are stepped; else all stay those of Gaussians
     learned_skew     whether skews are stepped; else all stay 0
     """
-    found = _ADD if blend == ADD else _OVER
+    additive = blend == ADD
+    rates = dict(RATES)
+    if additive:
+        rates |= {"opacity": 0.0, "color": TUNING.signed_color_rate}
+    if opaque:
+        rates["opacity"] = 0.0
     for name, learned in (("beta", learned_falloff), ("skew", learned_skew)):
         if not learned:
-            found = dataclasses.replace(found, rates={**found.rates, name: 0.0})
-    if not opaque:
-        return found
-    rates = {**found.rates, "opacity": 0.0}
-    return dataclasses.replace(found, rates=rates, initial_opacity_logit=_OPAQUE_LOGIT)
+            rates[name] = 0.0
+    return Blending(
+        additive=additive,
+        rates=rates,
+        least_color=-TUNING.most_signed_color if additive else 0.0,
+        most_color=TUNING.most_signed_color if additive else 1.0,
+        initial_opacity_logit=(
+            OPAQUE_LOGIT if additive or opaque else TUNING.initial_opacity_logit
+        ),
+        initial_sigma=TUNING.initial_sigma,
+        color_from_residual=additive,
+    )

@@ -5,25 +5,36 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from gauss2svg.errors import whole_number
+from gauss2svg.fit import schedule
 from gauss2svg.fit.saved import Saved, checks, number, optional, whole
-from gauss2svg.fit.schedule import FULL_FROM, GROWTH_SHARE, REDUCED_STEPS, REDUCED_TIME
 from gauss2svg.options import Flag
 
-# Where only time is limited, a round of growth takes at most this many steps: the rest of the time
-# is better spent once all Gaussians exist.
-_MOST_STEPS_A_ROUND = 30
 _MOST_STEPS = 10**9
 
 
+@dataclass(frozen=True)
+class ClockTuning:
+    """The clock of a fit that only time limits.
+
+    most_steps_a_round  of growth; the rest of the time is better spent once all Gaussians exist
+    """
+
+    most_steps_a_round: int = 30
+
+
+TUNING = ClockTuning()
+
+
 class Clock(Saved):
-    """Progress in 0..1: growth, in at most `rounds` rounds, is 0..GROWTH_SHARE, then refinement.
+    """Progress in 0..1: growth, in at most `rounds` rounds, is 0..growth_share, then refinement.
 
     iterations        of both stages, or None for as many as the time allows
     deadline          in s of time.perf_counter(), or None; may be moved
-    round_iterations  of each round of growth; None: growth takes GROWTH_SHARE of the iterations
+    round_iterations  of each round of growth; None: growth takes growth_share of the iterations
     stop              polled at every step; once it returns True the fit ends
     """
 
@@ -75,23 +86,23 @@ class Clock(Saved):
 
     def round_is_over(self, index: int) -> bool:
         """Whether round `index` (0, 1, ...) of growth has used its steps or its time."""
-        share = (index + 1) / self._rounds
-        steps = _MOST_STEPS_A_ROUND * (index + 1)
+        growth, share = schedule.TUNING.growth_share, (index + 1) / self._rounds
+        steps = TUNING.most_steps_a_round * (index + 1)
         if self._round_iterations is not None:
             steps = self._round_iterations * (index + 1)
         elif self.iterations is not None:
-            steps = int(self.iterations * GROWTH_SHARE) * (index + 1) // self._rounds
-        late = self._time_share() >= GROWTH_SHARE * share
+            steps = int(self.iterations * growth) * (index + 1) // self._rounds
+        late = self._time_share() >= growth * share
         return self.iteration >= steps or late or self.stopped
 
     @property
     def growth_is_late(self) -> bool:
         """Whether growth has used its share of the time."""
-        return self._time_share() >= GROWTH_SHARE
+        return self._time_share() >= schedule.TUNING.growth_share
 
     def growth_progress(self, index: int) -> float:
-        """Progress in 0..GROWTH_SHARE at the end of round `index`."""
-        return GROWTH_SHARE * min((index + 1) / self._rounds, 1.0)
+        """Progress in 0..growth_share at the end of round `index`."""
+        return schedule.TUNING.growth_share * min((index + 1) / self._rounds, 1.0)
 
     def begin_refinement(self, steps: int | None, progress: float, reduced: bool = False) -> None:
         """Begin refinement: `steps` iterations, or the time left, take `progress` to 1.
@@ -129,12 +140,13 @@ class Clock(Saved):
         if not self._reduced:
             return self._from + (1 - self._from) * min(max(by_steps, by_time), 1.0)
         # Steps on reduced pictures are many, and take little of the time.
-        until = FULL_FROM[0]
+        tuning = schedule.TUNING
+        until = tuning.full_from
         steps, seconds = (
             self._from + (until - self._from) * share / reduced
             if share < reduced
             else 1 - (1 - until) * (1 - share) / (1 - reduced)
-            for share, reduced in ((by_steps, REDUCED_STEPS), (by_time, REDUCED_TIME))
+            for share, reduced in ((by_steps, tuning.reduced_steps), (by_time, tuning.reduced_time))
         )
         self.out_of_time = seconds > steps
         return min(max(steps, seconds), 1.0)

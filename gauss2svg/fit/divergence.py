@@ -7,29 +7,51 @@ undo nearly all progress. docs/decisions/divergence.md has the measurements.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from gauss2svg.fit.saved import Saved, checks, number, optional, whole
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
 
-# A loss has diverged when it is this many times the least since the last change, when it has
-# stalled for this many steps at this many times the least of all, or when a stage ends at this
-# many times the least.
-_DIVERGED = 2.0
-_STALLED, _STALLED_STEPS = 1.5, 25
-_WORSE_AT_END = 1.2
-_ROUNDING = 1 + 1e-6  # of a loss that is summed in another order
 # Mean squared error under which a fit cannot diverge: 50 dB.
 NEGLIGIBLE = 1e-5
 # Mean squared error that no step can improve: 120 dB, at which no pixel of a million is off by half
 # a level. Adam would take full steps all the same.
 EXACT = 1e-12
-# After a rollback steps begin at a quarter of those that diverged and grow to half of them, so one
-# bad step among many good ones costs little. Where the next few steps diverge as well, they grow
-# to a tenth only.
-_CEILING, _LOWERED, _GROWTH = 0.5, 0.5, 1.1
-_AGAIN, _CEILING_AGAIN = 3, 0.1
-_GENTLE = 0.25  # of the ceiling, where a finished fit continues
+
+
+@dataclass(frozen=True)
+class DivergenceTuning:
+    """When a loss has diverged, and the steps after it (docs/decisions/divergence.md).
+
+    After a rollback steps begin at a quarter of those that diverged and grow to half of them, so
+    one bad step among many good ones costs little.
+
+    diverged       times the least loss since the last change, above which a loss has diverged
+    stalled        times the least loss of all, above which it has stalled
+    stalled_steps  for which it has, by which it has diverged too
+    worse_at_end   times the least loss, above which a stage that ends has
+    ceiling        share of the steps that diverged to which steps grow again
+    ceiling_again  that share where the next few steps diverge as well
+    again          steps, fewer than which are the next few
+    lowered        share of that ceiling at which they begin
+    growth         of each step over the one before
+    gentle         share of the ceiling at which a finished fit continues
+    """
+
+    diverged: float = 2.0
+    stalled: float = 1.5
+    stalled_steps: int = 25
+    worse_at_end: float = 1.2
+    ceiling: float = 0.5
+    ceiling_again: float = 0.1
+    again: int = 3
+    lowered: float = 0.5
+    growth: float = 1.1
+    gentle: float = 0.25
+
+
+TUNING = DivergenceTuning()
 
 
 class DivergenceGuard(Saved):
@@ -64,13 +86,13 @@ class DivergenceGuard(Saved):
 
     def reset(self) -> None:
         """Forget the best state, for later losses are not comparable; steps may grow again."""
-        self._ceiling = max(self._ceiling, min(self._ceiling / _CEILING, self._usual))
+        self._ceiling = max(self._ceiling, min(self._ceiling / TUNING.ceiling, self._usual))
         self._state = self._shared = None
         self.least, self._recent, self._since = math.inf, math.inf, 0
 
     def begin_gently(self) -> None:
         """Continue with small steps that grow: full ones undo a drawing that is nearly exact."""
-        self.rate = min(self.rate, _GENTLE * self._ceiling)
+        self.rate = min(self.rate, TUNING.gentle * self._ceiling)
 
     def relocated(self) -> None:
         """Allow a larger loss after a relocation."""
@@ -82,11 +104,11 @@ class DivergenceGuard(Saved):
             return False
         self._since += 1
         self._accepted += 1
-        stalled = loss > _STALLED * self.least and self._since > _STALLED_STEPS
-        if error > NEGLIGIBLE and (loss > _DIVERGED * self._recent or stalled):
+        stalled = loss > TUNING.stalled * self.least and self._since > TUNING.stalled_steps
+        if error > NEGLIGIBLE and (loss > TUNING.diverged * self._recent or stalled):
             return False
         self._recent = min(self._recent, loss)
-        self.rate = min(self.rate * _GROWTH, self._ceiling)
+        self.rate = min(self.rate * TUNING.growth, self._ceiling)
         if loss < self.least:
             self.least, self._since = loss, 0
             self._state, self._shared = state.copy(), None if shared is None else shared.copy()
@@ -98,20 +120,22 @@ class DivergenceGuard(Saved):
         tolerant: only where the loss is a fifth larger. Where steps were too large before, that
         counts as another rollback.
         """
-        diverged = not loss <= _WORSE_AT_END * self.least
+        diverged = not loss <= TUNING.worse_at_end * self.least
         if diverged and (self._usual < 1 or self.rollbacks > 0):
             self.roll_back()
-        return diverged if tolerant else not loss <= self.least * _ROUNDING
+        if tolerant:
+            return diverged
+        return not loss <= self.least * (1 + 1e-6)  # rounding of a sum in another order
 
     def roll_back(self) -> tuple[State, SharedColors | None] | None:
         """The best state, from which to continue in smaller steps; None if there is none."""
         self.rollbacks += 1
-        again = self._accepted < _AGAIN
-        share = _CEILING_AGAIN if again and self.rollbacks > 1 else _CEILING
+        again = self._accepted < TUNING.again
+        share = TUNING.ceiling_again if again and self.rollbacks > 1 else TUNING.ceiling
         # Steps far above the usual ones go half of the way back to those, in decades.
         self._ceiling = min(self.rate * share, math.sqrt(self.rate * self._usual))
         self._accepted = 0
-        self.rate = self._ceiling * _LOWERED
+        self.rate = self._ceiling * TUNING.lowered
         self._recent, self._since = math.inf, 0
         return self.best()
 

@@ -12,8 +12,6 @@ from gauss2svg.fit.choices import has_ssim
 # Weight of 1 - SSIM against the pixel term, as in "3D Gaussian Splatting for
 # Real-Time Radiance Field Rendering" (Kerbl et al., 2023).
 SSIM_WEIGHT = 0.2
-_RADIUS, _SIGMA = 5, 1.5
-_C1, _C2 = 0.01**2, 0.03**2
 
 
 def image_gradient(
@@ -60,13 +58,14 @@ def structural_similarity(
     image; a smaller image takes the largest odd window that fits.
     """
     height, width = image.shape
-    radius = min(_RADIUS, (height - 1) // 2, (width - 1) // 2)
+    c1, c2 = 0.01**2, 0.03**2
+    radius = min(5, (height - 1) // 2, (width - 1) // 2)
     windows = slice(radius, height - radius), slice(radius, width - radius)
 
     from scipy.ndimage import gaussian_filter  # a third of a second, and seldom needed
 
     def blurred(plane: NDArray[np.floating]) -> NDArray[np.floating]:
-        return gaussian_filter(plane, _SIGMA, radius=radius, mode="constant")
+        return gaussian_filter(plane, 1.5, radius=radius, mode="constant")
 
     def gathered(slope: NDArray[np.floating]) -> NDArray[np.floating]:
         whole = np.zeros_like(image)
@@ -75,8 +74,8 @@ def structural_similarity(
 
     products = image, target, image * image, target * target, image * target
     a, b, p, s, q = (blurred(plane)[windows] for plane in products)
-    a1, a2 = 2 * a * b + _C1, 2 * (q - a * b) + _C2
-    b1, b2 = a * a + b * b + _C1, p - a * a + s - b * b + _C2
+    a1, a2 = 2 * a * b + c1, 2 * (q - a * b) + c2
+    b1, b2 = a * a + b * b + c1, p - a * a + s - b * b + c2
     over = 1 / (b1 * b2)
     similarity = a1 * a2 * over
     by_mean = 2 * b * (a2 - a1) * over + 2 * a * similarity * (1 / b2 - 1 / b1)

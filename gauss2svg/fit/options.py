@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, quoted, whole_number
+from gauss2svg.fit import schedule
 from gauss2svg.fit.choices import PERCEPTUAL, Tune, has_ssim
-from gauss2svg.fit.schedule import GROWTH_SHARE, steps_of, totals
+from gauss2svg.fit.schedule import steps_of, totals
 from gauss2svg.options import Number, OptionGroup, Whole
 from gauss2svg.scene.names import ADAPTIVE, ADD, GAUSSIAN, OVER, SKEWED
 
@@ -19,14 +20,10 @@ if TYPE_CHECKING:
 # 228 bytes of optimiser state each make over 2 GB.
 MOST_GAUSSIANS = 10_000_000
 
-# Number types of the kernels; float64 gains no PSNR (docs/decisions/numbers.md).
-DTYPES = ("float32", "float64")
-DEFAULT_DTYPE = "float32"
-
 
 @dataclass(frozen=True, kw_only=True)
 class FitOptions(OptionGroup):
-    """The model and the optimiser."""
+    """The model and the optimiser, as a caller of vectorize gives them."""
 
     iterations: Annotated[int | None, Whole(1, 10**9)] = None
     """Number of optimiser steps; the default is the preset's."""
@@ -103,11 +100,13 @@ class DensifyOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class FitConfig:
-    """All settings of a fit.
+    """What `fit` takes: the two groups of options of a fit, and what a run finds for it.
+
+    A caller of vectorize gives FitOptions and DensifyOptions; the numbers beside them are its
+    preset's and its limits'.
 
     gaussians   number of Gaussians, >= 0; 0 gives the mean colour, or leaves it to the policy
     iterations  optimiser steps, >= 1; None: until the deadline
-    dtype       one of DTYPES, which the kernels compute in
     reduce      whether few Gaussians are fitted on reduced targets first, which is faster
     extend      whether a fit takes twice the iterations where most are on reduced targets
     opaque      whether all opacities stay 1, which is shorter to write
@@ -118,7 +117,6 @@ class FitConfig:
     iterations: int | None = 200
     fit: FitOptions = FitOptions()
     densify: DensifyOptions = DensifyOptions()
-    dtype: str = DEFAULT_DTYPE
     reduce: bool = True
     extend: bool = False
     opaque: bool = False
@@ -128,8 +126,6 @@ class FitConfig:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)
         if self.iterations is not None:
             whole_number("iterations", self.iterations, 1, 10**9)
-        if self.dtype not in DTYPES:
-            raise InputError(f"dtype must be one of {', '.join(DTYPES)}; got {quoted(self.dtype)}")
         if self.fit.blend == ADD and self.fit.falloff not in (None, GAUSSIAN):
             raise InputError(
                 f"falloff must be {GAUSSIAN} with additive blending; got "
@@ -159,7 +155,7 @@ class FitConfig:
         rounds = len(self.totals)
         if self.iterations is None or (each is None and per_round is None):
             return
-        room = self.iterations if each else int(self.iterations * GROWTH_SHARE)
+        room = self.iterations if each else int(self.iterations * schedule.TUNING.growth_share)
         if rounds * (each or 1) > room:
             raise InputError(
                 f"iterations must leave room for {rounds} rounds of {each or 1} or more; got "

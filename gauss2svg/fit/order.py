@@ -17,8 +17,6 @@ from gauss2svg.fit.state import State
 # From (n, 2) positions, as shares of width and height, to the (n,) segment under each.
 SegmentAt = Callable[[NDArray[np.float64]], NDArray[np.intp]]
 
-_BISECTIONS = 8  # of the way back into a segment
-
 
 class SegmentOrder:
     """Keeps the shapes of each round in the order of the segments under their centres.
@@ -54,7 +52,8 @@ class SegmentOrder:
         segment = self._segment_at(self.home)
         left = self._segment_at(now) != segment
         inside, outside = self.home[left], now[left]
-        for _ in range(_BISECTIONS):
+        # Bisections of the way back into the segment.
+        for _ in range(8):
             middle = 0.5 * (inside + outside)
             within = self._segment_at(middle) == segment[left]
             inside = np.where(within[:, None], middle, inside)

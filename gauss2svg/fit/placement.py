@@ -15,24 +15,40 @@ from gauss2svg.fit.options import FitOptions
 from gauss2svg.fit.target import Target
 from gauss2svg.photo.smooth import smoothed
 
-FIRST_RAW_BETA = 0.1  # ln beta; the start hardly matters
-# At exactly 0 the kernels leave out what the gradient of the skew needs.
-FIRST_RAW_SKEW = 0.01
-_LEAST_SIGMA = 0.8  # px
-_LEAST_MINOR = 0.6  # px
-_ELONGATION = 0.5  # along an edge sigma is e^0.5 longer, across it as much shorter
-# selective: residuals under this share of the largest are left out, the rest is quantised into
-# this many bins of equal width, as in LIVE.
-_REJECTED_SHARE = 0.2
-_BINS = 8
-_MOST_FIRST_ASPECT = 6.0  # of a component; round starts lose PSNR, most of all on drawings
-# New Gaussians cannot repair a pixel that is covered too much: from this surplus of alpha on its
-# residual is weighted by this much.
-_TOO_COVERED, _COVERED_WEIGHT = 0.03, 0.3
 _PIXEL_VARIANCE = 1 / 12  # px^2, of a pixel's own extent
-# live: sigma = sqrt(A / (r s^2)) grid units for a component of A px and a kernel of s samples; the
-# grid spans -5 to 5, so that a unit is s / 10 px and s cancels: sigma = sqrt(A / 7) px.
-_LIVE_R, _GRID_UNITS = 0.07, 10
+
+
+@dataclass(frozen=True)
+class PlacementTuning:
+    """Where new Gaussians begin (docs/decisions/placement.md).
+
+    first_raw_beta     ln beta; the start hardly matters
+    first_raw_skew     at exactly 0 the kernels leave out what the gradient of the skew needs
+    least_sigma        px
+    least_minor        px, of the minor axis
+    elongation         of one placed by error: along an edge sigma is e^elongation longer, across it
+                       as much shorter
+    rejected_share     share of the largest residual, under which residuals are left out
+    bins               of equal width, into which the rest is quantised, as in LIVE
+    most_first_aspect  of a component; round starts lose PSNR, most of all on drawings
+    too_covered        surplus of alpha from which a pixel is covered too much, which new Gaussians
+                       cannot repair
+    covered_weight     of the residual of such a pixel
+    """
+
+    first_raw_beta: float = 0.1
+    first_raw_skew: float = 0.01
+    least_sigma: float = 0.8
+    least_minor: float = 0.6
+    elongation: float = 0.5
+    rejected_share: float = 0.2
+    bins: int = 8
+    most_first_aspect: float = 6.0
+    too_covered: float = 0.03
+    covered_weight: float = 0.3
+
+
+TUNING = PlacementTuning()
 
 
 @dataclass(frozen=True)
@@ -61,8 +77,8 @@ class NewGaussians:
 def first_falloff(count: int, options: FitOptions) -> dict[str, NDArray[np.float64]]:
     """Raw exponents and skews of `count` new Gaussians, by the names of a state."""
     return {
-        "raw_beta": np.full(count, FIRST_RAW_BETA if options.learned_falloff else 0.0),
-        "raw_skew": np.full((count, 2), FIRST_RAW_SKEW if options.learned_skew else 0.0),
+        "raw_beta": np.full(count, TUNING.first_raw_beta if options.learned_falloff else 0.0),
+        "raw_skew": np.full((count, 2), TUNING.first_raw_skew if options.learned_skew else 0.0),
     }
 
 
@@ -110,7 +126,8 @@ class _Placer:
             self._residual *= target.visible
             over_white, over_black = self._residual[:3], self._residual[3:]
             surplus = (over_white - over_black).mean(axis=0)  # of alpha, over the target's
-            self._residual *= np.where(surplus > _TOO_COVERED, _COVERED_WEIGHT, 1.0)
+            too_covered = surplus > TUNING.too_covered
+            self._residual *= np.where(too_covered, TUNING.covered_weight, 1.0)
         self._color = self._residual if blending.color_from_residual else target.source_color
         if target.tune == PERCEPTUAL:
             self._residual = self._residual * np.sqrt(target.weight)
@@ -130,9 +147,9 @@ class _Placer:
         if not total[-1] > 0:  # already exact everywhere
             pixel = self._rng.integers(total.size, size=count)
         y, x = np.divmod(pixel, self._target.width)
-        sigma = max(self._spacing * self._initial_sigma, _LEAST_SIGMA)
+        sigma = max(self._spacing * self._initial_sigma, TUNING.least_sigma)
         along, coherence = self._target.edges
-        stretch = np.exp(_ELONGATION * coherence[y, x])
+        stretch = np.exp(TUNING.elongation * coherence[y, x])
         factor = _oriented(sigma * stretch, sigma / stretch, along[y, x])
         return NewGaussians(np.stack([x + 0.5, y + 0.5], axis=1), factor, self._color_at(x, y))
 
@@ -146,13 +163,13 @@ class _Placer:
         parts = self._components(count)
         if parts is None:
             return self.by_error(count)
-        sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), _LEAST_SIGMA)
+        sigma = np.maximum(0.5 * np.sqrt(parts.area / np.pi), TUNING.least_sigma)
         xx, xy, yy = parts.moments()
         spread = np.hypot(xx - yy, 2 * xy)
         aspect = np.sqrt((xx + yy + spread) / np.maximum(xx + yy - spread, 2 * _PIXEL_VARIANCE))
-        stretch = np.sqrt(np.minimum(aspect, _MOST_FIRST_ASPECT))
+        stretch = np.sqrt(np.minimum(aspect, TUNING.most_first_aspect))
         angle_rad = 0.5 * np.arctan2(2 * xy, xx - yy)
-        minor = np.maximum(sigma / stretch, _LEAST_MINOR)
+        minor = np.maximum(sigma / stretch, TUNING.least_minor)
         found = NewGaussians(
             mean=parts.center() + 0.5,
             factor=_oriented(sigma * stretch, minor, angle_rad),
@@ -168,7 +185,8 @@ class _Placer:
         parts = self._components(count)
         if parts is None:
             return self.at_random(count)
-        sigma = np.maximum(np.sqrt(parts.area / (_LIVE_R * _GRID_UNITS**2)), _LEAST_SIGMA)
+        # s samples of a kernel span -5 to 5, so that a unit is s / 10 px, and s cancels; r is 0.07.
+        sigma = np.maximum(np.sqrt(parts.area / (0.07 * 10**2)), TUNING.least_sigma)
         center = parts.center()
         x, y = np.round(center).astype(np.intp).T
         factor = np.stack([sigma, 0 * sigma, sigma], axis=1)
@@ -183,7 +201,7 @@ class _Placer:
         if target.visible is not None:
             y, x = np.divmod(rng.choice(np.flatnonzero(target.visible), count), target.width)
             mean = rng.random((count, 2)) + np.stack([x, y], axis=1)
-        sigma = np.maximum(rng.random((count, 2)) * self._spacing, _LEAST_SIGMA)
+        sigma = np.maximum(rng.random((count, 2)) * self._spacing, TUNING.least_sigma)
         rho = rng.uniform(-1, 1, count) * 0.95  # nearer to 1 it would start as a needle
         x, y = np.minimum(mean.astype(np.intp), [target.width - 1, target.height - 1]).T
         rest = np.sqrt(1 - rho**2)
@@ -203,8 +221,8 @@ class _Placer:
         largest = float(difference.max())
         if largest <= 0:
             return None
-        bins = np.ceil(difference / largest * _BINS).astype(np.int32)
-        bins[difference < _REJECTED_SHARE * largest] = 0
+        bins = np.ceil(difference / largest * TUNING.bins).astype(np.int32)
+        bins[difference < TUNING.rejected_share * largest] = 0
         components = components_of(bins).ravel()
         area = np.bincount(components)
         area[0] = 0  # the rejected pixels

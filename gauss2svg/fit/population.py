@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,18 @@ from gauss2svg.scene import ADD, Scene
 # Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
 
-_RELOCATION_SHARE = 0.08
+
+@dataclass(frozen=True)
+class PopulationTuning:
+    """How the Gaussians of a fit change their places.
+
+    relocated  share of them that is relocated at a time (docs/decisions/fit.md)
+    """
+
+    relocated: float = 0.08
+
+
+TUNING = PopulationTuning()
 
 
 class Population(Saved):
@@ -61,7 +73,7 @@ class Population(Saved):
         if has_alpha(pixels):
             self.background = np.ones(3)  # not written
         self.rng = np.random.default_rng(config.fit.seed)
-        self._pyramid = targets or TargetPyramid(pixels, config.dtype, config.fit.tuned)
+        self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
         self._order = None if segment_at is None else SegmentOrder(segment_at)
@@ -151,7 +163,7 @@ class Population(Saved):
         """Move the least useful Gaussians to where the error is; whether any moved."""
         rendered, cost = self.target.removal_cost(self.splats())
         total = len(self)
-        count = int(_RELOCATION_SHARE * total)
+        count = int(TUNING.relocated * total)
         if not count:
             return False
         kept = np.sort(np.argsort(cost[:, 0], kind="stable")[count:])

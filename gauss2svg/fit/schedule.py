@@ -3,35 +3,62 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from gauss2svg.errors import InputError, quoted
 
-ROUNDS = 6  # 4 to 20 end within 0.1 dB of each other
-# All Gaussians have been added after this share of the iterations (docs/decisions/fit.md).
-GROWTH_SHARE = 0.3
-# The learning rate is constant up to here, then decays to a fiftieth by a cosine.
-DECAY_START = 0.75
-_LAST_RATE = 0.02
-# From here on exponents and colours are those of the file; earlier costs PSNR
-# (docs/decisions/fit.md), unless shapes are skewed (docs/decisions/skew.md).
-QUANTIZED_FROM, SKEWS_QUANTIZED_FROM = 0.85, 0.8
-# The target of a round is reduced as long as each Gaussian keeps this many pixels: a fifth fewer
-# pixel-Gaussian pairs at no loss of PSNR (docs/decisions/fit.md).
-_PIXELS_PER_GAUSSIAN = 36
 LARGEST_REDUCTION = 8
-# Refinement of few Gaussians runs on half the picture up to the first progress, on a quarter up to
-# the second, as long as each Gaussian keeps as many pixels (docs/decisions/few.md, also for the
-# next two).
-FULL_FROM = 0.55, 0.45
-_SMALLEST_REFINED_SIDE = 128  # on smaller pictures a step costs little anyway
-# Share of the steps of refinement until the full picture, and of the time where that ends the fit;
-# and how many times a preset's steps a fit takes where they are reduced.
-REDUCED_STEPS, REDUCED_TIME = 0.72, 0.4
-_EXTENDED = 2
-# Relocation, docs/decisions/fit.md: progress between which it happens, iterations between two; and
-# where a long fit relocates no more often than a short one, the share of its iterations between.
-_RELOCATION, _RELOCATION_EVERY, _RELOCATION_SHARE = (0.2, 0.75), 10, 0.05
-_SMALLEST_SIDE = 32
+
+
+@dataclass(frozen=True)
+class ScheduleTuning:
+    """When a fit does what, as progress in 0..1 if nothing else is said (docs/decisions/fit.md).
+
+    rounds                 of growth; 4 to 20 end within 0.1 dB of each other
+    growth_share           by which all Gaussians have been added
+    decay_start            up to which the learning rate is constant; then it decays by a cosine
+    last_rate              share of the learning rate at the end
+    quantized_from         from which exponents and colours are those of the file; earlier is worse
+    skews_quantized_from   the same where shapes are skewed (docs/decisions/skew.md)
+    pixels_per_gaussian    that each keeps on a reduced target: a fifth fewer pixel-Gaussian pairs
+                           at no loss of PSNR
+    smallest_side          px of a reduced target in growth
+    full_from              up to which refinement of few Gaussians runs on half the picture
+                           (docs/decisions/few.md, also for the next five)
+    half_from              up to which it runs on a quarter
+    smallest_refined_side  px of a reduced target in refinement; on smaller ones a step costs little
+    reduced_steps          share of the steps of refinement until the full picture
+    reduced_time           share of the time until then, where time ends the fit
+                           (docs/decisions/time.md)
+    extended               times a preset's steps, where most are on reduced targets
+    relocate_from          from which Gaussians are relocated
+    relocate_until         until which they are
+    relocate_every         steps from one relocation to the next
+    relocate_share         share of a long fit's steps from one to the next, where it relocates no
+                           more often than a short one (docs/decisions/time.md)
+    """
+
+    rounds: int = 6
+    growth_share: float = 0.3
+    decay_start: float = 0.75
+    last_rate: float = 0.02
+    quantized_from: float = 0.85
+    skews_quantized_from: float = 0.8
+    pixels_per_gaussian: int = 36
+    smallest_side: int = 32
+    full_from: float = 0.55
+    half_from: float = 0.45
+    smallest_refined_side: int = 128
+    reduced_steps: float = 0.72
+    reduced_time: float = 0.4
+    extended: int = 2
+    relocate_from: float = 0.2
+    relocate_until: float = 0.75
+    relocate_every: int = 10
+    relocate_share: float = 0.05
+
+
+TUNING = ScheduleTuning()
 
 
 def totals(
@@ -52,7 +79,7 @@ def totals(
                 f"{quoted(schedule)}"
             )
         return _totals_by_round(schedule, gaussians, per_round)
-    count = ROUNDS if iterations is None else min(ROUNDS, iterations)
+    count = TUNING.rounds if iterations is None else min(TUNING.rounds, iterations)
     if schedule == "exponential":
         counts = [math.ceil(gaussians * 0.5 ** (count - 1 - r)) for r in range(count)]
     elif schedule == "linear":
@@ -75,8 +102,8 @@ def reduction(gaussians: int, width: int, height: int) -> int:
     factor = 1
     while (
         factor < LARGEST_REDUCTION
-        and width * height / (4 * factor**2 * gaussians) >= _PIXELS_PER_GAUSSIAN
-        and min(width, height) / (2 * factor) >= _SMALLEST_SIDE
+        and width * height / (4 * factor**2 * gaussians) >= TUNING.pixels_per_gaussian
+        and min(width, height) / (2 * factor) >= TUNING.smallest_side
     ):
         factor *= 2
     return factor
@@ -85,22 +112,22 @@ def reduction(gaussians: int, width: int, height: int) -> int:
 def refinement_reduction(done: float, gaussians: int, width: int, height: int) -> int:
     """The factor by which width and height are divided in refinement at progress `done` in 0..1.
 
-    Each of FULL_FROM that is still ahead halves the picture once more, as long as each Gaussian
-    keeps 36 pixels.
+    Each of full_from and half_from that is still ahead halves the picture once more, as long as
+    each Gaussian keeps 36 pixels.
     """
     factor = 1
-    for until in FULL_FROM:
+    for until in (TUNING.full_from, TUNING.half_from):
         pixels = width * height / (4 * factor**2 * max(gaussians, 1))
-        fits = min(width, height) / (2 * factor) >= _SMALLEST_REFINED_SIDE
-        if done < until and pixels >= _PIXELS_PER_GAUSSIAN and fits:
+        fits = min(width, height) / (2 * factor) >= TUNING.smallest_refined_side
+        if done < until and pixels >= TUNING.pixels_per_gaussian and fits:
             factor *= 2
     return factor
 
 
 def steps_of(iterations: int, gaussians: int, width: int, height: int) -> int:
     """Optimiser steps of a preset with so many iterations: twice those where most are reduced."""
-    reduced = refinement_reduction(GROWTH_SHARE, gaussians, width, height) > 1
-    return iterations * _EXTENDED if reduced and gaussians else iterations
+    reduced = refinement_reduction(TUNING.growth_share, gaussians, width, height) > 1
+    return iterations * TUNING.extended if reduced and gaussians else iterations
 
 
 def relocates(done: float, iteration: int, sparsely: bool = False) -> bool:
@@ -108,16 +135,16 @@ def relocates(done: float, iteration: int, sparsely: bool = False) -> bool:
 
     sparsely  no more often in a long fit than in a short one
     """
-    first, last = _RELOCATION
-    every = _RELOCATION_EVERY
-    if sparsely and done > first:
-        every = max(every, int(_RELOCATION_SHARE * iteration / done))
-    return first < done < last and iteration % every == 0
+    every = TUNING.relocate_every
+    if sparsely and done > TUNING.relocate_from:
+        every = max(every, int(TUNING.relocate_share * iteration / done))
+    return TUNING.relocate_from < done < TUNING.relocate_until and iteration % every == 0
 
 
 def rate(done: float) -> float:
     """Learning rate at progress `done` in 0..1, as a share in 0.02..1 of the full one."""
-    if done < DECAY_START:
+    start = TUNING.decay_start
+    if done < start:
         return 1.0
-    fall = 0.5 * (1 + math.cos(math.pi * (done - DECAY_START) / (1 - DECAY_START)))
-    return max(_LAST_RATE, fall)
+    fall = 0.5 * (1 + math.cos(math.pi * (done - start) / (1 - start)))
+    return max(TUNING.last_rate, fall)

@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, number_within
-from gauss2svg.fit import adam, schedule
+from gauss2svg.fit import adam, placement, schedule
 from gauss2svg.fit.adam import Rates
+from gauss2svg.fit.blending import OPAQUE_LOGIT
 from gauss2svg.fit.choices import DEFAULT_LOSS
 from gauss2svg.fit.clock import Clock, Stopwatch
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
@@ -20,7 +22,6 @@ from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
-from gauss2svg.fit.placement import FIRST_RAW_SKEW
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.saved import Saved, as_saved, checks, optional, part
 from gauss2svg.fit.shared import SharedColors
@@ -36,23 +37,36 @@ AsWritten = Callable[[Scene, float], Scene]
 # px; under 0.3 px every SVG renderer loses mass (docs/decisions/renderers.md).
 LEAST_SIGMA = 0.35
 
-# A unit of ln beta must lower the loss by this share of a Gaussian's part of it, so that shapes
-# which gain nothing stay Gaussians (docs/decisions/fit.md).
-_BETA_PRICE = 0.06
-_SKEW_PRICE = 0.06
-# A shape more opaque than this becomes opaque, which saves bytes (docs/decisions/fit.md).
-_OPAQUE_FROM = 0.953
-_OPAQUE_LOGIT = 12.0
 # Progress at which shapes may exchange their colours; later they hardly do.
 _EXCHANGES = (0.855, 0.875, 0.895, 0.915, 0.935)
 
-# Progress at which a fit resumes after its count has changed: some relocation, then decay.
-_RESUME_AT = 0.6
-_STEPS_AVERAGED = 5  # in the PSNR that a policy sees during refinement
+
+@dataclass(frozen=True)
+class SessionTuning:
+    """What a fit asks of a shape, and how it resumes.
+
+    beta_price      share of a Gaussian's part of the loss by which a unit of ln beta must lower it,
+                    so that shapes which gain nothing stay Gaussians (docs/decisions/fit.md)
+    skew_price      the same for the length of a skew (docs/decisions/skew.md)
+    opaque_from     opacity from which a shape becomes opaque, which saves bytes
+                    (docs/decisions/fit.md)
+    resume_at       progress at which a fit resumes after its count has changed: some relocation,
+                    then decay
+    steps_averaged  in the PSNR that a policy sees during refinement
+    """
+
+    beta_price: float = 0.06
+    skew_price: float = 0.06
+    opaque_from: float = 0.953
+    resume_at: float = 0.6
+    steps_averaged: int = 5
+
+
+TUNING = SessionTuning()
 
 
 def _last_errors(name: str, saved: list[Any]) -> deque[float]:
-    return deque((number_within(name, e, 0, math.inf) for e in saved), _STEPS_AVERAGED)
+    return deque((number_within(name, e, 0, math.inf) for e in saved), TUNING.steps_averaged)
 
 
 class FitSession(Saved):
@@ -103,7 +117,7 @@ class FitSession(Saved):
         self._progress = progress or (lambda _: None)
         self._as_written = as_written
         self._stage = Stage()
-        self._errors: deque[float] = deque(maxlen=_STEPS_AVERAGED)
+        self._errors: deque[float] = deque(maxlen=TUNING.steps_averaged)
         self._rates: Rates = self.population.blending.rates
         self._shared: SharedColors | None = None
         self._stopwatch = Stopwatch()
@@ -145,8 +159,8 @@ class FitSession(Saved):
                 self.state.drawn[:] = SOFT
             if self.config.fit.learned_skew:  # nor are skews; at 0 one would stay there
                 symmetric = ~self.state.raw_skew.any(axis=1)
-                self.state.raw_skew[symmetric] = FIRST_RAW_SKEW
-            self._begin_refining(iterations, _RESUME_AT, adjusting=False)
+                self.state.raw_skew[symmetric] = placement.TUNING.first_raw_skew
+            self._begin_refining(iterations, TUNING.resume_at, adjusting=False)
             self.guard.begin_gently()
             self._refine()
 
@@ -207,7 +221,7 @@ class FitSession(Saved):
             )
         self.guard.reset()
         if total <= count:
-            population.reduce_to(population.reduction_at(schedule.GROWTH_SHARE))
+            population.reduce_to(population.reduction_at(schedule.TUNING.growth_share))
             population.densify_or_prune(total)
             return False
         population.reduce_to(population.reduction_of_round(total))
@@ -218,7 +232,7 @@ class FitSession(Saved):
     def _after_growth(self) -> None:
         total = self.clock.iterations
         steps = None if total is None else total - self.clock.iteration
-        self._begin_refining(steps, schedule.GROWTH_SHARE)
+        self._begin_refining(steps, schedule.TUNING.growth_share)
 
     def _begin_refining(self, steps: int | None, done: float, adjusting: bool = True) -> None:
         if not len(self.state):
@@ -247,7 +261,7 @@ class FitSession(Saved):
                     self._restore_best(tolerant=True)
                     population.densify_or_prune(count)
                     self.guard.reset()
-            if done >= schedule.DECAY_START and not stage.pruned:
+            if done >= schedule.TUNING.decay_start and not stage.pruned:
                 stage.pruned = True
                 self._restore_best(tolerant=True)
                 population.prune(self.policy.least_gain())
@@ -300,13 +314,13 @@ class FitSession(Saved):
         """
         self._restore_best()
         population = self.population
-        most = self.policy.most(self._snapshot(schedule.QUANTIZED_FROM, self._recent_psnr))
+        most = self.policy.most(self._snapshot(schedule.TUNING.quantized_from, self._recent_psnr))
         if most < len(self.state):
             population.densify_or_prune(most)
         population.fix_segments()
         if self._as_written is not None and len(self.state):
-            opaque = self.state.raw_opacity > math.log(_OPAQUE_FROM / (1 - _OPAQUE_FROM))
-            self.state.raw_opacity[opaque] = _OPAQUE_LOGIT
+            least = math.log(TUNING.opaque_from / (1 - TUNING.opaque_from))
+            self.state.raw_opacity[self.state.raw_opacity > least] = OPAQUE_LOGIT
             with self.clock.paused():
                 scene = self._as_written(self.scene(), self._recent_psnr())
             population.state = self.state.quantized(scene)
@@ -318,8 +332,8 @@ class FitSession(Saved):
     def _quantized_from(self) -> float:
         """Progress from which exponents and colours are those of the file."""
         if self.config.fit.learned_skew:
-            return schedule.SKEWS_QUANTIZED_FROM
-        return schedule.QUANTIZED_FROM
+            return schedule.TUNING.skews_quantized_from
+        return schedule.TUNING.quantized_from
 
     def _shared_rates(self) -> Rates:
         """The rates where what shapes share is no longer stepped shape by shape."""
@@ -361,7 +375,7 @@ class FitSession(Saved):
         """One optimiser step, at this share of the full learning rate."""
         state, target, blending = self.state, self.population.target, self.population.blending
         share = evaluated.loss / max(len(state), 1)
-        price, skew_price = _BETA_PRICE * share, _SKEW_PRICE * share
+        price, skew_price = TUNING.beta_price * share, TUNING.skew_price * share
         gradient = adam.gradients(evaluated.moments, splats, price, skew_price)
         limits = adam.Limits(
             least_sigma=LEAST_SIGMA,

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import whole_number
-from gauss2svg.fit.adam import FIRST_DECAY, SECOND_DECAY
+from gauss2svg.fit import adam
 from gauss2svg.fit.blending import Blending, blending
 from gauss2svg.fit.saved import damaged, rows
 from gauss2svg.fit.state import COLOR, COLUMNS, State
@@ -27,15 +27,30 @@ from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.scene.parameters import MOST_RAW_SKEW, STEPPED
 
 SKEW = COLUMNS["skew"]
-LEAST_RAW_SKEW = 0.12  # of one that is written
-# Adam's learning rates of r, g, b, and of the length of a skew (docs/decisions/skew.md). With 0.002
-# to 0.015 for colours fits end within 0.01 dB.
-_RATES = np.array([0.006, 0.006, 0.006, 0.05])
-# Weight of the length of a skew beside colours in 0..1, where shapes exchange their entries.
-_SKEW_WEIGHT = 1.0
 # Distance of a unit of ln beta, beside colours in 0..1: what is held never changes.
 _APART = 100.0
-_LEAST_MASS = 1e-3  # px; shapes that contribute less keep their colour
+
+
+@dataclass(frozen=True)
+class SharedTuning:
+    """Steps and exchanges of what shapes share.
+
+    color_rate      Adam's learning rate of colours; 0.002 to 0.015 end within 0.01 dB
+                    (docs/decisions/palette.md)
+    skew_rate       its learning rate of the length of a skew (docs/decisions/skew.md)
+    skew_weight     of the length of a skew beside colours in 0..1, where shapes exchange entries
+    least_raw_skew  of one that is written
+    least_mass      px; shapes that contribute less keep their colour
+    """
+
+    color_rate: float = 0.006
+    skew_rate: float = 0.05
+    skew_weight: float = 1.0
+    least_raw_skew: float = 0.12
+    least_mass: float = 1e-3
+
+
+TUNING = SharedTuning()
 
 
 @dataclass
@@ -108,14 +123,16 @@ class SharedColors:
         columns = np.column_stack([gradient[:, COLOR], along]).T
         count = len(self.color)
         summed = np.stack([np.bincount(self.entry, column, count) for column in columns], axis=1)
+        first_decay, second_decay = adam.TUNING.first_decay, adam.TUNING.second_decay
         self.age += 1
-        self.first += (1 - FIRST_DECAY) * (summed - self.first)
-        self.second += (1 - SECOND_DECAY) * (summed * summed - self.second)
-        first = self.first / (1 - FIRST_DECAY**self.age)
-        second = self.second / (1 - SECOND_DECAY**self.age)
-        step = _RATES * rate * first / (np.sqrt(second) + 1e-12)
+        self.first += (1 - first_decay) * (summed - self.first)
+        self.second += (1 - second_decay) * (summed * summed - self.second)
+        first = self.first / (1 - first_decay**self.age)
+        second = self.second / (1 - second_decay**self.age)
+        rates = np.array([*3 * (TUNING.color_rate,), TUNING.skew_rate])
+        step = rates * rate * first / (np.sqrt(second) + 1e-12)
         self.color = np.clip(self.color - step[:, :3], self.least_color, self.most_color)
-        skew = np.clip(self.skew - step[:, 3], LEAST_RAW_SKEW, MOST_RAW_SKEW)
+        skew = np.clip(self.skew - step[:, 3], TUNING.least_raw_skew, MOST_RAW_SKEW)
         self.skew = np.where(self.skew > 0, skew, 0.0)
         self.assign(state, self.entry)
 
@@ -157,15 +174,15 @@ class SharedColors:
         for a change d of a colour, where g is its gradient, columns COLOR of gradient (n, ...), and
         mass (n,) the sum of the shape's squared weights. So the best colour is color - g / mass.
         """
-        divisor = np.maximum(mass, _LEAST_MASS)[:, None]
-        best = np.where(mass[:, None] > _LEAST_MASS, gradient[:, COLOR] / divisor, 0.0)
+        divisor = np.maximum(mass, TUNING.least_mass)[:, None]
+        best = np.where(mass[:, None] > TUNING.least_mass, gradient[:, COLOR] / divisor, 0.0)
         lengths: NDArray[np.float64] = MOST_SKEW * self.skew / np.hypot(1.0, self.skew)
         entries = [self.color, _APART * self.held]
         targets = [state.color - best, _APART * _held(state)]
         if lengths.any():
             length = lengths[self.entry]
-            entries += [_APART * (lengths > 0)[:, None], _SKEW_WEIGHT * lengths[:, None]]
-            targets += [_APART * (length > 0)[:, None], _SKEW_WEIGHT * length[:, None]]
+            entries += [_APART * (lengths > 0)[:, None], TUNING.skew_weight * lengths[:, None]]
+            targets += [_APART * (length > 0)[:, None], TUNING.skew_weight * length[:, None]]
         distance, entry = nearest_entry(np.hstack(entries), np.hstack(targets))
         return np.where(distance < _APART * 0.1, entry, self.entry)
 

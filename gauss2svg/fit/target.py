@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cached_property, reduce
 from operator import add
 from typing import Any, NamedTuple
@@ -23,9 +24,20 @@ from gauss2svg.render.cpu import (
     squared_error,
 )
 
-_PIXELS_A_ROW = 16  # of a tile, the unit in which the kernels count pairs
-_LEAST_ALPHA = 0.5 / 255  # of a visible pixel
-_LEAST_OPACITY, _MOST_OPACITY = 0.02, 0.98  # initially, on a target with alpha
+
+@dataclass(frozen=True)
+class TargetTuning:
+    """What new Gaussians take from a target with alpha (docs/decisions/placement.md).
+
+    least_opacity  of one at first
+    most_opacity   of one at first
+    """
+
+    least_opacity: float = 0.02
+    most_opacity: float = 0.98
+
+
+TUNING = TargetTuning()
 
 
 class LossAndGradient(NamedTuple):
@@ -87,7 +99,7 @@ class Target:
             self.planar = self.source_color = color
             self._views = (View(color, None),)
         else:
-            self.visible = alpha >= _LEAST_ALPHA
+            self.visible = alpha >= 0.5 / 255
             self.source_color = _filled(color, self.visible)
             shown = [alpha * color + (1 - alpha) * color.dtype.type(b) for b in BACKDROPS]
             self.planar = np.concatenate(shown)
@@ -135,7 +147,8 @@ class Target:
         from scipy.special import expit, logit  # a third of a second, and seldom needed
 
         x, y = np.clip(mean.astype(np.intp), 0, [self.width - 1, self.height - 1]).T
-        opacity = np.clip(expit(usual) * self._alpha[y, x], _LEAST_OPACITY, _MOST_OPACITY)
+        opacity = expit(usual) * self._alpha[y, x]
+        opacity = np.clip(opacity, TUNING.least_opacity, TUNING.most_opacity)
         return logit(opacity.astype(np.float64))
 
     def rendered(self, splats: Splats) -> NDArray[np.floating]:
@@ -174,7 +187,8 @@ class Target:
             mean, gradient = image_gradient(loss, image, view.planar, ssim_weight)
             value = mean * view.planar.size
             moments = moments_of_gradient(splats, gradient)
-        return LossAndGradient(value, squares / view.planar.size, moments, rows * _PIXELS_A_ROW)
+        # Kernels count pairs in rows of a tile, of 16 px each.
+        return LossAndGradient(value, squares / view.planar.size, moments, rows * 16)
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
         """Weighted sum of squared differences, and the moments of the gradient of half of it."""
@@ -223,10 +237,11 @@ def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[
 class TargetPyramid:
     """An image (h, w, 3) or (h, w, 4) as targets of reduced size.
 
-    dtype and tune are those of Target.
+    tune is that of Target. The kernels compute in dtype, float32 or float64, which takes twice the
+    time and gains no PSNR (docs/decisions/numbers.md).
     """
 
-    def __init__(self, pixels: NDArray[np.float32], dtype: Any, tune: str) -> None:
+    def __init__(self, pixels: NDArray[np.float32], tune: str, dtype: Any = np.float32) -> None:
         self.pixels = pixels
         self._dtype = dtype
         self._tune = tune

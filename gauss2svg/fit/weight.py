@@ -4,12 +4,13 @@ Tuned for perception, w = (1 + min(v, m) / c^2)^-g with v the local variance of 
 hundred times its median, from .025 to .04: an error hides in texture and shows on smooth areas, as
 in visual masking (Daly, "The Visible Differences Predictor", 1993), but the crisp edges of
 drawings, where half of the picture is flat, still count. Tuned for PSNR, w = 1 but up to
-1 + FLAT on flat areas, where a streak of two levels is visible that the squared error alone hardly
+1 + flat on flat areas, where a streak of two levels is visible that the squared error alone hardly
 counts. docs/decisions/perceptual.md has what each gains.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import reduce
 from operator import add
 
@@ -19,15 +20,34 @@ from numpy.typing import NDArray
 from gauss2svg.fit.choices import PSNR
 from gauss2svg.photo.smooth import smoothed
 
-# Standard deviation of luma in 0..1 from which an error is masked, and how fast it fades.
-_CONTRAST, _EXPONENT = 0.03, 0.5
-# Variance from which nothing is masked further: its bounds, and how many times the median.
-_MOST_VARIANCE, _TIMES_MEDIAN = (0.025, 0.04), 100.0
-_WINDOW = 2.0  # px, sigma of the window of the variance
-FLAT = 8.0
-# Flat areas: gradients under 0.02 a px (5 levels of 255) within some 4 px.
-_FLAT_ENERGY = 0.02**2
-_FLAT_REACH = 4.0
+
+@dataclass(frozen=True)
+class WeightTuning:
+    """Contrast masking and flat areas, by the module's formulas (docs/decisions/perceptual.md).
+
+    contrast       c, standard deviation of luma in 0..1 from which an error is masked
+    exponent       g, how fast it fades
+    times_median   of the variance, from which nothing is masked further
+    least_bound    that variance at least
+    most_bound     that variance at most
+    window         px, sigma of the window of the variance
+    flat           weight of a flat area beside 1 (docs/decisions/metrics.md)
+    flat_gradient  of luma a px, under which an area is flat: 5 levels of 255
+    flat_reach     px, sigma within which it is
+    """
+
+    contrast: float = 0.03
+    exponent: float = 0.5
+    times_median: float = 100.0
+    least_bound: float = 0.025
+    most_bound: float = 0.04
+    window: float = 2.0
+    flat: float = 8.0
+    flat_gradient: float = 0.02
+    flat_reach: float = 4.0
+
+
+TUNING = WeightTuning()
 
 
 def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.floating]:
@@ -35,11 +55,13 @@ def pixel_weight(views: list[NDArray[np.floating]], tune: str) -> NDArray[np.flo
     lumas = [view.mean(axis=0) for view in views]
     if tune == PSNR:
         energy = reduce(add, map(_gradient_energy, lumas)) / len(lumas)
-        weight = 1 + FLAT * np.exp(-smoothed(energy, _FLAT_REACH) / _FLAT_ENERGY)
+        flatness = np.exp(-smoothed(energy, TUNING.flat_reach) / TUNING.flat_gradient**2)
+        weight = 1 + TUNING.flat * flatness
     else:
         variance = reduce(add, map(_local_variance, lumas)) / len(lumas)
-        most = np.clip(_TIMES_MEDIAN * np.median(variance), *_MOST_VARIANCE)
-        weight = (1 + np.minimum(variance, most) / _CONTRAST**2) ** -_EXPONENT
+        most = TUNING.times_median * np.median(variance)
+        most = np.clip(most, TUNING.least_bound, TUNING.most_bound)
+        weight = (1 + np.minimum(variance, most) / TUNING.contrast**2) ** -TUNING.exponent
         weight /= weight.mean()
     return weight.astype(views[0].dtype)
 
@@ -59,5 +81,5 @@ def _gradient_energy(luma: NDArray[np.floating]) -> NDArray[np.floating]:
 
 
 def _local_variance(luma: NDArray[np.floating]) -> NDArray[np.floating]:
-    mean = smoothed(luma, _WINDOW)
-    return np.maximum(smoothed(luma * luma, _WINDOW) - mean * mean, 0)
+    mean = smoothed(luma, TUNING.window)
+    return np.maximum(smoothed(luma * luma, TUNING.window) - mean * mean, 0)

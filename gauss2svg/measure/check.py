@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import whole_number
 from gauss2svg.measure import metrics
-from gauss2svg.measure.drawing import draw
 from gauss2svg.measure.heatmap import heatmap
+from gauss2svg.measure.isolated import draw
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.measure.survey import Frame, Survey, frame_of, survey

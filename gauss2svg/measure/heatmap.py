@@ -21,8 +21,6 @@ _COLORS = np.array(
     ]
 )[:, None] >> (16, 8, 0) & 0xFF  # fmt: skip
 _BAR, _TEXT = 10, 12  # px of height: the legend's colours, its labels
-_LEAST_LABELLED_WIDTH = 120  # px
-_TICKS = (0, 16, 32, 48, 64)
 _LEGEND_COLORS = 9
 _SCALE = f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
 
@@ -60,7 +58,7 @@ def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:
     labels where the picture is at least 120 px wide.
     """
     height, width = image.shape[:2]
-    labelled = width >= _LEAST_LABELLED_WIDTH
+    labelled = width >= 120
     sheet = Image.new("RGB", (width, height + _BAR + (_TEXT if labelled else 0)), "white")
     for top in range(0, height, _BAR):  # in bands: the table is looked up in float64
         band = slice(top, top + _BAR)
@@ -79,7 +77,7 @@ def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:
 def _label(sheet: Image.Image, top: int) -> None:
     pen = ImageDraw.Draw(sheet)
     font = ImageFont.load_default(_TEXT - 2)
-    for tick in _TICKS:
+    for tick in (0, 16, 32, 48, 64):
         text = f"{tick}+" if tick == MOST else str(tick)
         wide = pen.textlength(text, font)
         left = tick / MOST * (sheet.width - 1) - wide / 2

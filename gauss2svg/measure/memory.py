@@ -8,7 +8,6 @@ import psutil
 
 SHARE = 0.8  # of the free memory, which work may take by default
 _CGROUPS = Path("/sys/fs/cgroup")
-_UNLIMITED = 1 << 60  # more than any machine has: cgroup v1 without a limit reports such
 
 
 def held_bytes() -> int:
@@ -56,7 +55,8 @@ def _room(group: Path, most: str, used: str, cached: str) -> int | None:
     """Bytes that a control group leaves; None if it has no limit or does not exist."""
     try:
         limit = (group / most).read_text(encoding="utf-8").strip()
-        if limit == "max" or int(limit) >= _UNLIMITED:
+        # cgroup v1 without a limit reports more than any machine has.
+        if limit == "max" or int(limit) >= 1 << 60:
             return None
         rows = (
             line.split()

@@ -18,14 +18,13 @@ from gauss2svg.photo.photo import Photo
 
 WHITE, BLACK = 1.0, 0.0
 BACKDROPS = (WHITE, BLACK)
-_CHANNELS = 4
 AVERAGED = 2  # times as small, from which on an average is as good as a filter
 _COLOR = re.compile(r"white|black|#(?:[0-9a-f]{3}){1,2}", re.IGNORECASE)
 
 
 def has_alpha(pixels: NDArray[np.floating]) -> bool:
     """Whether an image is (h, w, 4), and not (h, w, 3)."""
-    return pixels.shape[2] == _CHANNELS
+    return pixels.shape[2] == 4
 
 
 def pixels_of(photo: Photo) -> NDArray[np.float32]:

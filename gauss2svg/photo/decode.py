@@ -33,13 +33,35 @@ _INKS = 4  # channels of a TIFF's CMYK
 _MOST_12, _MOST_16 = 4095, 65535  # levels of so many bits
 _REDUCED_RESOLUTION = 1  # bit of a TIFF's NewSubfileType
 _SIGNED = 2  # SampleFormat
-# Bytes for each pixel while a photo is decoded and reduced (docs/decisions/memory.md): by format,
-# more with alpha, of a palette, of 16 bits, of a TIFF that is turned, and of progressive JPEGs, all
-# of whose coefficients are kept.
+# Bytes for each pixel while a photo of a format is decoded and reduced (docs/decisions/memory.md).
 _REDUCED = {"JPEG": 4, "MPO": 4, "PNG": 4, "BMP": 4, "TIFF": 4, "WEBP": 16, "AVIF": 10}
-_REDUCED_OTHERS, _REDUCED_PALETTE, _REDUCED_ALPHA, _REDUCED_TURNED = 8, 8, 10, 8
-_REDUCED_16, _REDUCED_16_ALPHA = 24, 30
-_REDUCED_PROGRESSIVE, _REDUCED_PROGRESSIVE_INKS = 10, 18
+
+
+@dataclass(frozen=True)
+class DecodeTuning:
+    """Bytes for each pixel while a photo is decoded and reduced (docs/decisions/memory.md).
+
+    others            of a format that has no number of its own
+    palette           of a photo with a palette, at least
+    alpha             more, with alpha
+    turned            more, where a tag turns the photo
+    deep              of 16 bits a sample
+    deep_alpha        of 16 bits a sample, with alpha
+    progressive       of a progressive JPEG, all of whose coefficients are kept
+    progressive_inks  of one in CMYK
+    """
+
+    others: int = 8
+    palette: int = 8
+    alpha: int = 10
+    turned: int = 8
+    deep: int = 24
+    deep_alpha: int = 30
+    progressive: int = 10
+    progressive_inks: int = 18
+
+
+TUNING = DecodeTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,15 +104,15 @@ def header_of_file(file: BinaryIO, name: str, max_pixels: int) -> Header:
 def header_of_image(image: Image.Image) -> Header:
     """What is known of a Pillow image that may not be loaded yet."""
     has_alpha = "A" in image.getbands() or image.has_transparency_data
-    reduced: int | None = _REDUCED.get(image.format or "", _REDUCED_OTHERS)
+    reduced: int | None = _REDUCED.get(image.format or "", TUNING.others)
     if image.mode == "P":
-        reduced = max(reduced, _REDUCED_PALETTE)
-    reduced += _REDUCED_ALPHA * has_alpha
-    reduced += _REDUCED_TURNED * (_tiff_number(image, Base.Orientation, 1) != 1)
+        reduced = max(reduced, TUNING.palette)
+    reduced += TUNING.alpha * has_alpha
+    reduced += TUNING.turned * (_tiff_number(image, Base.Orientation, 1) != 1)
     if "progressive" in image.info:
-        reduced = _REDUCED_PROGRESSIVE_INKS if image.mode == "CMYK" else _REDUCED_PROGRESSIVE
+        reduced = TUNING.progressive_inks if image.mode == "CMYK" else TUNING.progressive
     elif _SIXTEEN_BITS.fullmatch(rawmode := _rawmode(image)) or rawmode == _GREY_ALPHA_16:
-        reduced = _REDUCED_16_ALPHA if has_alpha else _REDUCED_16
+        reduced = TUNING.deep_alpha if has_alpha else TUNING.deep
     elif image.mode.startswith("I") or image.mode == "F":
         reduced = None
     return Header(*image.size, has_alpha, reduced_bytes=reduced)

@@ -32,11 +32,11 @@ END_OF_JPEG = bytes((0xFF, _END_OF_IMAGE))
 _COEFFICIENTS = 64
 # Of a scan and of a block of all of its components (T.81, B.2.2 and B.2.3), and the largest
 # symbol of a direct coefficient, which libjpeg allows.
-_MOST_PARTS, _MOST_BLOCKS_AT_ONCE, _MOST_BITS = 4, 10, 15
-# A hostile file has more segments; a picture of the most pixels has fewer blocks in all its scans.
-_MOST_SEGMENTS, _MOST_BLOCKS = 1000, 1 << 26
-# Data that end so near the end of the picture lack their last bytes, and not a part of it.
-_FEW_SHARE, _FEW_PIXELS, _LARGE_SHARE = 1 / 200, 256, 1 / 20
+_MOST_PARTS = 4
+_MOST_BLOCKS_AT_ONCE = 10
+_MOST_BITS = 15
+_MOST_SEGMENTS = 1000  # a hostile file has more
+_MOST_BLOCKS = 1 << 26  # in all scans; a picture of the most pixels has fewer
 
 _Codes = tuple[bytes, bytes]  # number by length, and symbols
 _DHT = Mapping[int, _Codes]  # by class and destination
@@ -183,7 +183,8 @@ def _survey(file: bytes, size: tuple[int, int], scale: int) -> Survey:
     if frame is None or not scans:
         raise _UnusualError
     area = frame.width * frame.height
-    found.is_few = worst * area <= max(_FEW_SHARE * area, min(_FEW_PIXELS, _LARGE_SHARE * area))
+    # So near the end of the picture data lack their last bytes, and not a part of it.
+    found.is_few = worst * area <= max(0.005 * area, min(256, 0.05 * area))
     if lacking:
         found.missing, found.is_few = "some of its scans are missing", False
     if not found.ends:

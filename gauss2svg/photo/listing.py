@@ -14,7 +14,6 @@ from pathlib import Path
 from gauss2svg.errors import InputError, on_one_line, quoted
 from gauss2svg.files import is_device
 
-_LONGEST_SLUG = 48
 _NAMELESS = "photo"
 _ADVICE = "Try the path of a photo"
 
@@ -110,7 +109,7 @@ def unique_slugs(photos: Iterable[tuple[str, str | None]]) -> list[str]:
 def slug_of(name: str) -> str:
     """A folder name that every system accepts: 1 to 48 characters of a-z, 0-9 and -."""
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
-    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:_LONGEST_SLUG].rstrip("-") or _NAMELESS
+    slug = re.sub(r"[^a-z0-9]+", "-", plain).strip("-")[:48].rstrip("-") or _NAMELESS
     return f"{_NAMELESS}-{slug}" if is_device(slug) else slug
 
 

@@ -19,7 +19,6 @@ from gauss2svg.photo.alpha import AVERAGED, straight
 Size = tuple[int, int]  # width and height in px
 # Of a photo of that width and height, as stored; or the longest side in px.
 SizeNeeded = Callable[[int, int], Size] | int
-_SAMPLES_AT_ONCE = 1 << 21
 # JPEGs are decoded at least so many times as large: libjpeg's own reduced decoding leaves out high
 # frequencies, which is no area average (docs/decisions/photo.md).
 DRAFT = 3
@@ -114,7 +113,7 @@ class Reduced:
 
 def rows_at_once(width: int, channels: int) -> int:
     """Number of rows that are converted at once."""
-    return max(1, _SAMPLES_AT_ONCE // (width * channels))
+    return max(1, (1 << 21) // (width * channels))
 
 
 def pieces(color: NDArray[Any] | Image.Image) -> Iterator[tuple[slice, NDArray[Any]]]:

@@ -17,7 +17,6 @@ _SPACES = {"L": ("GRAY", "RGB"), "RGB": ("RGB",), "CMYK": ("CMYK",)}  # by Pillo
 # transform takes 0.4 s per megapixel.
 _EXACT, _FINE = ImageCms.Flags.NOOPTIMIZE, ImageCms.Flags.HIGHRESPRECALC
 _SAME = 1  # level of 255, up to which a transform counts as the identity
-_STEPS = 9  # per channel, at which a transform is compared with the identity
 _CONVERTED_NOTE = "converted from its embedded ICC profile to sRGB"
 
 _SRGB_GAMMA = 1 / 2.2  # the gAMA of an sRGB image
@@ -25,14 +24,10 @@ _SAME_GAMMA = 0.01  # relative difference up to which a gamma counts as that
 _LEAST_GAMMA, _MOST_GAMMA = 0.1, 10.0
 # x and y of white, red, green and blue of sRGB (ITU-R BT.709).
 _SRGB_PRIMARIES = (0.3127, 0.329, 0.64, 0.33, 0.3, 0.6, 0.15, 0.06)
-_SAME_PRIMARY = 0.005
-_LEAST_DETERMINANT = 1e-4  # primaries below it span no triangle
 # Bradford cone responses, for the adaptation of white (ICC.1:2022, annex E).
 _BRADFORD = np.array(
     [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
 )
-_CICP_SRGB = (1, 13)  # primaries and transfer (ITU-T H.273)
-_PNG_SIGNATURE_BYTES = 8
 
 
 def in_srgb(
@@ -44,7 +39,8 @@ def in_srgb(
     """
     info, is_png, notes = image.info, image.format == "PNG", []
     cicp = _cicp_of(file) if file is not None and is_png else None
-    overruled = cicp == _CICP_SRGB
+    # Primaries and transfer of sRGB (ITU-T H.273).
+    overruled = cicp == (1, 13)
     if cicp is not None and not overruled:
         notes.append(f"cICP with primaries {cicp[0]} and transfer {cicp[1]} not supported; ignored")
     profile = None if overruled else info.get("icc_profile")
@@ -132,13 +128,15 @@ def _samples_of(mode: str) -> Image.Image:
     """A row of all greys, or of colours throughout the cube."""
     if mode == "L":
         return Image.fromarray(np.arange(256, dtype=np.uint8)[None])
-    steps = np.round(np.linspace(0, 255, _STEPS)).astype(np.uint8)
+    # In nine steps per channel.
+    steps = np.round(np.linspace(0, 255, 9)).astype(np.uint8)
     return Image.fromarray(np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(1, -1, 3))
 
 
 def _cicp_of(file: BinaryIO) -> tuple[int, int] | None:
     """Primaries and transfer of a PNG's cICP chunk, which Pillow does not read; None without."""
-    file.seek(_PNG_SIGNATURE_BYTES)
+    # The chunks of a PNG follow its signature of 8 bytes.
+    file.seek(8)
     while len(head := file.read(8)) == 8 and head[4:] not in (b"IDAT", b"IEND"):
         if head[4:] == b"cICP":
             data = file.read(4)
@@ -162,7 +160,7 @@ def _by_gamma(
     if (
         chromaticity is not None
         and color.shape[2] == 3
-        and not np.allclose(chromaticity, _SRGB_PRIMARIES, rtol=0, atol=_SAME_PRIMARY)
+        and not np.allclose(chromaticity, _SRGB_PRIMARIES, rtol=0, atol=0.005)
     ):
         matrix = _to_srgb_primaries(chromaticity)
         if matrix is None:
@@ -194,7 +192,8 @@ def _to_srgb_primaries(chromaticity: tuple[float, ...]) -> NDArray[np.floating] 
     x, y = np.array(chromaticity, float).reshape(4, 2).T
     if not (y > 0).all():
         return None
-    if abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < _LEAST_DETERMINANT:
+    # Such primaries span no triangle.
+    if abs(np.linalg.det(np.stack([x[1:], y[1:], np.ones(3)]))) < 1e-4:
         return None
     theirs, srgb = _to_xyz(chromaticity), _to_xyz(_SRGB_PRIMARIES)
     whites = _BRADFORD @ srgb.sum(axis=1), _BRADFORD @ theirs.sum(axis=1)

@@ -15,7 +15,6 @@ from PIL.ExifTags import Base
 _LEAST_DPI = 1.0  # a resolution of this or less counts as none
 _SQUARE = 0.01  # relative difference of resolutions up to which pixels count as square
 SWAPPED = (5, 6, 7, 8)  # orientations that exchange width and height
-_LENGTHS_PER_INCH = {2: 1.0, 3: 2.54}  # by ResolutionUnit: inches, centimetres
 
 Density = tuple[float, float]  # px per length, across and down
 
@@ -48,7 +47,7 @@ def tags_of(image: Image.Image) -> Tags:
 
 
 def tags_from(orientation: Any, dpi: Density | None, proportions: Density | None) -> Tags:
-    """Tags from those of the stored rows and columns.
+    """Tags of the upright photo from those of its stored rows and columns.
 
     orientation  anything; values other than 1..8 count as 1
     dpi          px per inch across and down; proportions: the same, perhaps without a unit
@@ -108,7 +107,8 @@ def _dpi(image: Image.Image, exif: dict[int, Any]) -> Density | None:
 
 def dpi_in(density: Density | None, unit: Any) -> Density | None:
     """Pixels per inch of a density in a TIFF's ResolutionUnit; None without a unit or if tiny."""
-    inch = _LENGTHS_PER_INCH.get(unit) if isinstance(unit, int) else None
+    # ResolutionUnit 2 is inches, 3 is centimetres.
+    inch = {2: 1.0, 3: 2.54}.get(unit) if isinstance(unit, int) else None
     if density is None or inch is None or inch * min(density) <= _LEAST_DPI:
         return None
     return inch * density[0], inch * density[1]

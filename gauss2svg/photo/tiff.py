@@ -30,7 +30,6 @@ _CHANNELS = {_WHITE_IS_ZERO: 1, _BLACK_IS_ZERO: 1, _RGB: 3, _INKS: 4}
 _MOST_EXTRA = 4  # samples besides colours: memory for all is allocated before decoding
 _PREMULTIPLIED, _STRAIGHT = 1, 2  # ExtraSamples
 _TYPES = (np.bool_, np.uint8, np.uint16, np.float16, np.float32, np.float64)
-_REDUCED = 3  # bytes for each pixel while it is decoded and reduced (benchmarks/memory.py)
 _TILE = 1024  # px of a side, up to which tiles may be larger than their picture
 _silent = logging.NullHandler()
 
@@ -76,7 +75,8 @@ def tiff_header(file: BinaryIO, name: str, max_pixels: int) -> Header:
     """
     with _opened(file, name, max_pixels) as (page, _):
         extra = page.samplesperpixel > _CHANNELS[int(page.photometric)]
-        return Header(page.imagewidth, page.imagelength, extra, part_bytes(page), _REDUCED)
+        # Bytes for each pixel while it is decoded and reduced (benchmarks/memory.py).
+        return Header(page.imagewidth, page.imagelength, extra, part_bytes(page), 3)
 
 
 def first_page(

@@ -14,9 +14,6 @@ from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.measure.scores import PSNR, Score, Search
 from gauss2svg.pipeline.options import Goal
 
-_LEAST_LEFT = 0.05  # share of an export's error that remains after any correction for size
-_LATE_SHARE, _LATE_S = 0.05, 0.25  # over the time limit before it is reported
-
 
 @dataclass(frozen=True, kw_only=True)
 class Aim(Search):
@@ -47,8 +44,8 @@ class Aim(Search):
     def with_detail(self, score: float, detail: float) -> float:
         """The score against the reference of a file whose score at the size of the fit is known."""
         error = self._error(score)
-        # A negative detail from another export may exceed the error.
-        left = max(error + detail, error * _LEAST_LEFT)
+        # A negative detail from another export may exceed the error, of which some always remains.
+        left = max(error + detail, error * 0.05)
         if self.of.best is None:
             return psnr_of(left)
         return self.of.sign * self.of.best - left
@@ -113,7 +110,7 @@ def unreached(
             "Try a larger --max-bytes"
         )
     limit = goal.time_limit
-    if limit is not None and seconds > (1 + _LATE_SHARE) * limit + _LATE_S:
+    if limit is not None and seconds > 1.05 * limit + 0.25:
         lines.append(
             f"time limit of {limit:.3g} s exceeded: {seconds:.1f} s. Try a smaller --max-size"
         )

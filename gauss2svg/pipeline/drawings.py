@@ -2,24 +2,38 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-# Regions of more colours lie over each other, and a corner takes several times as much; vtracer
-# takes 9.3 bytes for a corner of scikit-image's horse (docs/decisions/small.md).
-_MOST_COLORS, _BYTES_A_CORNER = 4, 10
-_SOME = 97
-# Share of the pixels that the most frequent colours of a drawing have, and how many these are
-# (docs/decisions/small.md).
-_FLAT_SHARE, _FLAT_COLORS = 0.4, 4
+
+@dataclass(frozen=True)
+class DrawingsTuning:
+    """What a flat drawing is (docs/decisions/small.md).
+
+    flat_share      of the pixels that the most frequent colours of a drawing have
+    flat_colors     how many these are
+    most_colors     of one to trace: regions of more lie over each other, and a corner takes several
+                    times as much
+    bytes_a_corner  of a tracer; vtracer takes 9.3 for one of scikit-image's horse
+    """
+
+    flat_share: float = 0.4
+    flat_colors: int = 4
+    most_colors: int = 4
+    bytes_a_corner: int = 10
+
+
+TUNING = DrawingsTuning()
 
 
 def is_drawing(photo: NDArray[np.float32]) -> bool:
     """Whether a few colours make up much of a picture, as the flat ones of a drawing do."""
     weights = 256 ** np.arange(photo.shape[2])
     colors = (np.round(photo * 255).astype(np.int64) * weights).sum(axis=2)
-    shares = np.sort(np.unique(colors, return_counts=True)[1])[-_FLAT_COLORS:] / colors.size
-    return bool(shares.sum() >= _FLAT_SHARE)
+    shares = np.sort(np.unique(colors, return_counts=True)[1])[-TUNING.flat_colors :] / colors.size
+    return bool(shares.sum() >= TUNING.flat_share)
 
 
 def outline_bytes(pixels: NDArray[np.float32]) -> int | None:
@@ -32,9 +46,9 @@ def outline_bytes(pixels: NDArray[np.float32]) -> int | None:
     levels = np.round(pixels * 255).astype(np.uint8)
     colors = (levels * 256 ** np.arange(levels.shape[2])).sum(axis=2).ravel()
     # A few pixels tell for most photos.
-    if any(len(np.unique(some)) > _MOST_COLORS for some in (colors[::_SOME], colors)):
+    if any(len(np.unique(some)) > TUNING.most_colors for some in (colors[::97], colors)):
         return None
     right = (levels[:, 1:] != levels[:, :-1]).any(axis=2)
     down = (levels[1:] != levels[:-1]).any(axis=2)
     corners = (right[1:] | right[:-1]) & (down[:, 1:] | down[:, :-1])
-    return _BYTES_A_CORNER * int(np.count_nonzero(corners))
+    return TUNING.bytes_a_corner * int(np.count_nonzero(corners))

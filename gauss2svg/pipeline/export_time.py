@@ -15,7 +15,6 @@ from gauss2svg.svg.write import write_svg
 
 _SAMPLE = 8  # one of so many Gaussians is written and rasterised
 _STRIPS = 4  # one of so many strips of the image is measured
-_SLACK_S = 0.1  # for the report, saving, and the end of the process
 
 
 def estimate_export_seconds(
@@ -39,4 +38,5 @@ def estimate_export_seconds(
         (rasterized - written) - (blank - rasterized), 0.0
     )
     write_all = _SAMPLE * (written - begun)
-    return write_all + rasterize_all + _STRIPS * (measured - blank) + _SLACK_S
+    slack = 0.1  # for the report, saving, and the end of the process
+    return write_all + rasterize_all + _STRIPS * (measured - blank) + slack

@@ -5,7 +5,6 @@ import time
 import numpy as np
 
 from gauss2svg.fit.components import components_of
-from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.photo.entropy import lack, table_of
 from gauss2svg.render.cpu import splats_of, squared_error
 from gauss2svg.scene import ADD, OVER, Scene
@@ -42,7 +41,7 @@ def compile_kernels(blend: str = OVER) -> float:
         4, 4, np.full((1, 2), 2.0), np.ones((1, 2)), np.zeros(1), np.full((1, 3), 0.5), one,
         blend=blend,
     )  # fmt: skip
-    squared_error(splats_of(scene), np.zeros((3, 4, 4), DEFAULT_DTYPE))
+    squared_error(splats_of(scene), np.zeros((3, 4, 4), np.float32))
     components_of(np.zeros((4, 4), np.int32))
     if blend == ADD:  # writing an additive scene has kernels of its own
         write_svg(scene)

@@ -10,7 +10,7 @@ that are measured and a fit on F px: the largest of three stages,
 
 (70, 28 and 151 for a transparent photo; decoding a TIFF that Pillow does not takes what one of
 its strips or tiles does besides), plus that of the interpreter, the libraries and each
-shape, times _MARGIN. benchmarks/memory.py compares it with processes. Not counted are other
+shape, times a margin. benchmarks/memory.py compares it with processes. Not counted are other
 programs that rasterise, and the first compilation of the kernels (105 MB).
 """
 
@@ -29,15 +29,35 @@ from gauss2svg.scene import ADD, OVER
 
 # Pixels at which a file is measured at least, where the photo has them: docs/decisions/photo.md.
 MEASURED_PIXELS = 1_000_000
-# Measured bytes (benchmarks/memory.py).
-_BASE = 205e6  # a photo of a few pixels
-# Per pixel of the photo: held, while decoding, and while measuring.
-_OPAQUE, _ALPHA = (12, 31, 57), (28, 70, 151)
-_HELD = 36  # per pixel of the fit, after it
-_FIT = {False: 75, True: 130}  # per pixel of the fit, by whether the loss has SSIM
-_SHAPE = 3000
-_ADDITIVE = 110e6  # writing an additive scene
-_MARGIN = 1.2
+# Measured bytes per pixel of the photo (benchmarks/memory.py), opaque and with alpha: held, while
+# decoding, and while measuring.
+_OPAQUE = (12, 31, 57)
+_ALPHA = (28, 70, 151)
+
+
+@dataclass(frozen=True)
+class MemoryTuning:
+    """Measured bytes of a run (docs/decisions/memory.md).
+
+    base      a photo of a few pixels
+    shape     each Gaussian
+    fit       each pixel of the fit
+    fit_ssim  the same where the loss has SSIM
+    held      each pixel of the fit, after it
+    additive  writing an additive scene
+    margin    times what is measured, for what is not
+    """
+
+    base: float = 205e6
+    shape: int = 3000
+    fit: int = 75
+    fit_ssim: int = 130
+    held: int = 36
+    additive: float = 110e6
+    margin: float = 1.2
+
+
+TUNING = MemoryTuning()
 
 
 def measured_size(photo: Size, fit: Size = (1, 1), least: float = MEASURED_PIXELS) -> Size:
@@ -96,17 +116,17 @@ class Load:
         """Estimated bytes that the run takes at most."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
         kept = math.prod(self.measured)
-        a_pixel = _FIT[has_ssim(self.loss)]
+        a_pixel = TUNING.fit_ssim if has_ssim(self.loss) else TUNING.fit
         held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
         decoding = decoded * photo
         if self.reduced_bytes is not None and math.prod(self.decoded) < photo:
             decoding = self.reduced_bytes * photo + held * kept
         fitting = held * kept + a_pixel * fit
         measured = max(measured, held + self.scoring)
-        measuring = measured * kept + _HELD * fit + _ADDITIVE * (self.blend == ADD)
+        measuring = measured * kept + TUNING.held * fit + TUNING.additive * (self.blend == ADD)
         most = max(decoding, fitting, measuring)
         shapes = min(self.gaussians, fit // 2) if self.adapts else self.gaussians
-        return math.ceil(_MARGIN * (_BASE + most + _SHAPE * shapes))
+        return math.ceil(TUNING.margin * (TUNING.base + most + TUNING.shape * shapes))
 
 
 def allowed(max_memory: int | str | None) -> int:
@@ -128,7 +148,7 @@ def check_decoding(header: Header, limit: int, reduced: bool = False) -> None:
     if reduced and header.reduced_bytes is not None:
         each = header.reduced_bytes
     decoded = each * header.width * header.height
-    needed = math.ceil(_MARGIN * (_BASE + decoded + header.part_bytes))
+    needed = math.ceil(TUNING.margin * (TUNING.base + decoded + header.part_bytes))
     if needed > limit:
         photo = f"a photo of {header.width}x{header.height} px"
         raise _too_little(needed, limit, photo, "a smaller photo")

@@ -122,7 +122,11 @@ class Goal(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class SvgOptions(OptionGroup):
-    """How the SVG is written."""
+    """How the SVG is written.
+
+    A caller of vectorize gives these, of which many are by default found out; write_svg takes what
+    they come to, an SvgFormat.
+    """
 
     form: Form = "gradient"
     """gradient: radial gradients, for every renderer; blur: blurred ellipses, a smaller file for

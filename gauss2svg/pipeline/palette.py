@@ -13,18 +13,30 @@ from numpy.typing import NDArray
 from gauss2svg.scene.falloff import BETA_CLASSES, SKEW_STEP, nearest_class, written_skew
 from gauss2svg.scene.nearest import nearest_entry
 
-_ITERATIONS = 6  # of Lloyd; twice as many gain under 2 % (docs/decisions/palette.md)
-# Clusters are split until so many times the allowed error is left, because Lloyd's iterations
-# remove about a tenth of it; where they remove less, until less is left.
-_SPARE = 1.12
-_LESS = 0.94
-_LEAST_AIM = 0.1
-# Weight of ln beta beside colours in 0..1: the best for photos and near the best at few bytes
-# (docs/decisions/palette.md).
-_BETA_WEIGHT = 0.1
-# Weight of the length of a skew beside them (docs/decisions/skew.md).
-_SKEW_WEIGHT = 0.04
 
+@dataclass(frozen=True)
+class PaletteTuning:
+    """How a palette is found (docs/decisions/palette.md).
+
+    iterations   of Lloyd; twice as many gain under 2 %
+    spare        times the allowed error, until which clusters are split, because Lloyd's iterations
+                 remove about a tenth of it
+    less         times that, where they remove less
+    least_aim    times the allowed error, under which no palette suffices
+    beta_weight  of ln beta beside colours in 0..1: the best for photos and near the best at few
+                 bytes
+    skew_weight  of the length of a skew beside them (docs/decisions/skew.md)
+    """
+
+    iterations: int = 6
+    spare: float = 1.12
+    less: float = 0.94
+    least_aim: float = 0.1
+    beta_weight: float = 0.1
+    skew_weight: float = 0.04
+
+
+TUNING = PaletteTuning()
 _Entries = tuple[NDArray[np.float64], NDArray[np.intp]]
 
 
@@ -51,7 +63,7 @@ def best_palette(
 ) -> Palette:
     """At most `count` pairs of a colour and an exponent, each with a skew, and that of each shape.
 
-    Weighted k-means on color (n, 3) in 0..1, _BETA_WEIGHT ln beta (n,) and _SKEW_WEIGHT times the
+    Weighted k-means on color (n, 3) in 0..1, beta_weight ln beta (n,) and skew_weight times the
     lengths of skews (n,), None for all 0, minimises
 
         sum weight |difference|^2,
@@ -112,16 +124,16 @@ def _few(
     if distinct <= count and _loss(features, weight, *kept) > allowed:
         return kept  # rounding alone loses more
     most = min(count, distinct)
-    aim = allowed * _SPARE
+    aim = allowed * TUNING.spare
     while True:
         means, left = _split(features, weight, most, aim)
         entries, entry = _lloyd(features, weight, means, written)
         if _loss(features, weight, entries, entry) <= allowed:
             return entries, entry
-        if left > aim or len(means) >= most or aim < allowed * _LEAST_AIM:
+        if left > aim or len(means) >= most or aim < allowed * TUNING.least_aim:
             # No palette suffices: the rest of the error is rounding.
             return kept if distinct <= count else (entries, entry)
-        aim *= _LESS
+        aim *= TUNING.less
 
 
 def _loss(
@@ -138,9 +150,9 @@ def _stacked(
     color: NDArray[np.float64], beta: NDArray[np.float64], skew: NDArray[np.float64] | None
 ) -> NDArray[np.float64]:
     """Features (n, 4), or (n, 5) with skews: a column of zeros would turn the axes of a split."""
-    columns = [color, (_BETA_WEIGHT * np.log(beta))[:, None]]
+    columns = [color, (TUNING.beta_weight * np.log(beta))[:, None]]
     if skew is not None:
-        columns.append((_SKEW_WEIGHT * skew)[:, None])
+        columns.append((TUNING.skew_weight * skew)[:, None])
     return np.hstack(columns)
 
 
@@ -150,7 +162,7 @@ def _lloyd(
     entries: NDArray[np.float64],
     written: Callable[[NDArray[np.float64]], NDArray[np.float64]],
 ) -> _Entries:
-    for _ in range(_ITERATIONS):
+    for _ in range(TUNING.iterations):
         entry = nearest_entry(entries, features)[1]
         mass = np.bincount(entry, weight, len(entries))
         used = mass > 0
@@ -164,8 +176,9 @@ def _lloyd(
 
 def _rounded(features: NDArray[np.float64]) -> Palette:
     """Distinct 8-bit colours with the classes of their exponents, and skews as a file has them."""
-    classes = nearest_class(np.exp(features[:, 3] / _BETA_WEIGHT))
-    length = features[:, 4] / _SKEW_WEIGHT if features.shape[1] > 4 else np.zeros(len(features))
+    classes = nearest_class(np.exp(features[:, 3] / TUNING.beta_weight))
+    skewed = features.shape[1] > 4
+    length = features[:, 4] / TUNING.skew_weight if skewed else np.zeros(len(features))
     steps = np.round(written_skew(length, np.array(BETA_CLASSES)[classes]) / SKEW_STEP)
     levels = np.column_stack([np.round(features[:, :3] * 255), classes, steps]).astype(np.intp)
     distinct, entry = np.unique(levels, axis=0, return_inverse=True)

@@ -29,34 +29,35 @@ from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
 
 Markup = Literal["editable", "minimal"]
 
-# Mean squared error that a palette may add in any case: 38 dB, about three levels of 255. With
-# eight levels, which a coarse fit of foliage would allow, sky and leaves change their hue.
-LARGEST_COLOR_ERROR = 1.6e-4
 # Bytes of the largest placeholder, and of the largest file with a target that is minimal by itself.
 MINIMAL_UP_TO = 20_000
-# Palette entries within a budget: they cost less than 8 bits do, and more would take long to find
-# (docs/decisions/palette.md).
-_MOST_COLORS = 4096
-_GZIP = 6  # times as many bytes as gzipped ones: docs/decisions/minimal.md
-# Steps of a fit that ends by the clock alone, beyond which there is nothing to be gained
-# (docs/decisions/time.md).
-_MOST_STEPS = 1000
-_STEPS_A_ROUND = 6  # of growth; the rest of the time is better spent once all Gaussians exist
-_NEARLY = 1.5  # times a preset's largest side, which it then reduces little
-# dB that the palette of a given count may cost by having fewer entries than allowed.
-_UNSEEN_COLOR_LOSS = 0.03
 
 
 @dataclass(frozen=True)
-class MarkupTuning:
-    """Bytes before gzip between which each search for a limit is run (docs/decisions/markup.md).
+class PlanTuning:
+    """What options come to where they do not say it themselves.
 
-    by_bytes_up_to      largest limit of the search that plans every byte
-    minimal_from        least limit of minimal files of the usual fit, where those that plan every
-                        byte are tried
-    editable_from       least limit of editable files, where there is another
-    minimal_up_to       bytes of the largest minimal file that is written unasked
-    editable_is_closer  times as many bytes from which an editable file is always closer than that
+    The first five are bytes before gzip between which each search for a limit is run
+    (docs/decisions/markup.md).
+
+    by_bytes_up_to       largest limit of the search that plans every byte
+    minimal_from         least limit of minimal files of the usual fit, where those that plan every
+                         byte are tried
+    editable_from        least limit of editable files, where there is another
+    minimal_up_to        bytes of the largest minimal file that is written unasked
+    editable_is_closer   times as many bytes from which an editable file is always closer than that
+    gzip                 times as many bytes as gzipped ones (docs/decisions/minimal.md)
+    most_colors          palette entries within a budget: they cost less than 8 bits do, and more
+                         would take long to find (docs/decisions/palette.md)
+    unseen_color_loss    dB that the palette of a given count may cost by having fewer entries than
+                         allowed (docs/decisions/palette.md)
+    largest_color_error  mean squared error that a palette may add in any case: 38 dB, about three
+                         levels of 255. With eight levels, which a coarse fit of foliage would
+                         allow, sky and leaves change their hue (docs/decisions/palette.md)
+    most_steps           of a fit that ends by the clock alone, beyond which there is nothing to be
+                         gained (docs/decisions/time.md)
+    steps_a_round        of its growth; the rest of the time is better spent once all exist
+    nearly               times a preset's largest side, which it then reduces little
     """
 
     by_bytes_up_to: int = 30_000
@@ -64,9 +65,16 @@ class MarkupTuning:
     editable_from: int = 5_000
     minimal_up_to: int = 200_000
     editable_is_closer: float = 1.5
+    gzip: int = 6
+    most_colors: int = 4096
+    unseen_color_loss: float = 0.03
+    largest_color_error: float = 1.6e-4
+    most_steps: int = 1000
+    steps_a_round: int = 6
+    nearly: float = 1.5
 
 
-TUNING = MarkupTuning()
+TUNING = PlanTuning()
 
 
 @dataclass(frozen=True)
@@ -132,7 +140,7 @@ class Plan:
     def plain_limit(self) -> int | None:
         """About the bytes of the file before gzip that a limit stands for."""
         limit = self.byte_limit
-        return limit if limit is None or not self.counts_gzipped else _GZIP * limit
+        return limit if limit is None or not self.counts_gzipped else TUNING.gzip * limit
 
     @property
     def counts_gzipped(self) -> bool:
@@ -149,7 +157,7 @@ class Plan:
         presets = list(PRESETS.values())
         cheaper = [] if self.is_budget else presets[: presets.index(self.preset)]
         side = math.inf if self.fit_side is None else self.fit_side
-        fits = [p.iterations for p in cheaper if side <= _NEARLY * p.max_size]
+        fits = [p.iterations for p in cheaper if side <= TUNING.nearly * p.max_size]
         return max([self.preset.iterations, *fits])
 
     @property
@@ -210,11 +218,11 @@ class Plan:
     def _config(self, blend: str) -> FitConfig:
         options, iterations = self.options, self.options.fit.iterations
         if iterations is None:
-            iterations = _MOST_STEPS if self.only_time_limits else self.iterations
+            iterations = TUNING.most_steps if self.only_time_limits else self.iterations
         densify = options.densify
         given = options.fit.iterations or densify.round_iterations
         if self.only_time_limits and given is None:
-            densify = dataclasses.replace(densify, round_iterations=_STEPS_A_ROUND)
+            densify = dataclasses.replace(densify, round_iterations=TUNING.steps_a_round)
         falloff = options.fit.falloff if blend == options.written_blend else None
         fit = dataclasses.replace(options.fit, blend=blend, falloff=falloff)  # pyright: ignore[reportArgumentType]
         return FitConfig(
@@ -277,7 +285,7 @@ class Plan:
         svg = dataclasses.replace(self.options.svg, markup=markup)
         goal, limit = self.options.goal, self.byte_limit
         if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
-            most = TUNING.minimal_up_to // (_GZIP if self.counts_gzipped else 1)
+            most = TUNING.minimal_up_to // (TUNING.gzip if self.counts_gzipped else 1)
             goal = dataclasses.replace(goal, max_bytes=min(limit, most))
         options = dataclasses.replace(self.options, svg=svg, goal=goal)
         return dataclasses.replace(self, options=options, by_bytes=by_bytes)
@@ -304,11 +312,11 @@ class Plan:
         palette, loss = self.options.svg.palette, 0.0
         if palette is None:
             palette = 0 if self.count_adapts else preset.palette_for(gaussians)
-            palette = _MOST_COLORS if self.is_budget else palette
-            loss = preset.color_loss if self.count_adapts else _UNSEEN_COLOR_LOSS
+            palette = TUNING.most_colors if self.is_budget else palette
+            loss = preset.color_loss if self.count_adapts else TUNING.unseen_color_loss
         color_error = 0.0
         if error is not None and self.options.svg.palette is None:
-            color_error = min(error * (10 ** (loss / 10) - 1), LARGEST_COLOR_ERROR)
+            color_error = min(error * (10 ** (loss / 10) - 1), TUNING.largest_color_error)
         return Quantization(palette, color_error)
 
     def _written_like(self, psnr: float | None) -> Preset:

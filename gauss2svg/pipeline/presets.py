@@ -9,8 +9,26 @@ from dataclasses import dataclass
 from gauss2svg.fit.options import MOST_GAUSSIANS
 from gauss2svg.pipeline import bytes_each
 
-# Fewer cost PSNR visibly even with a thousand Gaussians (docs/decisions/palette.md).
-_FEWEST_COLORS = 192
+
+@dataclass(frozen=True)
+class PresetsTuning:
+    """Bounds of the numbers of a run.
+
+    fewest_colors  of a palette; fewer cost PSNR visibly even with a thousand Gaussians
+                   (docs/decisions/palette.md)
+    most_a_second  Gaussians that a second fits at most (docs/decisions/time.md, also for the next
+                   two)
+    pixels_each    px of the fit for each usual shape that a limit of bytes allows
+    least_cap      of Gaussians, however small the limit is
+    """
+
+    fewest_colors: int = 192
+    most_a_second: int = 5000
+    pixels_each: int = 30
+    least_cap: int = 150
+
+
+TUNING = PresetsTuning()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +59,9 @@ class Preset:
 
     def palette_for(self, gaussians: int) -> int:
         """Palette entries for a given number of Gaussians; 0 for all colours."""
-        return max(_FEWEST_COLORS, math.ceil(gaussians * self.colors)) if self.colors else 0
+        if not self.colors:
+            return 0
+        return max(TUNING.fewest_colors, math.ceil(gaussians * self.colors))
 
 
 # What more exact numbers and larger palettes gain for their bytes: docs/decisions/numbers.md and
@@ -75,10 +95,6 @@ CAP_FOR_TARGET = 50000  # largest number of Gaussians for a target, whatever the
 INDISTINGUISHABLE = 54.0
 # PSNR (dB) of the model from which the 8 bits of a raster decide, and more Gaussians gain nothing.
 NOTHING_TO_GAIN = 58.0
-# Gaussians that a second fits at most, and px of the fit for each usual shape that a limit allows
-# (docs/decisions/time.md, also for the next two).
-_MOST_A_SECOND, _PIXELS_EACH = 5000, 30
-_LEAST_CAP = 150  # of Gaussians, however small the limit is
 # PSNR (dB) from which the numbers of a dearer preset are worth their time, or their bytes.
 FINE_FROM = ("max", 46.0), ("high", 40.0)
 FINE_BYTES_FROM = (("high", 44.0),)
@@ -89,11 +105,10 @@ def budget_preset(max_bytes: int | None, time_limit: float | None) -> Preset:
     usual, finest = PRESETS[DEFAULT_PRESET], PRESETS["max"]
     side, caps = finest.max_size, [MOST_GAUSSIANS]
     if time_limit is not None:
-        caps.append(int(_MOST_A_SECOND * time_limit))
+        caps.append(int(TUNING.most_a_second * time_limit))
     if max_bytes is not None:
         caps.append(max_bytes // bytes_each.TUNING.least)
-        square = math.sqrt(_PIXELS_EACH * max_bytes / bytes_each.TUNING.limited)
+        square = math.sqrt(TUNING.pixels_each * max_bytes / bytes_each.TUNING.limited)
         side = round(min(max(square, usual.max_size), finest.max_size))
-    return dataclasses.replace(
-        usual, gain=0.0, enough=NOTHING_TO_GAIN, cap=max(_LEAST_CAP, min(caps)), max_size=side
-    )
+    cap = max(TUNING.least_cap, min(caps))
+    return dataclasses.replace(usual, gain=0.0, enough=NOTHING_TO_GAIN, cap=cap, max_size=side)

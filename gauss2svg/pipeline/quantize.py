@@ -16,9 +16,6 @@ from gauss2svg.svg.blur import GRADIENT, drawn_blurs
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.snap import snapped, with_falloffs
 
-# Colours are weighted by their visible mass, on a canvas of at most this side.
-_WEIGHING_SIDE = 768
-
 
 def quantize(
     scene: Scene,
@@ -83,7 +80,8 @@ def visible_mass(
     a colour changes the weighted sum of squared errors by visible_mass d^2. weight is as for
     `quantize`.
     """
-    shrunk = min(1.0, _WEIGHING_SIDE / max(scene.width, scene.height))
+    # On a canvas of at most this side, which is enough for weights.
+    shrunk = min(1.0, 768 / max(scene.width, scene.height))
     width, height = (max(1, round(side * shrunk)) for side in (scene.width, scene.height))
     splats = splats_of(scene, (width / scene.width, height / scene.height))
     blank = np.zeros((3, height, width), np.float32)

@@ -8,6 +8,7 @@ rounding the geometry costs (docs/decisions/small.md).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,9 +24,24 @@ from gauss2svg.svg.snap import with_falloffs
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-_BOUNDED_SWEEPS, _ROUNDED_SWEEPS = 20, 3
 _LEAST_WEIGHT = 1e-9
-_DAMPING = 1e-6  # of the diagonal, for shapes that are nearly hidden
+
+
+@dataclass(frozen=True)
+class RecolorTuning:
+    """How colours are found by least squares (docs/decisions/small.md).
+
+    bounded_sweeps  over all colours, within their bounds
+    rounded_sweeps  over all colours, rounded
+    damping         of the diagonal, for shapes that are nearly hidden
+    """
+
+    bounded_sweeps: int = 20
+    rounded_sweeps: int = 3
+    damping: float = 1e-6
+
+
+TUNING = RecolorTuning()
 
 
 def recolored(
@@ -139,11 +155,12 @@ def _solved(
     others: a rounding error is made up for by the colours that are rounded later.
     """
     diagonal = np.maximum(np.diag(products), 1e-9)
-    color = np.linalg.solve(products + _DAMPING * np.diag(diagonal + diagonal.max()), given)
-    bounded = 0 if (color >= 0).all() and (color <= 1).all() else _BOUNDED_SWEEPS
+    damped = products + TUNING.damping * np.diag(diagonal + diagonal.max())
+    color = np.linalg.solve(damped, given)
+    bounded = 0 if (color >= 0).all() and (color <= 1).all() else TUNING.bounded_sweeps
     color = np.minimum(np.maximum(color, 0), 1)
     order = np.argsort(-diagonal)
-    for sweep in range(bounded + _ROUNDED_SWEEPS):
+    for sweep in range(bounded + TUNING.rounded_sweeps):
         for k in order:
             best = color[k] + (given[k] - products[k] @ color) / diagonal[k]
             if sweep >= bounded:

@@ -11,9 +11,22 @@ from gauss2svg.pipeline.memory_budget import MEASURED_PIXELS, Load, size_that_fi
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
 
-# Largest size of the fit per second of a time limit, seconds of it that the start takes, and that
-# are left at least (docs/decisions/time.md).
-_PIXELS_PER_SECOND, _START_S, _LEAST_S = 150_000, 0.5, 0.25
+
+@dataclass(frozen=True)
+class SizesTuning:
+    """The size of a fit within a time limit (docs/decisions/time.md).
+
+    pixels_per_second  of the fit at most, for a second of the limit
+    start_s            seconds of it that the start takes
+    least_s            seconds of it that are left at least
+    """
+
+    pixels_per_second: int = 150_000
+    start_s: float = 0.5
+    least_s: float = 0.25
+
+
+TUNING = SizesTuning()
 
 
 @dataclass(frozen=True)
@@ -50,7 +63,8 @@ def load_of(plan: Plan, photo: Header) -> Load:
     width, height = photo.width, photo.height
     scale = min(1.0, plan.side / max(width, height))
     if goal.time_limit is not None and run.max_size is None:
-        pixels = _PIXELS_PER_SECOND * max(goal.time_limit - _START_S, _LEAST_S)
+        seconds = max(goal.time_limit - TUNING.start_s, TUNING.least_s)
+        pixels = TUNING.pixels_per_second * seconds
         scale = min(scale, math.sqrt(pixels / (width * height)))
     fit_width, fit_height = (max(1, round(side * scale)) for side in (width, height))
     most = plan.preset.cap if plan.aim is None else CAP_FOR_TARGET

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, REDUCED_STEPS, refinement_reduction
+from gauss2svg.fit import schedule
 from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.raster import DEFAULT_RENDERER
@@ -146,10 +146,10 @@ class TimeBudget:
         """
         self._last = None
         left, least = self._left_s(), 1
-        if done > GROWTH_SHARE:
+        if done > schedule.TUNING.growth_share:
             needed = self._needed_s(count, done)
             if (
-                done >= QUANTIZED_FROM
+                done >= schedule.TUNING.quantized_from
                 or TUNING.too_late * needed <= left <= TUNING.too_early * needed
             ):
                 return count
@@ -208,10 +208,11 @@ class TimeBudget:
     def _needed_s(self, count: int, done: float) -> float:
         """Predicted seconds of the rest of a fit of so many Gaussians, and of its export."""
         pixels = self._size[0] * self._size[1]
-        growing = max(1 - done / GROWTH_SHARE, 0.0) * TUNING.growing
-        refining = min(1 - done, 1 - GROWTH_SHARE)
-        factor = refinement_reduction(max(done, GROWTH_SHARE), count, *self._size)
-        reduced = REDUCED_STEPS if factor > 1 else 0.0
+        grown = schedule.TUNING.growth_share
+        growing = max(1 - done / grown, 0.0) * TUNING.growing
+        refining = min(1 - done, 1 - grown)
+        factor = schedule.refinement_reduction(max(done, grown), count, *self._size)
+        reduced = schedule.TUNING.reduced_steps if factor > 1 else 0.0
         refined = (1 - reduced + reduced / factor**2) * pixels
         steps = growing * self._step(pixels, count, True)
         steps += refining * self._step(refined, count, False)

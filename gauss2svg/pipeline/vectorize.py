@@ -31,8 +31,6 @@ from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.limits import LARGEST_NUMBER
 
-_MOST_REACH = 5  # canvas sides that a shape may extend to: sigma is at most 1, the cut-off is at 3
-
 
 def vectorize(
     image: ImageSource,
@@ -247,7 +245,8 @@ def _check_checkpoints(options: Options, image: ImageSource) -> None:
 
 def _check_precision(side: int, plan: Plan) -> None:
     """Raise InputError for a precision at which numbers of the file would be too large."""
-    least = side * _MOST_REACH / LARGEST_NUMBER
+    # A shape extends to 5 sides at most: its sigma is at most 1 of them, the cut-off at 3.
+    least = side * 5 / LARGEST_NUMBER
     if plan.svg_format.precision < least:
         raise InputError(
             f"precision must be at least {least:.4f} for {side} px; got "

@@ -26,7 +26,7 @@ CANNOT_DRAW = {
 
 
 def version() -> str:
-    """Name and version."""
+    """Name and version of CairoSVG."""
     return f"CairoSVG {_cairosvg().__version__}"
 
 

@@ -49,7 +49,7 @@ addEventListener("load", () => {{
 
 
 def version() -> str:
-    """Name and version."""
+    """Name and version of Firefox."""
     return version_line(_program()).removeprefix("Mozilla ")
 
 

@@ -22,7 +22,7 @@ CANNOT_DRAW = {
 
 
 def version() -> str:
-    """Name and version."""
+    """Name and version of Inkscape."""
     return " ".join(version_line(_program()).split()[:2])
 
 

@@ -15,7 +15,7 @@ CANNOT_DRAW = {
 
 
 def version() -> str:
-    """Name and version."""
+    """Name and version of librsvg."""
     return f"librsvg {version_line(_program()).split()[-1]}"
 
 

@@ -19,7 +19,6 @@ from gauss2svg.errors import RendererError
 
 # Inkscape takes up to a minute for a large file of blurs; a program that takes longer hangs.
 TIMEOUT_S = 300
-_VERSION_TIMEOUT_S = 30
 _DRAWING = "draw the SVG"
 IMAGE = "drawing.svg"
 WHITE, BLACK, CLEAR = "#fff", "#000", "transparent"  # pages of browsers
@@ -81,7 +80,7 @@ def wrong_size(what: str, got: Sequence[int], needed: Sequence[int]) -> Renderer
 def version_line(path: str) -> str:
     """First line that the program prints for --version; asked once."""
     try:
-        printed = run([path, "--version"], timeout_s=_VERSION_TIMEOUT_S, task="say its version")
+        printed = run([path, "--version"], timeout_s=30, task="say its version")
     except RendererError as error:
         raise RendererError(f"{error}. Try to reinstall it, or --renderer resvg") from error
     lines = printed.decode(errors="replace").strip().splitlines()

@@ -16,7 +16,7 @@ CANNOT_DRAW = {
 
 
 def version() -> str:
-    """Name and version."""
+    """Name and version of resvg."""
     return f"resvg {resvg_py.__resvg_version__}"
 
 

@@ -28,8 +28,6 @@ except ImportError as error:
 # At an opacity of 0 the falloff that its gradient needs is lost. At these it is not, and ten
 # thousand of them in one pixel still change less than the dtype resolves.
 _LEAST_OPACITY = {np.float32: 1e-12, np.float64: 1e-20}
-# Changes no rendered pixel, but takes the loop of skewed shapes.
-_LEAST_SKEW = 1e-20
 
 
 class _FastRender(torch.autograd.Function):
@@ -55,7 +53,8 @@ class _FastRender(torch.autograd.Function):
             near = torch.where(near == 1, np.nextafter(1, 2), near)
         aside = skew.double()
         if ctx.needs_input_grad[7]:  # nor that for symmetric shapes what the skew's needs
-            aside = torch.where((aside == 0).all(dim=1, keepdim=True), _LEAST_SKEW, aside)
+            # So small a skew changes no rendered pixel, but takes the loop of skewed shapes.
+            aside = torch.where((aside == 0).all(dim=1, keepdim=True), 1e-20, aside)
         splats = _splats(mean, sigma, rho, color, seen, background, near, aside)
         splats = splats._replace(additive=ctx.additive)
         gradient = np.ascontiguousarray(np.moveaxis(grad_outputs[0].detach().numpy(), -1, 0), real)

@@ -104,7 +104,7 @@ class Splats(NamedTuple):
 
     @property
     def opacity(self) -> NDArray[np.float64]:
-        """(n,) in 0..1."""
+        """(n,) opacities in 0..1."""
         return self.opacity_color[:, 0]
 
     @property

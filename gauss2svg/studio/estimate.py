@@ -157,5 +157,5 @@ def _shared(psnr: float) -> float:
 
 
 def _reached(shared: float) -> float:
-    """PSNR (dB) of so many."""
+    """PSNR in dB that Gaussians over the power of the pixels reach: the inverse of `_shared`."""
     return float(np.interp(math.log2(max(shared, 2.0 ** _DOUBLINGS[0])), _DOUBLINGS, _DECIBELS))

@@ -122,17 +122,14 @@ _SHOULD, _ASIDE = re.compile(r"^\w+ should\b"), re.compile(", (unable|got|not) .
 _ERRORS = HTTPException, QueueFullError, Gauss2SvgError, RequestValidationError, Exception
 
 
-# A fit on four threads takes 45 % of the time of one thread, on eight 36 %: more cores serve more
-# fits (docs/decisions/studio.md).
-_THREADS = 4
-
-
 def workers_and_threads(jobs: int | None, threads: int | None) -> tuple[int, int]:
     """Fits at once, and threads of each; raises InputError for more than there are cores."""
     cores = machine()["cores"]
     if threads is not None:
         whole_number("threads", threads, 1, cores)
     if jobs is None:
-        jobs = max(1, cores // (threads or _THREADS))
+        # A fit on four threads takes 45 % of the time of one thread, on eight 36 %: more cores
+        # serve more fits (docs/decisions/studio.md).
+        jobs = max(1, cores // (threads or 4))
     whole_number("jobs", jobs, 1, cores)
     return jobs, threads or max(1, cores // jobs)

@@ -27,8 +27,6 @@ _OF_SKIMAGE = ("coffee.png", "chelsea.png", "astronaut.png", "rocket.jpg")
 REFUSED = (".heic", ".heif", ".jxl")
 _MOST_SAMPLES = 100
 _LONGEST_NAME = 100
-_LONGEST_STEM = 200  # bytes
-_CHUNK = 1 << 20
 
 
 def display_name(given: str | None) -> str:
@@ -41,7 +39,7 @@ def display_name(given: str | None) -> str:
 
 def stem_of(name: str) -> str:
     """What a display name begins with, as any system takes it for the name of a file."""
-    stem = PurePath(name).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
+    stem = PurePath(name).stem.encode()[:200].decode(errors="ignore")
     return f"_{stem}" if is_device(stem) else stem
 
 
@@ -107,7 +105,7 @@ async def save(upload: Any, path: Path) -> str:
     """Write an upload to a file; returns its digest."""
     digest = hashlib.sha256()
     with path.open("wb") as file:
-        while chunk := await upload.read(_CHUNK):
+        while chunk := await upload.read(1 << 20):
             digest.update(chunk)
             await asyncio.to_thread(file.write, chunk)
     return digest.hexdigest()

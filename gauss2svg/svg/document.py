@@ -23,7 +23,6 @@ _UNITS = ("px", "mm", "cm", "in", "pt", "pc")
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(_UNITS)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
 _COUNT = re.compile("[0-9]{1,18}")  # of segments
-_LARGEST_SIZE = 1e6  # of a width, whatever its unit
 _DECIMALS = 4  # of a size: a millionth of a metre where the unit is a centimetre
 _LARGEST_LABEL = 2**31 - 1
 LONGEST_ANIMATION_S = 3600.0
@@ -221,7 +220,7 @@ def round_id(index: int) -> str:
 def _width_of(name: str, size: Any) -> tuple[float, str]:
     match = _SIZE.fullmatch(size) if isinstance(size, str) else None
     across = float(match[1]) if match else math.nan
-    if match is None or not 0 < across <= _LARGEST_SIZE:
+    if match is None or not 0 < across <= 1e6:
         units = ", ".join(_UNITS)
         raise InputError(
             f"{name} must be a width above 0 with its unit, one of {units}: such as 120mm; got "

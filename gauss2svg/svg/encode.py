@@ -31,7 +31,7 @@ in the form blur a large soft one, a disc under a filter that shapes of its expo
 Crisp rims need two more things (docs/decisions/svg.md, benchmarks/rims.py):
 
 - a circle a little larger than its gradient, whose own antialiased edge would clip the rim;
-- from the exponent _LARGE_FROM on a gradient of radius 100 under a matrix of a hundredth, because
+- from the exponent large_from on a gradient of radius 100 under a matrix of a hundredth, because
   cairo shifts the rim of large shapes otherwise.
 """
 
@@ -66,12 +66,27 @@ from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
 from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.stops import gradient_stops
 
-_LARGE_FROM, _LARGE = 16.0, 100  # exponent; radius of its gradients
+_LARGE = 100  # radius of gradients of large exponents
 _NO_SKEW = 0.001  # fx of a symmetric gradient of radius 1
-_CLEAR_OF_THE_RIM = 0.7  # px from a gradient's end to the circle's edge
-_MOST_MARGIN = 20.0  # times the gradient's radius: shapes that need more are too thin to be drawn
-# px of rim across the minor axis above which the edge does little harm (docs/decisions/svg.md).
-_SOFT = 1.0
+
+
+@dataclass(frozen=True)
+class EncodeTuning:
+    """How crisp rims are kept in place (docs/decisions/svg.md).
+
+    large_from        exponent from which gradients have a large radius
+    soft_rim          px of rim across the minor axis above which the circle's edge does little harm
+    clear_of_the_rim  px from a gradient's end to that edge, where it would
+    most_margin       times the gradient's radius: shapes that need more are too thin to be drawn
+    """
+
+    large_from: float = 16.0
+    soft_rim: float = 1.0
+    clear_of_the_rim: float = 0.7
+    most_margin: float = 20.0
+
+
+TUNING = EncodeTuning()
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +143,7 @@ def encode(scene: Scene, svg_format: SvgFormat) -> EncodedScene:
     radius[plain] = plain_radius(scene.beta[plain])
     radius[blurred] = [BLURS[k].radius for k in blur[blurred]]
     opacity[blurred] *= [BLURS[k].peak for k in blur[blurred]]
-    unit = np.where((scene.beta >= _LARGE_FROM) & shaded, _LARGE, 1)
+    unit = np.where((scene.beta >= TUNING.large_from) & shaded, _LARGE, 1)
     discs = _Discs(
         fills, filters, unit, unit * _widened(scene, shaded), np.minimum(opacity, 1.0),
         turned(scene) * radius[:, None, None], scene.mean,
@@ -233,7 +248,7 @@ def focus_text(steps: int, unit: int = 1) -> str:
 
 def _gradient(name: str, beta: float, color: NDArray[np.integer], skew: int, count: int) -> Element:
     """The gradient of an exponent, a colour and a skew of so many times SKEW_STEP."""
-    shade, unit = hex_color(color), _LARGE if beta >= _LARGE_FROM else 1
+    shade, unit = hex_color(color), _LARGE if beta >= TUNING.large_from else 1
     stops = [
         Element(
             "stop",
@@ -274,7 +289,8 @@ def _widened(scene: Scene, shaded: NDArray[np.bool_]) -> NDArray[np.float64]:
     minor = scene.ellipse_axes[0][:, 1]
     skew = np.hypot(*scene.skew.T)  # by which the rim is narrower on the side of the focus
     crisp = shaded & ((scene.beta > 1) | (skew > 0))
-    crisp &= RIM_WIDTH * minor * (1 - skew) < _SOFT * scene.beta
-    margin = np.where(crisp, _CLEAR_OF_THE_RIM / (minor * cut_radius(scene.beta)), 0.0)
+    crisp &= RIM_WIDTH * minor * (1 - skew) < TUNING.soft_rim * scene.beta
+    end = minor * cut_radius(scene.beta)
+    margin = np.where(crisp, TUNING.clear_of_the_rim / end, 0.0)
     steps = 1 if skew.any() else 10
-    return 1 + np.minimum(np.ceil(steps * margin) / steps, _MOST_MARGIN)
+    return 1 + np.minimum(np.ceil(steps * margin) / steps, TUNING.most_margin)

@@ -9,7 +9,6 @@ import re
 
 from gauss2svg.errors import InputError, quoted
 
-_SVG_TYPES = ("image/svg+xml", "text/xml", "application/xml")
 _DEFS = re.compile(rb"<defs>.*?</defs>", re.DOTALL)
 _SHAPES = re.compile(rb"<(?:circle|ellipse|use)\b[^>]*>")
 
@@ -26,7 +25,7 @@ def check_svg_name(name: str, path: str | os.PathLike[str]) -> None:
         raise InputError(f"{name} must be the name of a file; got {quoted(text)}")
     if text.endswith(("/", os.sep)):
         raise InputError(f"{name} must be the name of a file, not of a folder; got {quoted(text)}")
-    check_type(name, text, _SVG_TYPES, ".svg or .svgz")
+    check_type(name, text, ("image/svg+xml", "text/xml", "application/xml"), ".svg or .svgz")
 
 
 def check_type(name: str, path: str, allowed: tuple[str, ...], suffixes: str) -> None:

@@ -16,7 +16,9 @@ STOP_COUNTS = (5, 6, 8, 10, 12)  # of a gradient
 
 @dataclass(frozen=True, kw_only=True)
 class SvgFormat(OptionGroup):
-    """How write_svg writes a scene; a run finds it by its SvgOptions, its preset and its limits.
+    """How write_svg writes a scene, as its caller says it.
+
+    A run of vectorize takes SvgOptions, and finds this by them, its preset and its limits.
 
     An additive scene is written in gradients alone, and without opacities.
     """

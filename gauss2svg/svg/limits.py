@@ -14,9 +14,6 @@ LARGEST_NUMBER = 1e8
 _SMALLEST_CANVAS = 0.01
 # px. Cairo has 23 bits for whole pixels, and is 47 levels off at 1e7.
 _FARTHEST = 8e6
-# Radii around a shape's mean within which all of it is drawn, because a blur fills up to 2.5 radii
-# around its disc; and px for antialiasing.
-_DRAWN_WITHIN, _EDGE = 4.0, 1.0
 
 
 def check_canvas(scene: Scene) -> None:
@@ -43,7 +40,9 @@ def writable(
     farthest = (offset + extent).max(axis=1)
     canvas = np.array([scene.width, scene.height])
     beyond = np.maximum(-scene.mean, scene.mean - canvas)
-    off = (beyond > _DRAWN_WITHIN * extent + _EDGE).any(axis=1)
+    # All of a shape is drawn within 4 radii of its mean, because a blur fills up to 2.5 radii
+    # around its disc; and a px for antialiasing.
+    off = (beyond > 4.0 * extent + 1.0).any(axis=1)
     fits = (number <= LARGEST_NUMBER) & (farthest <= _FARTHEST)
     lost = ~fits & ~off
     if lost.any():

@@ -16,7 +16,6 @@ from gauss2svg.svg.snap import half_centers
 OUTLINE_WIDTH = 0.5  # px
 STROKE_WIDTHS = 0.01, 100.0
 STROKE_DECIMALS = 2  # of px, and of degrees
-_LEAST_OPACITY = 0.005  # a fainter shape is hardly visible
 
 
 def outlines(scene: Scene) -> list[Drawn]:
@@ -32,7 +31,8 @@ def outlines(scene: Scene) -> list[Drawn]:
     drawn = []
     for i in np.flatnonzero(writable(scene, half_radius(scene.beta), 1.0)).tolist():
         rx, ry = (number(v, STROKE_DECIMALS) for v in radii[i])
-        if "0" in (rx, ry) or scene.opacity[i] < _LEAST_OPACITY:
+        # A fainter shape is hardly visible.
+        if "0" in (rx, ry) or scene.opacity[i] < 0.005:
             continue
         x, y = (number(v, STROKE_DECIMALS) for v in center[i])
         angle = number(math.degrees(angle_rad[i]), STROKE_DECIMALS)

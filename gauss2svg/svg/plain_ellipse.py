@@ -13,6 +13,7 @@ squared mass of the shape and with the length of the rim (docs/decisions/svg.md)
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -21,28 +22,39 @@ from numpy.typing import NDArray
 from gauss2svg.scene import PLAIN, Scene
 from gauss2svg.scene.falloff import MOST_BETA, RIM_WIDTH, cut_radius, profile
 
-# Share of the squared mass: a compromise of PSNR and bytes (docs/decisions/svg.md).
-_LARGEST_ERROR = 0.003
-# px, times the rim's length: the error of rims of 0.5 and of 1.2 px. Without this limit large soft
-# discs would become visibly crisper.
-_LARGEST_ON_RIM = 0.013
 # Profiles of smaller exponents have no flat top.
 LEAST_PLAIN_BETA = 3.0
-MOST_PLAIN_SKEW = 0.5
 _DIRECTIONS = 16  # in one quadrant; the others mirror it
 _WIDTHS = np.geomspace(0.05, 8, 48)  # px
 # Exponents that plain_beta tries: steps of 6 % change a rim a pixel wide by a sixteenth of one.
 _GRID = tuple(np.round(np.geomspace(LEAST_PLAIN_BETA, MOST_BETA, 78), 2).tolist())
-_LIKELY, _STEPS = 0.7, 8  # px; exponents tried on either side
+
+
+@dataclass(frozen=True)
+class PlainEllipseTuning:
+    """What a plain ellipse may be off (docs/decisions/svg.md).
+
+    largest_error   share of the squared mass: a compromise of PSNR and bytes
+    largest_on_rim  px, times the rim's length: the error of rims of 0.5 and of 1.2 px. Without this
+                    limit large soft discs would become visibly crisper
+    most_skew       of its falloff: the rim of a larger one is too wide on one side
+    """
+
+    largest_error: float = 0.003
+    largest_on_rim: float = 0.013
+    most_skew: float = 0.5
+
+
+TUNING = PlainEllipseTuning()
 
 
 def is_plain(scene: Scene) -> NDArray[np.bool_]:
     """(n,) whether a file draws a shape by a plain ellipse: as it says, or as that looks the same.
 
     The latter is at the size of the scene's canvas: on a larger one rims are wider. A shape that is
-    skewed more than MOST_PLAIN_SKEW has too wide a rim on one side.
+    skewed more than most_skew has too wide a rim on one side.
     """
-    even = np.square(scene.skew).sum(axis=1) < MOST_PLAIN_SKEW**2
+    even = np.square(scene.skew).sum(axis=1) < TUNING.most_skew**2
     return (scene.drawn == PLAIN) | (even & looks_plain(scene.ellipse_axes[0], scene.beta))
 
 
@@ -66,11 +78,11 @@ def plain_beta(semi_axes: NDArray[np.float64]) -> NDArray[np.float64]:
     the ellipse's.
     """
     grade = plain_radius(np.array(_GRID))
-    # Where the rim across the minor axis is so wide; the best is a few steps from it.
-    guess = np.searchsorted(_LIKELY / RIM_WIDTH * np.array(_GRID) * grade, semi_axes[:, 1])
+    # Where the rim across the minor axis is 0.7 px wide; the best is a few steps from it.
+    guess = np.searchsorted(0.7 / RIM_WIDTH * np.array(_GRID) * grade, semi_axes[:, 1])
     best = np.full(len(semi_axes), np.inf)
     beta = np.full(len(semi_axes), _GRID[0])
-    for step in range(-_STEPS, _STEPS + 1):
+    for step in range(-8, 9):
         at = np.clip(guess + step, 0, len(_GRID) - 1)
         tried = np.array(_GRID)[at]
         strain = _strain(semi_axes / grade[at, None], tried)
@@ -89,7 +101,8 @@ def _strain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.
     length *= math.sqrt(2) * 2 * np.pi / _DIRECTIONS
     error = (np.interp(np.log(width), np.log(_WIDTHS), _errors()) * length).sum(axis=1)
     squared_mass = np.array([_integrals(b)[1] for b in np.round(beta, 2)]) * axes.prod(axis=1)
-    return error / np.minimum(_LARGEST_ERROR * squared_mass, _LARGEST_ON_RIM * length.sum(axis=1))
+    on_rim = TUNING.largest_on_rim * length.sum(axis=1)
+    return error / np.minimum(TUNING.largest_error * squared_mass, on_rim)
 
 
 def plain_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:

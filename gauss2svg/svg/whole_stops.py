@@ -12,6 +12,7 @@ decimals, lose little by the same way (docs/decisions/minimal.md).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -20,15 +21,27 @@ from numpy.typing import NDArray
 from gauss2svg.scene.falloff import cut_radius, profile
 from gauss2svg.svg.stops import CRISP, Stops, best_stops, gradient_stops
 
-_WHITE, MOST_GREY = 255, 15
+MOST_GREY = 15
 _PLACES = 1000  # offsets are multiples of a thousandth
 _STEP = 10  # places, of offsets with two decimals
 _SAMPLES_A_PLACE = 8
-_GAP = 8  # places between stops, at least
-# Offsets that are tried for a stop between its neighbours, and how often each stop is moved
-# (docs/decisions/svg.md).
-_TRIED, _SWEEPS = 24, 3
 
+
+@dataclass(frozen=True)
+class WholeStopsTuning:
+    """How long whole stops are looked for (docs/decisions/svg.md).
+
+    tried   offsets that are tried for a stop between its neighbours
+    sweeps  how often each stop is moved
+    gap     places between stops, at least
+    """
+
+    tried: int = 24
+    sweeps: int = 3
+    gap: int = 8
+
+
+TUNING = WholeStopsTuning()
 _Integrals = tuple[NDArray[np.float64], ...]
 
 
@@ -39,7 +52,7 @@ def whole_stops(
 
     The last stop is black. Raises InputError for a count not in gauss2svg.svg.format.STOP_COUNTS.
     """
-    return _moved(levels, gradient_stops(count), 1.0, _WHITE, 1)
+    return _moved(levels, gradient_stops(count), 1.0, 255, 1)
 
 
 def grey_stops(count: int, beta: float) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -66,9 +79,9 @@ def _moved(
     rounded = step * np.round(offsets * (_PLACES / step)).astype(np.intp)
     places = np.tile(rounded, (len(levels), 1))
     colors = np.round(levels[:, None, :] * values[:, None])
-    share, gap = (np.arange(_TRIED) + 0.5) / _TRIED, max(_GAP, step)
+    share, gap = (np.arange(TUNING.tried) + 0.5) / TUNING.tried, max(TUNING.gap, step)
     rows = np.arange(len(levels))
-    for k in [*range(count)] * _SWEEPS:
+    for k in [*range(count)] * TUNING.sweeps:
         first = places[:, k - 1] + gap if k else np.zeros(len(levels), np.intp)
         last = places[:, k + 1] - gap if k + 1 < count else np.full(len(levels), _PLACES)
         moved = np.round(share * (last - first)[:, None] / step).astype(np.intp)

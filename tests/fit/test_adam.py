@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gauss2svg.fit import adam
-from gauss2svg.fit.adam import EPSILON, FIRST_DECAY, RATES, SECOND_DECAY, Limits
+from gauss2svg.fit.adam import EPSILON, RATES, TUNING, Limits
 from gauss2svg.fit.state import GEOMETRY, STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_SKEW, STEPPED
@@ -43,13 +43,13 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
         d = []
         for k in range(STEPS):
             g = gradient[i, k]
-            state.first[i, k] += (1 - FIRST_DECAY) * (g - state.first[i, k])
-            state.second[i, k] += (1 - SECOND_DECAY) * (g * g - state.second[i, k])
-            first = state.first[i, k] / (1 - FIRST_DECAY ** state.age[i])
+            state.first[i, k] += (1 - TUNING.first_decay) * (g - state.first[i, k])
+            state.second[i, k] += (1 - TUNING.second_decay) * (g * g - state.second[i, k])
+            first = state.first[i, k] / (1 - TUNING.first_decay ** state.age[i])
             root = math.sqrt(state.second[i, k]) + EPSILON
-            unbiased = root / math.sqrt(1 - SECOND_DECAY ** state.age[i])
+            unbiased = root / math.sqrt(1 - TUNING.second_decay ** state.age[i])
             d.append(-rate * sizes[k] * first / unbiased)
-        d[:5] = [x * math.exp(state.raw_beta[i]) ** adam._STEP_BY_BETA for x in d[:5]]
+        d[:5] = [x * math.exp(state.raw_beta[i]) ** TUNING.step_by_beta for x in d[:5]]
         l11, l21, l22 = state.factor[i]
         lower = np.array([[l11, 0], [l21, l22]])
         state.mean[i] += lower @ d[:2]

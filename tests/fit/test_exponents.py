@@ -6,7 +6,7 @@ import torch
 from conftest import random_scene
 from flat import fit_config, vectorize
 
-from gauss2svg.fit import adam
+from gauss2svg.fit import adam, session
 from gauss2svg.fit.adam import RATES, Limits
 from gauss2svg.fit.fit import fit, fixed_count
 from gauss2svg.fit.session import FitSession
@@ -95,7 +95,7 @@ def test_smooth_scene_keeps_its_gaussians():
 def test_price_of_an_exponent_keeps_shapes_gaussian(photo, monkeypatch):
     shares = []
     for price in (0.0, 0.06, 1.0):
-        monkeypatch.setattr("gauss2svg.fit.session._BETA_PRICE", price)
+        monkeypatch.setattr(session, "TUNING", session.SessionTuning(beta_price=price))
         betas = vectorize(photo, gaussians=150, **QUICK).scene.beta
         shares.append((betas == 1).mean())
     assert shares[0] < shares[1] < shares[2]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 from conftest import random_scene
-from flat import choices, fit_config
+from flat import choices, fit_config, fit_in
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
@@ -17,9 +17,8 @@ from gauss2svg.fit.adam import RATES, Limits, gradients
 from gauss2svg.fit.blending import blending
 from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.fit import fit
-from gauss2svg.fit.options import DTYPES
 from gauss2svg.fit.placement import place
-from gauss2svg.fit.population import LEAST_OPACITY
+from gauss2svg.fit.population import LEAST_OPACITY, PopulationTuning
 from gauss2svg.fit.schedule import rate, reduction, totals
 from gauss2svg.fit.session import LEAST_SIGMA, FitSession
 from gauss2svg.fit.state import STEPS, State
@@ -32,6 +31,7 @@ from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import MOST_SKEW
 from gauss2svg.scene.parameters import STEPPED, raw_skew_of
 
+DTYPES = (np.float32, np.float64)
 LOSSES, PLACEMENTS, SCHEDULES = choices("loss"), choices("init"), choices("schedule")
 OVER = blending("over")
 
@@ -81,11 +81,11 @@ def test_ssim_in_the_loss_raises_ssim(photo):
 @pytest.mark.usefixtures("threads_given_back")
 @pytest.mark.parametrize("dtype", DTYPES)
 def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype):
-    options = fit_config(150, 40, seed=3, dtype=dtype)
+    options = fit_config(150, 40, seed=3)
     scenes = []
     for threads in sorted({1, numba.config.NUMBA_NUM_THREADS}):
         numba.set_num_threads(threads)
-        scenes += [fit(photo, options).scene for _ in range(2)]
+        scenes += [fit_in(dtype, photo, options).scene for _ in range(2)]
     for scene in scenes[1:]:
         for name in ("mean", "sigma", "rho", "color", "opacity"):
             assert getattr(scene, name).tobytes() == getattr(scenes[0], name).tobytes()
@@ -95,10 +95,10 @@ def test_same_seed_gives_the_same_bits_on_any_number_of_threads(photo, dtype):
 @pytest.mark.parametrize("loss", ["mse", "mse+ssim"])
 def test_dtype_changes_the_bits_and_not_the_quality(photo, loss, monkeypatch):
     # Without relocation: one Gaussian moved instead of another is worth 0.2 dB either way.
-    monkeypatch.setattr(population_module, "_RELOCATION_SHARE", 0.0)
+    monkeypatch.setattr(population_module, "TUNING", PopulationTuning(relocated=0.0))
     single, double = (
-        fit(photo, fit_config(200, 60, loss=loss, dtype=p, falloff="gaussian")).scene
-        for p in DTYPES
+        fit_in(dtype, photo, fit_config(200, 60, loss=loss, falloff="gaussian")).scene
+        for dtype in DTYPES
     )
     assert not np.array_equal(single.mean, double.mean)
     single_psnr, double_psnr = (metrics.psnr(render(s), photo) for s in (single, double))
@@ -158,7 +158,7 @@ def test_relocation_moves_the_least_useful_and_raises_psnr(photo, monkeypatch):
         relocated = quality_of(photo, gaussians=400, iterations=120)
     # the first relocations happen on a reduced target, which the spy does not see
     assert sum(moved) >= len(moved) - 2 > 2
-    monkeypatch.setattr(population_module, "_RELOCATION_SHARE", 0.0)
+    monkeypatch.setattr(population_module, "TUNING", PopulationTuning(relocated=0.0))
     assert relocated > quality_of(photo, gaussians=400, iterations=120) + 0.2
 
 
@@ -222,7 +222,6 @@ def test_progress_reports_every_iteration_and_ends_with_none_left(photo):
         ({"gaussians": 2.5}, r"gaussians must be a whole number in .*; got 2\.5"),
         ({"iterations": "9"}, "iterations must be a whole number in .*; got '9'"),
         ({"iterations": 0}, r"iterations must be a whole number in 1\.\..*; got 0"),
-        ({"dtype": "float16"}, "dtype must be one of float32, float64; got 'float16'"),
     ],
 )
 def test_bad_option_is_refused_with_its_name(change, message):
@@ -306,7 +305,7 @@ def test_first_adam_step_moves_by_the_rates_against_the_gradient():
     state = state_of(scene)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (5, STEPS))
     adam.step(state, gradient, RATES, Limits(0.1, 100.0), 0.1)
-    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** adam._STEP_BY_BETA
+    shift = -0.1 * RATES["mean"] * gradient[:, :2] * scene.beta[:, None] ** adam.TUNING.step_by_beta
     expected = scene.mean + np.einsum("nij,nj->ni", scene.factor, shift)
     np.testing.assert_allclose(state.mean, expected, atol=1e-6)
     moved = scene.color - 0.1 * RATES["color"] * gradient[:, 6:9]

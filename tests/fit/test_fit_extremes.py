@@ -5,9 +5,8 @@ import math
 
 import numpy as np
 import pytest
-from flat import fit_config, vectorize
+from flat import fit_config, fit_in, vectorize
 
-from gauss2svg.fit.fit import fit
 from gauss2svg.measure import metrics
 from gauss2svg.photo.alpha import stacked
 from gauss2svg.render import render, render_rgba
@@ -98,8 +97,9 @@ def test_every_picture_is_written_and_not_worse_than_its_mean_colour(name, how):
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_every_picture_is_fitted_in_float64(name):
-    config = fit_config(30, 30, dtype="float64", init="error")
-    assert_not_worse_than_the_mean(fit(PICTURES[name], config).scene, PICTURES[name])
+    config = fit_config(30, 30, init="error")
+    fitted = fit_in(np.float64, PICTURES[name], config)
+    assert_not_worse_than_the_mean(fitted.scene, PICTURES[name])
 
 
 def assert_not_worse_than_the_mean(scene, picture, *rasters) -> None:

@@ -177,9 +177,9 @@ def test_drawing_imports_nothing_from_the_current_folder(halves, tmp_path, monke
 
 def test_unexpected_failure_names_the_renderer():
     program = (
-        "import sys; from gauss2svg.measure import drawing; sys.argv = ['', '8', '8', 'librsvg']\n"
+        "import sys; from gauss2svg.measure import isolated; sys.argv = ['', '8', '8', 'librsvg']\n"
         "def fail(*_): raise ZeroDivisionError('by\\nnothing')\n"
-        "drawing.rasterize_sized = fail; sys.exit(drawing.main())"
+        "isolated.rasterize_sized = fail; sys.exit(isolated.main())"
     )
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, input=b"<svg/>", capture_output=True, check=False)

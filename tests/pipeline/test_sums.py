@@ -4,14 +4,12 @@ import re
 
 import numpy as np
 import pytest
-from flat import fit_config, vectorize
+from flat import fit_config, fit_in, vectorize
 from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.fit.convert import composited
-from gauss2svg.fit.fit import fit
-from gauss2svg.fit.options import DTYPES
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.raster import DRAW_BLENDS
@@ -103,8 +101,8 @@ def test_the_adaptive_count_holds_for_additive_blending(photo, portable_form):
 def test_additive_gaussians_are_fitted_in_float64_too(photo):
     # Without relocation rounding decides nothing: its effect is small, but not zero.
     single, double = (
-        fit(photo, fit_config(40, 20, blend=ADD, dtype=dtype, relocate=False)).scene
-        for dtype in DTYPES
+        fit_in(dtype, photo, fit_config(40, 20, blend=ADD, relocate=False)).scene
+        for dtype in (np.float32, np.float64)
     )
     assert (single.mean != double.mean).any()
     psnr = [metrics.psnr(render(scene), photo) for scene in (single, double)]

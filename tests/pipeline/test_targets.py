@@ -8,9 +8,9 @@ from gauss2svg.errors import InputError
 from gauss2svg.fit.target import target_of
 from gauss2svg.measure import metrics
 from gauss2svg.options import byte_size
+from gauss2svg.pipeline import plan
 from gauss2svg.pipeline.aims import unreached
 from gauss2svg.pipeline.options import Goal
-from gauss2svg.pipeline.plan import LARGEST_COLOR_ERROR
 from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.pipeline.search.export import Export
 from gauss2svg.raster import rasterize
@@ -218,7 +218,7 @@ def test_too_large_file_loses_its_least_useful_gaussians(photo):
 def test_palette_never_shifts_colours_visibly_however_coarse_the_fit(photo):
     result = vectorize(photo, gaussians="auto", max_bytes=4000, **QUICK)
     exact = rasterize(write_svg(result.scene, SvgFormat()), 128, 128)
-    assert np.mean((exact - result.raster) ** 2) < 2 * LARGEST_COLOR_ERROR
+    assert np.mean((exact - result.raster) ** 2) < 2 * plan.TUNING.largest_color_error
 
 
 def test_late_run_says_so():

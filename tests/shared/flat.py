@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from gauss2svg.compare.pages.options import GalleryOptions
-from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions
+from gauss2svg.fit.fit import fixed_count
+from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitResult
+from gauss2svg.fit.session import FitSession
+from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.options import field_named, fields_of
 from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.result import Result
@@ -27,6 +33,14 @@ def fit_config(gaussians: int = 5000, iterations: int | None = 200, **given: Any
         for name, kind in {"fit": FitOptions, "densify": DensifyOptions}.items()
     }
     return FitConfig(gaussians=gaussians, iterations=iterations, **groups, **given)
+
+
+def fit_in(dtype: Any, pixels: NDArray[np.float32], config: FitConfig) -> FitResult:
+    """`fit` by kernels that compute in dtype, float32 as a run does or float64."""
+    targets = TargetPyramid(pixels, config.fit.tuned, dtype)
+    session = FitSession(pixels, config, fixed_count(config), targets=targets)
+    session.fit()
+    return session.result()
 
 
 def choices(name: str) -> tuple[Any, ...]:

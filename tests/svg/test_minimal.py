@@ -62,7 +62,7 @@ def match(scene: Scene, unit: float, digits: int = 6, renderer: str = "resvg") -
 @pytest.mark.parametrize("make", [lambda: soft_scene(40), several_falloffs], ids=["one", "several"])
 @pytest.mark.parametrize("most_masked", [500, 0], ids=["masks", "gradients"])
 def test_the_file_draws_the_rounded_scene(make, unit, most_masked, monkeypatch):
-    monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
+    monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
     scene = make()
     assert match(scene, unit) > (NEAR if scene.beta.max() == 1 else NEAR_CRISP)
 
@@ -74,7 +74,7 @@ def test_librsvg_draws_the_same(most_masked, monkeypatch):
         renderer_version("librsvg")
     except RendererError as missing:
         pytest.skip(str(missing))
-    monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
+    monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
     assert match(soft_scene(40), 1.5, renderer="librsvg") > NEAR
     assert match(several_falloffs(), 1.5, renderer="librsvg") > NEAR_CRISP
 
@@ -82,7 +82,7 @@ def test_librsvg_draws_the_same(most_masked, monkeypatch):
 @pytest.mark.browser
 @pytest.mark.parametrize("most_masked", [500, 0], ids=["masks", "gradients"])
 def test_chromium_draws_the_same(most_masked, monkeypatch, browser):
-    monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
+    monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
     assert match(soft_scene(40), 1.5, renderer="chromium") > NEAR
     assert match(several_falloffs(), 1.5, renderer="chromium") > NEAR_CRISP
 
@@ -119,7 +119,7 @@ def test_a_minimal_file_is_shorter_than_an_editable_one_of_the_same_scene():
 
 def test_xml_is_well_formed_ids_are_unique_and_every_reference_is_defined(monkeypatch):
     for most_masked in (500, 0):
-        monkeypatch.setattr(shapes, "MOST_MASKED", most_masked)
+        monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
         svg = minimal_svg(several_falloffs(), 1.5)
         root = ElementTree.fromstring(svg)
         ids = [e.get("id") for e in root.iter() if e.get("id")]

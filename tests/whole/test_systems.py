@@ -21,7 +21,7 @@ from gauss2svg.cli import signals
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, OutputError, RendererError
 from gauss2svg.files import expanded, is_device
-from gauss2svg.measure import drawing
+from gauss2svg.measure import isolated
 from gauss2svg.photo.listing import slug_of
 from gauss2svg.processes import (
     command_line,
@@ -59,11 +59,11 @@ def test_a_crash_is_told_from_an_end_by_the_exit_status_of_its_system(status, sy
 
 
 def test_a_renderer_that_crashes_on_windows_is_an_error_that_says_so(monkeypatch):
-    monkeypatch.setattr(drawing, "crash_of", lambda status: crash_of(0xC00000FD, "nt"))
+    monkeypatch.setattr(isolated, "crash_of", lambda status: crash_of(0xC00000FD, "nt"))
     exits = [sys.executable, "-c", "import sys; sys.exit(9)"]
-    monkeypatch.setattr(drawing, "module_command", lambda *_: exits)
+    monkeypatch.setattr(isolated, "module_command", lambda *_: exits)
     with pytest.raises(RendererError, match=r"crashed on the SVG \(stack overflow"):
-        drawing.draw("<svg/>", 2, 2, "resvg", 60)
+        isolated.draw("<svg/>", 2, 2, "resvg", 60)
 
 
 # A process that starts another and writes the ids of both.

@@ -60,12 +60,12 @@ class Tasks:
     max_memory: int
 
     def prepare(self, photo: ListedPhoto) -> Task:
-        """To prepare a photo for the pages."""
+        """The task of preparing a photo for the pages."""
         request = self._request(photo, None) | {"kind": "photo", "digest": photo.digest}
         return Task(photo, None, request, (self.options.photo_size,))
 
     def make(self, photo: ListedPhoto, variant: Variant, prepared: Mapping[str, Any]) -> Task:
-        """To make an SVG of a photo; prepared: the record of the photo."""
+        """The task of making an SVG of a photo; prepared: the record of the photo."""
         options = self.options
         request = self._request(photo, variant) | {
             "kind": "variant",

@@ -64,6 +64,7 @@ class ByBytesTuning:
     iterations          steps of a fit
     drawing_iterations  steps of a fit to a drawing
     few_of_drawing      shapes or px of a side, under which half as many shapes are not tried
+    shared_by_drawing   share of the squared error that colours in common may add to a drawing
     """
 
     side_per_root: float = 12.0
@@ -77,12 +78,13 @@ class ByBytesTuning:
     iterations: int = 200
     drawing_iterations: int = 600
     few_of_drawing: int = 12
+    shared_by_drawing: float = 0.1
 
 
 TUNING = ByBytesTuning()
 
-_GRIDS, _DRAWING_GRIDS = (0.8, 1.2), (4.0, 8.0)
-_SHARED_BY_DRAWING = 0.1
+_GRIDS = (0.8, 1.2)  # finer and coarser than units_per_root
+_DRAWING_GRIDS = (4.0, 8.0)  # of drawings, whose edges need more exact numbers
 # Placement and learning rate of each fit to a photo.
 _BEGINNINGS = ("selective", 1.0), ("error", 1.0), ("selective", 1.5)
 # Exponents that are worth their definition in a file of so many bytes; plain ellipses need none.
@@ -237,7 +239,7 @@ class ByBytes:
         grids, digits = _DRAWING_GRIDS, HEX_DIGITS[-1:]
         if self._limit < TUNING.coarse_under:
             grids, digits = _GRIDS + grids, HEX_DIGITS
-        writing = Writing(self._each[2], grids, digits, _SHARED_BY_DRAWING)
+        writing = Writing(self._each[2], grids, digits, TUNING.shared_by_drawing)
         steps = TUNING.iterations if self._is_thin else TUNING.drawing_iterations
         return [Recipe(init, 1.0, steps, (), writing) for init in ("selective", "error")]
 

@@ -18,13 +18,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from gauss2svg.errors import number_within
+from gauss2svg.fit import schedule
 from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits, Snapshot, as_given
 from gauss2svg.fit.options import FitProgress, FitResult
-from gauss2svg.fit.schedule import GROWTH_SHARE
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.alpha import over
@@ -38,14 +39,30 @@ from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.svg.layers import segment_at
 
-_CORRECTIONS = 5
-_CALIBRATIONS = 2  # of a search on a smaller image
-_CORRECTION_SHARE = 0.25  # of the iterations of a fit
-_LEAST_STEPS = 40  # of a correction
-_ADDITIVE_SHARE = 0.35  # of the time, for the additive fit before a portable file
-# Share of the largest count, and of the allowed bytes, from which they are what ended the fit.
-_AT_THE_CAP = 0.95
-_BOUND = 0.93
+
+@dataclass(frozen=True)
+class ByCountTuning:
+    """How often and how long a count is corrected (docs/decisions/monotone.md).
+
+    corrections       of a count, at most
+    calibrations      of a search on a smaller image, at most
+    correction_share  of the iterations of a fit that a correction takes
+    least_steps       of a correction
+    additive_share    of the time, for the additive fit before a portable file
+    at_the_cap        share of the largest count from which it is what ended the fit
+    bound             share of the allowed bytes from which they are
+    """
+
+    corrections: int = 5
+    calibrations: int = 2
+    correction_share: float = 0.25
+    least_steps: int = 40
+    additive_share: float = 0.35
+    at_the_cap: float = 0.95
+    bound: float = 0.93
+
+
+TUNING = ByCountTuning()
 
 
 class ByCount:
@@ -84,7 +101,7 @@ class ByCount:
             self._fit()
             self._export()
             best, found, reached = self._corrected()
-            for _ in range(_CALIBRATIONS):
+            for _ in range(TUNING.calibrations):
                 if self._ended or not self._calibrate(best, found, reached):
                     break
                 best, found, reached = self._corrected()
@@ -138,7 +155,7 @@ class ByCount:
         white = over(subject.working)
         session = FitSession(
             white, self._plan.additive_config, self._policy,
-            self._budget.fit_deadline(self._growth.count, _ADDITIVE_SHARE),
+            self._budget.fit_deadline(self._growth.count, TUNING.additive_share),
             lambda progress: self._after_step(ADDITIVE, session, progress),
             stop=self._is_ended,
             targets=subject.targets(self._plan.tune) if white is subject.working else None,
@@ -159,7 +176,7 @@ class ByCount:
 
     def _on_step(self, progress: FitProgress) -> None:
         target = self._session.population.target
-        growing = progress.done <= GROWTH_SHARE
+        growing = progress.done <= schedule.TUNING.growth_share
         self._budget.stepped(target.width * target.height, progress.gaussians, growing)
         self._after_step(FIT, self._session, progress)
         reserved = self._budget.reserve(
@@ -213,8 +230,8 @@ class ByCount:
         if not isinstance(policy, AdaptiveCount):
             return
         iterations = self._plan.fit_config.iterations or self._plan.iterations
-        steps = max(_LEAST_STEPS, round(_CORRECTION_SHARE * iterations))
-        for _ in range(_CORRECTIONS):
+        steps = max(TUNING.least_steps, round(TUNING.correction_share * iterations))
+        for _ in range(TUNING.corrections):
             if self._ended or self._session.clock.out_of_time:
                 break
             count, cap = len(self._session.state), self._cap_now()
@@ -267,13 +284,13 @@ class ByCount:
         if self._ended or self._session.clock.out_of_time:
             return "interrupted" if self._ended else "time_limit"
         by_bytes = aim is not None and self._policy.stop_reason == "max_bytes"
-        if best.size > _BOUND * limit or by_bytes:
+        if best.size > TUNING.bound * limit or by_bytes:
             return "max_bytes"
         if aim is None or not len(best.scene):
             return self._policy.stop_reason
         # Whatever ended the growth, corrections did not reach the target.
         cap = self._growth.cap
-        return cap.name if len(best.scene) > _AT_THE_CAP * cap.gaussians else "iterations"
+        return cap.name if len(best.scene) > TUNING.at_the_cap * cap.gaussians else "iterations"
 
     def _save(self, stage: str, session: FitSession, due: bool = False) -> None:
         if self._checkpoint is not None and self._phase != "correct":

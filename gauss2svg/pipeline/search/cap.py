@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from gauss2svg.errors import number_within, whole_number
+from gauss2svg.fit import densification, schedule
 from gauss2svg.fit.densification import (
-    FIRST_ROUND,
     AdaptiveCount,
     DensificationPolicy,
     GrowthLimits,
@@ -18,7 +18,6 @@ from gauss2svg.fit.densification import (
 )
 from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.losses import psnr_of
-from gauss2svg.fit.schedule import GROWTH_SHARE, QUANTIZED_FROM, ROUNDS
 from gauss2svg.fit.session import FitSession
 from gauss2svg.pipeline import bytes_each
 from gauss2svg.pipeline.plan import Plan
@@ -100,7 +99,8 @@ class Growth:
             return fixed_count(self._plan.fit_config)
         if self.expected is None:
             return AdaptiveCount(self._first, revise)
-        first = max(FIRST_ROUND, self.expected >> (ROUNDS - 1))
+        last_round = self.expected >> (schedule.TUNING.rounds - 1)
+        first = max(densification.TUNING.first_round, last_round)
         return AdaptiveCount(dataclasses.replace(self._first, cap=self.expected), revise, first)
 
     @property
@@ -141,11 +141,12 @@ class Growth:
 
         Before the last steps a few more than that, of which some go.
         """
-        limit, exporter, refining = self._plan.byte_limit, self._exporter, now.done > GROWTH_SHARE
+        limit, exporter = self._plan.byte_limit, self._exporter
+        refining = now.done > schedule.TUNING.growth_share
         if limit is None:
             return self.cap
         share = TUNING.overfill_refining if refining else TUNING.overfill_growing
-        if now.done >= QUANTIZED_FROM:
+        if now.done >= schedule.TUNING.quantized_from:
             share = 1 + TUNING.spare / math.sqrt(max(now.count, 1))
         if now.done >= 1 or self._plan.aim is not None:  # what is over is not pruned
             share = 1.0
@@ -155,7 +156,7 @@ class Growth:
             self._bytes_known = True
             to_come = 0.0
             if refining:
-                to_come = TUNING.bytes_to_come * max(QUANTIZED_FROM - now.done, 0)
+                to_come = TUNING.bytes_to_come * max(schedule.TUNING.quantized_from - now.done, 0)
             psnr = now.psnr
             if session.population.reduction > 1:
                 psnr = psnr_of(session.population.error())
@@ -165,7 +166,7 @@ class Growth:
     def _by_time(self, now: Snapshot, most: int, session: FitSession) -> int:
         if self._plan.only_time_limits:
             return self._budget.most_gaussians(now.count, now.done)
-        late = session.clock.growth_is_late and now.done <= GROWTH_SHARE
+        late = session.clock.growth_is_late and now.done <= schedule.TUNING.growth_share
         return max(now.count, 1) if late else most
 
     def state_dict(self) -> dict[str, Any]:

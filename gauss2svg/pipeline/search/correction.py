@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from gauss2svg.fit.densification import FIRST_ROUND
+from gauss2svg.fit import densification
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.cap import Cap
 from gauss2svg.pipeline.search.export import Export
@@ -93,9 +93,8 @@ class Corrections:
         if not count:
             lacking = aim is not None and not aim.reached(self.score(last))
             room = last.size < (self._limit or math.inf)
-            return Correction(
-                min(FIRST_ROUND, cap.gaussians) if lacking and room else 0, stop_reason
-            )
+            few = min(densification.TUNING.first_round, cap.gaussians)
+            return Correction(few if lacking and room else 0, stop_reason)
         if self._limit is not None:
             if last.size > TUNING.too_large * self._limit:
                 return Correction(min(cap.gaussians, count - 1), "max_bytes")

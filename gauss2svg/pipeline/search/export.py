@@ -24,16 +24,28 @@ from gauss2svg.svg.document import Document
 from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.format import MINIMAL, SvgFormat
 from gauss2svg.svg.layers import grouped_by_segment
-from gauss2svg.svg.minimal.shapes import HEX_DIGITS, MOST_MASKED
+from gauss2svg.svg.minimal import shapes
+from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.write import write_svg
 
-# Soft shapes that a fit aims at where as many are drawn under masks: a few plain ones may become
-# soft in the last steps.
-_MASKED = MOST_MASKED - 8
-# Share of the Gaussians that is kept at least at once where fewer may be drawn in another way.
-_KEPT_AT_ONCE = 0.98
+
+@dataclass(frozen=True)
+class ExportTuning:
+    """How a scene is cut to a limit of bytes (docs/decisions/markup.md).
+
+    spare_masks   soft shapes fewer than may be drawn under masks, which a fit aims at: a few plain
+                  ones may become soft in the last steps
+    kept_at_once  share of the Gaussians that is kept at least at once, where fewer may be drawn in
+                  another way
+    """
+
+    spare_masks: int = 8
+    kept_at_once: float = 0.98
+
+
+TUNING = ExportTuning()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +82,7 @@ class Export:
             cost = target.removal_cost(splats_of(scene.scaled(*factors)))[1][:, 0]
             share = max(limit - empty, 0) / (export.size - empty)
             if export.format.markup == MINIMAL:
-                share = max(share, _KEPT_AT_ONCE)
+                share = max(share, TUNING.kept_at_once)
             kept = min(len(scene) - 1, int(len(scene) * share))
             scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
             svg = write_svg(scene, export.format, export.document)
@@ -128,7 +140,8 @@ class Exporter:
 
         if written.markup != MINIMAL:
             return each(self._written(quantized, written))
-        most = _MASKED * len(scene) / max(np.count_nonzero(~is_plain(quantized)), 1)
+        aimed = shapes.TUNING.most_masked - TUNING.spare_masks
+        most = aimed * len(scene) / max(np.count_nonzero(~is_plain(quantized)), 1)
         under_masks = each(minimal(masked=True))
         if room / under_masks <= most:
             return under_masks

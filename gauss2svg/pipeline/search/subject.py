@@ -11,13 +11,9 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit.choices import Tune
-from gauss2svg.fit.options import DEFAULT_DTYPE
 from gauss2svg.fit.target import Target, TargetPyramid
 from gauss2svg.photo.photo import Photo
 from gauss2svg.svg.document import PHOTO_SIZE, Document
-
-_MM_PER_INCH = 25.4
-_SQUARE = 0.01  # relative difference of resolutions up to which pixels count as square
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +45,7 @@ class Subject:
     def targets(self, tune: Tune) -> TargetPyramid:
         """The working image as targets of a fit, whose weight maps are computed once."""
         if tune not in self._targets:
-            self._targets[tune] = TargetPyramid(self.working, DEFAULT_DTYPE, tune)
+            self._targets[tune] = TargetPyramid(self.working, tune)
         return self._targets[tune]
 
     def target(self, tune: Tune) -> Target:
@@ -85,9 +81,10 @@ def _printed_width(photo: Photo) -> str:
             "size must be a width for a photo without a resolution tag; got 'photo'. Try 120mm"
         )
     across, down = photo.dpi
-    if abs(across / down - 1) > _SQUARE:
+    # Rounded resolutions of square pixels differ by less than a hundredth.
+    if abs(across / down - 1) > 0.01:
         raise InputError(
             f"size must be a width for a photo whose pixels are not square ({across:g}x{down:g} "
             "dpi); got 'photo'. Try 120mm"
         )
-    return f"{round(photo.full[0] / across * _MM_PER_INCH, 3):g}mm"
+    return f"{round(photo.full[0] / across * 25.4, 3):g}mm"

@@ -44,7 +44,7 @@ _COSTS = {key: (title, at_tick) for key, _, title, _, at_tick in COSTS}
 
 @router.get("/", include_in_schema=False)
 async def page(request: Request, jobs: AllJobs) -> HTMLResponse:
-    """The page."""
+    """The studio's page."""
     html = _TEMPLATES.get_template("studio.html.jinja").render(
         version=__version__,
         workers=jobs.workers,

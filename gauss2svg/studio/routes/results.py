@@ -15,14 +15,13 @@ from starlette.exceptions import HTTPException
 
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
-from gauss2svg.measure.drawing import draw
+from gauss2svg.measure.isolated import draw
 from gauss2svg.studio import uploads
 from gauss2svg.studio.jobs import Job
 from gauss2svg.studio.options import MOST_DRAWN
 from gauss2svg.studio.routes import AllJobs, FinishedJob, finished, job_named
 from gauss2svg.svg.file import file_bytes
 
-_DRAW_S = 60.0
 Markup = Literal["editable", "minimal"] | None
 _FILES = {
     "photo.png": "image/png",
@@ -69,7 +68,7 @@ async def png(
         )
     channels = 4 if report["transparent"] else 3
     async with request.app.state.drawing:
-        pixels = await asyncio.to_thread(draw, svg, wide, high, "resvg", _DRAW_S, channels)
+        pixels = await asyncio.to_thread(draw, svg, wide, high, "resvg", 60.0, channels)
         data = await asyncio.to_thread(as_png, pixels)
     headers = _attachment(job, f"-{wide}.png") if download else {}
     return Response(data, media_type="image/png", headers=headers)

@@ -48,10 +48,22 @@ from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.limits import check_canvas, writable
 from gauss2svg.svg.whole_stops import whole_stops
 
-_MARGIN = 0.01  # of the span of partial sums, at either end, for the rounding of layers
-_LEAST_SPAN = 0.1  # less would only magnify the rounding of renderers
-_CHANNELS = ("red", "green", "blue")
 _TRANSFER_DECIMALS = 5
+
+
+@dataclass(frozen=True)
+class AdditiveTuning:
+    """The levels of the canvas that partial sums have (docs/decisions/svg.md).
+
+    margin      share of the span of partial sums, at either end, for the rounding of layers
+    least_span  of them; less would only magnify the rounding of renderers
+    """
+
+    margin: float = 0.01
+    least_span: float = 0.1
+
+
+TUNING = AdditiveTuning()
 
 
 @dataclass(frozen=True)
@@ -100,7 +112,8 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
     phases = phases_of(scene, canvas)
     low, high = partial_sums(scene, phases, canvas)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
-    span = np.maximum((1 + 2 * _MARGIN) * (high - low), np.maximum(largest, _LEAST_SPAN))
+    least = np.maximum(largest, TUNING.least_span)
+    span = np.maximum((1 + 2 * TUNING.margin) * (high - low), least)
     middle = 0.5 * (low + high)
     scale = WHITE / span  # levels of the canvas for 1 of the picture
     begin = np.round(scale * (scene.background - middle + 0.5 * span))
@@ -198,7 +211,7 @@ def _stops_text(
 
 def _label(index: int, count: int, phase: Phase) -> str:
     """Label of a phase, such as "Phase 3: 120 Gaussians that add red, green and take blue"."""
-    signs = tuple(zip(_CHANNELS, phase.takes, strict=True))
+    signs = tuple(zip(("red", "green", "blue"), phase.takes, strict=True))
     adds = ", ".join(name for name, taken in signs if not taken)
     takes = ", ".join(name for name, taken in signs if taken)
     one = count == 1

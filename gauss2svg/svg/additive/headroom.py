@@ -19,6 +19,7 @@ memory is that of the samples.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -29,11 +30,6 @@ from gauss2svg.scene import Scene, narrowing_of, whitening_of
 from gauss2svg.scene.falloff import cut_radius, profile
 
 _kernel = cached()
-_FINEST = 4.0  # samples of the grid per px, each way
-_SIDE = 1536  # samples of the grid, at most
-# Samples of the grid that all Gaussians together may touch, without means: a coarser grid is
-# enough for wider Gaussians.
-_TOUCHED = 3e7
 # A smaller contribution to a colour channel of a sample needs no room there.
 _LEAST_ADDED = 1e-3
 # Equal values of a colour channel: the rounding of float32 is smaller.
@@ -42,6 +38,24 @@ _RADIUS = float(cut_radius(1.0))
 _TABLE = 4096  # steps of the falloff by squared radius
 _STEPS_EACH = _TABLE / _RADIUS**2
 _NOWHERE = -1
+
+
+@dataclass(frozen=True)
+class HeadroomTuning:
+    """How finely partial sums are looked at (docs/decisions/svg.md).
+
+    finest   samples of the grid per px, each way, at most
+    side     samples of a side of the grid, at most
+    touched  samples of the grid that all Gaussians together may touch, without means: a coarser
+             grid is enough for wider Gaussians
+    """
+
+    finest: float = 4.0
+    side: int = 1536
+    touched: float = 3e7
+
+
+TUNING = HeadroomTuning()
 
 
 class Samples(NamedTuple):
@@ -67,7 +81,8 @@ def samples_of(scene: Scene) -> Samples:
     canvas = np.array([scene.width, scene.height])
     sides = np.minimum(2 * _RADIUS * scene.sigma, canvas)
     touched = max(1.0, float(sides.prod(axis=1).sum()))
-    factor = min(_FINEST, _SIDE / canvas.max(), float(np.sqrt(_TOUCHED / touched)))
+    coarse = float(np.sqrt(TUNING.touched / touched))
+    factor = min(TUNING.finest, TUNING.side / canvas.max(), coarse)
     size = np.maximum(1, np.ceil(factor * canvas)).astype(int)
     mean, sigma = scene.mean * (size / canvas), scene.sigma * (size / canvas)
     y, x = np.mgrid[: size[1], : size[0]] + 0.5

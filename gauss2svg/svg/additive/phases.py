@@ -22,9 +22,21 @@ from numpy.typing import NDArray
 from gauss2svg.scene import Scene
 from gauss2svg.svg.additive.headroom import Samples, add_all, order_of, range_of, samples_of
 
-_SPARE = 0.02  # of a channel, at either end: fewer Gaussians wait for each other
 _EQUAL = 1e-3
 _GRAY = np.array([k ^ (k >> 1) for k in range(8)])
+
+
+@dataclass(frozen=True)
+class PhasesTuning:
+    """The order of additive Gaussians (docs/decisions/svg.md).
+
+    spare  of a channel, at either end: fewer Gaussians wait for each other
+    """
+
+    spare: float = 0.02
+
+
+TUNING = PhasesTuning()
 
 
 @dataclass(frozen=True)
@@ -63,8 +75,8 @@ def phases_of(scene: Scene, canvas: Canvas | None = None) -> tuple[Phase, ...]:
     by_mass = np.argsort(-mass, kind="stable")
     samples, picture, low, high = canvas or canvas_of(scene)
     order = order_of(
-        samples, picture, low - _SPARE, high + _SPARE, scene.background.copy(), pattern, _GRAY,
-        by_mass,
+        samples, picture, low - TUNING.spare, high + TUNING.spare, scene.background.copy(),
+        pattern, _GRAY, by_mass,
     )  # fmt: skip
     ends = np.flatnonzero(np.diff(pattern[order])) + 1
     return tuple(

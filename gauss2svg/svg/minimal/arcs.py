@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from gauss2svg.scene import Scene
 from gauss2svg.svg.element import number
 
-# Units between radii from which half a degree of tilt moves the far end by half a unit.
-_LONG, _TILT_DECIMALS = 60.0, 1
+_TILT_DECIMALS = 1  # of long ellipses; of the others none
 
 
 def arc_numbers(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArray[np.float64]:
@@ -29,7 +28,8 @@ def arc_numbers(scene: Scene, radius: NDArray[np.float64], unit: float) -> NDArr
     axes, angle_rad = scene.ellipse_axes
     radii = np.round(axes * radius[:, None] / unit)
     tilt = np.degrees(angle_rad)
-    decimals = np.where(radii[:, 0] - radii[:, 1] > _LONG, _TILT_DECIMALS, 0)
+    # From 60 units between radii on half a degree of tilt moves the far end by half a unit.
+    decimals = np.where(radii[:, 0] - radii[:, 1] > 60.0, _TILT_DECIMALS, 0)
     tilt = np.round(tilt * 10.0**decimals) / 10.0**decimals
     steep = (tilt <= -45) | (tilt > 45)
     radii[steep] = radii[steep, ::-1]

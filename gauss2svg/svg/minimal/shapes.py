@@ -19,13 +19,13 @@ from gauss2svg.scene.falloff import (
     with_length,
     written_skew,
 )
+from gauss2svg.svg import plain_ellipse
 from gauss2svg.svg.encode import turned
 from gauss2svg.svg.limits import check_canvas, writable
 from gauss2svg.svg.minimal.arcs import arc_geometry, arc_numbers
 from gauss2svg.svg.minimal.paint_order import colors_together
 from gauss2svg.svg.plain_ellipse import (
     LEAST_PLAIN_BETA,
-    MOST_PLAIN_SKEW,
     looks_plain,
     plain_beta,
     plain_radius,
@@ -35,11 +35,23 @@ from gauss2svg.svg.snap import with_falloffs
 HEX_DIGITS = (3, 6)
 LEAST_UNIT, MOST_UNIT = 0.001, 1e6  # px
 OPACITY_DECIMALS = 2
-# docs/decisions/minimal.md has what more masks cost; skew.md those of skews, one for each exponent.
-MOST_MASKED = 500
-_MASK_SKEWS = (0.0, 0.4, 0.65, 0.85)
-# px of rim across the major axis: a plain ellipse's edge, of about a pixel, is no crisper.
-_CRISP = 1.0
+_MASK_SKEWS = (0.0, 0.4, 0.65, 0.85)  # each takes a mask for each exponent: docs/decisions/skew.md
+
+
+@dataclass(frozen=True)
+class ShapesTuning:
+    """What the shapes of a minimal file are drawn by (docs/decisions/minimal.md).
+
+    most_masked  soft shapes that are drawn under masks; more of them are slow
+    crisp_rim    px of rim across the major axis under which a shape is a plain ellipse, whose edge,
+                 of about a pixel, is no crisper
+    """
+
+    most_masked: int = 500
+    crisp_rim: float = 1.0
+
+
+TUNING = ShapesTuning()
 
 
 @dataclass(frozen=True)
@@ -70,7 +82,7 @@ def shapes_of(
 ) -> Shapes:
     """Shapes of a scene in units of so many px; those written as nothing are left out.
 
-    masked  whether soft shapes are drawn under masks; None: up to MOST_MASKED of them
+    masked  whether soft shapes are drawn under masks; None: up to most_masked of them
 
     Raises InputError for a unit out of range, other digits than 3 or 6, and an additive scene;
     SceneError for shapes whose numbers do not fit into a file.
@@ -90,7 +102,7 @@ def shapes_of(
     opacity = np.round(scene.opacity, opacity_decimals)
     while True:
         classes = np.array(BETA_CLASSES)[kind]
-        under_masks = np.count_nonzero(~plain) <= MOST_MASKED if masked is None else masked
+        under_masks = np.count_nonzero(~plain) <= TUNING.most_masked if masked is None else masked
         skews = written_skew(mask_skew(length) if under_masks else length, classes)
         skews[plain] = 0.0
         beta = np.where(plain, scene.beta, classes)
@@ -113,7 +125,7 @@ def shapes_of(
     levels = color_levels(scene.color[index], digits)
     falloff = np.where(plain, -1, kind)[index]
     if masked is None and not length.any():  # skews are those of masks or of gradients already
-        under_masks = np.count_nonzero(falloff >= 0) <= MOST_MASKED
+        under_masks = np.count_nonzero(falloff >= 0) <= TUNING.most_masked
     shapes = Shapes(
         index, falloff, skews[index], numbers[index], levels, opacity[index], bool(under_masks)
     )
@@ -127,7 +139,7 @@ def shapes_of(
 
 
 def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Scene:
-    """The scene of these shapes of it."""
+    """The scene that a file with these shapes of a scene draws."""
     plain = shapes.falloff < 0
     beta = np.array([*BETA_CLASSES, 1.0])[shapes.falloff]
     beta[plain] = arc_beta(np.sort(unit * shapes.numbers[plain, :2], axis=1)[:, ::-1])
@@ -178,8 +190,8 @@ def _is_arc(
 ) -> NDArray[np.bool_]:
     """(n,) whether an arc draws shapes of such one-sigma axes: nearly their rim, or a wider one."""
     across = RIM_WIDTH * axes[:, 0] / beta
-    crisp = (beta >= LEAST_PLAIN_BETA) & (across < _CRISP)
-    return (looks_plain(axes, beta) | crisp) & (skew < MOST_PLAIN_SKEW)
+    crisp = (beta >= LEAST_PLAIN_BETA) & (across < TUNING.crisp_rim)
+    return (looks_plain(axes, beta) | crisp) & (skew < plain_ellipse.TUNING.most_skew)
 
 
 def mask_skew(length: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,7 +3,7 @@
     <svg xmlns=".." viewBox="0 0 64 43"><defs> falloffs </defs><path fill="#abc" d="M0 0h64v43H0"/>
     <use href="#a" fill="#abc" transform="matrix(12 3 0 8 30 20)"/> .. </svg>
 
-Coordinates are whole numbers of user units (gauss2svg.svg.minimal.shapes). Up to MOST_MASKED soft
+Coordinates are whole numbers of user units (gauss2svg.svg.minimal.shapes). Up to most_masked soft
 shapes share one masked circle for each exponent, so that a colour costs a few bytes; the stops of
 its mask are greys, whose luminance is the falloff. Crisp shapes are arcs of a path, below round an
 ellipse of 8 by 7 units (gauss2svg.svg.minimal.arcs). Two soft shapes of one colour and opacity, and
@@ -35,6 +35,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
@@ -64,18 +65,29 @@ from gauss2svg.svg.minimal.shapes import (
 from gauss2svg.svg.stops import gradient_stops
 from gauss2svg.svg.whole_stops import grey_stops
 
-# docs/decisions/minimal.md has what two stops more are worth.
-MASK_STOPS, _MANY = (3, 5), 60  # of few soft shapes, and from so many on
+MASK_STOPS = (3, 5)  # of few soft shapes, and of many
+
+
+@dataclass(frozen=True)
+class MinimalTuning:
+    """What a minimal file writes more or less exactly (docs/decisions/minimal.md).
+
+    many           soft shapes, from which on two stops more of a mask are worth their bytes
+    view_error     user units that a side of the view box may be off
+    view_error_px  px that it may be off, where the file has a size
+    """
+
+    many: int = 60
+    view_error: float = 0.02
+    view_error_px: float = 0.25
+
+
+TUNING = MinimalTuning()
 # Class of an exponent, and length of a skew.
 Kind = tuple[int, float]
 # Without userSpaceOnUse librsvg 2.54 loses shapes under a rotation.
 _UNIT_DISC = {"gradientUnits": "userSpaceOnUse", "cx": "0", "cy": "0", "r": "1"}
-# The circle of an exponent from this one on is larger than its gradient, whose rim its own edge
-# would clip (gauss2svg.svg.encode).
-_CLIPPED_FROM, _CLEAR, _CLEAR_OF_SKEWED = 6.0, "1.1", "2"
-# Largest error of a side of the view box, in user units and in px, where the file has a size.
-_VIEW_ERROR, _VIEW_ERROR_PX = 0.02, 0.25
-_WHOLE = 1e-9  # relative error of a side that is a whole number of units
+_CLEAR_OF_SKEWED = "2"  # radius of the circle of a skewed shape, whose rim its edge would clip
 
 
 def minimal_svg(
@@ -93,7 +105,7 @@ def minimal_svg(
     unit    px of the canvas, LEAST_UNIT..MOST_UNIT
     digits  of colours, 3 or 6
     stops   of a gradient, one of STOP_COUNTS
-    masked  whether soft shapes are drawn under masks, not by gradients; None: up to MOST_MASKED
+    masked  whether soft shapes are drawn under masks, not by gradients; None: up to most_masked
     What it draws is minimal_rounded(scene, unit, digits): shapes whose extent or opacity is written
     as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
     otherwise the file has no names, and a size only where a unit is less than a pixel or a side is
@@ -155,7 +167,7 @@ def whole_unit(width: int, height: int, about: float = 0) -> float:
 def _view(side: float, unit: float) -> str:
     """A side of the view box with the fewest decimals."""
     units = side / unit
-    error = min(_VIEW_ERROR * min(1.0, units), _VIEW_ERROR_PX / unit)
+    error = min(TUNING.view_error * min(1.0, units), TUNING.view_error_px / unit)
     return next(
         text
         for text in (number(units, decimals) for decimals in range(11))
@@ -164,7 +176,7 @@ def _view(side: float, unit: float) -> str:
 
 
 def _is_whole(units: float) -> bool:
-    return units >= 0.5 and abs(units - round(units)) <= _WHOLE * units
+    return units >= 0.5 and abs(units - round(units)) <= 1e-9 * units
 
 
 def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str]:
@@ -243,7 +255,7 @@ def _masked(shapes: Shapes) -> tuple[list[Element], dict[Kind, Element]]:
     Those of one exponent share the stops of the first.
     """
     kinds = _kinds(shapes)
-    count = MASK_STOPS[int(np.count_nonzero(shapes.falloff >= 0) >= _MANY)]
+    count = MASK_STOPS[int(np.count_nonzero(shapes.falloff >= 0) >= TUNING.many)]
     uses, definitions, first = {}, [], {}
     for k, kind in enumerate(kinds):
         beta, skew = BETA_CLASSES[kind[0]], kind[1]
@@ -305,7 +317,8 @@ def _gradients(
 def _circle(kind: Kind) -> str:
     if kind[1]:
         return _CLEAR_OF_SKEWED
-    return _CLEAR if BETA_CLASSES[kind[0]] >= _CLIPPED_FROM else "1"
+    # As of skewed shapes: the edge would clip a crisp rim (gauss2svg.svg.encode).
+    return "1.1" if BETA_CLASSES[kind[0]] >= 6 else "1"
 
 
 def _matrix(numbers: NDArray[np.float64]) -> str:

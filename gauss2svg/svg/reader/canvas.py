@@ -17,9 +17,9 @@ from gauss2svg.svg.syntax.values import length, numbers, view_box
 
 # The canvas in px, whatever the physical size that width and height say.
 CANVAS = "data-canvas"
-_PROPORTIONS = 1e-3  # by which the viewBox may differ from those of the canvas: rounding
 # What a background may leave free by rounding: px of the canvas, and of a path's units.
-_COVERED, _COVERED_UNITS = 0.01, 0.05
+_COVERED = 0.01
+_COVERED_UNITS = 0.05
 _ALIGNED = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
 
 
@@ -54,7 +54,8 @@ def read_canvas(root: Mapping[str, str]) -> tuple[float, float, Affine, tuple[fl
     scale_x, scale_y = width / across, height / down
     left = top = 0.0
     if CANVAS in root:
-        if abs(scale_x / scale_y - 1) > _PROPORTIONS:
+        # Rounding changes proportions by less.
+        if abs(scale_x / scale_y - 1) > 1e-3:
             raise InputError(
                 f"{CANVAS} must be of the proportions of the viewBox, {across:g}x{down:g}; got "
                 f"{width:g}x{height:g} px: the page was resized. Try to write its size in px "

@@ -40,11 +40,8 @@ _COMMON = ("gradientUnits", "gradientTransform", "spreadMethod")
 _SAMPLES = 512
 _LARGEST_ERROR = 0.02
 _LARGEST_END = 0.005  # opacity of the last stop, which extends beyond the disc
-# Piecewise linear profiles differ from 1 by as much in their scale.
-_PEAK_OF_OURS = 0.01
 # Inkscape makes chains of two; without a limit, reading n gradients could take n^2 steps.
 _LONGEST_CHAIN = 100
-_LEAST_FOCUS = 0.01  # of the radius: within it the focus changes the image by under a level
 
 
 @dataclass(frozen=True)
@@ -150,7 +147,8 @@ def _disc(found: Mapping[str, str]) -> tuple[Affine, bool, tuple[float, float]]:
             f"its focus must be a point within {MOST_SKEW:g} radii of its centre; got another, "
             f"{away:.3g} radii away. Try to remove fx, fy and fr"
         )
-    if away <= _LEAST_FOCUS:
+    # Within a hundredth of the radius the focus changes the image by under a level.
+    if away <= 0.01:
         focus = 0.0, 0.0
     if found.get("spreadMethod", "pad") != "pad":
         raise InputError(f"its spreadMethod must be pad; got {quoted(found['spreadMethod'])}")
@@ -218,7 +216,8 @@ def _exponent(polygon: tuple[tuple[float, float], ...]) -> tuple[float, float]:
     error = np.sqrt(np.mean(area * np.square(shapes - _profiles()), axis=1))
     best = int(error.argmin())
     peak = float(peaks[best])
-    if abs(peak - 1) < _PEAK_OF_OURS:
+    # Piecewise linear profiles differ from 1 by as much in their scale.
+    if abs(peak - 1) < 0.01:
         peak = 1.0
     if error[best] > _LARGEST_ERROR or heights[-1] > _LARGEST_END * peak:
         known = ", ".join(f"{beta:g}" for beta in BETA_CLASSES)

@@ -21,13 +21,11 @@ from gauss2svg.svg.syntax.parse import SVG
 from gauss2svg.svg.syntax.values import Color, color, length, numbers, reference
 
 _LEAST_RATIO = 1e-6  # of a radius to a deviation, and its inverse: write_svg writes none so extreme
-_SAME_RATIO = 0.005  # relative: within it a ratio is a known one, rounded by an editor
 # Standard deviations around a circle that its filter region must include: write_svg writes 3.5,
 # of which Inkscape keeps 2.4, where two levels are left.
 _REACH = 2.3
 # Values that a blur's attributes may have: it filters the whole circle on a transparent ground.
 _STEP = {"in": "SourceGraphic", "edgeMode": "none", "x": "", "y": "", "width": "", "height": ""}
-_CLIPPED = 0.05  # canvas px of a gradient that rounding may cut off
 
 
 @dataclass(frozen=True)
@@ -130,7 +128,8 @@ def blurred_profile(radius: float, deviation: float) -> tuple[float, float, floa
             f"{deviation:g}. Try to remove its filter"
         )
     blur = min(BLURS, key=lambda known: abs(math.log(ratio * known.deviation)))
-    if abs(ratio * blur.deviation - 1) > _SAME_RATIO:
+    # Within half a percent a ratio is a known one, rounded by an editor.
+    if abs(ratio * blur.deviation - 1) > 0.005:
         blur = blur_of(ratio)
     return blur.beta, blur.radius, 1 / blur.peak
 
@@ -200,7 +199,8 @@ def check_cover(edge: Affine, disc: Affine) -> None:
     larger = 0.5 * (math.hypot(k + o, m - n) + math.hypot(k - o, m + n))
     beyond = larger + math.hypot(x, y) - 1
     minor = abs(0.5 * (math.hypot(a + d, b - c) - math.hypot(a - d, b + c)))
-    if beyond * minor > _CLIPPED:
+    # Rounding may cut off so many px of the canvas.
+    if beyond * minor > 0.05:
         raise InputError(
             "the ellipse must show all of its gradient; got one that cuts off "
             f"{beyond * minor:.3g} px. Try to move both together (in Inkscape: switch on that "

@@ -23,7 +23,6 @@ _BASE = "{http://www.w3.org/XML/1998/namespace}base"  # CairoSVG adds links, eve
 # By which browsers load into elements of HTML, whichever part of an SVG they are in.
 _FOREIGN_LINKS = ("src", "data", "poster", "background")
 _FOREIGN_LISTS = ("srcset", "imagesrcset", "srcdoc", "archive", "code", "codebase", "classid")
-_PICTURES = ("image", "feImage", "img")
 _FORMATS = ("PNG", "JPEG", "GIF", "WEBP")
 _MOST_EMBEDDED_PIXELS = 100_000_000  # of all embedded pictures together
 _SPACE = " \t\r\n\f"
@@ -73,7 +72,7 @@ class References:
         """Add the pixels of the picture that a link of an element embeds."""
         if tag == "a" or not target or target.startswith("#"):
             return  # an <a> is only loaded on a click
-        if not _is_data(target) or tag not in _PICTURES:
+        if not _is_data(target) or tag not in ("image", "feImage", "img"):
             raise _outside(target)
         self._pixels += _pixels(target)
         if self._pixels > _MOST_EMBEDDED_PIXELS:

@@ -16,7 +16,6 @@ from gauss2svg.options import file_name
 SvgSource = Any  # a path, text that begins with <, bytes or a binary file
 MOST_BYTES = 256_000_000  # gunzipped: a gzip bomb expands a thousandfold
 BLANKS = "\ufeff \t\r\n"  # that text may begin with
-_GZIP = b"\x1f\x8b"
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
@@ -68,7 +67,8 @@ def read_source(source: SvgSource, most_bytes: int, said: Wording) -> tuple[str 
             f"{type(source).__name__}"
         )
     _within(data, most_bytes, name, said)
-    if data.startswith(_GZIP):
+    # The magic number of gzip.
+    if data.startswith(b"\x1f\x8b"):
         try:
             with gzip.GzipFile(fileobj=io.BytesIO(data)) as stream:
                 data = stream.read(most_bytes + 1)

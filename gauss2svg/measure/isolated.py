@@ -1,4 +1,4 @@
-"""Rasterises an untrusted SVG in a process of its own: `python -m gauss2svg.measure.drawing`.
+"""Rasterises an untrusted SVG in a process of its own: `python -m gauss2svg.measure.isolated`.
 
 Deep nesting overflows resvg's stack, which ends the process, and nested patterns keep any renderer
 busy for years. In a process of its own both become ordinary errors.
@@ -33,7 +33,7 @@ def draw(
     words = str(width), str(height), renderer, str(channels)
     try:
         ended = run(
-            module_command("gauss2svg.measure.drawing", *words),
+            module_command("gauss2svg.measure.isolated", *words),
             svg.encode(),
             timeout_s=timeout_s,
             environment=module_path(),
