@@ -170,8 +170,12 @@ def test_a_jpeg_is_refused_however_small_it_is_needed():
         load_image(file, needed=lambda width, height: (0, 1))
 
 
+OPAQUE = {"PNG", "grey PNG", "16-bit PNG", "two levels", "BMP"}  # whose mode tells
+
+
 @pytest.mark.parametrize("kind", LOSSLESS)
 def test_header_says_the_size_and_whether_there_may_be_alpha(kind):
     header = header_of(LOSSLESS[kind])
     assert (header.width, header.height) == (WIDTH, HEIGHT)
-    assert header.has_alpha or load_image(LOSSLESS[kind]).alpha is None
+    assert header.has_alpha >= (load_image(LOSSLESS[kind]).alpha is not None)
+    assert header.has_alpha <= (kind not in OPAQUE)
