@@ -9,7 +9,7 @@ import pytest
 import studio_site
 from gallery_site import box
 from PIL import Image
-from playwright.sync_api import expect
+from screens import expect
 from studio_site import HOSTILE, PLAIN, UPRIGHT, aim, await_run, difference, draft, job_of, pick
 
 from gauss2svg.compare import numbers

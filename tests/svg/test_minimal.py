@@ -344,7 +344,7 @@ def test_auto_is_the_closer_of_both_markups(photo, limit):
     part = photo[:64, 40:104]
 
     def found(**given):
-        report = vectorize(part, max_bytes=limit, iterations=20, tune="psnr", **given).report
+        report = vectorize(part, max_bytes=limit, iterations=10, tune="psnr", **given).report
         return report["psnr_svg"], report["markup"]
 
     assert found() == max(found(markup="minimal"), found(markup="editable"))
