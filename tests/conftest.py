@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import os
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -67,7 +68,9 @@ def pytest_xdist_auto_num_workers(config) -> int:
 
 
 def pytest_configure(config) -> None:
-    """The same examples in every run, so that a failure is found again."""
+    """The same examples in every run, so that a failure is found again; Ctrl-C as at a terminal."""
+    # Ignored where this is in the background of a shell, and then by all that is started here.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     examples = int(os.environ.get("GAUSS2SVG_EXAMPLES", "10"))
     settings.register_profile("repeatable", derandomize=True, deadline=None, max_examples=examples)
     settings.load_profile("repeatable")

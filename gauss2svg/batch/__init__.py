@@ -2,6 +2,12 @@
 
 from collections.abc import Callable
 
-# A Ctrl-C is lost where what it raises is in a callback of Python's garbage collector: the handler
-# of a command leaves it here as well, and the loop that waits for tasks raises it again.
+# A Ctrl-C is lost where what it raises is in a callback of Python's garbage collector or of C code:
+# the handler of a command leaves it here as well.
 pending: Callable[[], None] | None = None
+
+
+def raise_pending() -> None:
+    """Raise again what a signal has raised; called between tasks and at the end of a command."""
+    if pending is not None:
+        pending()

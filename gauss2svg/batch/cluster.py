@@ -204,8 +204,7 @@ def answers(
     submitted: dict[Any, tuple[Future, T]] = {}
     try:
         while True:
-            if batch.pending is not None:
-                batch.pending()
+            batch.raise_pending()
             while len(submitted) < window() and (request := next_request()) is not None:
                 # The scheduler remembers its last thousand tasks, with all that is in them.
                 packed = zlib.compress(dumps((function, request)))

@@ -114,7 +114,7 @@ def exit_before_fits() -> None:
 
 @contextmanager
 def raising() -> Iterator[None]:
-    """Let signals raise inside, so that files are closed and child processes end."""
+    """Let signals raise inside, at its end at the latest: files are closed, child processes end."""
 
     def received(number: int, _frame: FrameType | None) -> None:
         batch.pending = partial(raise_for, number)
@@ -123,6 +123,7 @@ def raising() -> Iterator[None]:
     try:
         with _handled(SIGNALS, received):
             yield
+            batch.raise_pending()
     finally:
         batch.pending = None
 

@@ -18,7 +18,6 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::ResourceWarning"),
     pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning"),
 ]
-pytest.importorskip("s3fs")
 NAMES = ["a.png", "b/a.png", "b/c d.png"]
 
 
@@ -42,6 +41,7 @@ class Refusing:
 
 @pytest.fixture(scope="module")
 def server():
+    pytest.importorskip("s3fs")
     from moto.server import DomainDispatcherApplication, create_backend_app
     from werkzeug.serving import make_server
 

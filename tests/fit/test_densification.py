@@ -20,6 +20,7 @@ from gauss2svg.fit.densification import (
 )
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure import metrics
+from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.render import render
 from gauss2svg.render.cpu import removal_cost
 
@@ -157,7 +158,8 @@ def ramp() -> np.ndarray:
 
 
 def test_simple_scenes_get_few_gaussians_and_rich_ones_many(photo):
-    balanced = GrowthLimits(0.006, 0.12, 36.0, 8000)
+    preset = PRESETS["balanced"]
+    balanced = GrowthLimits(preset.gain, KILOBYTES, preset.enough, preset.cap)
     flat = np.full((64, 96, 3), 0.4, np.float32)
     noise = np.random.default_rng(0).random((64, 96, 3)).astype(np.float32)
     counts = [len(fitted(p, balanced).state) for p in (flat, ramp(), photo)]

@@ -61,7 +61,7 @@ def test_our_own_file_has_the_numbers_of_its_report(fitted):
     json.dumps(checked.report, allow_nan=False)
 
 
-def test_large_pictures_have_an_ms_ssim():
+def test_large_pictures_have_an_ms_ssim(drawn_here):
     photo = np.random.default_rng(0).random((176, 180, 3))
     svg = f'<svg {XMLNS} viewBox="0 0 1 1"><rect width="1" height="1" fill="gray"/></svg>'
     checked = gauss2svg.check(photo, svg)

@@ -122,7 +122,7 @@ def test_limit_of_pixels_holds_for_every_format(name):
         load_image(file, max_pixels=227)
 
 
-def test_limit_of_pixels_is_heeded_by_both_commands(tmp_path, capsys):
+def test_limit_of_pixels_is_heeded_by_both_commands(tmp_path, drawn_here, capsys):
     path, svg = tmp_path / "photo.png", tmp_path / "o.svg"
     path.write_bytes(encoded(Image.fromarray(BYTES), "PNG"))
     result = vectorize(path, gaussians=2, iterations=1, max_pixels=228)

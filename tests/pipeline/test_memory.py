@@ -135,10 +135,10 @@ def test_photo_that_never_fits_is_refused_before_the_fit(photo, tmp_path, monkey
         vectorize(photo, **QUICK)
 
 
-def test_four_fifths_of_what_is_free_and_its_own_are_allowed(monkeypatch):
-    monkeypatch.setattr(memory, "free_bytes", lambda: 10**12)
+def test_a_share_of_what_is_free_and_its_own_is_allowed(monkeypatch):
+    monkeypatch.setattr(memory, "free_bytes", lambda: 10**8)
     own = psutil.Process().memory_info().rss
-    assert allowed(None) == pytest.approx(0.8 * (10**12 + own), rel=1e-3)
+    assert allowed(None) == pytest.approx(memory.SHARE * (10**8 + own), rel=0.02)
     assert allowed("2G") == allowed(2 * 10**9) == 2 * 10**9
 
 

@@ -134,15 +134,15 @@ def test_max_bytes_under_20_kb_writes_minimal_markup_and_a_full_report(tmp_path)
     ],
 )  # fmt: skip
 def test_other_targets_and_editable_files_take_the_usual_fit(given):
-    result = vectorize(hills(), max_bytes=8000, iterations=8, **given)
-    assert result.report["tune"] == "perceptual"
+    searches = Plan(Options.from_flat({"max_bytes": 8000, **given})).searches()
+    assert not any(search.by_bytes for search in searches)
+    assert {search.tune for search in searches} == {"perceptual"}
 
 
 @pytest.mark.sweep
 def test_from_five_kilobytes_the_closer_markup_is_written():
-    disc = shapes(128, 128)
     found = {
-        markup: vectorize(disc, max_bytes=9000, iterations=60, markup=markup)
+        markup: vectorize(shapes(), max_bytes=9000, iterations=40, markup=markup)
         for markup in ("auto", "minimal", "editable")
     }
     psnrs = {markup: result.report["psnr_svg"] for markup, result in found.items()}
@@ -223,7 +223,7 @@ def test_shapes_that_are_written_as_nothing_make_no_room_for_thousands_more():
 
 
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr():
-    given = {"max_bytes": 1500, "iterations": 50}
+    given = {"max_bytes": 1500, "iterations": 15}
     found = {t: vectorize(textured(), tune=t, **given) for t in (None, "psnr", "perceptual")}
     assert found[None].svg == found["psnr"].svg != found["perceptual"].svg
     assert [found[t].report["tune"] for t in found] == ["psnr", "psnr", "perceptual"]

@@ -78,7 +78,7 @@ def test_conversion_begins_with_the_additive_shapes_largest_first(photo, additiv
 @pytest.mark.sweep
 @pytest.mark.parametrize("portable_form", [False, True])
 def test_targets_hold_for_additive_blending(photo, portable_form):
-    options = {"blend": ADD, "portable": portable_form, "quality": "draft"}
+    options = {"blend": ADD, "portable": portable_form, "quality": "draft", "iterations": 80}
     small = vectorize(photo, max_bytes="20k", **options)
     assert len(small.svg.encode()) <= 20_000
     assert len(small.scene) > 50

@@ -68,9 +68,12 @@ def test_target_holds_at_the_size_of_a_photo_that_was_fitted_smaller(photo):
     assert 24 - 0.05 <= report["psnr_svg"] <= 24 + 0.5
 
 
-@pytest.mark.parametrize("limit", [pytest.param(6_000, marks=pytest.mark.sweep), 25_000, 60_000])
-def test_max_bytes_is_never_passed_and_well_used(photo, limit):
-    result = vectorize(photo, max_bytes=limit, quality="high", iterations=40)
+@pytest.mark.parametrize(
+    ("limit", "side"),
+    [pytest.param(6_000, 128, marks=pytest.mark.sweep), (12_000, 64), (60_000, 128)],
+)
+def test_max_bytes_is_never_passed_and_well_used(photo, limit, side):
+    result = vectorize(photo[:side, :side], max_bytes=limit, quality="high", iterations=20)
     # A dozen Gaussians fill a small file in large steps.
     assert (0.9 if limit > 20_000 else 0.8) * limit <= len(result.svg.encode()) <= limit
     assert result.report["stop_reason"] == "max_bytes"
@@ -191,11 +194,11 @@ def test_target_ends_the_run_before_the_time_does(photo):
 
 @pytest.mark.sweep
 def test_limit_of_bytes_is_used_for_the_best_that_fits(photo):
-    free = vectorize(photo, quality="draft").report
+    free = vectorize(photo, quality="draft", **QUICK).report
     limits = [free["svg_bytes"] * share for share in (0.5, 1.5)]
     psnr = []
     for limit in map(int, limits):
-        report = vectorize(photo, quality="draft", max_bytes=limit).report
+        report = vectorize(photo, quality="draft", max_bytes=limit, **QUICK).report
         assert 0.9 * limit <= report["svg_bytes"] <= limit
         psnr.append(report["psnr_svg"])
     assert psnr == sorted(psnr)

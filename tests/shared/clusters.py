@@ -54,13 +54,12 @@ def environment(**variables: str) -> dict[str, str]:
 
 
 def started(*command: str, cwd: Path, variables: dict[str, str], **options) -> subprocess.Popen:
-    """A process in a session of its own, in which Ctrl-C is not ignored."""
+    """A process in a session of its own."""
     return subprocess.Popen(
         [sys.executable, "-P", "-m", *command],
         cwd=cwd,
         env=environment(**variables),
         start_new_session=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
         **options,
     )
 

@@ -153,6 +153,7 @@ def run(target: str, seed: int, inputs: int, jobs: int, start: int, folder: Path
 
 
 def main() -> int:
+    sys.path.append(str(Path(__file__).parents[1]))  # of conftest.py, which makes scenes
     if sys.argv[1:2] == ["--work"]:
         target, seed, first, last, place = sys.argv[2:]
         work(target, int(seed), int(first), int(last), place)

@@ -1,5 +1,7 @@
 """What a page looks like: screenshots on a busy machine, and faults of access."""
 
+from typing import Any
+
 import pytest
 
 _REFUSED = "Unable to capture screenshot"
@@ -7,6 +9,13 @@ _TRIES, _PAUSE_MS = 5, 200
 _GRAVE = ("serious", "critical")
 OVERFLOW = "() => document.documentElement.scrollWidth - document.documentElement.clientWidth"
 CONTROLS = "input, select, button, textarea, output, [role=slider], .handle, .badge"
+
+
+def expect(what: Any) -> Any:
+    """Playwright's assertions, which wait; loaded by tests that have a browser alone."""
+    from playwright.sync_api import expect as waiting
+
+    return waiting(what)
 
 
 def captured(page, **options) -> bytes:

@@ -26,6 +26,12 @@ BALANCED = {
     "time_limit": None,
 }  # fmt: skip
 
+# And with the dearest presets, which would take half a minute more.
+COFFEE = {
+    "high": Figures(240_000, 11_890, 1_605_889, 242_303, seconds=11.8, psnr=40.06),
+    "max": Figures(240_000, 28_425, 9_628_757, 932_434, seconds=33.4, psnr=45.09),
+}
+
 
 def ran(report: dict, digest: str = "coffee", state: str = DONE, **options) -> Job:
     job = Job(Path(), "p.png", options, report["width"], report["height"], digest=digest)
@@ -131,8 +137,8 @@ def test_a_photo_that_is_drawn_without_error_has_no_decibels():
 @pytest.mark.sweep
 @pytest.mark.parametrize("preset", PRESETS)
 def test_what_a_preset_promises_is_what_it_gives(preset):
-    figures = []
-    for name in PROMISED_FOR:
+    figures = [COFFEE[preset]] if preset in COFFEE else []
+    for name in PROMISED_FOR[:-1] if preset in COFFEE else PROMISED_FOR:  # coffee is the last
         photo, begun = getattr(data, name)(), time.process_time()
         report = vectorize(photo, quality=preset, run=RunOptions(threads=1)).report
         seconds = time.process_time() - begun
@@ -147,7 +153,8 @@ def test_what_a_preset_promises_is_what_it_gives(preset):
     )
     given = given._replace(psnr=sum(one.psnr for one in figures) / len(figures))
     promised = PROMISES[preset]
+    near = 0.05 if preset in COFFEE else 0.1  # as near for each photo that is run
     for name in ("pixels", "gaussians", "bytes", "gzip_bytes"):
-        assert getattr(promised, name) == pytest.approx(getattr(given, name), rel=0.1), given
-    assert promised.psnr == pytest.approx(given.psnr, abs=0.3), given
+        assert getattr(promised, name) == pytest.approx(getattr(given, name), rel=near), given
+    assert promised.psnr == pytest.approx(given.psnr, abs=3 * near), given
     assert given.seconds / 3 < promised.seconds < 3 * given.seconds, given

@@ -9,10 +9,11 @@ import pytest
 import studio_site
 from gallery_site import box
 from PIL import Image
-from playwright.sync_api import expect
+from screens import expect
 from studio_site import HOSTILE, PLAIN, UPRIGHT, aim, await_run, difference, draft, job_of, pick
 
 from gauss2svg.compare import numbers
+from gauss2svg.studio.options import MOST_DRAWN
 
 pytestmark = pytest.mark.browser
 photos, server, tabs, visit = (
@@ -346,7 +347,7 @@ def test_files_are_those_of_the_service(visit, server):
     assert saving.value.suggested_filename == "cup-200.png"
     # The form and the service have one bound; a step wider is refused by both.
     most = int(page.locator("#png-width").get_attribute("max"))
-    assert most * round(most * 1.5) <= 40_000_000 < (most + 1) * round((most + 1) * 1.5)
+    assert most * round(most * 1.5) <= MOST_DRAWN < (most + 1) * round((most + 1) * 1.5)
     page.locator("#png-width").fill(str(most + 1))
     expect(page.locator("#png-error")).to_contain_text(f"1 to {most} px")
     status = "async (path) => (await fetch(path)).status"

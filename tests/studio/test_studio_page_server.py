@@ -2,7 +2,7 @@
 
 import pytest
 import studio_site
-from playwright.sync_api import expect
+from screens import expect
 from studio_site import PLAIN, UPRIGHT, await_run, difference, draft, job_of, pick
 
 pytestmark = pytest.mark.browser

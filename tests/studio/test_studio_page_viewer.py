@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import studio_site
 from gallery_site import PHONE, WIDE, box, shot
-from playwright.sync_api import expect
-from screens import CONTROLS, OVERFLOW, grave_faults
+from screens import CONTROLS, OVERFLOW, expect, grave_faults
 from studio_site import HOSTILE, PLAIN, aim, await_run, difference, draft, job_of, pick
 
 from gauss2svg.measure.scores import PSNR, SSIM
@@ -218,18 +217,18 @@ def check_access(page):
     """The page from a phone to a wide screen, in light, dark and forced colours."""
     for size in (WIDE, PHONE, HUGE):
         page.set_viewport_size(size)
-        page.emulate_media(color_scheme="light", forced_colors="none")
-        assert page.evaluate(OVERFLOW) == 0, size
-        assert not grave_faults(page), size
-        page.emulate_media(color_scheme="dark")
-        assert not grave_faults(page, runOnly=["color-contrast"]), size
-        page.emulate_media(color_scheme="light", forced_colors="active")
-        assert page.evaluate(OVERFLOW) == 0, size
+        for forced in ("active", "none"):
+            page.emulate_media(color_scheme="light", forced_colors=forced)
+            assert page.evaluate(OVERFLOW) == 0, size
+        if size != WIDE:  # between the two
+            assert not grave_faults(page), size
+    page.emulate_media(color_scheme="dark")  # colours do not depend on the size
+    assert not grave_faults(page, runOnly=["color-contrast"])
 
 
 def test_no_grave_accessibility_fault_in_the_empty_page(visit):
     page = visit().open()
-    check_access(page)
+    assert not grave_faults(page)
     page.locator("#more > summary").click()
     for summary in page.locator(".group > summary").all():
         summary.click()
@@ -303,9 +302,9 @@ def test_controls_are_large_enough_and_named(done):
 
 def test_points_are_seen_by_day_and_by_night(done):
     page = done(color_scheme="light").page
-    for number, count in enumerate((15, 20, 30, 60), 2):
+    for number, count in ((2, 15), (3, 60)):
         run(page, number, count)
-    expect(page.locator("#chart .point")).to_have_count(5)
+    expect(page.locator("#chart .point")).to_have_count(3)
     page.locator("#chart").scroll_into_view_if_needed()
     check_points(page)
     page.emulate_media(color_scheme="dark")
@@ -314,7 +313,7 @@ def test_points_are_seen_by_day_and_by_night(done):
 
 def check_points(page):
     """Each point has its colour where it lies."""
-    for number in range(1, 6):
+    for number in range(1, 4):
         wanted = page.locator(f"#chart [data-run='{number}']").evaluate(
             "e => getComputedStyle(e).fill"
         )

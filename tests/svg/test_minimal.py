@@ -16,7 +16,7 @@ from PIL import Image
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.plan import TUNING, Plan
 from gauss2svg.raster import rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
@@ -301,22 +301,27 @@ def test_auto_tries_each_markup_that_may_be_the_closest_in_its_bytes():
 
     small, minimal, editable = ("minimal", True), ("minimal", False), ("editable", False)
     assert searches() == [editable]
-    assert searches(max_bytes=4999) == [small]
-    assert searches(max_bytes=5000) == [small, editable]
-    assert searches(max_bytes=20_000) == searches(max_bytes=20_001) == [small, minimal, editable]
-    assert searches(max_bytes=200_000) == searches(max_bytes=300_000) == [minimal, editable]
-    assert searches(max_bytes=300_001) == [editable]
+    last = int(TUNING.editable_is_closer * TUNING.minimal_up_to)
+    for least, most, found in (
+        (1, TUNING.editable_from - 1, [small]),
+        (TUNING.editable_from, TUNING.minimal_from - 1, [small, editable]),
+        (TUNING.minimal_from, TUNING.by_bytes_up_to, [small, minimal, editable]),
+        (TUNING.by_bytes_up_to + 1, last, [minimal, editable]),
+        (last + 1, 10 * last, [editable]),
+    ):
+        assert searches(max_bytes=least) == searches(max_bytes=most) == found
     for more in ({"markup": "editable"}, {"renderer": "cairo"}, {"fragments": True}):
-        assert searches(max_bytes=5000, **more) == [editable]
-    assert searches(max_bytes=500_000, markup="minimal") == [minimal]
+        assert searches(max_bytes=TUNING.editable_from, **more) == [editable]
+    assert searches(max_bytes=10 * last, markup="minimal") == [minimal]
     assert searches(max_bytes=20_000, time_limit=5) == [minimal]
     with pytest.raises(RendererError, match="renderer must be one of resvg"):
         searches(markup="minimal", renderer="cairo")
 
 
 def test_a_limit_beyond_that_of_minimal_files_is_not_worse_than_theirs():
-    plan = Plan(Options.from_flat({"max_bytes": 250_000}))
-    assert [search.byte_limit for search in plan.searches()] == [200_000, 250_000]
+    most = TUNING.minimal_up_to
+    plan = Plan(Options.from_flat({"max_bytes": most + 1}))
+    assert [search.byte_limit for search in plan.searches()] == [most, most + 1]
 
 
 def test_the_switch_writes_minimal_files_and_the_summary_says_why():
@@ -339,7 +344,7 @@ def test_auto_is_the_closer_of_both_markups(photo, limit):
     part = photo[:64, 40:104]
 
     def found(**given):
-        report = vectorize(part, max_bytes=limit, iterations=20, tune="psnr", **given).report
+        report = vectorize(part, max_bytes=limit, iterations=10, tune="psnr", **given).report
         return report["psnr_svg"], report["markup"]
 
     assert found() == max(found(markup="minimal"), found(markup="editable"))

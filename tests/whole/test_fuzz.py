@@ -3,8 +3,13 @@
 The short form of tests/shared/fuzz.py.
 """
 
+import os
+import subprocess
+import sys
+from pathlib import Path
 from random import Random
 
+import fuzz
 import pytest
 from fuzzing import (
     TARGETS,
@@ -19,6 +24,8 @@ from fuzzing import (
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from svg_fuzzing import svg_seeds
+
+import gauss2svg
 
 pytestmark = pytest.mark.sweep
 
@@ -35,6 +42,18 @@ def test_whole_pictures_are_accepted(index):
 def test_whole_svgs_are_rasterised_or_refused_by_what_they_use(index):
     said = outcome("svg", svg_seeds()[index])[0]
     assert said == "accepted" or "what the SVG uses" in said
+
+
+def test_the_long_form_runs_by_itself_and_counts_its_inputs(tmp_path):
+    command = [fuzz.__file__, "--inputs", "3", "--jobs", "1", "--folder", str(tmp_path / "found")]
+    # As a program: without the folders that pytest imports from.
+    done = subprocess.run(
+        [sys.executable, *command, "loader"],
+        env={**os.environ, "PYTHONPATH": str(Path(gauss2svg.__file__).parents[1])},
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("loader, seed 0: 3 inputs, ")
+    assert not list((tmp_path / "found").iterdir())
 
 
 def test_checksums_are_right_again():

@@ -10,17 +10,9 @@ from PIL import Image
 from skimage import data
 
 from gauss2svg.cli.main import main
-from gauss2svg.cli.signals import Interruption
+from gauss2svg.cli.signals import Interruption, raising
 
 STATUS = {signal.SIGINT: 130, signal.SIGTERM: 143}
-
-
-@pytest.fixture(autouse=True)
-def _sigint_is_not_ignored():
-    """As at a terminal, also where the tests run in the background, which ignores it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture
@@ -90,20 +82,70 @@ def test_signal_before_the_fit_ends_everything(number, command, tmp_path, monkey
     assert (tmp_path / "out.svg").read_text() == "old"
 
 
-@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def lose(number):
+    """Get a signal in a callback of C code, as llvmlite's: what it raises is reported and lost."""
+    ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(number))()
+
+
+losing = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+ENDED = "gauss2svg: interrupted; every file is whole or untouched\n"
+
+
+@losing
 @pytest.mark.parametrize("number", STATUS)
 def test_signal_that_a_callback_loses_before_the_fit_ends_everything(
     number, command, tmp_path, monkeypatch, capsys
 ):
-    def losing(**_):
-        # What is raised in a callback of C code is reported and lost, as in llvmlite's.
-        ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(number))()
+    def lost(**_):
+        lose(number)
         return 0.0
 
-    monkeypatch.setattr("gauss2svg.pipeline.run.compile_kernels", losing)
+    monkeypatch.setattr("gauss2svg.pipeline.run.compile_kernels", lost)
     assert main(command) == STATUS[number]
-    assert capsys.readouterr().err == "gauss2svg: interrupted; every file is whole or untouched\n"
+    assert capsys.readouterr().err == ENDED
     assert (tmp_path / "out.svg").read_text() == "old"
+
+
+@losing
+@pytest.mark.parametrize("number", STATUS)
+def test_signal_that_a_callback_loses_ends_a_benchmark_before_its_next_run(
+    number, command, tmp_path, monkeypatch, capsys
+):
+    asked = []
+
+    def answer(request, _):
+        asked.append(request["settings"])
+        lose(number)
+        return {"error": "unlucky"}
+
+    monkeypatch.setattr("gauss2svg.compare.tables.bench.in_own_process", answer)
+    axes = ["--axis", "gaussians=5,6", "--quiet"]
+    assert main(["bench", command[0], "-o", str(tmp_path / "out"), *axes]) == STATUS[number]
+    assert asked == [{"gaussians": 5}]
+    assert capsys.readouterr().err == ENDED
+
+
+@losing
+@pytest.mark.parametrize("number", STATUS)
+def test_signal_that_a_callback_loses_is_the_status_of_any_command(
+    number, command, tmp_path, drawn_here, monkeypatch, capsys
+):
+    (tmp_path / "out.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"/>')
+    monkeypatch.setattr("gauss2svg.cli.terminal.print_check", lambda *_: lose(number))
+    assert main(["check", command[0], command[2]]) == STATUS[number]
+    assert capsys.readouterr().err == ENDED
+
+
+def test_signals_that_were_ignored_at_the_start_stay_ignored(monkeypatch):
+    # As by nohup, or in the background of a shell without job control.
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with raising():
+            signal.raise_signal(signal.SIGINT)
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+            assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def test_interrupted_search_makes_no_corrections(command, after, tmp_path):

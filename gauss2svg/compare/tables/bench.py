@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from gauss2svg.batch import raise_pending
 from gauss2svg.compare.axes import settings_of
 from gauss2svg.compare.grid import Grid, Progress, Task
 from gauss2svg.compare.machine import machine
@@ -127,6 +128,7 @@ def _one_by_one(
     requests: Sequence[Mapping[str, Any]], begun: Callable[[int], None]
 ) -> Iterator[tuple[int, Row]]:
     for index, request in enumerate(requests):
+        raise_pending()
         begun(index)
         is_peer = request["tool"] in PEERS
         yield index, answered(peer_record, request) if is_peer else in_own_process(request, None)
