@@ -13,7 +13,8 @@ in torch, once as it is and once with each form, all with the same steps and rat
 
 A table row for each photo and form: PSNR of the float model, and the bytes gzipped of the package's
 file with what the form adds to it: a path in place of a circle, or a gradient of two stops for each
-shape that has one. In the last column dB are moved to the bytes of the fit as it is, by three dB
+shape that has one. What a skew adds is not counted (docs/decisions/skew.md has it); it is some
+100 bytes. In the last column dB are moved to the bytes of the fit as it is, by three dB
 for a factor of two.
 """
 

@@ -133,6 +133,7 @@ def interruptible() -> Iterator[Interruption]:
     """Let the Interruption receive signals inside, if this is the main thread."""
     interruption = Interruption()
     with _handled(SIGNALS, interruption._receive):
+        batch.raise_pending()  # what came before, and was lost in a callback
         yield interruption
 
 

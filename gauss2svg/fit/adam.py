@@ -53,8 +53,9 @@ class AdamTuning:
     nearly        length of a skew under which its price falls, so that a price does not shake what
                   it holds at 0 (docs/decisions/skew.md)
     most_aspect   major over minor axis: thinner needles streak across flat areas
+                  (docs/decisions/fit.md)
     least_rim     px of the working image in which a rim across the minor axis falls from 0.9 to
-                  0.1: renderers sample sharper ones differently
+                  0.1: renderers sample sharper ones differently (docs/decisions/renderers.md)
     """
 
     first_decay: float = 0.9

@@ -18,7 +18,7 @@ _MOST_STEPS = 10**9
 
 @dataclass(frozen=True)
 class ClockTuning:
-    """The clock of a fit that only time limits.
+    """The clock of a fit that only time limits (docs/decisions/time.md).
 
     most_steps_a_round  of growth; the rest of the time is better spent once all Gaussians exist
     """

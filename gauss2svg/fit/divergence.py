@@ -24,17 +24,17 @@ EXACT = 1e-12
 class DivergenceTuning:
     """When a loss has diverged, and the steps after it (docs/decisions/divergence.md).
 
-    After a rollback steps begin at a quarter of those that diverged and grow to half of them, so
-    one bad step among many good ones costs little.
+    After a rollback steps begin small, at lowered times ceiling of those that diverged, and grow to
+    the ceiling, so one bad step among many good ones costs little.
 
     diverged       times the least loss since the last change, above which a loss has diverged
     stalled        times the least loss of all, above which it has stalled
-    stalled_steps  for which it has, by which it has diverged too
-    worse_at_end   times the least loss, above which a stage that ends has
+    stalled_steps  steps for which a loss may have stalled, before it counts as diverged
+    worse_at_end   times the least loss, above which a stage that ends returns to its best state
     ceiling        share of the steps that diverged to which steps grow again
     ceiling_again  that share where the next few steps diverge as well
     again          steps, fewer than which are the next few
-    lowered        share of that ceiling at which they begin
+    lowered        share of that ceiling at which steps begin
     growth         of each step over the one before
     gentle         share of the ceiling at which a finished fit continues
     """

@@ -47,9 +47,9 @@ class FitOptions(OptionGroup):
     CairoSVG does not draw."""
 
     falloff: Literal["gaussian", "adaptive", "skewed"] | None = None
-    """Falloff of the shapes: adaptive learns how crisp each rim is, skewed also on which side, for
-    larger files; gaussian keeps Gaussians, as in the paper. The default is adaptive, or gaussian
-    with additive blending."""
+    """Falloff of the shapes: adaptive learns how crisp each rim is, skewed also on which side, in
+    files of more than 30 kB; gaussian keeps Gaussians, as in the paper. The default is adaptive, or
+    gaussian with additive blending."""
 
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
     """Random seed; the same seed gives the same file. Another often does too: by default little is

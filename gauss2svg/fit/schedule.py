@@ -23,16 +23,16 @@ class ScheduleTuning:
     pixels_per_gaussian    that each keeps on a reduced target: a fifth fewer pixel-Gaussian pairs
                            at no loss of PSNR
     smallest_side          px of a reduced target in growth
-    full_from              up to which refinement of few Gaussians runs on half the picture
+    full_from              progress up to which few Gaussians are refined at half the size or less
                            (docs/decisions/few.md, also for the next five)
-    half_from              up to which it runs on a quarter
+    half_from              progress up to which they are refined at a quarter of the size
     smallest_refined_side  px of a reduced target in refinement; on smaller ones a step costs little
     reduced_steps          share of the steps of refinement until the full picture
     reduced_time           share of the time until then, where time ends the fit
                            (docs/decisions/time.md)
     extended               times a preset's steps, where most are on reduced targets
     relocate_from          from which Gaussians are relocated
-    relocate_until         until which they are
+    relocate_until         until which Gaussians are relocated
     relocate_every         steps from one relocation to the next
     relocate_share         share of a long fit's steps from one to the next, where it relocates no
                            more often than a short one (docs/decisions/time.md)

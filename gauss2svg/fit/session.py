@@ -51,8 +51,9 @@ class SessionTuning:
     opaque_from     opacity from which a shape becomes opaque, which saves bytes
                     (docs/decisions/fit.md)
     resume_at       progress at which a fit resumes after its count has changed: some relocation,
-                    then decay
-    steps_averaged  in the PSNR that a policy sees during refinement
+                    then decay (docs/decisions/fit.md)
+    steps_averaged  steps in the PSNR that a policy sees during refinement: one alone scatters
+                    (docs/decisions/fit.md)
     """
 
     beta_price: float = 0.06

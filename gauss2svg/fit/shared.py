@@ -38,9 +38,10 @@ class SharedTuning:
     color_rate      Adam's learning rate of colours; 0.002 to 0.015 end within 0.01 dB
                     (docs/decisions/palette.md)
     skew_rate       its learning rate of the length of a skew (docs/decisions/skew.md)
-    skew_weight     of the length of a skew beside colours in 0..1, where shapes exchange entries
-    least_raw_skew  of one that is written
-    least_mass      px; shapes that contribute less keep their colour
+    skew_weight     weight of the length of a skew beside colours in 0..1, where shapes exchange
+                    entries (docs/decisions/skew.md)
+    least_raw_skew  least length of a raw skew that is written (docs/decisions/skew.md)
+    least_mass      px; shapes that contribute less keep their colour (docs/decisions/palette.md)
     """
 
     color_rate: float = 0.006

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit.saved import damaged, rows
 from gauss2svg.render.cpu import Splats, splats_from
-from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
+from gauss2svg.scene import ADD, BLURRED, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.parameters import STEPPED, raw_skew_of
 
 FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
@@ -107,6 +107,9 @@ class State:
         if not (arrays["factor"][:, [0, 2]] > 0).all():
             needed = "above 0 on the diagonal"
             raise damaged("the checkpoint's factor", needed, "shapes without extent")
+        if not np.isin(arrays["drawn"], (SOFT, BLURRED)).all():  # all that such fits have
+            kinds = ", ".join(map(str, np.unique(arrays["drawn"])))
+            raise damaged("the checkpoint's drawn", f"{SOFT} or {BLURRED}", kinds)
         return cls(**arrays)
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:

@@ -29,8 +29,8 @@ from gauss2svg.render.cpu import (
 class TargetTuning:
     """What new Gaussians take from a target with alpha (docs/decisions/placement.md).
 
-    least_opacity  of one at first
-    most_opacity   of one at first
+    least_opacity  least opacity at which a new Gaussian begins
+    most_opacity   largest opacity at which a new Gaussian begins
     """
 
     least_opacity: float = 0.02

@@ -33,7 +33,7 @@ class WeightTuning:
     window         px, sigma of the window of the variance
     flat           weight of a flat area beside 1 (docs/decisions/metrics.md)
     flat_gradient  of luma a px, under which an area is flat: 5 levels of 255
-    flat_reach     px, sigma within which it is
+    flat_reach     px, sigma of the window in which the gradient is averaged
     """
 
     contrast: float = 0.03

@@ -13,7 +13,7 @@ class DrawingsTuning:
     """What a flat drawing is (docs/decisions/small.md).
 
     flat_share      of the pixels that the most frequent colours of a drawing have
-    flat_colors     how many these are
+    flat_colors     number of colours that count as the most frequent
     most_colors     of one to trace: regions of more lie over each other, and a corner takes several
                     times as much
     bytes_a_corner  of a tracer; vtracer takes 9.3 for one of scikit-image's horse

@@ -21,7 +21,7 @@ class PaletteTuning:
     iterations   of Lloyd; twice as many gain under 2 %
     spare        times the allowed error, until which clusters are split, because Lloyd's iterations
                  remove about a tenth of it
-    less         times that, where they remove less
+    less         times that number, where Lloyd's iterations remove less than a tenth
     least_aim    times the allowed error, under which no palette suffices
     beta_weight  of ln beta beside colours in 0..1: the best for photos and near the best at few
                  bytes

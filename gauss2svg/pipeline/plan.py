@@ -25,6 +25,7 @@ from gauss2svg.pipeline.presets import (
 )
 from gauss2svg.raster import DRAW_MINIMAL, renderer_version
 from gauss2svg.scene import ADD, OVER
+from gauss2svg.scene.names import ADAPTIVE
 from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
 
 Markup = Literal["editable", "minimal"]
@@ -56,8 +57,10 @@ class PlanTuning:
                          allow, sky and leaves change their hue (docs/decisions/palette.md)
     most_steps           of a fit that ends by the clock alone, beyond which there is nothing to be
                          gained (docs/decisions/time.md)
-    steps_a_round        of its growth; the rest of the time is better spent once all exist
-    nearly               times a preset's largest side, which it then reduces little
+    steps_a_round        steps of such a fit in a round of growth; the rest of the time is better
+                         spent once all Gaussians exist (docs/decisions/time.md)
+    nearly               times a preset's largest side up to which a photo would be reduced too
+                         little to matter, and is not
     """
 
     by_bytes_up_to: int = 30_000
@@ -287,7 +290,10 @@ class Plan:
         if markup == MINIMAL and self.options.svg.markup == AUTO and limit is not None:
             most = TUNING.minimal_up_to // (TUNING.gzip if self.counts_gzipped else 1)
             goal = dataclasses.replace(goal, max_bytes=min(limit, most))
-        options = dataclasses.replace(self.options, svg=svg, goal=goal)
+        fit = self.options.fit
+        if by_bytes and fit.learned_skew:  # in so few bytes a skew takes more than it gives
+            fit = dataclasses.replace(fit, falloff=ADAPTIVE)
+        options = dataclasses.replace(self.options, svg=svg, goal=goal, fit=fit)
         return dataclasses.replace(self, options=options, by_bytes=by_bytes)
 
     @property

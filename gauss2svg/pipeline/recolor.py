@@ -31,8 +31,8 @@ _LEAST_WEIGHT = 1e-9
 class RecolorTuning:
     """How colours are found by least squares (docs/decisions/small.md).
 
-    bounded_sweeps  over all colours, within their bounds
-    rounded_sweeps  over all colours, rounded
+    bounded_sweeps  sweeps over all colours that keep them within their bounds
+    rounded_sweeps  sweeps over all colours that round them
     damping         of the diagonal, for shapes that are nearly hidden
     """
 
@@ -58,7 +58,7 @@ def recolored(
     shared  share of the squared error that may be added so that shapes have colours in common
     covering  whether plain ellipses count by how much of each pixel they cover, not by a falloff
     A picture with alpha is compared over white and over black, and has no background. The error is
-    that of the model at pixel centres.
+    that of the model at pixel centres, or where it is covering by shares of pixels.
     """
     height, width = pixels.shape[:2]
     weights, products = _weights(

@@ -55,7 +55,7 @@ def run_report(
         "measured_height": measured.raster.shape[0],
         "gaussians": len(outcome.scene),
         "iterations": fitted.iterations,
-        "falloff": plan.fit_config.fit.shaped,
+        "falloff": chosen.fit_config.fit.shaped,
         "markup": chosen.markup,
         "stops": outcome.format.stops,
         "precision": None if chosen.by_bytes else outcome.format.precision,

@@ -85,9 +85,9 @@ class Splats(NamedTuple):
     """What the kernels read of n Gaussians, bottom first; all float64.
 
     mean (n, 2), sigma (n, 2), rho (n,), radius (n,) of the cut: for the tiles
-    shape (n, 12): mean x, y, whitening w11, w21, w22, beta, radius^2, skew f1, f2, and for plain
+    shape (n, 13): mean x, y, whitening w11, w21, w22, beta, radius^2, skew f1, f2, and for plain
     ellipses, which cover shares of pixels, o11, o21, o22: (o11 z1, o21 z1 + o22 z2) lies in the
-    unit disc where they do; 0 for others
+    unit disc where they do; and the largest share. 0 for others
     opacity_color (n, 4): opacity, r, g, b
     background (3,)
     additive: whether they are blended additively; opacities, exponents, skews are not read then
@@ -135,13 +135,14 @@ def splats_from(
     """What the kernels read of n Gaussians with these parameters, as in a scene.
 
     whitening (n, 3) as of gauss2svg.scene.whitening_of; plain (n,) are ellipses that cover shares
-    of pixels, None for none.
+    of pixels, None for none; their skews are not read.
     """
     radius = cut = cut_radius(beta)
-    outer = np.zeros_like(whitening)
+    outer = np.zeros((len(mean), 4))
     if plain is not None and plain.any():
         radius = np.where(plain, half_radius(beta), radius)
-        w11, w21, w22 = longer_axes(whitening, radius).T
+        longer, most = longer_axes(whitening, radius)
+        w11, w21, w22 = longer.T
         l11, l22 = 1 / w11, 1 / w22
         l21 = -w21 * l11 * l22
         sy = np.hypot(l21, l22)
@@ -149,7 +150,7 @@ def splats_from(
         rho, cut = np.where(plain, l21 / sy, rho), np.where(plain, 1.0, cut)
         # From z to the coordinates in which the outer ellipse is the unit disc.
         v11, v21, v22 = whitening.T
-        factors = np.column_stack([w11 / v11, (w21 - v21 * w22 / v22) / v11, w22 / v22])
+        factors = np.column_stack([w11 / v11, (w21 - v21 * w22 / v22) / v11, w22 / v22, most])
         outer = np.where(plain[:, None], factors, 0.0)
     return Splats(
         mean,

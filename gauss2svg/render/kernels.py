@@ -43,12 +43,15 @@ needs no second root. R changes with beta, so that dL/dbeta has one term more, w
 the others (gauss2svg.render.cpu.by_exponent).
 
 A plain ellipse covers a share of each pixel instead (gauss2svg.scene.falloff), alpha = opacity
-clip(1/2 + (R - r) / g) where it is wide. g = n / r with n = |W^T z| counts as constant beside r, so
-that h = dL/dalpha opacity / n where the pixel is on the rim, and 0 elsewhere.
+clip(1/2 + (R - r) / g) where it is wider than a pixel. g = n / r with n = |W^T z| counts as
+constant beside r, so that h = dL/dalpha opacity / n where the pixel is on the rim, and 0 elsewhere.
 
-Gaussians, other exponents and skewed shapes have a loop each and pay nothing for what they do not
-have: the second takes about 1.5 times as long as the first (docs/decisions/kernels.md), the third
-1.2 times as long as the second (docs/decisions/skew.md).
+Gaussians, other exponents, skewed shapes and plain ellipses have a loop each and pay nothing for
+what they do not have: the second takes about 1.5 times as long as the first
+(docs/decisions/kernels.md), the third 1.2 times as long as the second (docs/decisions/skew.md).
+
+The file is long because the forward and the backward loop of a kind of shape must agree line by
+line, and are read together.
 """
 
 # pyright: reportCallIssue=false
@@ -180,7 +183,8 @@ def _covered(i, z1, z2, radius, shape):
     on_near = least(one, near * steep) * least(one, most(zero, one - near) * steep)
     on_far = least(one, most(zero, one - far) * steep)
     share = least(one, near) + least(one, far) - one
-    return inside * most(zero, share), inside * ((on_near - on_far) * per)
+    share = least(splat(shape[i, 12], z1), most(zero, share))
+    return inside * share, inside * ((on_near - on_far) * per)
 
 
 @njit(inline="always")
@@ -208,8 +212,8 @@ def compose_tile(
     x0, y0  the tile's first pixel; column: (16,) 0..15, float64
     inside  (16,): 1 for columns of the image, 0 beyond its right edge, where
             the transmittance starts at 0 and nothing counts
-    shape   (n, 12) float64: mean x, y, whitening w11, w21, w22, beta, R^2 = 2 CUT^(1 / beta), f1,
-            f2; plain ellipses have the R of their rim, and o11, o21, o22 of what they reach
+    shape   (n, 13) float64: mean x, y, whitening w11, w21, w22, beta, R^2 = 2 CUT^(1 / beta), f1,
+            f2; plain ellipses have the R of their rim, and of what they cover o11, o21, o22, most
     opacity_color  (n, 4) float64: opacity, r, g, b
     alpha, transmittance  flat buffers, 16 for each row of each pair, in visiting order
     steep, logs  the same for s^(beta - 1) and ln s; not written for Gaussians (beta = 1)
@@ -247,9 +251,10 @@ def compose_tile(
         reach = splat(shape[i, 6], centre)
         if shape[i, 9] != 0.0:
             opacity = splat(opacity_color[i, 0], centre)
+            radius = root(reach)
             for y in range(rows[p, 0] - y0, rows[p, 1] - y0):
                 z2 = across + splat(w22 * (y - middle), centre)
-                share, on_rim = _covered(i, z1, z2, root(reach), shape)
+                share, on_rim = _covered(i, z1, z2, radius, shape)
                 store(steep, at, on_rim)
                 at = _layer(
                     y * TILE_WIDTH, at, opacity * share, c0, c1, c2, alpha, transmittance, color,

@@ -28,8 +28,9 @@ R = half_radius(beta) its radius and g = |W^T z| / |z| the growth of |z| for eac
 
     clip(1/2 + (R - |z|) / g) + clip(1/2 + (R + |z|) / g) - 1,  clip to 0..1,
 
-the pixel's distances in px from the near and from the far rim, and 0 outside of the ellipse whose
-axes are half a pixel longer at either end: beyond the ends of a needle they say too much.
+the pixel's distances in px from the near and from the far rim; at most min(1, 2 b, pi a b), a >= b
+the semi-axes in px, for a needle covers no more of any pixel; and 0 outside of the ellipse whose
+semi-axes are half a pixel longer, for beyond the ends of a needle the distances say too much.
 """
 
 import math
@@ -95,18 +96,24 @@ def coverage(
     w11, w21, w22 = np.moveaxis(whitening, -1, 0)
     r = np.hypot(z1, z2)
     slope = np.hypot(w11 * z1 + w21 * z2, w22 * z2)
-    px = r / np.maximum(slope, np.finfo(np.float64).tiny)  # for each unit of r
+    # px for each unit of r; at the mean itself all is covered that can be
+    px = np.divide(r, slope, out=np.full_like(r, np.inf), where=slope > 0)
     near, far = ((radius + sign * r) * px + 0.5 for sign in (-1, 1))
-    o11, o21, o22 = np.moveaxis(longer_axes(whitening, radius), -1, 0)
+    share = np.clip(near, 0, 1) + np.clip(far, 0, 1) - 1
+    longer, most = longer_axes(whitening, radius)
+    o11, o21, o22 = np.moveaxis(longer, -1, 0)
     u, v = z1 / w11, (z2 - w21 * z1 / w11) / w22
     inside = np.square(o11 * u) + np.square(o21 * u + o22 * v) < 1
-    return np.where(inside, np.clip(near, 0, 1) + np.clip(far, 0, 1) - 1, 0.0)
+    return np.where(inside, np.minimum(share, most), 0.0)
 
 
-def longer_axes(whitening: NDArray[np.float64], radius: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., 3) whitening of the ellipses of radius (...) whose semi-axes are half a px longer.
+def longer_axes(
+    whitening: NDArray[np.float64], radius: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Ellipses half a px longer than those of a radius (...), and the most these cover of a pixel.
 
-    Their radius is 1. whitening (..., 3) entries w11, w21, w22 in 1/px.
+    whitening (..., 3) entries w11, w21, w22 in 1/px; returns the whitening (..., 3) of the ellipses
+    whose semi-axes are half a px longer and whose radius is 1, and min(1, 2 b, pi a b).
     """
     w11, w21, w22 = np.moveaxis(whitening, -1, 0)
     l11, l21, l22 = radius / w11, -radius * w21 / (w11 * w22), radius / w22
@@ -117,12 +124,13 @@ def longer_axes(whitening: NDArray[np.float64], radius: NDArray[np.float64]) -> 
     # (a + 1/2)^2 = a^2 + a + 1/4 along either axis
     more, rest = 0.5 * (long + short) + 0.25, 0.5 * (long - short)
     turned = np.divide(rest, half, out=np.zeros_like(half), where=half > 0)
-    xx, yy = xx + more + turned * 0.5 * (xx - yy), yy + more - turned * 0.5 * (xx - yy)
-    xy = xy + turned * xy
+    xx += more + turned * 0.5 * (xx - yy)
+    xy += turned * xy
     l11 = np.sqrt(xx)
     l21 = xy / l11
-    l22 = np.sqrt(yy - l21 * l21)
-    return np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=-1)
+    l22 = (long + 0.5) * (short + 0.5) / l11  # by the determinant, which does not cancel
+    most = np.minimum(1.0, short * np.minimum(2.0, np.pi * long))
+    return np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=-1), most
 
 
 def half_radius(beta: ArrayLike) -> NDArray[np.float64]:

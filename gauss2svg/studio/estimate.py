@@ -15,7 +15,7 @@ from gauss2svg.pipeline import bytes_each
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import DEFAULT_PRESET
-from gauss2svg.pipeline.search.cap import TUNING as CAP
+from gauss2svg.pipeline.search import cap
 from gauss2svg.pipeline.sizes import load_of
 from gauss2svg.pipeline.time_budget import gaussians_within
 from gauss2svg.studio.jobs import DONE, Job, Jobs
@@ -116,7 +116,7 @@ def _promised(options: Options, size: Size, hardness: float, threads: int) -> Fi
     if plan.count is not None and not plan.count_adapts:
         count = plan.count
     else:
-        count = min(count, load.gaussians, pixels / CAP.pixels_each)
+        count = min(count, load.gaussians, pixels / cap.TUNING.pixels_each)
     # Half of the time goes by the pixels, half by the Gaussians.
     work = pixels / row.pixels * (1 + count / row.gaussians) / 2
     return Figures(

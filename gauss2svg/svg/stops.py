@@ -67,7 +67,6 @@ def best_stops(count: int, beta: float) -> Stops:
     return _best(count, beta)[0]
 
 
-@lru_cache(maxsize=256)
 def _fewest(count: int, beta: float) -> Stops:
     if beta == 1:
         return _best(count, beta)[0]

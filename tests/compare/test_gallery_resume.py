@@ -230,8 +230,10 @@ def test_ctrl_c_ends_the_command_and_its_workers_and_the_next_one_continues(phot
     command = [sys.executable, "-m", "gauss2svg", *arguments, "--jobs", "2"]
     record = out / "photos" / "a" / "gaussians-20" / "record.json"
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        until = time.monotonic() + 120
         while not record.exists():
             assert process.poll() is None
+            assert time.monotonic() < until
             time.sleep(0.01)
         workers = psutil.Process(process.pid).children(recursive=True)
         process.send_signal(signal.SIGINT)

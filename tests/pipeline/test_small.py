@@ -9,6 +9,7 @@ from flat import vectorize
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
+from gauss2svg.fit.state import State
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.drawings import outline_bytes
 from gauss2svg.pipeline.options import Options
@@ -299,22 +300,40 @@ def test_a_drawing_is_told_by_its_flat_colours_and_drawn_with_crisp_rims():
     assert found.svg.count("<path") < len(found.scene)
 
 
-def test_drawings_are_fitted_as_renderers_draw_plain_ellipses():
+def test_only_drawings_are_fitted_by_what_plain_ellipses_cover(monkeypatch):
+    """As renderers draw them, from the step on at which their exponents are those of the file."""
+    covering, splats = [], State.splats
+
+    def spied(*given, **named):
+        found = splats(*given, **named)
+        covering.append(bool((found.shape[:, 12] > 0).sum() == len(found.shape) > 0))
+        return found
+
+    monkeypatch.setattr(State, "splats", spied)
     found = search(shapes(), 900, iterations=STEPS).file()
+    assert len(found.scene) > 4
+    assert covering.index(True) > 0.8 * STEPS
+    assert 0.1 < np.mean(covering) < 0.3
     raster = rasterize_like(found.svg, shapes())
     scale = 64 / found.scene.width, 64 / found.scene.height
     model, falloff = (
-        np.moveaxis(render_planar(splats_of(found.scene, scale, covering), 64, 64), 0, -1)
-        for covering in (True, False)
+        np.moveaxis(render_planar(splats_of(found.scene, scale, covers), 64, 64), 0, -1)
+        for covers in (True, False)
     )
-    assert len(found.scene) > 4
     assert psnr(model, raster) > psnr(falloff, raster) + 6
+    covering.clear()
+    search(hills(), 900, iterations=STEPS).file()
+    vectorize(shapes(), gaussians=30, iterations=10)
+    assert covering
+    assert not any(covering)
 
 
-@pytest.mark.parametrize("picture", [hills(), shapes()], ids=["photo", "drawing"])
-def test_small_files_are_as_close_where_skews_are_asked_for(picture):
-    files = [
-        search(picture, 1200, falloff=falloff, iterations=20).file().svg
+@pytest.mark.parametrize("draw", [hills, shapes])
+def test_small_files_have_no_skews_and_their_reports_say_so(draw):
+    picture = draw()
+    one, other = (
+        vectorize(picture, max_bytes=1200, falloff=falloff, iterations=20)
         for falloff in ("adaptive", "skewed")
-    ]
-    assert files[0] == files[1]
+    )
+    assert one.svg == other.svg
+    assert other.report["falloff"] == "adaptive"

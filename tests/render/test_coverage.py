@@ -48,9 +48,11 @@ def by_numpy(scene: Scene) -> np.ndarray:
 
 
 @in_both
-@given(seed=st.integers(0, 2**32 - 1))
-def test_kernel_draws_the_formula(dtype, seed):
-    scene = ellipses(12, seed)
+@given(seed=st.integers(0, 2**32 - 1), on_a_pixel=st.booleans())
+def test_kernel_draws_the_formula(dtype, seed, on_a_pixel):
+    scene = ellipses(12, seed, least=0.1)
+    if on_a_pixel:
+        scene = scene.replace(mean=np.floor(scene.mean) + 0.5)
     image = render_planar(splats_of(scene, covering=True), HEIGHT, WIDTH, dtype)
     # At the very end of a needle single precision may decide otherwise what lies within it.
     wrong = np.abs(np.moveaxis(image, 0, -1) - by_numpy(scene)).max(axis=2) > 30 * OFF[dtype]
@@ -82,11 +84,29 @@ def test_coverage_is_what_many_samples_of_a_pixel_say(seed):
     assert np.abs(covered - sampled).mean() < 0.004
 
 
+@pytest.mark.parametrize("minor", [0.1, 0.2, 0.3])
+def test_no_pixel_is_covered_by_more_than_a_thin_ellipse_has(minor):
+    radius = half_radius(np.array([60.0]))[0]
+    size = np.array([[12.0, minor / radius]])
+    scene = ellipses(1, 0, mean=np.full((1, 2), 20.5), sigma=size, rho=np.zeros(1), beta=[60.0])
+    assert shares(scene, 0)[20, 20] == pytest.approx(2 * minor)
+    disc = scene.replace(sigma=np.full((1, 2), minor / radius))
+    assert shares(disc, 0)[20, 20] == pytest.approx(np.pi * minor**2)
+
+
+@pytest.mark.parametrize("far", [1.0, 1e6, 1e9])
+def test_longer_axes_of_needles_are_finite(far):
+    whitening = np.array([1 / far, -0.5, 1 / 0.4])
+    longer, most = longer_axes(whitening, np.array(1.0))
+    assert np.isfinite(longer).all()
+    assert 0 < most <= 1
+
+
 @given(seed=st.integers(0, 2**32 - 1))
 def test_longer_axes_are_half_a_pixel_longer(seed):
     scene = ellipses(5, seed)
     radius = half_radius(scene.beta)
-    w11, w21, w22 = longer_axes(scene.whitening, radius).T
+    w11, w21, w22 = longer_axes(scene.whitening, radius)[0].T
     for k, (a, b) in enumerate(radius[:, None] * scene.ellipse_axes[0]):
         outer = np.linalg.svd(np.array([[w11[k], 0], [w21[k], w22[k]]]), compute_uv=False)
         np.testing.assert_allclose(np.sort(1 / outer), [b + 0.5, a + 0.5], rtol=1e-6)

@@ -19,8 +19,8 @@ from gauss2svg.raster import DRAW_ROTATED_BLURS, RENDERERS, rasterize
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius, half_radius, profile
+from gauss2svg.svg import blur as blurs
 from gauss2svg.svg.blur import (
-    _LEAST_HALF_WIDTH,
     BLUR,
     BLURS,
     blur_of,
@@ -127,9 +127,9 @@ def test_blurred_shapes_are_large_and_as_opaque_as_a_disc_can_be(seed):
     index = chosen_blurs(scene, BLUR)
     blurred = index >= 0
     half = scene.ellipse_axes[0][:, 1] * half_radius(scene.beta)
-    assert (half[blurred] >= _LEAST_HALF_WIDTH).all()
+    assert (half[blurred] >= blurs.TUNING.least_half_width).all()
     full = scene.opacity[blurred] * [BLURS[k].peak for k in index[blurred]]
-    assert (full <= 1.021).all()
+    assert (full <= 1.001 + blurs.TUNING.overfull).all()
     assert not (blurred & is_plain(scene)).any()
 
 

@@ -192,8 +192,10 @@ def test_each_file_is_the_old_one_or_the_whole_new_one(
         before = content(folder)
         with monkeypatch.context() as patch:
             faults = Faults(patch, folder)
-            # Errors in turn, each with old and with new outputs.
-            which = ("EIO", "ENOSPC")[place // 2 % 2] if name == "error" else name
+            # A full disk where something is written, a broken one where it is read or renamed.
+            call = counts[old][place] if place < len(counts[old]) else ""
+            error = "ENOSPC" if call in ("open", "os.open", "os.write", "os.fsync") else "EIO"
+            which = error if name == "error" else name
             faults.at, faults.fault, faults.after = place, FAULTS[which], "after" in name
             status = main(command(folder))
         if len(faults.calls) <= place:

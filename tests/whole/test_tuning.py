@@ -1,5 +1,6 @@
 """Constants that ablations chose: each is described, varies by its name, and changes a result."""
 
+import ast
 import dataclasses
 import re
 from importlib import import_module
@@ -18,6 +19,26 @@ HOMES = sorted(
     for path in ROOT.rglob("*.py")
     if re.search(r"^TUNING = \w+\(\)$", path.read_text("utf-8"), re.MULTILINE)
 )
+
+
+def test_nothing_reads_a_tuning_at_import_or_keeps_a_copy():
+    """A varied value would not reach it: at module level, in a default, in a cached function."""
+    assert len(HOMES) > 30
+    for path in ROOT.rglob("*.py"):
+        tree = ast.parse(path.read_text("utf-8"))
+        kept = (ast.FunctionDef, ast.ClassDef, ast.Expr)
+        early: list[ast.AST] = [node for node in tree.body if not isinstance(node, kept)]
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                assert "TUNING" not in [name.name for name in node.names], path
+            elif isinstance(node, ast.FunctionDef):
+                early += node.args.defaults + [one for one in node.args.kw_defaults if one]
+                how = [ast.unparse(one) for one in node.decorator_list]
+                early += (
+                    node.body if any(one.split("(")[0].endswith("cache") for one in how) else []
+                )
+        for node in early:
+            assert not re.search(r"\bTUNING\.", ast.unparse(node)), (path, ast.unparse(node))
 
 
 @pytest.mark.parametrize("home", HOMES)

@@ -42,7 +42,6 @@ from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
-from gauss2svg.scene.names import ADAPTIVE
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_falloffs
@@ -121,8 +120,6 @@ class ByBytes:
         assert plan.byte_limit is not None
         self._plan, self._watch, self._limit = plan, watch, plan.byte_limit
         self._options = plan.options.fit
-        if self._options.learned_skew:  # in so few bytes a skew takes more than it gives
-            self._options = dataclasses.replace(self._options, falloff=ADAPTIVE)
         caps = [plan.count] if plan.count is not None else []
         caps += [plan.preset.cap] if plan.options.goal.quality is not None else []
         self._most = min(caps, default=math.inf)

@@ -50,7 +50,7 @@ class ByCountTuning:
     least_steps       of a correction
     additive_share    of the time, for the additive fit before a portable file
     at_the_cap        share of the largest count from which it is what ended the fit
-    bound             share of the allowed bytes from which they are
+    bound             share of the allowed bytes from which these are what ended the fit
     """
 
     corrections: int = 5
