@@ -159,7 +159,7 @@ def _root(document: Document, scene: Scene, view: tuple[str, str], count: int) -
     if document.aspect:
         drawing["preserveAspectRatio"] = document.aspect
     if document.is_responsive:
-        del drawing["width"], drawing["height"]
+        del drawing.attribs["width"], drawing.attribs["height"]
     if sides or document.is_responsive:
         drawing[CANVAS] = " ".join(canvas)
     drawing["role"] = "img"
