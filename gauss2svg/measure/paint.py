@@ -39,9 +39,9 @@ def shown_width(document: Document, scene: Scene) -> float:
 def paint_ms(scene: Scene, svg: str, width: float | None = None) -> float:
     """Estimated CPU milliseconds of a browser's first paint, and of each repaint.
 
-    a n + b drawn_pixels (width / scene.width)^2 / 1e6, width in px, by default that of the scene,
-    with a and b of the file's way of drawing soft shapes, as measured in Chromium without a GPU. Other
-    machines differ by a factor of a few.
+    a n + b drawn_pixels (width / scene.width)^2 / 1e6, width in px, by default that of the scene;
+    a and b are of the file's way of drawing soft shapes, as measured in Chromium without a GPU.
+    Other machines differ by a factor of a few.
     """
     each, million = _BY_MASKS if "<mask" in svg else _BY_GRADIENTS
     scale = 1.0 if width is None else width / scene.width
