@@ -104,7 +104,7 @@ RULES: tuple[Rule, ...] = (
     Rule("email", "transform", "Gmail strips it: shapes move to the corner", _REPORTED),
     Rule(
         "pdf", "soft fills", "a soft mask for each makes viewers slow. Try pixels at 300 dpi",
-        "docs/guide/print.md", tried=True, over=1000, breaks=False,
+        "docs/guide/editors.md", tried=True, over=250, breaks=False,
     ),
     Rule("pdf", "text", "it is drawn in the fonts of this machine", "docs/reference/svg.md",
          tried=True, breaks=False),

@@ -62,7 +62,7 @@ def test_what_a_renderer_draws_wrongly_breaks_where_it_draws():
 def test_editable_files_are_for_editors_and_minimal_ones_are_not():
     scene = random_scene(30, 60, 45, 7)
     editable = write_svg(scene)
-    for place in ("figma", "penpot", "illustrator", "inkscape", "web", "pdf"):
+    for place in ("figma", "penpot", "illustrator", "inkscape", "web", "pdf"):  # of few shapes
         assert not findings(editable, place)
     minimal = write_svg(scene, SvgFormat(markup="minimal"))
     for place in ("figma", "inkscape", "illustrator"):
