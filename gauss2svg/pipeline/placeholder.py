@@ -75,7 +75,7 @@ class Placeholder:
         return f"data:{_MEDIA_TYPE};base64," + base64.b64encode(self.svg.encode()).decode()
 
     def record(self, name: str) -> dict[str, Any]:
-        """The keys of SQIP's result, ready for JSON; name is that of the photo's file."""
+        """The keys of SQIP's result and `transparent`, ready for JSON; name is the file's."""
         return {
             "content": self.inline,
             "metadata": {
@@ -87,6 +87,7 @@ class Placeholder:
                 "type": "svg",
                 "mimeType": _MEDIA_TYPE,
                 "backgroundColor": self.color,
+                "transparent": self.transparent,
                 "dataURI": self.data_uri,
                 "dataURIBase64": self.data_uri_base64,
             },

@@ -47,7 +47,7 @@ def test_a_record_has_the_keys_of_sqip(photos):
     assert set(record) == {"content", "metadata"}
     assert set(metadata) == {
         "filename", "originalWidth", "originalHeight", "width", "height", "type", "mimeType",
-        "backgroundColor", "dataURI", "dataURIBase64",
+        "backgroundColor", "transparent", "dataURI", "dataURIBase64",
     }  # fmt: skip
     assert (metadata["width"], metadata["height"]) == (36, 24)
     assert len(found.svg) <= 400
