@@ -1,10 +1,10 @@
-"""Builds the web projects of examples/ with npm and looks at them in Chromium, with photos that come late.
+"""Builds the web projects of examples/ with npm and looks at them in Chromium, with late photos.
 
 python benchmarks/builds.py [--pictures FOLDER]
 
-Says of each page: how far anything moved (layout shift), whether the placeholders are in the first paint,
-how close they are to the photos, and whether they are gone once the photos have come. Needs node and
-Playwright; npm installs what the projects name, unless their folders have node_modules already.
+Says of each page: how far anything moved (layout shift), whether the placeholders are in the first
+paint, how close they are to the photos, and whether they are gone once the photos have come. Needs
+node and Playwright; npm installs what the projects name, unless their folders have node_modules.
 """
 
 from __future__ import annotations
@@ -52,7 +52,8 @@ _STATE = """() => ({
 class Late(SimpleHTTPRequestHandler):
     """Serves a folder; photos come after LATE_S."""
 
-    def do_GET(self) -> None:  # noqa: N802 (its name in the standard library)
+    def do_GET(self) -> None:
+        """Answer, after a while where it is a photo."""
         if self.path.startswith("/photos/"):
             time.sleep(LATE_S)
         super().do_GET()
@@ -123,11 +124,11 @@ def look(name: str, pages: Path, program: object, pictures: Path | None) -> list
         is_clear = sides.shape[0] and len(errors) == 1  # "clear one.png" sorts first
         if is_clear and sides.min() < 0.999:
             wrong.append("the placeholder shines through the transparent photo")
+    close = ", ".join(f"{one:.1f}" for one in errors)
     print(
         f"{name}: first paint at {early['paint']:.0f} ms with {early['loaded']} of "
-        f"{len(early['boxes'])} photos; placeholders at {', '.join(f'{one:.1f}' for one in errors)} dB "
-        f"of what comes; layout shift {late['shift']:.3f}; {late['loaded']} photos loaded, "
-        f"{late['shown']} placeholders still behind them"
+        f"{len(early['boxes'])} photos; placeholders at {close} dB of what comes; layout shift "
+        f"{late['shift']:.3f}; {late['loaded']} photos loaded, {late['shown']} placeholders left"
     )
     return wrong
 
