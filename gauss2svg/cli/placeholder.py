@@ -248,7 +248,7 @@ class _Book:
             records = json.loads(text)
             if not isinstance(records, dict if form == "object" else list):
                 raise TypeError("of another form")
-            entries = records.values() if form == "object" else records
+            entries = [*records.values()] if isinstance(records, dict) else records
             return {entry["metadata"]["path"]: entry for entry in entries}
         except (ValueError, TypeError, KeyError, RecursionError) as error:
             raise InputError(

@@ -57,6 +57,9 @@ def test_other_commands_take_what_a_batch_takes(folder, monkeypatch, tmp_path):
     # Reading says what is the matter with these.
     stay = [f"{folder}/none*.jpg", str(folder / "none.jpg"), "s3://bucket/*.jpg"]
     assert local_photos(stay) == stay
+    # A gallery's own pictures would be photos of its next run.
+    assert main(["gallery", str(folder), "-o", str(folder / "site")]) == 2
+    assert not (folder / "site").exists()
 
 
 def test_broken_links_and_files_that_are_gone_are_photos(folder, monkeypatch):
