@@ -77,11 +77,11 @@ RULES: tuple[Rule, ...] = (
     Rule("illustrator", "foreignObject", "it is left out, and the picture may be empty", _FOREIGN),
     Rule(
         "web", "no namespace", 'browsers draw no such file. Try xmlns="http://www.w3.org/2000/svg"',
-        "https://www.w3.org/TR/SVG2/struct.html#Namespace", tried=True,
+        "https://www.w3.org/TR/SVG2/struct.html#Namespace",
     ),
     Rule(
         "web", "script", "an <img> does not run it",
-        "https://www.w3.org/TR/SVG2/conform.html#secure-static-mode", tried=True,
+        "https://www.w3.org/TR/SVG2/conform.html#secure-static-mode",
     ),
     Rule(
         "web", "mask", "each is painted as a layer of its own: some ms each, at every repaint",
@@ -107,7 +107,7 @@ RULES: tuple[Rule, ...] = (
         "docs/guide/editors.md", tried=True, over=250, breaks=False,
     ),
     Rule("pdf", "text", "it is drawn in the fonts of this machine", "docs/reference/svg.md",
-         tried=True, breaks=False),
+         breaks=False),
 )  # fmt: skip
 
 
