@@ -1,7 +1,8 @@
 """Directives that list what the code has.
 
 `{options}` of a command, `{statuses}` of the studio, `{formats}` of photos, `{features}` that
-renderers draw wrongly, `{forms}` that they draw, `{scores}`. cyclopts' own directive has neither
+renderers draw wrongly, `{forms}` that they draw, `{scores}`, `{places}` and what
+breaks there. cyclopts' own directive has neither
 ranges nor a page for a group alone, and nothing that a link to an option could lead to.
 """
 
@@ -16,6 +17,7 @@ from docutils.parsers.rst import directives
 from sphinx.util.docutils import SphinxDirective
 
 from gauss2svg.cli.main import build_app
+from gauss2svg.measure.places import PLACES, rules_of
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Number, OptionGroup, Whole, fields_of
 from gauss2svg.photo.formats import FORMATS
@@ -191,6 +193,19 @@ def scores_table() -> str:
     return _table("| score | in a report | of equal pictures | package | target |", rows)
 
 
+def places_table() -> str:
+    """What breaks where a file is taken to, from which number of it on, why, and who says so."""
+    rows = []
+    for rule in (rule for place in PLACES for rule in rules_of(place)):
+        uses = _markdown(rule.uses) + (f" (over {rule.over:,})" if rule.over else "")
+        source = rule.source
+        if source.startswith("https://"):
+            source = f"[{source.split('/')[2]}]({source})"
+        how = ("tried" if rule.tried else "read") + ("" if rule.breaks else ", slow")
+        rows.append(f"| {rule.place} | {uses} | {_markdown(rule.reason)} | {how} | {source} |")
+    return _table("| for | what a file has | what happens | | source |", rows)
+
+
 def _directive(table: Callable[[], str]) -> type[SphinxDirective]:
     class Table(SphinxDirective):
         def run(self) -> list[nodes.Node]:
@@ -203,6 +218,6 @@ def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
     app.add_directive("options", Options)
     app.add_directive("statuses", Statuses)
-    for table in (formats_table, features_table, forms_table, scores_table):
+    for table in (formats_table, features_table, forms_table, scores_table, places_table):
         app.add_directive(table.__name__.removesuffix("_table"), _directive(table))
     return {"parallel_read_safe": True}

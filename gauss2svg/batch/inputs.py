@@ -1,4 +1,4 @@
-"""The photos of a batch: folders, globs, lists of names and URLs, as a stream of names."""
+"""The one rule of inputs for all commands that take many photos: folders, patterns, lists, URLs."""
 
 from __future__ import annotations
 
@@ -40,7 +40,43 @@ def photos_of(sources: Iterable[str]) -> Iterator[Source]:
             yield photo
         if is_empty:
             raise InputError(
-                f"photos must be one or more; got none in {source}. Try gauss2svg batch photos/"
+                f"photos must be one or more; got none in {source}. Try a folder of photos"
+            )
+
+
+def local_photos(sources: Iterable[str]) -> list[str]:
+    """The paths of `photos_of` for commands that read files alone, those of a source sorted.
+
+    What reading reports stays: URLs, names of no file, and patterns that match nothing.
+    """
+    found: list[str] = []
+    for source in sources:
+        is_list = source == STANDARD_STREAM or source.lower().endswith(MANIFESTS)
+        if is_list:
+            found += [photo.path for photo in photos_of([source])]
+        elif os.path.isdir(source):
+            found += sorted(photo.path for photo in photos_of([source]))
+        elif PATTERN.search(source) and not (is_url(source) or os.path.lexists(source)):
+            found += sorted(photo.path for photo in _matching(source)) or [source]
+        else:
+            found.append(source)
+    return found
+
+
+def check_apart(sources: Iterable[str], output: str) -> None:
+    """Raise InputError for an output, a path or a URL, in a folder that is searched for photos."""
+    for source in sources:
+        folder = folder_of(source)
+        if folder is None or is_url(folder) != is_url(output):
+            continue
+        if is_url(output):
+            inside, outside = output.rstrip("/"), folder.rstrip("/")
+        else:
+            inside, outside = os.path.realpath(output), os.path.realpath(folder or ".")
+        if (inside + "/").startswith(outside.rstrip("/") + "/"):
+            raise InputError(
+                f"output must be outside of the inputs; got {output}, which is in "
+                f"{folder or '.'}. Try another folder"
             )
 
 

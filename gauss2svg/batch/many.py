@@ -12,7 +12,7 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.inputs import folder_of, photos_of
+from gauss2svg.batch.inputs import check_apart, photos_of
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import (
     FOLDER,
@@ -25,7 +25,7 @@ from gauss2svg.batch.records import (
     unchanged,
     versions,
 )
-from gauss2svg.batch.stores import Store, is_url, opened, without_file_protocol
+from gauss2svg.batch.stores import Store, opened, without_file_protocol
 from gauss2svg.errors import InputError, brief, instance, quoted
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
 from gauss2svg.measure.memory import free_bytes
@@ -108,7 +108,7 @@ class Batch:
         if root == STANDARD_STREAM:
             raise InputError(f"output must be a folder; got {quoted(root)}. Try -o out/")
         self.store = Store(root, PARTS)
-        _check_apart(named, self.store)
+        check_apart(named, self.store.root)
         self.index = PhotoIndex(self._folds_case())
         try:
             self.index.add(photos_of(named), ".svgz" if self.options.svg.gzip else ".svg")
@@ -251,20 +251,3 @@ def _check_options(options: Options) -> None:
             "--segments 100"
         )
     Plan(options).check_renderer()
-
-
-def _check_apart(sources: Iterable[str], store: Store) -> None:
-    """Raise InputError for an output folder inside a folder that is searched for photos."""
-    for source in sources:
-        folder = folder_of(source)
-        if folder is None or is_url(folder) == store.is_local:
-            continue
-        if store.is_local:
-            inside, outside = os.path.realpath(store.root), os.path.realpath(folder or ".")
-        else:
-            inside, outside = store.root, folder.rstrip("/")
-        if (inside + "/").startswith(outside.rstrip("/") + "/"):
-            raise InputError(
-                f"output must be outside of the inputs; got {store.root}, which is in "
-                f"{folder or '.'}. Try another folder"
-            )

@@ -37,6 +37,7 @@ class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     output     name of the SVG, relative to the output folder
     error      why there is none, one line; None where it is written
     psnr_svg   dB, None where it is infinite; bytes: of the SVG; seconds: of the vectorisation
+    ssim_svg   -1..1; paint_ms: a browser's, and stop_reason: see the report
     skipped    True where an earlier run wrote it, or failed at it
     """
 
@@ -55,6 +56,9 @@ class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     error: str | None = None
     unreached: list[str] = []
     versions: dict[str, str] = {}
+    ssim_svg: float | None = None
+    paint_ms: float | None = None
+    stop_reason: str | None = None
     skipped: bool = False
 
     @property

@@ -27,14 +27,19 @@ from gauss2svg.files import as_cell
 TABLE, PARQUET = f"{STATE}/table.csv", f"{STATE}/table.parquet"
 _COLUMNS = PhotoRecord.__struct_fields__
 _MOST_REASONS = 1000  # of failures that are distinguished
+_NAMED = 5  # failed photos, in the summary
 
 
 class Summary:
-    """What became of the photos so far: done, skipped, failed by reason; pixels; seconds."""
+    """What became of the photos so far: done, skipped, failed by reason; pixels; seconds.
+
+    named  the first photos that failed
+    """
 
     def __init__(self) -> None:
         self.done = self.skipped = self.failed = self.pixels = 0
         self.reasons: Counter[str] = Counter()
+        self.named: list[str] = []
         self._begun = time.monotonic()
 
     def add(self, record: PhotoRecord) -> None:
@@ -44,6 +49,8 @@ class Summary:
             reason = kind_of_failure(record)
             known = reason in self.reasons or len(self.reasons) < _MOST_REASONS
             self.reasons[reason if known else "other reasons"] += 1
+            if len(self.named) < _NAMED:
+                self.named.append(record.input)
         elif record.skipped:
             self.skipped += 1
         else:
@@ -75,6 +82,10 @@ class Summary:
         )
         for reason, count in self.reasons.most_common(10):
             yield f"failed, {count:,}: {reason}"
+        if self.named:
+            others = self.failed - len(self.named)
+            more = f" and {others:,} more" if others else ""
+            yield f"failed photos: {', '.join(self.named)}{more}"
 
 
 def kind_of_failure(record: PhotoRecord) -> str:
@@ -138,8 +149,11 @@ def _csv(path: Path) -> Iterator[Any]:
 
 
 def _row(record: PhotoRecord) -> list[Any]:
-    *values, unreached, versions, skipped = astuple(record)
-    row = [*values, "; ".join(unreached), _json(tuple(versions.items())), skipped]
+    written = {
+        "unreached": "; ".join(record.unreached),
+        "versions": _json(tuple(record.versions.items())),
+    }
+    row = [written.get(name, value) for name, value in zip(_COLUMNS, astuple(record), strict=True)]
     # Names of files need not be Unicode.
     return [
         one.encode(errors="backslashreplace").decode() if isinstance(one, str) else one
@@ -159,7 +173,8 @@ def _parquet(path: Path) -> Iterator[Any]:
 
     kinds = {
         "width": pa.int32(), "height": pa.int32(), "gaussians": pa.int32(), "bytes": pa.int64(),
-        "psnr_svg": pa.float64(), "seconds": pa.float64(), "skipped": pa.bool_(),
+        "psnr_svg": pa.float64(), "ssim_svg": pa.float64(), "paint_ms": pa.float64(),
+        "seconds": pa.float64(), "skipped": pa.bool_(),
     }  # fmt: skip
     schema = pa.schema([(name, kinds.get(name, pa.string())) for name in _COLUMNS])
     with parquet.ParquetWriter(path, schema) as writer:

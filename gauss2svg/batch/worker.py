@@ -42,6 +42,9 @@ from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 
 _LONGEST_ERROR = 400  # characters
+_OF_REPORT = (
+    "width", "height", "gaussians", "psnr_svg", "ssim_svg", "paint_ms", "stop_reason",
+)  # fmt: skip
 # Why a file of one name cannot be written where others can.
 _OF_ITS_NAME = {
     errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENAMETOOLONG, errno.EXDEV, errno.EINVAL,
@@ -230,7 +233,7 @@ def _vectorized(spec: BatchSpec, options: Options, photo: BatchPhoto) -> dict[st
     data, report = file_bytes(result.svg, options.svg.gzip), result.report
     store.write(photo.output, data)
     return {
-        **{name: report[name] for name in ("width", "height", "gaussians", "psnr_svg")},
+        **{name: report[name] for name in _OF_REPORT},
         "unreached": report["unreached"],
         "bytes": len(data),
     }

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.cli.parameters import Quiet, options_of
-from gauss2svg.cli.streams import counting_bar, say
+from gauss2svg.cli.streams import counting_bar, say, write_output
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
 
@@ -50,6 +51,13 @@ def batch_command(
         ),
     ] = None,
     given: Annotated[_Parsed, Parameter(name="*")] = _DEFAULTS,  # pyright: ignore[reportInvalidTypeForm]
+    log: Annotated[
+        Literal["json"] | None,
+        Parameter(
+            help="Write a line of JSON for each photo, as it is known, on standard output: the "
+            "columns of the table."
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> int:
     """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
@@ -76,6 +84,9 @@ def batch_command(
                 begun, before = summary.seconds, summary.worked
                 for record in records:
                     summary.add(record)
+                    if log == "json":
+                        line = {**record.line(), "skipped": record.skipped}
+                        write_output(json.dumps(line).encode() + b"\n")
                     if summary.seconds - shown > _SHOW_S:
                         shown = summary.seconds
                         rate = (summary.worked - before) / max(shown - begun, _SHOW_S)

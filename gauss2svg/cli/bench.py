@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import Quiet, words
+from gauss2svg.cli.parameters import Photos, Quiet, photos_given, words
 from gauss2svg.cli.streams import counting_bar, say
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ STATUS_RUN_FAILED = 1
 
 
 def bench_command(
-    images: Annotated[list[str], Parameter(negative="")],
+    images: Photos,
     *,
     output: Annotated[Path, Parameter(name=["--output", "-o"])],
     axis: Annotated[list[str] | None, Parameter(negative="")] = None,
@@ -57,7 +57,6 @@ def bench_command(
     from gauss2svg.compare.axes import parse_axes
     from gauss2svg.compare.peers import check_peers
     from gauss2svg.compare.tables.bench import run_bench
-    from gauss2svg.files import expanded
     from gauss2svg.measure.perceptual import packages_missing
 
     names = words(peers)
@@ -75,7 +74,7 @@ def bench_command(
             update("; ".join(at.now), at.done, at.total)
 
         rows = run_bench(
-            expanded(images),
+            photos_given(images),
             output,
             axes=axes or None,
             peers=names,

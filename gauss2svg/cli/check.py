@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from gauss2svg.cli.streams import say, standard_stream
 from gauss2svg.errors import InputError, brief
-from gauss2svg.options import Number, OptionGroup, Renderer, Whole, byte_size
+from gauss2svg.options import Number, OptionGroup, Place, Renderer, Whole, byte_size
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.pipeline.options import color_name
 
@@ -72,20 +72,28 @@ def check_command(
         str, Parameter(allow_leading_hyphen=True, help="Photo; - reads standard input.")
     ],
     svg: Annotated[
-        str,
+        str | None,
         Parameter(
             allow_leading_hyphen=True,
             help="SVG, also gzipped; - reads standard input. It is stretched to the photo's size, "
             "or to that of --max-size.",
         ),
-    ],
+    ] = None,
     *,
+    place: Annotated[
+        Place | None,
+        Parameter(
+            name="--for",
+            help="Say, of an SVG given alone, what breaks where it is taken to, in place of "
+            "measuring it. The exit status is 1 where something does.",
+        ),
+    ] = None,
     options: Annotated[CheckOptions, Parameter(name="*", group="Measuring")] = CheckOptions(),
     output: Annotated[
         CheckOutput, Parameter(name="*", group="Output", negative=())
     ] = CheckOutput(),
 ) -> int:
-    """Measure how closely any SVG matches a photo."""
+    """Measure how closely any SVG matches a photo, or say what breaks where it is taken to."""
     from gauss2svg.cli.terminal import print_check
     from gauss2svg.files import (
         STANDARD_STREAM,
@@ -98,7 +106,9 @@ def check_command(
     )
     from gauss2svg.measure.check import check
 
-    names = expanded([photo, svg])
+    names = expanded([photo] if svg is None else [photo, svg])
+    if place is not None:
+        return _check_for(place, names, output)
     if len(names) != 2:
         raise InputError(f"photo and SVG must be one file each; got {brief(', '.join(names))}")
     photo, svg = names
@@ -130,3 +140,33 @@ def check_command(
         say(f"PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")
         return STATUS_UNDER
     return 0
+
+
+def _check_for(place: str, names: list[str], output: CheckOutput) -> int:
+    """Say what breaks where an SVG is taken to; returns the exit status."""
+    from gauss2svg.files import (
+        STANDARD_STREAM,
+        as_json,
+        check_outputs,
+        refuse_option_like,
+        write_atomically,
+    )
+    from gauss2svg.measure.places import findings, rules_of
+
+    if len(names) != 1:
+        raise InputError(f"--for must be given with an SVG alone; got {brief(', '.join(names))}")
+    refuse_option_like(*names)
+    check_outputs({names[0]: "the SVG"}, [] if output.report is None else [output.report])
+    is_stream = names[0] == STANDARD_STREAM
+    source: Any = standard_stream(sys.stdin, "input") if is_stream else Path(names[0])
+    found = findings(source, place)
+    if output.report is not None:
+        report = {"for": place, "findings": [finding.report for finding in found]}
+        write_atomically(output.report, as_json(report))
+    for finding in found:
+        say(finding.line)
+    if not found and not output.quiet:
+        rules = rules_of(place)
+        tried = sum(rule.tried for rule in rules)
+        say(f"nothing that is known to break in {place}: {len(rules)} rules, {tried} of them tried")
+    return STATUS_UNDER if any(finding.rule.breaks for finding in found) else 0

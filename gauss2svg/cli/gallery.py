@@ -1,5 +1,6 @@
 """The command `gauss2svg gallery`, imported only where it is run."""
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import Photos, Quiet, words
+from gauss2svg.cli.parameters import Photos, Quiet, photos_given, words
 from gauss2svg.cli.streams import counting_bar, say
 from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.errors import InputError, quoted
@@ -49,14 +50,16 @@ def gallery_command(
     quiet: Quiet = False,
 ) -> int:
     """Write web pages that compare the results for photos; they open from the disk."""
+    from gauss2svg.batch.inputs import check_apart
     from gauss2svg.compare.pages.build import build_gallery
-    from gauss2svg.files import expanded
     from gauss2svg.measure.perceptual import packages_missing
     from gauss2svg.processes import command_line
 
+    given = photos_given(photos)
+    check_apart(photos, os.fspath(output))
     with counting_bar(quiet) as update:
         gallery = build_gallery(
-            expanded(photos),
+            given,
             output,
             variants=None if variants is None else words(variants),
             counts=None if counts is None else [_whole(word) for word in words(counts)],

@@ -8,12 +8,28 @@ from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
+from gauss2svg.batch.inputs import local_photos
+from gauss2svg.files import refuse_option_like
 from gauss2svg.pipeline.options import GROUPS
 
-Photos = Annotated[list[str], Parameter(negative="", help="Photos.")]
+Photos = Annotated[
+    list[str],
+    Parameter(
+        negative="",
+        allow_leading_hyphen=True,
+        help="Photos, folders, patterns such as photos/*.jpg, or lists (.txt, - for standard "
+        "input).",
+    ),
+]
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]
 # Groups with a flag that is on by default, which --no-NAME turns off.
 _NEGATED: dict[str, Any] = {"densify": {"negative_bool": "no-", "negative": None}}
+
+
+def photos_given(names: list[str]) -> list[str]:
+    """The paths that `Photos` stand for; raises InputError for what reads like an option."""
+    refuse_option_like(*names)
+    return local_photos(names)
 
 
 def words(text: str) -> list[str]:

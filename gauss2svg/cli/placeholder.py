@@ -2,30 +2,41 @@
 
 import json
 import os
+import re
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Annotated, Any, Literal
 from urllib.parse import quote
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import Photos, Quiet
+from gauss2svg.cli.parameters import Photos, Quiet, photos_given
 from gauss2svg.cli.streams import counting_bar, say, write_output
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, quoted
 from gauss2svg.files import (
     STANDARD_STREAM,
     check_outputs,
-    expanded,
     reading,
     refuse_option_like,
     write_all_atomically,
 )
 from gauss2svg.options import OptionGroup
 from gauss2svg.photo.listing import ListedPhoto, listed_photos
-from gauss2svg.pipeline.placeholder import DEFAULT_BYTES, Placeholder, check_bytes, placeholder
+from gauss2svg.pipeline.placeholder import (
+    DEFAULT_BYTES,
+    Counted,
+    Placeholder,
+    check_bytes,
+    placeholder,
+)
+from gauss2svg.version import __version__
 
 STATUS_SOME_FAILED = 1
-_IMAGE = '<img src="'  # with which a line of HTML begins
+# With which a line of HTML begins, and the address in it.
+_LINE = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
+# Files of these suffixes beside a photo are what a <picture> offers first, in this order.
+_SOURCES = {".avif": "image/avif", ".webp": "image/webp"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,11 +44,19 @@ class PlaceholderOptions(OptionGroup):
     """What is written for each photo."""
 
     max_bytes: Annotated[int | str, check_bytes] = DEFAULT_BYTES
-    """Maximum size of each SVG, 20k or less."""
+    """Maximum size of each placeholder, 20k or less."""
 
-    format: Literal["json", "html", "svg"] = "json"
-    """json: a list with SVG, data URIs, size and mean colour of each photo, by SQIP's keys; html:
-    an img element for each, with the placeholder behind it; svg: files."""
+    bytes_of: Counted = "svg"
+    """What has that size: the file, the SVG inline in a page (content in JSON), or a data URI."""
+
+    format: Literal["json", "object", "html", "picture", "svg"] = "json"
+    """json: a list with SVG, data URIs, size and mean colour of each photo, by SQIP's keys; object:
+    the same by the photos' paths; html: an img element for each, with the placeholder behind it;
+    picture: the same in a picture element, with the AVIF and WebP of that name beside the photo;
+    svg: files."""
+
+    root: Path | None = None
+    """Folder to which paths and addresses are relative; that of the output if not given."""
 
 
 _DEFAULTS = PlaceholderOptions()
@@ -51,35 +70,45 @@ def placeholder_command(
         Parameter(
             name=["--output", "-o"],
             allow_leading_hyphen=True,
-            help="File to write, with svg the folder for them; - is standard output.",
+            help="File to write, with svg the folder for them; - is standard output. What a list "
+            "has of unchanged photos is kept.",
         ),
     ] = "-",
     options: Annotated[PlaceholderOptions, Parameter(name="*", group="Placeholders")] = _DEFAULTS,
     quiet: Quiet = False,
 ) -> int:
     """Write placeholders of about a kilobyte, which a page shows until its photos have come."""
-    photos = expanded(photos)
-    refuse_option_like(*photos, output)
-    once = listed_photos(photos)
+    refuse_option_like(output)
+    given = photos_given(photos)
+    once = listed_photos(given)
+    copies = len(given) - len(once)
+    if options.format == "picture":
+        sources = {source for photo in once for source in _sources(photo.path)}
+        once = [photo for photo in once if Path(photo.path) not in sources]
     targets = _targets(output, options.format, [photo.slug for photo in once])
     _check({photo.path: "a photo" for photo in once}, targets)
-    before = {} if options.format == "svg" else _entries(output, options.format)
+    book = _Book(output, options)
     made: dict[ListedPhoto, Placeholder] = {}
-    failures = []
+    failures, unchanged = [], 0
     with counting_bar(quiet) as update:
         for at, photo in enumerate(once):
             update(photo.name, at, len(once))
             try:
                 if photo.problem is not None:
                     failures.append(f"failed: {photo.problem}")
-                    continue
-                made[photo] = placeholder(photo.path, options.max_bytes)
+                elif book.has(photo):
+                    unchanged += 1
+                else:
+                    made[photo] = placeholder(
+                        photo.path, options.max_bytes, bytes_of=options.bytes_of
+                    )
             except Gauss2SvgError as error:
                 line = str(error).replace("max_bytes must", "--max-bytes must")
                 failures.append(f"failed: {photo.name}: {line}")
-    kept = _write(once, made, before, output, options.format) if made else 0
-    if len(once) < len(photos):
-        say(f"{len(photos) - len(once)} of {len(photos)} photos given more than once")
+    count = len(made) + unchanged
+    kept = book.write(once, made) - count if count else 0
+    if copies:
+        say(f"{copies} of {len(given)} photos given more than once")
     for photo, one in made.items():
         if not one.gaussians:
             say(f"without Gaussians, for which it has no room or no need: {photo.name}")
@@ -87,12 +116,20 @@ def placeholder_command(
         say(line)
     if not quiet:
         where = f" in {'standard output' if output == STANDARD_STREAM else output}"
+        same = f", {unchanged} of them unchanged" if unchanged else ""
         say(
-            f"{len(made)} placeholder{'s' * (len(made) != 1)}{where if made else ''}; "
-            f"{len(failures)} failed{'' if made else ', and nothing was written'}"
+            f"{count} placeholder{'s' * (count != 1)}{where if count else ''}{same}; "
+            f"{len(failures)} failed{'' if count else ', and nothing was written'}"
             + (f"; {kept} of them kept from before" if kept else "")
         )
     return STATUS_SOME_FAILED if failures else 0
+
+
+def _sources(path: str) -> list[Path]:
+    """The files beside a photo that a browser should rather take, the best first."""
+    own = Path(path)
+    better = takewhile(lambda suffix: suffix != own.suffix.lower(), _SOURCES)
+    return [one for suffix in better if (one := own.with_suffix(suffix)).is_file()]
 
 
 def _targets(output: str, form: str, slugs: list[str]) -> list[Path]:
@@ -121,69 +158,105 @@ def _check(photos: dict[str, str], targets: list[Path]) -> None:
     check_outputs(photos, targets)
 
 
-def _write(
-    photos: list[ListedPhoto],
-    made: dict[ListedPhoto, Placeholder],
-    before: dict[str, Any],
-    output: str,
-    form: str,
-) -> int:
-    """Write what was made; what the file has of photos that failed is kept: returns how many."""
-    if form == "svg" and output != STANDARD_STREAM:
-        files = {Path(output) / f"{photo.slug}.svg": one.svg for photo, one in made.items()}
-        write_all_atomically({path: svg.encode() for path, svg in files.items()})
-        return 0
-    folder = "." if output == STANDARD_STREAM else os.path.dirname(output) or "."
-    names = {photo: photo.file if form == "json" else _url(photo.path, folder) for photo in photos}
-    listed = [photo for photo in photos if photo in made or names[photo] in before]
-    if form == "json":
-        records = [
-            made[photo].record(names[photo]) if photo in made else before[names[photo]]
-            for photo in listed
-        ]
-        text = json.dumps(records, indent=2) + "\n"
-    elif form == "html":
-        text = "".join(
-            f"{made[photo].snippet(names[photo]) if photo in made else before[names[photo]]}\n"
-            for photo in listed
-        )
-    else:
-        (one,) = made.values()
-        text = one.svg
-    if output == STANDARD_STREAM:
-        write_output(text.encode())
-    else:
-        write_all_atomically({output: text.encode()})
-    return len(listed) - len(made)
-
-
-def _entries(output: str, form: str) -> dict[str, Any]:
-    """What an earlier run has written for each photo, by its name or address.
+class _Book:
+    """What is written, and what an earlier run has written there, by the paths of the photos.
 
     Raises InputError for a file that cannot be read as such: to replace it would lose what it has.
     """
-    if output == STANDARD_STREAM or not Path(output).is_file():
-        return {}
-    with reading(output, "another name for --output") as file:
-        data = file.read()
-    try:
-        text = data.decode()
+
+    def __init__(self, output: str, options: PlaceholderOptions) -> None:
+        self._output, self._options = output, options
+        folder = "" if output == STANDARD_STREAM else os.path.dirname(output)
+        self._root = os.fspath(options.root or folder or ".")
+        # Of another version or of other options nothing is kept.
+        self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
+        is_file = options.format != "svg" and output != STANDARD_STREAM and Path(output).is_file()
+        self._before = self._entries() if is_file else {}
+
+    def has(self, photo: ListedPhoto) -> bool:
+        """Whether an entry of the same bytes by the same options is there; HTML does not say."""
+        if self._options.format not in ("json", "object"):
+            return False
+        found = self._before.get(self._key(photo), {"metadata": {}})["metadata"]
+        return (found.get("sha256"), found.get("madeBy")) == (photo.digest, self._made_by)
+
+    def write(self, photos: list[ListedPhoto], made: dict[ListedPhoto, Placeholder]) -> int:
+        """Write what was made and what is kept of the other photos; returns how many they are.
+
+        A file that would be the same is not touched, which would make servers reload pages.
+        """
+        form, output = self._options.format, self._output
+        if form == "svg" and output != STANDARD_STREAM:
+            files = {Path(output) / f"{photo.slug}.svg": one.svg for photo, one in made.items()}
+            write_all_atomically({path: svg.encode() for path, svg in files.items()})
+            return len(made)
+        keys = {photo: self._key(photo) for photo in photos}
+        listed = {
+            key: self._entry(photo, made[photo]) if photo in made else self._before[key]
+            for photo, key in keys.items()
+            if photo in made or key in self._before
+        }
+        if form in ("json", "object"):
+            for photo, key in keys.items():  # which depends on what else is given
+                if key in listed:
+                    listed[key]["metadata"]["filename"] = photo.file
+            text = json.dumps(listed if form == "object" else [*listed.values()], indent=2) + "\n"
+        else:
+            end = "" if form == "svg" else "\n"
+            text = "".join(f"{line}{end}" for line in listed.values())
+        if output == STANDARD_STREAM:
+            write_output(text.encode())
+        elif not (self._before and Path(output).read_bytes() == text.encode()):
+            write_all_atomically({output: text.encode()})
+        return len(listed)
+
+    def _key(self, photo: ListedPhoto) -> str:
+        """The path of a photo from the root; in HTML its address."""
+        path = Path(os.path.relpath(photo.path, self._root)).as_posix()
+        return path if self._options.format in ("json", "object") else _url(path)
+
+    def _entry(self, photo: ListedPhoto, one: Placeholder) -> Any:
+        form, key = self._options.format, self._key(photo)
+        if form == "svg":
+            return one.svg
         if form == "html":
-            lines = [line for line in text.split("\n") if line.strip()]
-            if not lines or not all(line.startswith(_IMAGE) for line in lines):
-                raise ValueError("not lines of <img>")
-            return {line.removeprefix(_IMAGE).partition('"')[0]: line for line in lines}
-        records = json.loads(text)
-        if not isinstance(records, list):
-            raise TypeError("not a list")
-        return {record["metadata"]["filename"]: record for record in records}
-    except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise InputError(
-            f"--output must be a file of placeholders in {form}, or none yet; got {output}, "
-            "which has something else or is damaged. Try another name, or remove it"
-        ) from error
+            return one.snippet(key)
+        if form == "picture":
+            folder = key.rpartition("/")[0]
+            sources = {
+                f"{folder}/{_url(path.name)}".lstrip("/"): _SOURCES[path.suffix]
+                for path in _sources(photo.path)
+            }
+            return one.picture(key, sources)
+        record = one.record(photo.file)
+        record["metadata"] |= {"path": key, "sha256": photo.digest, "madeBy": self._made_by}
+        return record
+
+    def _entries(self) -> dict[str, Any]:
+        """The entries of the file, by the keys of their photos."""
+        form, output = self._options.format, self._output
+        with reading(output, "another name for --output") as file:
+            data = file.read()
+        try:
+            text = data.decode()
+            if form in ("html", "picture"):
+                lines = [line for line in text.split("\n") if line.strip()]
+                found = {match[1]: line for line in lines if (match := _LINE.match(line))}
+                if not lines or len(found) < len(lines):
+                    raise ValueError("not lines of <img>")
+                return found
+            records = json.loads(text)
+            if not isinstance(records, dict if form == "object" else list):
+                raise TypeError("of another form")
+            entries = [*records.values()] if isinstance(records, dict) else records
+            return {entry["metadata"]["path"]: entry for entry in entries}
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            raise InputError(
+                f"--output must be a file of placeholders in {form}, or none yet; got {output}, "
+                "which has something else or is damaged. Try another name, or remove it"
+            ) from error
 
 
-def _url(path: str, folder: str) -> str:
-    """The address of a photo in a page of this folder; any bytes of a name are escaped."""
-    return quote(os.fsencode(Path(os.path.relpath(path, folder)).as_posix()))
+def _url(path: str) -> str:
+    """The address of a path; any bytes of a name are escaped."""
+    return quote(os.fsencode(path))

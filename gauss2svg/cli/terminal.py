@@ -195,8 +195,8 @@ def _of_page(report: dict[str, Any]) -> dict[str, str]:
         return {}
     lighter = "--markup editable" if report["markup"] == MINIMAL else "fewer Gaussians"
     return {
-        "in a page": f"about {spent / 1000:.1f} s for a browser to paint it, and again at each "
-        f"repaint; lighter with {lighter}"
+        "in a page": f"about {spent / 1000:.1f} s for a browser to paint it "
+        f"{report['paint_width']:.0f} px wide, and again at each repaint; lighter with {lighter}"
     }
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.options import byte_size
+from gauss2svg.options import OneOf, byte_size
 from gauss2svg.photo.alpha import alpha_of, has_alpha, pixels_of
 from gauss2svg.photo.load import ImageSource
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
@@ -27,6 +27,8 @@ from gauss2svg.svg.element import hex_color
 from gauss2svg.svg.format import MINIMAL
 
 DEFAULT_BYTES = 1000
+# Attributes of Placeholder of which the bytes may be limited.
+Counted = Literal["svg", "inline", "data_uri", "data_uri_base64"]
 # px of the photo, from which the working picture of at most 384 px is made.
 _LONGEST_SIDE = 640
 # What browsers take as it is in a data URI; % and # have a meaning of their own, and " would end
@@ -73,7 +75,7 @@ class Placeholder:
         return f"data:{_MEDIA_TYPE};base64," + base64.b64encode(self.svg.encode()).decode()
 
     def record(self, name: str) -> dict[str, Any]:
-        """The keys of SQIP's result, ready for JSON; name is that of the photo's file."""
+        """The keys of SQIP's result and `transparent`, ready for JSON; name is the file's."""
         return {
             "content": self.inline,
             "metadata": {
@@ -85,28 +87,41 @@ class Placeholder:
                 "type": "svg",
                 "mimeType": _MEDIA_TYPE,
                 "backgroundColor": self.color,
+                "transparent": self.transparent,
                 "dataURI": self.data_uri,
                 "dataURIBase64": self.data_uri_base64,
             },
         }
 
     def snippet(self, source: str, alt: str = "") -> str:
-        """An HTML <img> of the photo with the placeholder behind it.
+        """An HTML <img> of the photo with the placeholder behind it, at most as wide as its place.
 
         source  URL of the photo, escaped as URLs are
         alt     what the photo shows, for those who do not see it
 
-        The placeholder of a photo with alpha, which would shine through, goes when the photo has
-        come, by an onload attribute.
+        Its width and height keep the room for the photo. The placeholder of a photo with alpha,
+        which would shine through, goes when the photo has come, by an onload attribute.
         """
         size = f'width="{self.width}" height="{self.height}"'
         color = "" if self.transparent else f"{self.color} "
-        style = f'background:{color}url("{self.data_uri}") 0 0/100% 100%'
+        style = f'max-width:100%;height:auto;background:{color}url("{self.data_uri}") 0 0/100% 100%'
         gone = " onload=\"this.style.background='none'\"" if self.transparent else ""
         return (
             f'<img src="{_in_attribute(source)}" alt="{_in_attribute(alt)}" {size} '
             f'style="{_in_attribute(style)}"{gone}>'
         )
+
+    def picture(self, source: str, others: Mapping[str, str], alt: str = "") -> str:
+        """An HTML <picture> of the `snippet`, for which a browser may take another file.
+
+        others  media types of the other files of the photo by their URLs, the best first:
+                {"a.avif": "image/avif"}
+        """
+        found = "".join(
+            f'<source srcset="{_in_attribute(url)}" type="{_in_attribute(kind)}">'
+            for url, kind in others.items()
+        )
+        return f"<picture>{found}{self.snippet(source, alt)}</picture>"
 
 
 def _in_attribute(text: str) -> str:
@@ -118,6 +133,7 @@ def placeholder(
     image: ImageSource,
     max_bytes: int | str = DEFAULT_BYTES,
     *,
+    bytes_of: Counted = "svg",
     threads: int | None = None,
     max_memory: int | str | None = None,
     progress: ProgressCallback | None = None,
@@ -126,12 +142,14 @@ def placeholder(
     """The best SVG of at most max_bytes for a photo, such as 1000 or "1k"; see `vectorize`.
 
     image                path, bytes, binary file, PIL image, numpy array or torch tensor
+    bytes_of             attribute of the placeholder that max_bytes limits, such as "data_uri"
     threads, max_memory  see RunOptions
     progress, stop       see `vectorize`
     Raises InputError for invalid input, for more than 20 kB, and for fewer bytes than a file
     without Gaussians takes.
     """
     limit = check_bytes("max_bytes", max_bytes)
+    OneOf(get_args(Counted))("bytes_of", bytes_of)
     options = Options(
         goal=Goal(max_bytes=limit),
         svg=SvgOptions(markup=MINIMAL),
@@ -142,7 +160,11 @@ def placeholder(
     pixels = pixels_of(photo)
     with run.compiled():
         watch = Watch(report=run.notify, stop=run.stop)
-        found = ByBytes(plan, Subject.of(pixels, photo.full), watch).file()
+
+        def count(svg: str) -> int:
+            return len(getattr(Placeholder(svg, 1, 1, "", 0), bytes_of).encode())
+
+        found = ByBytes(plan, Subject.of(pixels, photo.full), watch, count).file()
     transparent = has_alpha(pixels)
     return Placeholder(found.svg, *photo.full, _mean_color(pixels), len(found.scene), transparent)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from gauss2svg.measure.paint import paint_ms
+from gauss2svg.measure.paint import paint_ms, shown_width
 from gauss2svg.measure.perceptual import Scores
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.photo import Photo
@@ -43,6 +43,7 @@ def run_report(
         options.goal, outcome.reached, size_reached, total_s - run.first_s, fitted.stop_reason,
         len(outcome.scene),
     )  # fmt: skip
+    shown = shown_width(document, outcome.scene)
     return {
         **options.flat(),
         "quality": plan.quality,
@@ -84,7 +85,10 @@ def run_report(
         **scores.report,
         "bytes_by_part": bytes_by_part(outcome.svg),
         # Filters were not measured.
-        "paint_ms": None if "<filter" in outcome.svg else paint_ms(outcome.scene, outcome.svg),
+        "paint_ms": None
+        if "<filter" in outcome.svg
+        else paint_ms(outcome.scene, outcome.svg, shown),
+        "paint_width": shown,
         "transparent": photo.alpha is not None,
         "notes": _notes(plan, photo, outcome),
         "versions": _versions(),

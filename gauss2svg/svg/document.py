@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 DEFAULT_TITLE = "Vectorised photo"
-PHOTO_SIZE = "photo"
+PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
 _UNITS = ("px", "mm", "cm", "in", "pt", "pc")
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(_UNITS)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
@@ -43,8 +43,8 @@ def check_text(name: str, text: Any) -> str:
 
 
 def check_size(name: str, size: Any) -> str:
-    """A width with its unit, or PHOTO_SIZE."""
-    if isinstance(size, str) and size == PHOTO_SIZE:
+    """A width with its unit, PHOTO_SIZE or RESPONSIVE."""
+    if isinstance(size, str) and size in (PHOTO_SIZE, RESPONSIVE):
         return size
     _width_of(name, size)
     return size
@@ -107,7 +107,8 @@ class Document(OptionGroup):
 
     size: Annotated[str | None, check_size] = None
     """Width where it is printed or placed, such as 120mm, 5in or 300px; photo: by the photo's
-    resolution. The height follows from the proportions."""
+    resolution; responsive: none, so that it fills its place in a page. The height follows from the
+    proportions."""
 
     aspect: Annotated[str | None, check_aspect] = None
     """How the picture fills a frame of other proportions: preserveAspectRatio, such as
@@ -164,12 +165,17 @@ class Document(OptionGroup):
         }
         return [name for name, is_given in given.items() if is_given]
 
+    @property
+    def is_responsive(self) -> bool:
+        """Whether the file has no size of its own, only proportions."""
+        return self.size == RESPONSIVE
+
     def sides(self, width: float, height: float) -> tuple[str, str] | None:
         """Width and height with their unit of a canvas of width x height px; None without a size.
 
         Raises InputError for a size that is none, or at which a side would be written as 0.
         """
-        if self.size is None:
+        if self.size is None or self.is_responsive:
             return None
         across, unit = _width_of("size", self.size)
         sides = [f"{side:.{_DECIMALS}f}" for side in (across, across * height / width)]

@@ -158,7 +158,9 @@ def _root(document: Document, scene: Scene, view: tuple[str, str], count: int) -
     )
     if document.aspect:
         drawing["preserveAspectRatio"] = document.aspect
-    if sides:
+    if document.is_responsive:
+        del drawing.attribs["width"], drawing.attribs["height"]
+    if sides or document.is_responsive:
         drawing[CANVAS] = " ".join(canvas)
     drawing["role"] = "img"
     usual = f"{count} Gaussians, fitted and written by gauss2svg {__version__}"

@@ -13,7 +13,7 @@ import gauss2svg
 from gauss2svg.batch import driver, worker
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.batch.records import RECORDS, STATE
+from gauss2svg.batch.records import RECORDS, STATE, PhotoRecord
 from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
@@ -81,10 +81,14 @@ def test_each_photo_has_a_line_and_a_row_with_all_that_is_asked_for(run, photos,
         assert one["bytes"] == (out / name).stat().st_size
         assert (one["width"], one["height"]) == (12, 12)
         assert one["psnr_svg"] > 5
+        assert -1 <= one["ssim_svg"] <= 1
+        assert one["paint_ms"] > 0
+        assert one["stop_reason"] in {"gaussians", "iterations", "enough", "cap", "gain"}
     with (out / TABLE).open() as stream:
         rows = list(csv.DictReader(stream))
     assert [row["output"] for row in rows] == sorted(found)
-    assert rows[0]["psnr_svg"] == str(found["a.svg"]["psnr_svg"])
+    for name in ("psnr_svg", "ssim_svg", "paint_ms", "stop_reason"):
+        assert rows[0][name] == str(found["a.svg"][name])
     assert left_parts(out) == []
 
 
@@ -377,8 +381,19 @@ def test_summary_counts_photos_and_reasons(photos, tmp_path, dask_client):
     assert summary.pixels == 4 * 144
     first, *reasons = summary.lines()
     assert first.startswith("4 done, 0 skipped, 2 failed in ")
-    assert len(reasons) == 1
+    assert len(reasons) == 2
     assert reasons[0].startswith("failed, 2: photo must be a supported image")
+    assert reasons[1] == f"failed photos: {photos / 'x1.png'}, {photos / 'x22.png'}"
+
+
+def test_a_summary_names_at_most_five_failed_photos():
+    summary = Summary()
+    for number in range(8):
+        name = f"{number}.jpg"
+        summary.add(PhotoRecord(input=name, output="", options="", error="broken"))
+    assert list(summary.lines())[-1] == (
+        "failed photos: 0.jpg, 1.jpg, 2.jpg, 3.jpg, 4.jpg and 3 more"
+    )
 
 
 @pytest.mark.process

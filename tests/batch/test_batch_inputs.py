@@ -11,7 +11,7 @@ from batches import save_photo, save_photos
 
 from gauss2svg.batch import inputs, many
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.inputs import photos_of
+from gauss2svg.batch.inputs import local_photos, photos_of
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.stores import Store, stamp_of
 from gauss2svg.cli.main import main
@@ -43,6 +43,23 @@ def test_source_without_photos_is_refused_beside_others(folder):
     for source in ("nothing/*", "in/none", "in/none.txt", "memory://nothing/*"):
         with pytest.raises(InputError, match="must be one or more; got none in "):
             names("in", source)
+
+
+def test_other_commands_take_what_a_batch_takes(folder, monkeypatch, tmp_path):
+    sources = [str(folder), f"{folder}/**/*.jpg", f"{folder}/a*"]
+    for source in sources:
+        paths = local_photos([source])
+        assert paths == sorted(photo.path for photo in photos_of([source]))
+        assert paths
+    listed = tmp_path / "list.txt"
+    listed.write_text("b.jpg\na.jpg\n")
+    assert local_photos([str(listed)]) == ["b.jpg", "a.jpg"]
+    # Reading says what is the matter with these.
+    stay = [f"{folder}/none*.jpg", str(folder / "none.jpg"), "s3://bucket/*.jpg"]
+    assert local_photos(stay) == stay
+    # A gallery's own pictures would be photos of its next run.
+    assert main(["gallery", str(folder), "-o", str(folder / "site")]) == 2
+    assert not (folder / "site").exists()
 
 
 def test_broken_links_and_files_that_are_gone_are_photos(folder, monkeypatch):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from flat import vectorize
 
-from gauss2svg.measure.paint import HEAVY_MS, drawn_pixels, paint_ms
+from gauss2svg.measure.paint import HEAVY_MS, drawn_pixels, paint_ms, shown_width
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
+from gauss2svg.svg.document import Document
 
 
 def one(mean, sigma=(4.0, 2.0), copies=1, **given):
@@ -41,6 +42,16 @@ def test_cost_grows_with_shapes_pixels_and_masks():
     )
     assert paint_ms(one((50, 40), sigma=(8.0, 4.0)), svg) > paint_ms(one((50, 40)), svg)
     assert paint_ms(one((50, 40)), masked) > paint_ms(one((50, 40)), svg)
+
+
+def test_an_estimate_is_for_the_width_that_the_file_says_or_1600_px():
+    scene = one((2000, 1500)).replace(width=4032, height=3024)
+    assert shown_width(Document(), scene) == 1600
+    assert shown_width(Document(size="responsive"), scene) == 1600
+    assert shown_width(Document(), one((50, 40))) == 100
+    assert shown_width(Document(size="96mm"), scene) == pytest.approx(96 / 25.4 * 96)
+    wide, own, none = (paint_ms(scene, "<svg/>", width) for width in (2 * 4032, None, 1e-9))
+    assert wide - none == pytest.approx(4 * (own - none))
 
 
 @pytest.mark.parametrize(("given", "known"), [({}, True), ({"blend": "add"}, False)])

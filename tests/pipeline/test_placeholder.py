@@ -47,7 +47,7 @@ def test_a_record_has_the_keys_of_sqip(photos):
     assert set(record) == {"content", "metadata"}
     assert set(metadata) == {
         "filename", "originalWidth", "originalHeight", "width", "height", "type", "mimeType",
-        "backgroundColor", "dataURI", "dataURIBase64",
+        "backgroundColor", "transparent", "dataURI", "dataURIBase64",
     }  # fmt: skip
     assert (metadata["width"], metadata["height"]) == (36, 24)
     assert len(found.svg) <= 400
@@ -109,13 +109,16 @@ def test_the_page_names_photos_by_their_address_from_its_folder(photos, tmp_path
     capsys.readouterr()
 
 
-@pytest.mark.parametrize("form", ["json", "html", "svg"])
+@pytest.mark.parametrize("form", ["json", "object", "html", "picture", "svg"])
 def test_where_every_photo_fails_nothing_is_written(form, photos, tmp_path, capfdbinary):
     output = tmp_path / ("bad" if form == "svg" else "placeholders")
     file = output / "bad.svg" if form == "svg" else output
     if form == "svg":
         output.mkdir()
-    earlier = {"json": "[]", "html": '<img src="a.png">', "svg": "of an earlier run"}[form]
+    earlier = {
+        "json": "[]", "object": "{}", "html": '<img src="a.png">',
+        "picture": '<picture><img src="a.png"></picture>', "svg": "of an earlier run",
+    }[form]  # fmt: skip
     file.write_text(earlier)
     command = ["placeholder", photos[-1], "--format", form]
     assert main([*command, "-o", str(output)]) == 1
@@ -145,6 +148,7 @@ def test_a_photo_that_fails_keeps_the_entry_that_it_had(form, photos, tmp_path, 
 FOREIGN = {
     "json": [b"no JSON", b"", b"[1]", b"{}", b"{", b'{"a": 1}', b'[{"metadata": 1}]',
              b"[" * 100_000, b'["\xff"]'],
+    "object": [b"no JSON", b"[]", b'{"a": 1}', b'{"a": {"metadata": {}}}'],
     "html": [b"", b"<p>mine</p>", b'<img src="a.png">\n<p>mine</p>', b'<img src="\xff">'],
 }  # fmt: skip
 
@@ -189,6 +193,90 @@ ODD_NAMES = [
     "family \U0001f468\u200d\U0001f469.png",
     "a\tb.png",
 ]
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """The photos of which placeholders are made, which are all one."""
+    asked = []
+    one = Placeholder("<svg/>", 36, 24, "#888888", 1)
+
+    def made(path, *_, **__):
+        asked.append(Path(path).name)
+        return one
+
+    monkeypatch.setattr("gauss2svg.cli.placeholder.placeholder", made)
+    return asked
+
+
+@pytest.mark.parametrize("form", ["json", "object"])
+def test_what_has_not_changed_is_kept_and_found_by_its_path(
+    form, photos, tmp_path, capsys, counted, monkeypatch
+):
+    deep = tmp_path / "deep"
+    deep.mkdir()
+    Path(photos[2]).unlink()
+    output = tmp_path / "made" / "placeholders"
+    command = ["placeholder", str(tmp_path), "--format", form, "-o", str(output)]
+    assert main(command) == 0
+    assert sorted(counted) == ["one.png", "two words.png"]
+    records = json.loads(output.read_text())
+    entries = records if form == "object" else {r["metadata"]["path"]: r for r in records}
+    assert list(entries) == ["../one.png", "../two words.png"]
+    written = output.stat()
+    assert main(command) == 0
+    assert len(counted) == 2
+    assert output.stat().st_ino == written.st_ino  # not even written anew
+    assert "2 of them unchanged" in capsys.readouterr().err
+    # Of bytes, of the limit and of the version.
+    Path(photos[0]).write_bytes(Path(photos[1]).read_bytes())
+    (deep / "one.png").write_bytes(Path(photos[0]).read_bytes())
+    assert main(command) == 0
+    assert sorted(counted[2:]) == ["one.png"] * 2
+    assert main([*command, "--max-bytes", "500"]) == 0
+    assert len(counted) == 7
+    monkeypatch.setattr("gauss2svg.cli.placeholder.__version__", "0")
+    assert main([*command, "--max-bytes", "500"]) == 0
+    assert len(counted) == 10
+    # From a root of one's own.
+    assert main([*command, "--root", str(tmp_path)]) == 0
+    paths = ["deep/one.png", "one.png", "two words.png"]
+    records = json.loads(output.read_text())
+    found = records.values() if form == "object" else records
+    assert [record["metadata"]["path"] for record in found] == paths
+    capsys.readouterr()
+
+
+def test_a_picture_offers_the_better_files_of_its_name(photos, tmp_path, capsys, counted):
+    for name in ("one.webp", "one.avif", "two words.avif", "alone.avif"):
+        (tmp_path / name).write_bytes(Path(photos[0]).read_bytes() + name.encode())
+    Path(photos[2]).unlink()
+    page = tmp_path / "page.html"
+    assert main(["placeholder", str(tmp_path), "--format", "picture", "-o", str(page)]) == 0
+    alone, one, two = page.read_text().splitlines()
+    assert alone.startswith('<picture><img src="alone.avif"')
+    avif, webp = (f'<source srcset="one.{kind}" type="image/{kind}">' for kind in ("avif", "webp"))
+    assert one.startswith(f'<picture>{avif}{webp}<img src="one.png"')
+    assert one.endswith("></picture>")
+    assert two.startswith(
+        '<picture><source srcset="two%20words.avif" type="image/avif"><img src="two%'
+    )
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize("form", ["inline", "data_uri", "data_uri_base64"])
+def test_the_form_that_is_used_can_have_the_bytes(form, photos):
+    limit = 460
+    found = gauss2svg.placeholder(photos[0], limit, bytes_of=form)
+    assert len(getattr(found, form)) <= limit
+    assert found.gaussians > 0
+    with pytest.raises(InputError, match="bytes_of must be one of svg, inline"):
+        gauss2svg.placeholder(photos[0], limit, bytes_of="gzip")
+
+
+def test_a_snippet_is_no_wider_than_its_place():
+    text = Placeholder("<svg/>", 4032, 3024, "#888888", 1).snippet("a.jpg")
+    assert 'width="4032" height="3024" style="max-width:100%;height:auto;' in text
 
 
 def test_names_in_the_list_are_those_of_the_files(photos, tmp_path, capsys):

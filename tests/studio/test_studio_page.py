@@ -110,6 +110,10 @@ def test_the_svg_is_that_of_the_service_and_its_figures_are_the_report_s(visit, 
     ]  # fmt: skip
     figures = page.locator("#figures").text_content()
     assert all(text in figures for text in (*cells[1:5], f"({cells[5]} gzipped)", cells[6]))
+    with page.expect_download() as saved:  # beside the figures, the file that they are of
+        page.locator("#save-now").click()
+    assert saved.value.path().read_text() == svg
+    assert "30 is good" in page.locator("#meaning").text_content()
     measured = page.locator("#measured").text_content()
     assert measured.startswith("Run 1 gave ")
     assert f"{round(report['psnr_svg'])}\u202fdB" in measured

@@ -98,6 +98,18 @@ def test_size_has_its_unit_and_the_proportions(size, width, height):
 def test_canvas_is_given_in_px_only_where_the_size_does_not_give_it():
     assert "data-canvas" not in write_svg(SCENE)
     assert 'data-canvas="60 45"' in write_svg(SCENE, document=Document(size="9cm"))
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_a_responsive_file_has_proportions_and_no_size(markup):
+    text = write_svg(SCENE, SvgFormat(markup=markup), Document(size="responsive"))
+    head = text[text.index("<svg") : text.index(">", text.index("<svg"))]
+    assert " viewBox=" in head
+    assert " width=" not in head
+    assert " height=" not in head
+    width, height = (read_svg(text).width, read_svg(text).height)
+    assert width / height == pytest.approx(60 / 45, rel=1e-3)
+    assert markup == "minimal" or (width, height) == (60, 45)
     assert "preserveAspectRatio" not in write_svg(SCENE)
 
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,10 +114,17 @@ class ByBytes:
     """A search for the best file of at most the bytes of a plan.
 
     subject  of which the photo is reduced further for the fits
+    count    bytes of a file's text; None: of the file itself
     Raises InputError where a file without Gaussians has more bytes.
     """
 
-    def __init__(self, plan: Plan, subject: Subject, watch: Watch) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        subject: Subject,
+        watch: Watch,
+        count: Callable[[str], int] | None = None,
+    ) -> None:
         assert plan.byte_limit is not None
         self._plan, self._watch, self._limit = plan, watch, plan.byte_limit
         self._options = plan.options.fit
@@ -125,7 +133,7 @@ class ByBytes:
         self._most = min(caps, default=math.inf)
         self._each = MINIMAL_GZIPPED if plan.counts_gzipped else MINIMAL
         self.is_drawing = is_drawing(subject.photo) and self._options.learned_falloff
-        self._files = SmallFiles(plan, subject, covering=self.is_drawing)
+        self._files = SmallFiles(plan, subject, count, covering=self.is_drawing)
         self._files.subject = self._reduced(subject)
         self.fits: list[FitResult] = []
         self._ended = ""  # why no further step is made

@@ -10,7 +10,6 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,17 +50,15 @@ TUNING = GridTuning()
 
 @dataclass(frozen=True, eq=False)
 class SmallFile:
-    """A file, the scene that it draws on the photo's canvas, and its error at the working size."""
+    """A file, the scene that it draws on the photo's canvas, and its error at the working size.
+
+    size  its bytes, as they are counted
+    """
 
     svg: str
     scene: Scene
     error: float
-    gzipped: bool
-
-    @cached_property
-    def size(self) -> int:
-        """Bytes of the file."""
-        return len(file_bytes(self.svg, self.gzipped))
+    size: int
 
 
 @dataclass(frozen=True)
@@ -84,13 +81,21 @@ class SmallFiles:
     """Writes scenes as files of at most the bytes of a plan.
 
     subject  its working picture is what files are compared with, and may be replaced by another
+    count    bytes of a file's text; None: of the file itself
     covering whether plain ellipses are compared by how much of each pixel they cover
     flat     the shortest file without Gaussians
     Raises InputError where that has more bytes.
     """
 
-    def __init__(self, plan: Plan, subject: Subject, covering: bool = False) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        subject: Subject,
+        count: Callable[[str], int] | None = None,
+        covering: bool = False,
+    ) -> None:
         assert plan.byte_limit is not None
+        self._bytes = count or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
         self._covering = covering
         self._plan, self.subject, self._limit = plan, subject, plan.byte_limit
         self._flat = [self._flat_file(digits) for digits in HEX_DIGITS]
@@ -108,8 +113,7 @@ class SmallFiles:
 
     def bytes_of(self, scene: Scene) -> int:
         """Bytes of a scene in units of its canvas and short colours."""
-        svg = minimal_svg(scene, 1, HEX_DIGITS[0], self.subject.document)
-        return len(file_bytes(svg, self._plan.counts_gzipped))
+        return self._bytes(minimal_svg(scene, 1, HEX_DIGITS[0], self.subject.document))
 
     def drawn(self, file: SmallFile) -> SmallFile:
         """The file with the mean squared error of its raster at the working size."""
@@ -162,7 +166,7 @@ class SmallFiles:
 
     def _file(self, scene: Scene, unit: float, digits: int, error: float) -> SmallFile:
         svg = minimal_svg(scene, unit, digits, self.subject.document)
-        return SmallFile(svg, scene, error, self._plan.counts_gzipped)
+        return SmallFile(svg, scene, error, self._bytes(svg))
 
     def _flat_file(self, digits: int) -> SmallFile:
         """A file without Gaussians, not yet drawn."""

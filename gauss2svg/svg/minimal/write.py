@@ -184,7 +184,8 @@ def _presented(document: Document, scene: Scene, unit: float) -> dict[str, str]:
     sides = document.sides(scene.width, scene.height)
     canvas = scene.width / unit, scene.height / unit
     # Without them the file's size would be that of its numbers, and these rounded.
-    if sides is None and (unit < 1 or not all(map(_is_whole, canvas))):
+    is_exact = unit >= 1 and all(map(_is_whole, canvas))
+    if sides is None and not is_exact and not document.is_responsive:
         sides = number(scene.width, 3), number(scene.height, 3)
     size = {} if sides is None else {"width": sides[0], "height": sides[1]}
     return size | ({"preserveAspectRatio": document.aspect} if document.aspect else {})
