@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib
+import os
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +81,107 @@ def test_a_loss_of_ones_own_ends_in_an_svg_that_steps_make_better(small, tmp_pat
         psnr.append(check(small, str(out)).psnr)
     assert psnr[1] > psnr[0] + 3
     assert said(capsys)[-1] == f"{psnr[1]:.2f} dB"
+
+
+def drawn_by_gaussian_image(mean, covariance, color, height, width):
+    """Their picture: pixel (row, column) is at (column, row), colours are summed over black."""
+    y, x = np.mgrid[:height, :width]
+    offset = np.stack([x, y], axis=-1)[:, :, None, :] - mean
+    r2 = np.einsum("hwni,nij,hwnj->hwn", offset, np.linalg.inv(covariance), offset)
+    return np.exp(-r2 / 2), np.clip(np.exp(-r2 / 2) @ color, 0, 1)
+
+
+@pytest.mark.parametrize("variant", ["cholesky", "rs"])
+def test_a_checkpoint_of_gaussian_image_becomes_its_picture(variant, tmp_path):
+    torch = pytest.importorskip("torch")
+    checkpoint = importlib.import_module("checkpoint")
+    width, height, n = 48, 32, 20
+    random = torch.Generator().manual_seed(1)
+    tensors = {
+        "_xyz": torch.atanh(2 * torch.rand(n, 2, generator=random) - 1),
+        "_opacity": torch.ones(n, 1),
+        "_features_dc": torch.rand(n, 3, generator=random) - 0.2,
+        "bound": torch.tensor([[0.5, 0.5]]),
+    }
+    if variant == "cholesky":
+        tensors["_cholesky"] = 4 * torch.rand(n, 3, generator=random)
+        tensors["background"] = torch.ones(3)
+        tensors["cholesky_bound"] = torch.tensor([[0.5, 0, 0.5]])
+        l1, l2, l3 = (tensors["_cholesky"] + tensors["cholesky_bound"]).numpy().T
+        factor = np.array([[l1, 0 * l1], [l2, l3]]).transpose(2, 0, 1)
+    else:
+        tensors["_scaling"] = 6 * torch.rand(n, 2, generator=random)
+        tensors["_rotation"] = torch.randn(n, 1, generator=random)
+        angle = 2 * np.pi * tensors["_rotation"].sigmoid().numpy()[:, 0]
+        c, s = np.cos(angle), np.sin(angle)
+        # of a matrix that is filled by columns, [c, -s] is the first column
+        turn = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)
+        factor = turn @ (np.eye(2) * (tensors["_scaling"] + 0.5).numpy()[:, None])
+    path, out = tmp_path / "gaussian_model.pth.tar", tmp_path / "out.svg"
+    torch.save(tensors, path)
+    checkpoint.main(str(path), width, height, str(out))
+    mean = (tensors["_xyz"].tanh().numpy() + 1) / 2 * [width, height]
+    colors = tensors["_features_dc"].numpy()
+    covariance = factor @ factor.transpose(0, 2, 1)
+    scene = checkpoint.gaussian_image(checkpoint.loaded(path), width, height)
+    assert np.allclose(scene.covariance, covariance, rtol=1e-5, atol=1e-4)
+    assert np.allclose(scene.mean, mean + 0.5, rtol=1e-5, atol=1e-4)
+    # Less than the same: Gaussians end at 3 sigma in a file, and renderers round each layer.
+    _, theirs = drawn_by_gaussian_image(mean, covariance, colors, height, width)
+    assert check(np.float32(theirs), out.read_text()).psnr > 30
+
+
+def test_a_checkpoint_of_image_gs_is_fitted_to_its_picture(tmp_path, capsys):
+    torch = pytest.importorskip("torch")
+    checkpoint = importlib.import_module("checkpoint")
+    width, height, n = 40, 30, 40
+    random = torch.Generator().manual_seed(2)
+    state = {
+        "xy": torch.rand(n, 2, generator=random),
+        "scale": 1 / (2 + 4 * torch.rand(n, 2, generator=random)),
+        "rot": torch.randn(n, 1, generator=random),
+        "feat": torch.rand(n, 3, generator=random),
+        "vis_feat": torch.rand(n, 3, generator=random),
+    }
+    moments = {i: {"step": torch.tensor(9.0), "exp_avg": torch.zeros(2)} for i in range(4)}
+    adam = {"state": moments, "param_groups": [{"lr": 5e-4, "params": [0]}]}
+    scores = dict.fromkeys(("psnr", "ssim", "lpips", "flip", "msssim", "bytes", "time"), 1.0)
+    file = {"step": 9, **scores, "state_dict": state, "optim_state_dict": adam}
+    path, out = tmp_path / "ckpt_step-9.pt", tmp_path / "out.svg"
+    torch.save(file, path)
+    checkpoint.main(str(path), width, height, str(out))
+    decibels, named = said(capsys)
+    assert float(decibels.split()[0]) > 27
+    assert named == "<gauss2svg.Scene 40x30, 40 Gaussians>"
+
+    c, s = state["rot"].cos().numpy()[:, 0], state["rot"].sin().numpy()[:, 0]
+    factor = np.array([[c, s], [-s, c]]).transpose(2, 0, 1) / state["scale"].numpy()[:, None]
+    mean = state["xy"].numpy() * [width, height]
+    covariance = factor @ factor.transpose(0, 2, 1)
+    weight, _ = drawn_by_gaussian_image(mean, covariance, state["feat"].numpy(), height, width)
+    weight[weight < np.sort(weight)[:, :, -10:-9]] = 0
+    theirs = weight @ state["feat"].numpy() / weight.sum(axis=2, keepdims=True)
+    _, picture = checkpoint.image_gs(checkpoint.loaded(path), width, height)
+    assert np.abs(picture - theirs).max() < 1e-3
+    assert check(np.float32(theirs), out.read_text()).psnr > 26
+
+
+class Bomb:
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __reduce__(self):
+        return os.mkdir, (self.folder,)
+
+
+def test_a_checkpoint_runs_no_code(tmp_path):
+    torch = pytest.importorskip("torch")
+    checkpoint = importlib.import_module("checkpoint")
+    path, folder = tmp_path / "bad.pt", tmp_path / "made"
+    torch.save({"state_dict": Bomb(str(folder))}, path)
+    with pytest.raises(pickle.UnpicklingError, match="Weights only load failed"):
+        checkpoint.main(str(path), 8, 8, str(tmp_path / "out.svg"))
+    assert not folder.exists()
 
 
 def test_a_guide_shows_every_example():
