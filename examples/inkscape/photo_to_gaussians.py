@@ -13,7 +13,7 @@ import urllib.parse
 import urllib.request
 from pathlib import Path
 
-import inkex  # which Inkscape brings
+import inkex  # pyright: ignore[reportMissingImports] (Inkscape brings it)
 
 IDS = re.compile(r'(\sid="|url\(#|href="#)')
 
@@ -22,11 +22,13 @@ class PhotoToGaussians(inkex.EffectExtension):
     """One layer for each selected photo, which it replaces."""
 
     def add_arguments(self, pars):
+        """What the dialog asks for, with Inkscape's defaults."""
         pars.add_argument("--quality")
         pars.add_argument("--kilobytes", type=int)
         pars.add_argument("--program")
 
     def effect(self):
+        """Replace what is selected; an AbortExtension is one line of Inkscape's dialog."""
         photos = list(self.svg.selection.filter(inkex.Image).values())
         if not photos:
             raise inkex.AbortExtension("selection must have a photo; got none. Try to select one")
@@ -34,6 +36,7 @@ class PhotoToGaussians(inkex.EffectExtension):
             self.replace(photo)
 
     def replace(self, photo):
+        """Put the layer where the photo was."""
         with tempfile.TemporaryDirectory() as folder:
             source, out = Path(folder, "photo"), Path(folder, "out.svg")
             source.write_bytes(self.data_of(photo))
@@ -53,6 +56,7 @@ class PhotoToGaussians(inkex.EffectExtension):
         photo.replace_with(layer)
 
     def data_of(self, photo):
+        """Bytes of the photo, from the document or its file."""
         href = photo.get("xlink:href") or photo.get("href") or ""
         if href.startswith("data:"):
             return base64.b64decode(href.partition(",")[2])

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+import base64
 import importlib
 import os
 import pickle
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from batches import save_photos
+from conftest import random_scene
 from PIL import Image
 
 from gauss2svg.measure.check import check
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.raster import rasterize
+from gauss2svg.render import render
 
 pytestmark = pytest.mark.example
 
@@ -184,7 +192,118 @@ def test_a_checkpoint_runs_no_code(tmp_path):
     assert not folder.exists()
 
 
+def test_a_poster_is_the_scene_in_strips_with_boxes_and_a_profile(tmp_path):
+    pikepdf = pytest.importorskip("pikepdf")
+    poster = importlib.import_module("poster")
+    scene = random_scene(60, 30, 50, sigma=(0.5, 12))
+    levels = np.concatenate(list(poster.strips(scene, 40, 600)))
+    grown = scene.scaled(12)
+    whole = render(grown.replace(width=40, mean=grown.mean - [160, 0]))
+    assert np.abs(levels - 255 * np.clip(whole, 0, 1)).max() < 0.6
+
+    path = tmp_path / "poster.pdf"
+    poster.DPI = 10
+    poster.write_poster(scene, str(path))
+    with pikepdf.open(path) as pdf:
+        [page] = pdf.pages
+        sides = np.array([list(map(float, box)) for box in (page.mediabox, page.TrimBox)])
+        assert np.allclose(
+            (sides[:, 2:] - sides[:, :2]) / 72 * 25.4, [(303, 426), (297, 420)], atol=2
+        )
+        picture = page.Resources.XObject.Picture
+        assert pikepdf.PdfImage(picture).icc.profile.profile_description.startswith("sRGB")
+        drawn = np.asarray(pikepdf.PdfImage(picture).as_pil_image().convert("RGB"))
+    assert (drawn == np.concatenate(list(poster.strips(scene, 119, 168)))).all()
+
+
+INKEX = "/usr/share/inkscape/extensions"
+DOCUMENT = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"
+width="90" height="60"><image id="photo" x="10" y="5" width="72" height="48" {}
+xlink:href="data:image/png;base64,{}"/><text id="other">!</text></svg>"""
+
+
+@pytest.fixture
+def extension(small, tmp_path, monkeypatch):
+    """A document with a photo, and an environment in which Inkscape's Python finds gauss2svg."""
+    python = "/usr/bin/python3"
+    asked = [python, "-c", "import inkex"]
+    found = {**os.environ, "PYTHONPATH": INKEX}
+    if (
+        not os.path.exists(python)
+        or subprocess.run(asked, env=found, capture_output=True).returncode
+    ):
+        pytest.skip("Inkscape's extensions need its inkex, and lxml")
+    program = tmp_path / "bin" / "gauss2svg"
+    program.parent.mkdir()
+    package = EXAMPLES.parent
+    run = f'PYTHONPATH="{package}" exec "{sys.executable}" -m gauss2svg "$@"'
+    program.write_text(f"#!/bin/sh\n{run}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:/usr/bin:/bin")
+    data = base64.b64encode(Path(small).read_bytes()).decode()
+    path = tmp_path / "document.svg"
+    path.write_text(DOCUMENT.format('transform="rotate(3)" preserveAspectRatio="none"', data))
+    return path
+
+
+def converted(document, *options):
+    """Exit status, new document and message of the script as Inkscape starts it."""
+    script = str(EXAMPLES / "inkscape" / "photo_to_gaussians.py")
+    given = ["--quality=draft", "--kilobytes=5", "--program=gauss2svg", *options, str(document)]
+    run = subprocess.run(
+        ["/usr/bin/python3", script, *given], capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": INKEX},
+    )  # fmt: skip
+    return run.returncode, run.stdout, run.stderr
+
+
+def assert_looks_the_same(before, after):
+    size = 90, 60
+    assert psnr(*(rasterize(text, *size) for text in (after, before))) > 20
+    assert "<image" not in after
+    assert 'id="other"' in after
+
+
+def test_a_photo_in_a_document_of_inkscapes_becomes_gaussians_in_its_place(extension):
+    status, after, message = converted(extension, "--id=photo")
+    assert (status, message) == (0, "")
+    assert_looks_the_same(extension.read_text(), after)
+
+
+@pytest.mark.parametrize(
+    ("options", "start"),
+    [
+        ([], "selection must have a photo; got none"),
+        (["--id=photo", "--program=/no/such"], "program must be that of gauss2svg; got '/no/such'"),
+        (["--id=photo", "--quality=best"], ""),
+    ],
+)
+def test_an_error_of_the_extension_is_one_line_and_changes_nothing(extension, options, start):
+    status, after, message = converted(extension, *options)
+    assert status != 0
+    assert after == ""
+    assert message.startswith(start)
+    assert len(message.strip().splitlines()) == 1
+
+
+@pytest.mark.browser
+def test_inkscape_runs_its_extension(extension, tmp_path):
+    if not shutil.which("inkscape") or not shutil.which("xvfb-run"):
+        pytest.skip("needs Inkscape and xvfb-run")
+    profile, out = tmp_path / "profile", tmp_path / "out.svg"
+    shutil.copytree(EXAMPLES / "inkscape", profile / "extensions" / "gauss2svg")
+    actions = f"select-by-id:photo;org.gauss2svg.photo.noprefs;export-filename:{out};export-do"
+    environment = {**os.environ, "INKSCAPE_PROFILE_DIR": str(profile), "HOME": str(tmp_path)}
+    environment.pop("PYTHONPATH", None)
+    subprocess.run(
+        ["xvfb-run", "-a", "inkscape", "--batch-process", str(extension), f"--actions={actions}"],
+        env=environment, check=True, capture_output=True, timeout=300,
+    )  # fmt: skip
+    assert_looks_the_same(extension.read_text(), out.read_text())
+
+
 def test_a_guide_shows_every_example():
     pages = "".join(p.read_text() for p in (EXAMPLES.parent / "docs" / "guide").glob("*.md"))
-    for path in EXAMPLES.glob("*.py"):
-        assert f"{{literalinclude}} ../../examples/{path.name}" in pages
+    for path in EXAMPLES.rglob("*.py"):
+        name = path.relative_to(EXAMPLES).as_posix()
+        assert f"{{literalinclude}} ../../examples/{name}" in pages
