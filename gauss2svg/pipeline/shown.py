@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Any
 
+from gauss2svg.fit.options import FitProgress
 from gauss2svg.pipeline.run import Progress, ProgressCallback
 
 _PHASES = {
@@ -55,8 +56,11 @@ def _terminal() -> Iterator[ProgressCallback | None]:
         task = bar.add_task("starting", total=None, state="")
 
         def update(progress: Progress) -> None:
-            description, done, state = _said(progress)
+            description, done = _said(progress)
             total = None if done is None else 1.0
+            state = (
+                "" if progress.fit is None else f"{_figures(progress.fit)}, {_left(progress.fit)}"
+            )
             bar.update(task, description=description, completed=done, total=total, state=state)
 
         yield update
@@ -75,12 +79,15 @@ def _notebook() -> Iterator[ProgressCallback]:
 
     def update(progress: Progress) -> None:
         nonlocal last, phase
-        description, done, state = _said(progress)
+        description, done = _said(progress)
         if progress.fit is not None:
             frame = frames.frame(progress.fit.scene)
             if not frame:
                 return
-            last = image(frame, "image/jpeg", "the picture so far") + "<br/>" + html.escape(state)
+            last = (
+                image(frame, "image/jpeg", "the picture so far") + f"<br/>{_figures(progress.fit)}"
+            )
+            description += f", {_left(progress.fit)}"
         elif progress.phase == phase:
             return
         phase = progress.phase
@@ -93,11 +100,17 @@ def _notebook() -> Iterator[ProgressCallback]:
         handle.update(display.HTML(last))
 
 
-def _said(progress: Progress) -> tuple[str, float | None, str]:
-    """What a run does, how far it is in 0..1 where that is known, and the figures of its fit."""
+def _said(progress: Progress) -> tuple[str, float | None]:
+    """What a run does, and how far it is in 0..1 where that is known."""
     now = progress.fit
     if now is None:
-        return _PHASES[progress.phase], None, ""
-    description = _FITS.get(progress.phase, f"fitting, round {now.round}")
-    state = f"{now.gaussians} Gaussians, {now.psnr:.2f} dB, {now.remaining_s:.0f} s left"
-    return description, now.done, state
+        return _PHASES[progress.phase], None
+    return _FITS.get(progress.phase, f"fitting, round {now.round}"), now.done
+
+
+def _figures(now: FitProgress) -> str:
+    return f"{now.gaussians} Gaussians, {now.psnr:.2f} dB"
+
+
+def _left(now: FitProgress) -> str:
+    return f"{now.remaining_s:.0f} s left"

@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 from conftest import random_scene
 from PIL import Image
+from rich.console import Console
 
 import gauss2svg
+from gauss2svg.fit.options import FitProgress
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.pipeline.run import Progress
+from gauss2svg.pipeline.shown import watched
 from gauss2svg.render import render
 
 _SOURCE = re.compile(r'<img [^>]*src="data:image/jpeg;base64,([^"]+)"')
@@ -60,6 +64,20 @@ def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(pho
         gauss2svg.vectorize(photo[:32, :32], progress=1, **given)  # pyright: ignore
 
 
+def test_a_terminal_shows_what_a_run_does_and_how_long_it_will_take(monkeypatch):
+    written = io.StringIO()
+    terminal = Console(file=written, force_terminal=True, width=120)
+    monkeypatch.setattr("rich.console.Console", lambda stderr: terminal)
+    now = FitProgress(2, 30, 0.4, 120, 27.123, 1.0, 3.2, scene=lambda: random_scene(1))
+    with watched(True) as callback:
+        assert callback is not None
+        callback(Progress("read"))
+        callback(Progress("fit", now))
+    said = written.getvalue()
+    assert "fitting, round 2" in said
+    assert "120 Gaussians, 27.12 dB, 3 s left" in said
+
+
 @pytest.mark.process
 def test_a_notebook_shows_the_forming_picture_and_keeps_the_last(photo, tmp_path):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
@@ -89,6 +107,7 @@ def test_a_notebook_shows_the_forming_picture_and_keeps_the_last(photo, tmp_path
     page = output["data"]["text/html"]
     assert page == updates[-1]
     assert "800 Gaussians" in page
+    assert "left" not in page
     assert psnr(shown(page), photo) > 25
     assert drawn[0]["data"]["text/html"].startswith("<img ")
     assert psnr(shown(scene[0]["data"]["text/html"]), photo) > 25
