@@ -31,9 +31,9 @@ from .pipeline.quantize import quantize as quantize
 from .pipeline.result import Result as Result
 from .pipeline.run import Progress as Progress
 from .pipeline.vectorize import vectorize as vectorize
-from .scene import Scene as Scene
 from .svg.document import Document as Document
 from .svg.format import SvgFormat as SvgFormat
+from .svg.notebook import Scene as Scene
 from .svg.reader.read import read_svg as read_svg
 from .svg.write import outline_svg as outline_svg, write_svg as write_svg
 from .version import __version__ as __version__

@@ -1,14 +1,10 @@
-"""The progress bar and the summary of a run, on standard error."""
+"""The summary of a run, on standard error."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, SpinnerColumn, TextColumn
-from rich.progress import Progress as Bar
 from rich.table import Table
 from rich.text import Text
 
@@ -17,17 +13,8 @@ from gauss2svg.measure.paint import HEAVY_MS
 from gauss2svg.measure.scores import ON_REQUEST, TARGETS
 from gauss2svg.pipeline.kernels import COMPILED_S
 from gauss2svg.pipeline.report import decibels
-from gauss2svg.pipeline.run import Progress, ProgressCallback
 from gauss2svg.svg.format import MINIMAL
 
-_PHASES = {
-    "read": "reading the photo",
-    "compile": "preparing kernels (compiled on the first run, some seconds)",
-    "fit": "fitting",
-    "write": "writing the SVG",
-    "measure": "rasterising and measuring the SVG",
-}
-_FITS = {"additive": "fitting additively", "correct": "correcting the number of Gaussians"}
 _STOPPED = {
     "iterations": "all iterations done",
     "gaussians": "requested number of Gaussians reached",
@@ -47,40 +34,6 @@ _NOTHING_TO_GAIN = {
 _WELL_USED = 0.985  # share of a limit of bytes
 _FEW = 60  # Gaussians, of which each is a large part of a file
 _MOST_TAGS = 6  # of a checked SVG, the most frequent
-
-
-@contextmanager
-def show_progress(quiet: bool) -> Iterator[ProgressCallback | None]:
-    """A callback for `vectorize` that updates a progress bar; None if quiet or no terminal."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield None
-        return
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
-        TextColumn("{task.fields[state]}"),
-    )
-    with Bar(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("starting", total=None, state="")
-
-        def update(progress: Progress) -> None:
-            now = progress.fit
-            if now is None:
-                bar.update(task, description=_PHASES[progress.phase], total=None, state="")
-                return
-            bar.update(
-                task,
-                description=_FITS.get(progress.phase, f"fitting, round {now.round}"),
-                completed=now.done,
-                total=1.0,
-                state=(
-                    f"{now.gaussians} Gaussians, {now.psnr:.2f} dB, {now.remaining_s:.0f} s left"
-                ),
-            )
-
-        yield update
 
 
 def _compilation(seconds: float) -> str:

@@ -202,8 +202,8 @@ def _check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]
 
 
 def _result(photo: str, output: str, options: Any, files: OutputFiles, interruption: Any) -> Any:
-    from gauss2svg.cli.terminal import show_progress
     from gauss2svg.files import STANDARD_STREAM
+    from gauss2svg.pipeline.shown import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
     source: Any = photo
@@ -211,7 +211,7 @@ def _result(photo: str, output: str, options: Any, files: OutputFiles, interrupt
         source = standard_stream(sys.stdin, "input").read()
     if output == STANDARD_STREAM:
         standard_stream(sys.stdout, "output")  # refused now where it is closed
-    with show_progress(files.quiet) as show:
+    with watched(not files.quiet) as show:
 
         def progress(now: Any) -> None:
             if now.phase in ("write", "measure"):

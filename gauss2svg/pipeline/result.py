@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import html
 import os
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +15,7 @@ from gauss2svg.pipeline.report import decibels
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.file import check_svg_name, file_bytes, is_svgz
+from gauss2svg.svg.notebook import image
 from gauss2svg.svg.write import outline_svg
 
 
@@ -58,10 +57,8 @@ class Result:
         return outline_svg(self.scene, self.document)
 
     def _repr_html_(self) -> str:
-        # As an <img>: the gradient ids of two inline SVGs would clash.
-        data = base64.b64encode(self.svg.encode()).decode()
-        alt = html.escape(self.document.alt or self.document.title)
-        return f'<img alt="{alt}" src="data:image/svg+xml;base64,{data}"/>'
+        alt = self.document.alt or self.document.title
+        return image(self.svg.encode(), "image/svg+xml", alt)
 
     def __repr__(self) -> str:
         r = self.report

@@ -26,6 +26,7 @@ from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.run import ProgressCallback, Run
 from gauss2svg.pipeline.search.outcome import Outcome, Search, Watch, best_of
 from gauss2svg.pipeline.search.subject import Subject, document_for
+from gauss2svg.pipeline.shown import watched
 from gauss2svg.pipeline.sizes import Sizes, sizes_of
 from gauss2svg.pipeline.time_budget import TimeBudget, steps_for
 from gauss2svg.svg.document import Document
@@ -47,7 +48,7 @@ def vectorize(
     svg: SvgOptions | None = None,
     document: Document | None = None,
     run: RunOptions | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Result:
     """Fit Gaussians to a photo, write them as an SVG, rasterise it and measure it.
@@ -57,7 +58,8 @@ def vectorize(
               may also be given by these names: vectorize("photo.jpg", max_bytes="500k")
     fit, densify, svg, document, run
               less common options; each class documents its fields
-    progress  called with a Progress at every step; nothing is printed
+    progress  called with a Progress at every step; True shows the run, by a bar on a terminal or as
+              the forming picture in a notebook. By default nothing is shown
     stop      called after every step; True ends the run with the best result so far
 
     With a target, a given number of Gaussians is the largest allowed. The first limit reached ends
@@ -88,7 +90,8 @@ def vectorize(
         document=instance(document, "document", Document),
         run=instance(run, "run", RunOptions),
     )
-    return vectorize_by(options, image, progress=progress, stop=stop)
+    with watched(progress) as callback:
+        return vectorize_by(options, image, progress=callback, stop=stop)
 
 
 def vectorize_by(

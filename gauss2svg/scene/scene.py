@@ -6,8 +6,9 @@ import dataclasses
 import io
 import math
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +31,7 @@ from gauss2svg.scene.parameters import (
     BLURRED,
     PARAMETERS,
     PLAIN,
+    RHO_LIMIT,
     SOFT,
     Parameter,
 )
@@ -39,10 +41,12 @@ LEAST_CANVAS, MOST_CANVAS = 1e-6, 1e9
 # Versions of scene files that first have a field; the others are in all of them.
 _SINCE = {"transparent": 3} | {parameter.name: parameter.since for parameter in PARAMETERS}
 _FORMAT_VERSION = max(_SINCE.values())
+# Of two entries that should be one, relative to the variances: single precision's, with some room.
+_ASYMMETRY = 1e-5
 _FILLED_IN: Any = None  # until the constructor has the number of Gaussians
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene:
     """Gaussians on a canvas, bottom first; immutable and validated.
 
@@ -96,6 +100,8 @@ class Scene:
     drawn: NDArray[np.int8] = _FILLED_IN
     skew: NDArray[np.float64] = _FILLED_IN
 
+    as_html: ClassVar[Callable[[Scene], str] | None] = None  # gauss2svg.svg.notebook says why
+
     def __post_init__(self) -> None:
         count = len(np.atleast_1d(self._array("mean", np.float64)))
         for name in ("width", "height"):
@@ -121,6 +127,51 @@ class Scene:
                 f"blend of a transparent scene must be {OVER!r}; got {quoted(self.blend)}. Try "
                 "to give a background"
             )
+
+    @classmethod
+    def from_covariance(
+        cls,
+        width: float,
+        height: float,
+        mean: ArrayLike,
+        covariance: ArrayLike,
+        color: ArrayLike,
+        opacity: ArrayLike = 1.0,
+        **others: Any,
+    ) -> Self:
+        """A scene of Gaussians that are given by their covariance.
+
+        sigma = (sqrt(c11), sqrt(c22)), rho = c12 / (sx sy)
+
+        covariance  (n, 2, 2) in px^2, symmetric and positive definite
+        opacity     (n,), or one for all
+        others      further fields by their names, such as background or blend
+        Raises SceneError with the number of the first matrix that is none of a Gaussian.
+        """
+        try:
+            given = np.asarray(covariance, np.float64)
+        except (TypeError, ValueError) as error:
+            raise SceneError(f"covariance must be real numbers; got {brief(error)}") from None
+        if given.ndim != 3 or given.shape[1:] != (2, 2):
+            raise SceneError(f"covariance must be of shape (n, 2, 2); got {given.shape}")
+        c11, c12, c21, c22 = given.reshape(-1, 4).T
+        with np.errstate(all="ignore"):  # of nan and infinity, which the first test refuses
+            of_gaussian = {
+                "finite": np.isfinite(given).all(axis=(1, 2)),
+                "symmetric": np.abs(c12 - c21) <= _ASYMMETRY * np.sqrt(np.abs(c11 * c22)),
+                "positive definite": (c11 > 0) & (c22 > 0) & (c12 * c21 < c11 * c22),
+            }
+        for needed, holds in of_gaussian.items():
+            if not holds.all():
+                at = int(np.argmin(holds))
+                raise SceneError(
+                    f"covariance[{at}] must be {needed}; got {quoted(given[at].tolist())}. Try "
+                    "(c + c^T) / 2, with some .01 px^2 added on its diagonal"
+                )
+        sigma = np.sqrt(np.stack([c11, c22], axis=1))
+        rho = np.clip(0.5 * (c12 + c21) / sigma.prod(axis=1), -RHO_LIMIT, RHO_LIMIT)
+        opacity = np.broadcast_to(opacity, len(given)) if np.ndim(opacity) == 0 else opacity
+        return cls(width, height, mean, sigma, rho, color, opacity, **others)  # pyright: ignore[reportArgumentType] (the constructor converts)
 
     def _side(self, name: str) -> float:
         """Width or height as a number within its range."""
@@ -210,6 +261,13 @@ class Scene:
     def __len__(self) -> int:
         """Number of Gaussians."""
         return len(self.mean)
+
+    def __repr__(self) -> str:
+        blend = ", additive" * (self.blend == ADD) + ", transparent" * self.transparent
+        return f"<gauss2svg.Scene {self.width:g}x{self.height:g}, {len(self)} Gaussians{blend}>"
+
+    def _repr_html_(self) -> str | None:
+        return None if Scene.as_html is None else Scene.as_html(self)
 
     @property
     def covariance(self) -> NDArray[np.float64]:

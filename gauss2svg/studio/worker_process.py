@@ -23,13 +23,12 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from gauss2svg.errors import Gauss2SvgError, on_one_line
 from gauss2svg.files import as_json, as_png, write_whole
@@ -44,46 +43,11 @@ from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.run import Progress
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.pipeline.warm_up import warm_up
-from gauss2svg.render import render
-from gauss2svg.scene import Scene
+from gauss2svg.render.frame import FrameMaker, as_jpeg
 from gauss2svg.svg.format import EDITABLE, MINIMAL
 from gauss2svg.svg.write import write_svg
 
 _LEAST_BETWEEN_S = 0.05  # progress messages without a frame
-MOST_SIDE = 768  # px, of a frame
-_QUALITY = 80  # of JPEG
-# docs/decisions/studio.md has what a frame costs, and why it is a raster.
-_MOST_A_SECOND = 15
-_SHARE = 0.06  # of the CPU time of a fit that its frames may take
-
-
-class FrameMaker:
-    """Makes a frame where one is due: the first at once, then as the time for them allows."""
-
-    def __init__(self) -> None:
-        self._due = self._cpu_due = 0.0
-
-    def frame(self, scene: Callable[[], Scene]) -> bytes:
-        """JPEG of a scene; b"" where none is due."""
-        begun, cpu_begun = time.perf_counter(), time.process_time()
-        if begun < self._due or cpu_begun < self._cpu_due:
-            return b""
-        data = as_jpeg(scene())
-        cpu_ended = time.process_time()
-        self._due = begun + 1 / _MOST_A_SECOND
-        # Of the CPU's clock, which other programs do not move.
-        self._cpu_due = cpu_ended + (cpu_ended - cpu_begun) / _SHARE
-        return data
-
-
-def as_jpeg(scene: Scene) -> bytes:
-    """JPEG of a scene, at most MOST_SIDE px on its longer side; a transparent one over white."""
-    share = min(1.0, MOST_SIDE / max(scene.width, scene.height))
-    width, height = (max(1, round(side * share)) for side in (scene.width, scene.height))
-    levels = np.clip(render(scene, width, height) * 255 + 0.5, 0, 255).astype(np.uint8)
-    stream = io.BytesIO()
-    Image.fromarray(levels).save(stream, "JPEG", quality=_QUALITY)
-    return stream.getvalue()
 
 
 class _CanceledError(Exception):

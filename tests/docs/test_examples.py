@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import base64
 import importlib
+import os
+import pickle
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from batches import save_photos
+from conftest import random_scene
 from PIL import Image
 
 from gauss2svg.measure.check import check
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.raster import rasterize
+from gauss2svg.render import render
 
 pytestmark = pytest.mark.example
 
@@ -81,7 +91,219 @@ def test_a_loss_of_ones_own_ends_in_an_svg_that_steps_make_better(small, tmp_pat
     assert said(capsys)[-1] == f"{psnr[1]:.2f} dB"
 
 
+def drawn_by_gaussian_image(mean, covariance, color, height, width):
+    """Their picture: pixel (row, column) is at (column, row), colours are summed over black."""
+    y, x = np.mgrid[:height, :width]
+    offset = np.stack([x, y], axis=-1)[:, :, None, :] - mean
+    r2 = np.einsum("hwni,nij,hwnj->hwn", offset, np.linalg.inv(covariance), offset)
+    return np.exp(-r2 / 2), np.clip(np.exp(-r2 / 2) @ color, 0, 1)
+
+
+@pytest.mark.parametrize("variant", ["cholesky", "rs"])
+def test_a_checkpoint_of_gaussian_image_becomes_its_picture(variant, tmp_path):
+    torch = pytest.importorskip("torch")
+    checkpoint = importlib.import_module("checkpoint")
+    width, height, n = 48, 32, 20
+    random = torch.Generator().manual_seed(1)
+    tensors = {
+        "_xyz": torch.atanh(2 * torch.rand(n, 2, generator=random) - 1),
+        "_opacity": torch.ones(n, 1),
+        "_features_dc": torch.rand(n, 3, generator=random) - 0.2,
+        "bound": torch.tensor([[0.5, 0.5]]),
+    }
+    if variant == "cholesky":
+        tensors["_cholesky"] = 4 * torch.rand(n, 3, generator=random)
+        tensors["background"] = torch.ones(3)
+        tensors["cholesky_bound"] = torch.tensor([[0.5, 0, 0.5]])
+        l1, l2, l3 = (tensors["_cholesky"] + tensors["cholesky_bound"]).numpy().T
+        factor = np.array([[l1, 0 * l1], [l2, l3]]).transpose(2, 0, 1)
+    else:
+        tensors["_scaling"] = 6 * torch.rand(n, 2, generator=random)
+        tensors["_rotation"] = torch.randn(n, 1, generator=random)
+        angle = 2 * np.pi * tensors["_rotation"].sigmoid().numpy()[:, 0]
+        c, s = np.cos(angle), np.sin(angle)
+        # of a matrix that is filled by columns, [c, -s] is the first column
+        turn = np.array([[c, s], [-s, c]]).transpose(2, 0, 1)
+        factor = turn @ (np.eye(2) * (tensors["_scaling"] + 0.5).numpy()[:, None])
+    path, out = tmp_path / "gaussian_model.pth.tar", tmp_path / "out.svg"
+    torch.save(tensors, path)
+    checkpoint.main(str(path), width, height, str(out))
+    mean = (tensors["_xyz"].tanh().numpy() + 1) / 2 * [width, height]
+    colors = tensors["_features_dc"].numpy()
+    covariance = factor @ factor.transpose(0, 2, 1)
+    scene = checkpoint.gaussian_image(checkpoint.loaded(path), width, height)
+    assert np.allclose(scene.covariance, covariance, rtol=1e-5, atol=1e-4)
+    assert np.allclose(scene.mean, mean + 0.5, rtol=1e-5, atol=1e-4)
+    # Less than the same: Gaussians end at 3 sigma in a file, and renderers round each layer.
+    _, theirs = drawn_by_gaussian_image(mean, covariance, colors, height, width)
+    assert check(np.float32(theirs), out.read_text()).psnr > 30
+
+
+def test_a_checkpoint_of_image_gs_is_fitted_to_its_picture(tmp_path, capsys):
+    torch = pytest.importorskip("torch")
+    checkpoint = importlib.import_module("checkpoint")
+    width, height, n = 40, 30, 40
+    random = torch.Generator().manual_seed(2)
+    state = {
+        "xy": torch.rand(n, 2, generator=random),
+        "scale": 1 / (2 + 4 * torch.rand(n, 2, generator=random)),
+        "rot": torch.randn(n, 1, generator=random),
+        "feat": torch.rand(n, 3, generator=random),
+        "vis_feat": torch.rand(n, 3, generator=random),
+    }
+    moments = {i: {"step": torch.tensor(9.0), "exp_avg": torch.zeros(2)} for i in range(4)}
+    adam = {"state": moments, "param_groups": [{"lr": 5e-4, "params": [0]}]}
+    scores = dict.fromkeys(("psnr", "ssim", "lpips", "flip", "msssim", "bytes", "time"), 1.0)
+    file = {"step": 9, **scores, "state_dict": state, "optim_state_dict": adam}
+    path, out = tmp_path / "ckpt_step-9.pt", tmp_path / "out.svg"
+    torch.save(file, path)
+    checkpoint.main(str(path), width, height, str(out))
+    decibels, named = said(capsys)
+    assert float(decibels.split()[0]) > 27
+    assert named == "<gauss2svg.Scene 40x30, 40 Gaussians>"
+
+    c, s = state["rot"].cos().numpy()[:, 0], state["rot"].sin().numpy()[:, 0]
+    factor = np.array([[c, s], [-s, c]]).transpose(2, 0, 1) / state["scale"].numpy()[:, None]
+    mean = state["xy"].numpy() * [width, height]
+    covariance = factor @ factor.transpose(0, 2, 1)
+    weight, _ = drawn_by_gaussian_image(mean, covariance, state["feat"].numpy(), height, width)
+    weight[weight < np.sort(weight)[:, :, -10:-9]] = 0
+    theirs = weight @ state["feat"].numpy() / weight.sum(axis=2, keepdims=True)
+    _, picture = checkpoint.image_gs(checkpoint.loaded(path), width, height)
+    assert np.abs(picture - theirs).max() < 1e-3
+    assert check(np.float32(theirs), out.read_text()).psnr > 26
+
+
+class Bomb:
+    def __init__(self, folder):
+        self.folder = folder
+
+    def __reduce__(self):
+        return os.mkdir, (self.folder,)
+
+
+def test_a_checkpoint_runs_no_code(tmp_path):
+    torch = pytest.importorskip("torch")
+    checkpoint = importlib.import_module("checkpoint")
+    path, folder = tmp_path / "bad.pt", tmp_path / "made"
+    torch.save({"state_dict": Bomb(str(folder))}, path)
+    with pytest.raises(pickle.UnpicklingError, match="Weights only load failed"):
+        checkpoint.main(str(path), 8, 8, str(tmp_path / "out.svg"))
+    assert not folder.exists()
+
+
+def test_a_poster_is_the_scene_in_strips_with_boxes_and_a_profile(tmp_path):
+    pikepdf = pytest.importorskip("pikepdf")
+    poster = importlib.import_module("poster")
+    scene = random_scene(60, 30, 50, sigma=(0.5, 12))
+    levels = np.concatenate(list(poster.strips(scene, 40, 600)))
+    grown = scene.scaled(12)
+    whole = render(grown.replace(width=40, mean=grown.mean - [160, 0]))
+    assert np.abs(levels - 255 * np.clip(whole, 0, 1)).max() < 0.6
+
+    path = tmp_path / "poster.pdf"
+    poster.DPI = 10
+    poster.write_poster(scene, str(path))
+    with pikepdf.open(path) as pdf:
+        [page] = pdf.pages
+        sides = np.array([list(map(float, box)) for box in (page.mediabox, page.TrimBox)])
+        assert np.allclose(
+            (sides[:, 2:] - sides[:, :2]) / 72 * 25.4, [(303, 426), (297, 420)], atol=2
+        )
+        picture = page.Resources.XObject.Picture
+        assert pikepdf.PdfImage(picture).icc.profile.profile_description.startswith("sRGB")
+        drawn = np.asarray(pikepdf.PdfImage(picture).as_pil_image().convert("RGB"))
+    assert (drawn == np.concatenate(list(poster.strips(scene, 119, 168)))).all()
+
+
+INKEX = "/usr/share/inkscape/extensions"
+DOCUMENT = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"
+width="90" height="60"><image id="photo" x="10" y="5" width="72" height="48" {}
+xlink:href="data:image/png;base64,{}"/><text id="other">!</text></svg>"""
+
+
+@pytest.fixture
+def extension(small, tmp_path, monkeypatch):
+    """A document with a photo, and an environment in which Inkscape's Python finds gauss2svg."""
+    python = "/usr/bin/python3"
+    asked = [python, "-c", "import inkex"]
+    found = {**os.environ, "PYTHONPATH": INKEX}
+    if (
+        not os.path.exists(python)
+        or subprocess.run(asked, env=found, capture_output=True).returncode
+    ):
+        pytest.skip("Inkscape's extensions need its inkex, and lxml")
+    program = tmp_path / "bin" / "gauss2svg"
+    program.parent.mkdir()
+    package = EXAMPLES.parent
+    run = f'PYTHONPATH="{package}" exec "{sys.executable}" -m gauss2svg "$@"'
+    program.write_text(f"#!/bin/sh\n{run}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}:/usr/bin:/bin")
+    data = base64.b64encode(Path(small).read_bytes()).decode()
+    path = tmp_path / "document.svg"
+    path.write_text(DOCUMENT.format('transform="rotate(3)" preserveAspectRatio="none"', data))
+    return path
+
+
+def converted(document, *options):
+    """Exit status, new document and message of the script as Inkscape starts it."""
+    script = str(EXAMPLES / "inkscape" / "photo_to_gaussians.py")
+    given = ["--quality=draft", "--kilobytes=5", "--program=gauss2svg", *options, str(document)]
+    run = subprocess.run(
+        ["/usr/bin/python3", script, *given], capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": INKEX},
+    )  # fmt: skip
+    return run.returncode, run.stdout, run.stderr
+
+
+def assert_looks_the_same(before, after):
+    size = 90, 60
+    assert psnr(*(rasterize(text, *size) for text in (after, before))) > 20
+    assert "<image" not in after
+    assert 'id="other"' in after
+
+
+def test_a_photo_in_a_document_of_inkscapes_becomes_gaussians_in_its_place(extension):
+    status, after, message = converted(extension, "--id=photo")
+    assert (status, message) == (0, "")
+    assert_looks_the_same(extension.read_text(), after)
+
+
+@pytest.mark.parametrize(
+    ("options", "start"),
+    [
+        ([], "selection must have a photo; got none"),
+        (["--id=photo", "--program=/no/such"], "program must be that of gauss2svg; got '/no/such'"),
+        (["--id=photo", "--quality=best"], ""),
+    ],
+)
+def test_an_error_of_the_extension_is_one_line_and_changes_nothing(extension, options, start):
+    status, after, message = converted(extension, *options)
+    assert status != 0
+    assert after == ""
+    assert message.startswith(start)
+    assert len(message.strip().splitlines()) == 1
+
+
+@pytest.mark.browser
+def test_inkscape_runs_its_extension(extension, tmp_path):
+    if not shutil.which("inkscape") or not shutil.which("xvfb-run"):
+        pytest.skip("needs Inkscape and xvfb-run")
+    profile, out = tmp_path / "profile", tmp_path / "out.svg"
+    shutil.copytree(EXAMPLES / "inkscape", profile / "extensions" / "gauss2svg")
+    actions = f"select-by-id:photo;org.gauss2svg.photo.noprefs;export-filename:{out};export-do"
+    environment = {**os.environ, "INKSCAPE_PROFILE_DIR": str(profile), "HOME": str(tmp_path)}
+    environment.pop("PYTHONPATH", None)
+    subprocess.run(
+        ["xvfb-run", "-a", "inkscape", "--batch-process", str(extension), f"--actions={actions}"],
+        env=environment, check=True, capture_output=True, timeout=300,
+    )  # fmt: skip
+    assert_looks_the_same(extension.read_text(), out.read_text())
+
+
 def test_a_guide_shows_every_example():
     pages = "".join(p.read_text() for p in (EXAMPLES.parent / "docs" / "guide").glob("*.md"))
-    for path in EXAMPLES.glob("*.py"):
-        assert f"{{literalinclude}} ../../examples/{path.name}" in pages
+    for path in EXAMPLES.rglob("*.py"):
+        name = path.relative_to(EXAMPLES).as_posix()
+        assert f"{{literalinclude}} ../../examples/{name}" in pages

@@ -96,6 +96,44 @@ def test_covariance_conic_and_axes_agree():
     np.testing.assert_allclose(np.abs(np.sum(along * vectors[:, :, 1], axis=1)), 1, atol=1e-9)
 
 
+def test_a_scene_of_its_own_covariance_is_itself():
+    scene = random_scene(20)
+    again = Scene.from_covariance(
+        scene.width, scene.height, scene.mean, scene.covariance, scene.color, scene.opacity,
+        background=scene.background,
+    )  # fmt: skip
+    for name in ("mean", "sigma", "rho", "color", "opacity", "background"):
+        assert np.allclose(getattr(again, name), getattr(scene, name), rtol=1e-12), name
+    single = Scene.from_covariance(
+        9, 9, scene.mean, np.float32(scene.covariance), scene.color, 0.5, blend="over"
+    )
+    assert np.allclose(single.covariance, scene.covariance, rtol=1e-5)
+    assert (single.opacity == 0.5).all()
+
+
+@pytest.mark.parametrize(
+    ("matrix", "message"),
+    [
+        ([[1, 0.2], [0.3, 1]], r"covariance\[1\] must be symmetric; got \[\[1.0, 0.2\]"),
+        ([[1, 2], [2, 1]], r"covariance\[1\] must be positive definite"),
+        ([[1, 1], [1, 1]], r"covariance\[1\] must be positive definite"),
+        ([[0, 0], [0, 1]], r"covariance\[1\] must be positive definite"),
+        ([[-1, 0], [0, -1]], r"covariance\[1\] must be positive definite"),
+        ([[np.nan, 0], [0, 1]], r"covariance\[1\] must be finite"),
+        ([[np.inf, 0], [0, 1]], r"covariance\[1\] must be finite"),
+    ],
+)
+def test_a_matrix_that_is_no_covariance_is_refused_with_its_number(matrix, message):
+    with pytest.raises(SceneError, match=message):
+        Scene.from_covariance(9, 9, np.ones((2, 2)), [np.eye(2), matrix], np.ones((2, 3)))
+
+
+@pytest.mark.parametrize("covariance", [np.eye(2), np.ones((2, 3)), "none", [["a"]]])
+def test_what_is_no_array_of_matrices_is_refused(covariance):
+    with pytest.raises(SceneError, match="covariance must be"):
+        Scene.from_covariance(9, 9, np.ones((2, 2)), covariance, np.ones((2, 3)))
+
+
 def test_axes_stay_positive_for_the_thinnest_shapes():
     scene = Scene(
         4, 4, np.zeros((2, 2)), np.array([[1e-6, 1e6], [1, 1]]), np.array([0.5, RHO_LIMIT]),

@@ -18,7 +18,7 @@ from gauss2svg.cli import vectorize as command
 from gauss2svg.cli.main import build_app, main
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.options import Options, option_names
-from gauss2svg.studio import worker_process
+from gauss2svg.render import frame
 from gauss2svg.studio.options import form, lines_of, options_of
 from gauss2svg.studio.service import create_app, workers_and_threads
 
@@ -181,24 +181,24 @@ def test_more_than_the_cores_are_refused(given, monkeypatch):
 
 
 def test_a_frame_is_a_jpeg_of_at_most_768_px():
-    assert Image.open(io.BytesIO(worker_process.as_jpeg(random_scene(3, 2000, 1000)))).size == (
+    assert Image.open(io.BytesIO(frame.as_jpeg(random_scene(3, 2000, 1000)))).size == (
         768,
         384,
     )
-    assert Image.open(io.BytesIO(worker_process.as_jpeg(random_scene(3, 30, 20)))).size == (30, 20)
+    assert Image.open(io.BytesIO(frame.as_jpeg(random_scene(3, 30, 20)))).size == (30, 20)
 
 
 @pytest.mark.parametrize(("cost", "made"), [(0.02, 30), (0.0, 150)])
 def test_frames_come_at_once_and_then_as_their_share_of_the_cpu_allows(cost, made, monkeypatch):
     now = {"wall": 100.0, "cpu": 5.0}
-    monkeypatch.setattr(worker_process.time, "perf_counter", lambda: now["wall"])
-    monkeypatch.setattr(worker_process.time, "process_time", lambda: now["cpu"])
-    monkeypatch.setattr(worker_process, "as_jpeg", lambda scene: b"JPEG")
+    monkeypatch.setattr(frame.time, "perf_counter", lambda: now["wall"])
+    monkeypatch.setattr(frame.time, "process_time", lambda: now["cpu"])
+    monkeypatch.setattr(frame, "as_jpeg", lambda scene, side: b"JPEG")
 
     def scene():
         now["cpu"] += cost
 
-    maker, found = worker_process.FrameMaker(), []
+    maker, found = frame.FrameMaker(), []
     for _ in range(1000):  # ten seconds, all of them of the fit
         found.append(bool(maker.frame(scene)))
         now["wall"] += 0.01
