@@ -40,6 +40,13 @@ _ADD = Blending(
 )  # fmt: skip
 
 
+def in_inks(usual: Blending) -> Blending:
+    """The settings where shapes are opaque and keep their colours and exponents."""
+    held = dict.fromkeys(("opacity", "color", "beta", "skew"), 0.0)
+    rates = {**usual.rates, **held}
+    return dataclasses.replace(usual, rates=rates, initial_opacity_logit=_OPAQUE_LOGIT)
+
+
 def blending(
     blend: str, opaque: bool = False, learned_falloff: bool = True, learned_skew: bool = True
 ) -> Blending:

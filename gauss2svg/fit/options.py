@@ -11,7 +11,8 @@ from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.fit.choices import PERCEPTUAL, Tune, has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, steps_of, totals
 from gauss2svg.options import Number, OptionGroup, Whole
-from gauss2svg.scene.names import ADAPTIVE, ADD, GAUSSIAN, OVER, SKEWED
+from gauss2svg.photo.inks import Inks, check_inks
+from gauss2svg.scene.names import ADAPTIVE, ADD, CRISP, GAUSSIAN, OVER, SKEWED
 
 if TYPE_CHECKING:
     from gauss2svg.scene import Scene
@@ -54,6 +55,10 @@ class FitOptions(OptionGroup):
     larger files; gaussian keeps Gaussians, as in the paper. The default is adaptive, or gaussian
     with additive blending."""
 
+    inks: Annotated[Inks | None, check_inks] = None
+    """Draw in these colours alone, the background among them: '#f7c306,#c0322c,#17324d', how many
+    to choose for the picture, or a palette file (.gpl). Shapes are opaque and crisp."""
+
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
     """Random seed; the same seed gives the same file. Another often does too: by default little is
     drawn at random."""
@@ -66,7 +71,7 @@ class FitOptions(OptionGroup):
     @property
     def learned_falloff(self) -> bool:
         """Whether each shape learns its exponent."""
-        return self.shaped != GAUSSIAN
+        return self.shaped not in (GAUSSIAN, CRISP)
 
     @property
     def learned_skew(self) -> bool:
@@ -75,7 +80,9 @@ class FitOptions(OptionGroup):
 
     @property
     def shaped(self) -> str:
-        """falloff, or its default."""
+        """falloff, or its default; that of shapes in inks."""
+        if self.inks is not None:
+            return CRISP
         return self.falloff or (GAUSSIAN if self.blend == ADD else ADAPTIVE)
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.blending import blending
+from gauss2svg.fit.blending import blending, in_inks
 from gauss2svg.fit.convert import composited
+from gauss2svg.fit.inks import OPAQUE_LOGIT, Inks, crisp
 from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import NewGaussians, first_falloff, place
@@ -20,8 +21,9 @@ from gauss2svg.fit.schedule import LARGEST_REDUCTION, reduction, refinement_redu
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
+from gauss2svg.photo.inks import ink_colors, inks_of
 from gauss2svg.render.cpu import Splats
-from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene import ADD, PLAIN, Scene
 
 # Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
@@ -65,6 +67,13 @@ class Population(Saved):
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
         self._order = None if segment_at is None else SegmentOrder(segment_at)
+        self.inks: Inks | None = None
+        if config.fit.inks is not None:
+            inks: Any = config.fit.inks  # as it is checked
+            self.inks = Inks(ink_colors(inks_of(pixels, inks)))
+            self.blending = in_inks(self.blending)
+            if not has_alpha(pixels):
+                self.background = self.inks.background(self.target)
 
     def __len__(self) -> int:
         return len(self.state)
@@ -76,6 +85,7 @@ class Population(Saved):
 
     def splats(self) -> Splats:
         """The Gaussians as the kernels read them."""
+        self._keep_crisp()
         return self.state.splats(self.background, self.config.fit.blend)
 
     def rendered(self) -> NDArray[np.floating]:
@@ -84,6 +94,7 @@ class Population(Saved):
 
     def scene(self) -> Scene:
         """The Gaussians on the working canvas."""
+        self._keep_crisp()
         size = self.target.width, self.target.height
         scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
@@ -193,7 +204,18 @@ class Population(Saved):
         if self._order is not None:
             self.state = self._order.kept(self.state, self.target.width, self.target.height)
 
+    def exchange_inks(self) -> None:
+        """Give every shape the ink of least error."""
+        if self.inks is not None and len(self):
+            self.inks.exchange(self.state, self.splats, self.target, self.rng)
+
+    def _keep_crisp(self) -> None:
+        if self.inks is not None:
+            self.state.raw_beta = crisp(self.state.factor)
+
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
+        if self.inks is not None:
+            rendered = self.inks.reducible(self.target, rendered)
         new = place(
             self.config.densify.init, self.target, rendered, count, total, self.rng, self.blending
         )
@@ -202,10 +224,14 @@ class Population(Saved):
         color = new.color
         if self.blending.additive:
             color = color / self._overlap(new)[:, None]
+        if self.inks is not None:
+            color, opacity = self.inks.nearest(color), np.full(len(color), OPAQUE_LOGIT)
         added = State.of(
             new.mean, new.factor, self.round_index,
             raw_opacity=opacity, color=color, **shape,
         )  # fmt: skip
+        if self.inks is not None:
+            added.drawn[:] = PLAIN
         self.state = self.state.append(added)
         if self._order is not None:  # from the start, so that the fit makes up for it
             self.state = self._order.grouped_by_segment(
