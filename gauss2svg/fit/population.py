@@ -99,6 +99,8 @@ class Population(Saved):
         scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
             scene = scene.replace(transparent=True)
+        if self.inks is not None:  # a logit says nearly 1
+            scene = scene.replace(opacity=np.ones(len(scene)))
         height, width = self._pyramid.pixels.shape[:2]
         if (width, height) == size:
             return scene

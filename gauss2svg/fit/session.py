@@ -17,8 +17,8 @@ from gauss2svg.fit.choices import DEFAULT_LOSS
 from gauss2svg.fit.clock import Clock, Stopwatch
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
-from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.inks import EXCHANGED_EVERY
+from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.placement import FIRST_RAW_SKEW

@@ -6,10 +6,14 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.fit.choices import DEFAULT_LOSS, PSNR, Tune
 from gauss2svg.fit.options import DensifyOptions, FitConfig
+from gauss2svg.photo.inks import inks_of
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.checks import check_alpha, check_together, needs_editable
@@ -25,7 +29,7 @@ from gauss2svg.pipeline.presets import (
 )
 from gauss2svg.raster import DRAW_MINIMAL, renderer_version
 from gauss2svg.scene import ADD, OVER
-from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
+from gauss2svg.svg.format import EDITABLE, INKS, MINIMAL, ROUNDS, SvgFormat
 
 Markup = Literal["editable", "minimal"]
 
@@ -43,6 +47,8 @@ _GZIP = 6  # times as many bytes as gzipped ones: docs/decisions/minimal.md
 _MOST_STEPS = 1000
 _STEPS_A_ROUND = 6  # of growth; the rest of the time is better spent once all Gaussians exist
 _NEARLY = 1.5  # times a preset's largest side, which it then reduces little
+# px: edges of opaque ellipses at no more than a tenth of one (docs/decisions/inks.md).
+_PRECISION_OF_INKS = 0.1
 # dB that the palette of a given count may cost by having fewer entries than allowed.
 _UNSEEN_COLOR_LOSS = 0.03
 
@@ -93,6 +99,13 @@ class Plan:
     def __post_init__(self) -> None:
         check_together(self.options)
         _ = self.fit_config
+
+    def in_inks_of(self, pixels: NDArray[np.float32]) -> Plan:
+        """The plan with the inks that are chosen for a photo where their number is given."""
+        given: Any = self.options.fit.inks
+        if not isinstance(given, int):
+            return self
+        return dataclasses.replace(self, options=self.options.changed(inks=inks_of(pixels, given)))
 
     def check_renderer(self) -> None:
         """Raise RendererError if the measuring renderer is not installed."""
@@ -247,6 +260,7 @@ class Plan:
         free = (svg.palette, svg.stops, svg.precision, run.checkpoint, run.resume)
         usual = self.options.densify == DensifyOptions() and self._may_be_minimal
         usual = usual and fit.loss == DEFAULT_LOSS and fit.blend == OVER and self.aim is None
+        usual = usual and fit.inks is None
         return usual and all(given is None for given in free)
 
     def searches(self) -> list[Plan]:
@@ -290,11 +304,13 @@ class Plan:
     def format_at(self, psnr: float | None) -> SvgFormat:
         """The format of the shapes of a scene of this PSNR in dB, None for any."""
         svg, preset = self.options.svg, self._written_like(psnr)
+        precision = preset.precision if self.options.fit.inks is None else _PRECISION_OF_INKS
         return SvgFormat(
             form=svg.form,
             markup=self.markup,
             stops=preset.stops if svg.stops is None else svg.stops,
-            precision=preset.precision if svg.precision is None else svg.precision,
+            precision=precision if svg.precision is None else svg.precision,
+            layers=ROUNDS if self.options.fit.inks is None else INKS,
             opacity_decimals=preset.opacity_decimals,
         )
 

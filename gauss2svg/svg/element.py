@@ -32,6 +32,11 @@ class Element:
     attributes: Mapping[str, str] = field(default_factory=dict)
     inside: Sequence[Element] | str | None = None
 
+    def without(self, *names: str) -> Element:
+        """The element without some attributes."""
+        kept = {name: value for name, value in self.attributes.items() if name not in names}
+        return Element(self.tag, kept, self.inside)
+
     def text(self) -> str:
         """The element as SVG text, without white space between tags."""
         begin, inside = f"<{self.tag}{attributes_text(self.attributes)}", self.inside

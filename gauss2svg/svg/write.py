@@ -32,11 +32,12 @@ from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import Document, round_id
 from gauss2svg.svg.element import Element, number
 from gauss2svg.svg.encode import Drawn, encode
-from gauss2svg.svg.format import MINIMAL, SvgFormat
+from gauss2svg.svg.format import INKS, MINIMAL, ROUNDS, SvgFormat
 from gauss2svg.svg.layers import Labels, grouped_by_segment, runs, segment_of
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.outlines import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, outlines
+from gauss2svg.svg.plates import grouped_by_ink, ink_name, plate_of
 from gauss2svg.svg.reader.canvas import CANVAS
 from gauss2svg.version import __version__
 
@@ -71,6 +72,14 @@ def write_svg(
         )  # fmt: skip
     if scene.blend == ADD:
         return _write_additive(scene, svg_format, document)
+    by_ink = svg_format.layers == INKS
+    if by_ink:
+        for name in document.layered:
+            raise InputError(
+                f"{name} must not be given with layers {INKS}, which are no rounds. Try layers "
+                f"{ROUNDS}"
+            )
+        scene = grouped_by_ink(scene)
     scene = grouped_by_segment(scene, document.labels)
     encoded = encode(scene, svg_format)
     drawing = _root(document, scene, encoded.view, len(encoded.shapes))
@@ -79,8 +88,22 @@ def write_svg(
     if encoded.background:
         behind = {"fill": encoded.background, "height": "100%", "id": "background"}
         drawing.add(Element("rect", {**behind, "width": "100%", "x": "0", "y": "0"}))
-    _add_layers(drawing, encoded.shapes, scene, document.labels)
+    if by_ink:
+        _add_inks(drawing, encoded.shapes, scene)
+    else:
+        _add_layers(drawing, encoded.shapes, scene, document.labels)
     return _text(drawing)
+
+
+def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
+    """The SVG text of a plate: black where an ink #rrggbb of a scene is seen, white elsewhere.
+
+    All plates of a scene are of one size and lie over each other. Raises InputError for a scene
+    that is not in inks (Scene.inks), and for another ink.
+    """
+    scene = required(scene, "scene", Scene)
+    document = instance(document, "document", Document)
+    return write_svg(plate_of(scene, ink), SvgFormat(layers=INKS), document)
 
 
 def outline_svg(
@@ -191,6 +214,18 @@ def _add_layers(drawing: Any, shapes: Sequence[Drawn], scene: Scene, labels: Lab
                 group = inkscape.layer(label=label, id=f"{key}-segment-{segment}")
                 layer.add(_add_all(group, parts))
         drawing.add(layer)
+
+
+def _add_inks(drawing: Any, shapes: Sequence[Drawn], scene: Scene) -> None:
+    """Add shapes in groups, each of one ink, which has the fill."""
+    inkscape = Inkscape(drawing)
+    for index, run in runs(scene.round_index[[shape.index for shape in shapes]].tolist()):
+        ink = ink_name(scene.color[shapes[run][0].index])
+        inside = [one.element.without("fill") for one in shapes[run]]
+        layer = inkscape.layer(
+            label=f"Ink {ink}: {len(inside)} ellipses", id=f"ink-{index + 1}", fill=ink
+        )
+        drawing.add(_add_all(layer, inside))
 
 
 def _add_all(group: Any, elements: Sequence[Element]) -> Any:
