@@ -55,6 +55,13 @@ class OutputFiles:
     outline: Path | None = None
     """Save the outlines of the shapes to this file, as SVG."""
 
+    pens: int | None = None
+    """Pens that draw the outlines, each a layer; then they end at the page, and sizes are in mm."""
+
+    separations: Path | None = None
+    """With --inks save a plate for each to plate-1.svg, plate-2.svg, where this is plate.svg: black
+    where the ink is seen."""
+
     save_scene: Path | None = None
     """Save the fitted Gaussians to this file, as NPZ."""
 
@@ -136,6 +143,7 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
             "--outline must not be given with --blend add, whose signed colours have no strokes. "
             "Try --portable"
         )
+    _check_pens(options, files)
     if not output:
         check_svg_name("--output", output)
     _check_files(photo, output, options, files)
@@ -146,10 +154,37 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
             ("--preview", files.preview, ".png"),
             ("--report", files.report, ".json"),
             ("--outline", files.outline, ".svg"),
+            ("--separations", files.separations, ".svg"),
             ("--save-scene", files.save_scene, ".npz"),
         ]
     )
     return output, options.changed(gzip=True) if is_svgz(output) else options
+
+
+def _check_pens(options: Any, files: OutputFiles) -> None:
+    """Refuse pens without outlines, and plates without inks."""
+    from gauss2svg.errors import whole_number
+    from gauss2svg.svg.outlines import MOST_PENS
+
+    if files.separations is not None and options.fit.inks is None:
+        raise InputError("--separations must be given with --inks; got none. Try --inks 3")
+    if files.pens is None:
+        return
+    whole_number("--pens", files.pens, 1, MOST_PENS)
+    if files.outline is None:
+        raise InputError(
+            f"--pens must be given with --outline; got {files.pens} alone. Try --outline plot.svg"
+        )
+    for name in options.document.layered:
+        raise InputError(f"--pens must not be given with {name}, whose layers are rounds")
+
+
+def _plates(files: OutputFiles, count: int) -> list[Path]:
+    """Names of the files of so many plates."""
+    path = files.separations
+    if path is None:
+        return []
+    return [path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
 
 
 def _default_output(photo: str, overwrite: bool) -> str:
@@ -241,7 +276,11 @@ def _write(result: Any, output: str, files: OutputFiles) -> None:
     else:
         written[output] = svg
     if files.outline is not None:
-        written[files.outline] = file_bytes(result.outline(), is_svgz(files.outline))
+        written[files.outline] = file_bytes(result.outline(files.pens), is_svgz(files.outline))
+    if files.separations is not None:
+        plates = list(result.plates().values())
+        for path, plate in zip(_plates(files, len(plates)), plates, strict=True):
+            written[path] = file_bytes(plate, is_svgz(path))
     if files.preview is not None:
         written[files.preview] = as_png(result.raster)
     if files.save_scene is not None:
@@ -265,6 +304,11 @@ def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> 
     else:
         lines = []
         print_summary(report, None if output == STANDARD_STREAM else output)
+        if files.outline is not None and (hiding := result.hiding) > 0:
+            lines.append(
+                f"{hiding} opaque ellipses hide what is below them in the picture, where "
+                f"{files.outline} has all lines"
+            )
     checkpoint = report["checkpoint"]
     if report["checkpoint_trouble"] is not None:
         lines.append(report["checkpoint_trouble"])
@@ -286,6 +330,9 @@ def _check_files(photo: str, output: str, options: Any, files: OutputFiles) -> N
 
     further = (files.outline, files.report, files.preview, files.save_scene)
     outputs = [path for path in further if path is not None]
+    inks = options.fit.inks
+    if inks is not None:
+        outputs += _plates(files, inks if isinstance(inks, int) else inks.count(",") + 1)
     if output != STANDARD_STREAM:
         outputs.insert(0, Path(output))
     inputs = {photo: "the photo"}

@@ -22,6 +22,8 @@ from gauss2svg.svg.file import check_svg_name, file_bytes, is_svgz
 from gauss2svg.svg.plates import ink_name, inks_of_scene
 from gauss2svg.svg.write import outline_svg, plate_svg
 
+_OPAQUE, _CRISP = 0.95, 3.0  # opacity and exponent from which a shape hides what is below it
+
 
 @dataclass(frozen=True, eq=False)
 class Result:
@@ -56,9 +58,15 @@ class Result:
             gzip = is_svgz(path) or bool(self.report["gzip"])
         write_atomically(path, file_bytes(self.svg, Flag()("gzip", gzip)))
 
-    def outline(self) -> str:
+    def outline(self, pens: int | None = None) -> str:
         """The SVG text of the outlines of the shapes; see gauss2svg.outline_svg."""
-        return outline_svg(self.scene, self.document)
+        return outline_svg(self.scene, self.document, pens=pens)
+
+    @property
+    def hiding(self) -> int:
+        """Number of shapes that hide what is below them: opaque ones with crisp rims."""
+        scene = self.scene
+        return int(np.count_nonzero((scene.opacity >= _OPAQUE) & (scene.beta >= _CRISP)))
 
     def plates(self) -> dict[str, str]:
         """The SVG text of each ink's plate, by its #rrggbb; see gauss2svg.plate_svg.

@@ -97,10 +97,10 @@ def number(value: float, decimals: int) -> str:
     return text
 
 
-def hex_color(color: NDArray[np.integer]) -> str:
-    """#rrggbb of three levels 0..255, or #rgb where that is the same."""
+def hex_color(color: NDArray[np.integer], short: bool = True) -> str:
+    """#rrggbb of three levels 0..255, or where it may be short #rgb if that is the same."""
     text = "#" + "".join(f"{int(v):02x}" for v in color)
-    if text[1] == text[2] and text[3] == text[4] and text[5] == text[6]:
+    if short and text[1] == text[2] and text[3] == text[4] and text[5] == text[6]:
         return "#" + text[1] + text[3] + text[5]
     return text
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import Scene
+from gauss2svg.svg.element import hex_color
 from gauss2svg.svg.minimal.paint_order import colors_together, overlaps
 from gauss2svg.svg.plain_ellipse import plain_radius
 
@@ -30,7 +31,7 @@ def inks_of_scene(scene: Scene) -> NDArray[np.float64]:
 
 def ink_name(ink: NDArray[np.float64]) -> str:
     """An ink (3,) as #rrggbb."""
-    return "#" + bytes(_levels(ink).tolist()).hex()
+    return hex_color(_levels(ink), short=False)
 
 
 def grouped_by_ink(scene: Scene) -> Scene:

@@ -10,6 +10,7 @@ as its description, both inline and as a file of its own; aria-labelledby would 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +18,14 @@ import numpy as np
 import svgwrite
 from svgwrite.extensions import Inkscape
 
-from gauss2svg.errors import InputError, instance, number_within, quoted, required
+from gauss2svg.errors import (
+    InputError,
+    instance,
+    number_within,
+    quoted,
+    required,
+    whole_number,
+)
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive.differences import (
     ADDITIVE,
@@ -36,7 +44,14 @@ from gauss2svg.svg.format import INKS, MINIMAL, ROUNDS, SvgFormat
 from gauss2svg.svg.layers import Labels, grouped_by_segment, runs, segment_of
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.minimal.write import minimal_svg
-from gauss2svg.svg.outlines import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, outlines
+from gauss2svg.svg.outlines import (
+    MOST_PENS,
+    OUTLINE_WIDTH,
+    STROKE_DECIMALS,
+    STROKE_WIDTHS,
+    outlines,
+    pen_strokes,
+)
 from gauss2svg.svg.plates import grouped_by_ink, ink_name, plate_of
 from gauss2svg.svg.reader.canvas import CANVAS
 from gauss2svg.version import __version__
@@ -107,7 +122,10 @@ def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
 
 
 def outline_svg(
-    scene: Scene, document: Document | None = None, stroke_width: float = OUTLINE_WIDTH
+    scene: Scene,
+    document: Document | None = None,
+    stroke_width: float = OUTLINE_WIDTH,
+    pens: int | None = None,
 ) -> str:
     """The SVG text of a scene's shapes as bare strokes, for plotters; without a background.
 
@@ -116,7 +134,11 @@ def outline_svg(
     written as 0 are left out.
 
     stroke_width  px, above 0
-    Raises InputError for a width out of range, and for an additive scene.
+    pens          colours at most, each with the layer that its strokes form: "1 #c0322c: ..". Then
+                  strokes end at the page, and the unit is a millimetre, of the document's size or
+                  at 96 px an inch
+    Raises InputError for a width out of range, for an additive scene, and for pens with segments,
+    animation or fragments, which need layers of rounds.
     """
     scene = required(scene, "scene", Scene)
     document = instance(document, "document", Document)
@@ -125,6 +147,8 @@ def outline_svg(
             "outlines", "their colours are differences, which show nothing by themselves"
         )
     width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
+    if pens is not None:
+        return _write_pens(scene, document, float(width), whole_number("pens", pens, 1, MOST_PENS))
     scene = grouped_by_segment(scene, document.labels)
     shapes = outlines(scene)
     size = number(scene.width, 3), number(scene.height, 3)
@@ -132,6 +156,24 @@ def outline_svg(
     _add_style(drawing, document, scene, shapes)
     drawing["fill"], drawing["stroke-width"] = "none", width
     _add_layers(drawing, shapes, scene, document.labels)
+    return _text(drawing)
+
+
+def _write_pens(scene: Scene, document: Document, width: float, count: int) -> str:
+    for name in document.layered:
+        raise InputError(f"{name} must not be given with pens, whose layers are no rounds")
+    each = document.mm_each(scene.width)
+    on_paper = scene.scaled(each)
+    pens = pen_strokes(on_paper, count)
+    size = number(on_paper.width, 3), number(on_paper.height, 3)
+    document = dataclasses.replace(document, size=f"{size[0]}mm")
+    drawing = _root(document, scene, size, sum(len(pen.strokes) for pen in pens))
+    drawing["fill"], drawing["stroke-width"] = "none", number(width * each, STROKE_DECIMALS + 1)
+    inkscape = Inkscape(drawing)
+    for at, pen in enumerate(pens, start=1):
+        label = f"{at} {pen.color}: {len(pen.strokes)} strokes"
+        layer = inkscape.layer(label=label, id=f"pen-{at}", stroke=pen.color)
+        drawing.add(_add_all(layer, [stroke.element for stroke in pen.strokes]))
     return _text(drawing)
 
 
