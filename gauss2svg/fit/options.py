@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, quoted, whole_number
-from gauss2svg.fit.choices import PERCEPTUAL, Tune, has_ssim
+from gauss2svg.fit.choices import PERCEPTUAL, PSNR, Tune, has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, steps_of, totals
 from gauss2svg.options import Number, OptionGroup, Whole
 from gauss2svg.photo.inks import Inks, check_inks
@@ -38,7 +38,7 @@ class FitOptions(OptionGroup):
     tune: Tune | None = None
     """What the fit is best at: what people see (perceptual), where errors count less in texture and
     more on smooth areas, or PSNR (psnr); the default is perceptual, or psnr in the smallest
-    files."""
+    files and in inks."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
     """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""
@@ -65,8 +65,8 @@ class FitOptions(OptionGroup):
 
     @property
     def tuned(self) -> Tune:
-        """tune, or its default."""
-        return self.tune or PERCEPTUAL
+        """tune, or its default, which in inks is PSNR: docs/decisions/inks.md."""
+        return self.tune or (PERCEPTUAL if self.inks is None else PSNR)
 
     @property
     def learned_falloff(self) -> bool:
