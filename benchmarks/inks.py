@@ -86,7 +86,7 @@ def ours(name: str, picture: Pixels, inks: str, limit: int) -> Row:
 
 
 def traced(name: str, picture: Pixels, inks: str, limit: int) -> Row | None:
-    """vtracer's best file of these inks and at most so many bytes."""
+    """The best file that vtracer makes of these inks, of at most so many bytes."""
     import vtracer  # pyright: ignore[reportMissingImports]
 
     png, best, seconds = as_png(in_inks(picture, inks)), None, 0.0

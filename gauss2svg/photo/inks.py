@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # the help does not need it
 LEAST_INKS, MOST_INKS = 2, 64
 _HEX = re.compile(r"#?([0-9a-f]{3}|[0-9a-f]{6})", re.IGNORECASE)
 _COUNT = re.compile("[0-9]{1,9}")
-_PALETTE_SUFFIX = ".gpl"
+PALETTE_SUFFIX = ".gpl"
 _PALETTE_HEAD = "GIMP Palette"
 _LEVELS = re.compile(r"\s*(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})(\s.*)?")
 _MOST_PALETTE_BYTES = 1_000_000
@@ -44,10 +44,10 @@ def check_inks(name: str, value: Any) -> int | str:
         value = int(value)
     if isinstance(value, int) and not isinstance(value, bool):
         if not LEAST_INKS <= value <= MOST_INKS:
-            raise _bad(name, f"{LEAST_INKS} to {MOST_INKS} of them", value)
+            raise _bad(name, f"a number from {LEAST_INKS} to {MOST_INKS}, or colours", value)
         return value
     if isinstance(value, os.PathLike) or (
-        isinstance(value, str) and value.strip().lower().endswith(_PALETTE_SUFFIX)
+        isinstance(value, str) and value.strip().lower().endswith(PALETTE_SUFFIX)
     ):
         value = _of_palette_file(name, os.fspath(value))
     texts = value.split(",") if isinstance(value, str) else value

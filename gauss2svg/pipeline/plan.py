@@ -100,6 +100,11 @@ class Plan:
         check_together(self.options)
         _ = self.fit_config
 
+    @property
+    def in_inks(self) -> bool:
+        """Whether shapes are opaque ellipses of a few inks."""
+        return self.options.fit.inks is not None
+
     def in_inks_of(self, pixels: NDArray[np.float32]) -> Plan:
         """The plan with the inks that are chosen for a photo where their number is given."""
         given: Any = self.options.fit.inks
@@ -120,7 +125,7 @@ class Plan:
         """The preset, or the numbers of a budget of bytes or seconds."""
         goal = self.options.goal
         if self.is_budget:
-            return budget_preset(self.plain_limit, goal.time_limit)
+            return budget_preset(self.plain_limit, goal.time_limit, self.in_inks)
         return PRESETS[goal.quality or DEFAULT_PRESET]
 
     @property
@@ -260,7 +265,7 @@ class Plan:
         free = (svg.palette, svg.stops, svg.precision, run.checkpoint, run.resume)
         usual = self.options.densify == DensifyOptions() and self._may_be_minimal
         usual = usual and fit.loss == DEFAULT_LOSS and fit.blend == OVER and self.aim is None
-        usual = usual and fit.inks is None
+        usual = usual and not self.in_inks
         return usual and all(given is None for given in free)
 
     def searches(self) -> list[Plan]:
@@ -304,13 +309,13 @@ class Plan:
     def format_at(self, psnr: float | None) -> SvgFormat:
         """The format of the shapes of a scene of this PSNR in dB, None for any."""
         svg, preset = self.options.svg, self._written_like(psnr)
-        precision = preset.precision if self.options.fit.inks is None else _PRECISION_OF_INKS
+        precision = _PRECISION_OF_INKS if self.in_inks else preset.precision
         return SvgFormat(
             form=svg.form,
             markup=self.markup,
             stops=preset.stops if svg.stops is None else svg.stops,
             precision=precision if svg.precision is None else svg.precision,
-            layers=ROUNDS if self.options.fit.inks is None else INKS,
+            layers=INKS if self.in_inks else ROUNDS,
             opacity_decimals=preset.opacity_decimals,
         )
 

@@ -67,11 +67,13 @@ def write_svg(
     smaller file. With segments shapes are in the order of gauss2svg.svg.layers.grouped_by_segment.
     A transparent scene has no <rect>.
 
-    Minimal markup is that of gauss2svg.svg.minimal.write.
+    Minimal markup is that of gauss2svg.svg.minimal.write. Layers by ink are those of
+    gauss2svg.svg.plates.grouped_by_ink.
 
     An additive scene is written as gauss2svg.svg.additive.encode explains: its layers are phases.
     Raises InputError for an additive scene with segments, animation or fragments, for these, such a
-    scene and blurs in minimal markup, and for a document whose segments or size depend on a photo.
+    scene and blurs in minimal markup, for a document whose segments or size depend on a photo, and
+    for layers by ink of a scene without (Scene.inks).
     """
     scene = required(scene, "scene", Scene)
     svg_format = instance(svg_format, "svg_format", SvgFormat)
@@ -85,9 +87,9 @@ def write_svg(
             scene, svg_format.precision, HEX_DIGITS[-1], document,
             opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops,
         )  # fmt: skip
-    if scene.blend == ADD:
-        return _write_additive(scene, svg_format, document)
     by_ink = svg_format.layers == INKS
+    if scene.blend == ADD and not by_ink:
+        return _write_additive(scene, svg_format, document)
     if by_ink:
         for name in document.layered:
             raise InputError(
