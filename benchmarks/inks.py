@@ -32,6 +32,7 @@ from small import of_another_tool
 
 from gauss2svg.files import as_png
 from gauss2svg.measure.metrics import psnr, ssim
+from gauss2svg.photo.alpha import shrunk
 from gauss2svg.photo.inks import ink_colors, inks_of
 from gauss2svg.photo.load import load_image
 from gauss2svg.raster import rasterize
@@ -43,9 +44,9 @@ _SHIPPED, _DRAWN = ("coffee", "chelsea"), ("icon", "face", "buttons", "screensho
 _KODAK = "kodim20.png"
 _GRID = {
     "mode": ("spline", "polygon"),
-    "filter_speckle": (1, 2, 4, 8, 16, 32),
-    "path_precision": (0, 1),
+    "filter_speckle": (1, 2, 4, 8, 16, 32, 64),
 }
+_SCALES = (1.0, 0.5)  # of the picture that vtracer gets
 _FILL = re.compile(r'fill="(#[0-9A-Fa-f]{6})"')
 _SQUARE, _ZOOM, _LABEL = 96, 3, 16  # px of a sheet's square, its scale, px of text
 
@@ -89,13 +90,15 @@ def traced(name: str, picture: Pixels, inks: str, limit: int) -> Row | None:
     """The best file that vtracer makes of these inks, of at most so many bytes."""
     import vtracer  # pyright: ignore[reportMissingImports]
 
-    png, best, seconds = as_png(in_inks(picture, inks)), None, 0.0
-    for values in product(*_GRID.values()):
+    best, (height, width) = None, picture.shape[:2]
+    for scale, *values in product(_SCALES, *_GRID.values()):
+        png = as_png(in_inks(shrunk(picture, round(scale * height), round(scale * width)), inks))
         settings = dict(zip(_GRID, values, strict=True))
         begun = time.perf_counter()
         svg = vtracer.convert_raw_image_to_svg(
-            png, img_format="png", color_precision=8, layer_difference=0, **settings
-        )
+            png, img_format="png", color_precision=8, layer_difference=0, path_precision=0,
+            **settings,
+        )  # fmt: skip
         seconds = time.perf_counter() - begun
         svg = _FILL.sub(lambda found: f'fill="{_nearest_name(found[1], inks)}"', svg)
         if len(svg.encode()) > limit:

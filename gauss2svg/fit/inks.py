@@ -24,7 +24,7 @@ OPAQUE_LOGIT = 12.0
 # px in which a rim falls from 0.9 to 0.1, across the minor axis: about that of a drawn ellipse.
 _RIM = 0.7
 _MOST_BETA = 128.0
-EXCHANGED_EVERY = 10  # steps
+EXCHANGED_EVERY = 20  # steps; 10 end no closer (docs/decisions/inks.md)
 _LEAST_MASS = 1e-3  # px; shapes that contribute less keep their ink
 
 
