@@ -7,8 +7,9 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from gauss2svg.errors import InputError, brief, quoted
+from gauss2svg.errors import InputError, brief, plain_scalar, quoted
 from gauss2svg.files import reading
+from gauss2svg.options import file_name
 
 if TYPE_CHECKING:  # the help does not need it
     import numpy as np
@@ -40,6 +41,7 @@ def check_inks(name: str, value: Any) -> int | str:
 
     value  a number, colours as hex digits in a sequence or a text, or the path of a .gpl file
     """
+    value = plain_scalar(value)
     if isinstance(value, str) and _COUNT.fullmatch(value.strip()):
         value = int(value)
     if isinstance(value, int) and not isinstance(value, bool):
@@ -49,7 +51,7 @@ def check_inks(name: str, value: Any) -> int | str:
     if isinstance(value, os.PathLike) or (
         isinstance(value, str) and value.strip().lower().endswith(PALETTE_SUFFIX)
     ):
-        value = _of_palette_file(name, os.fspath(value))
+        value = _of_palette_file(name, file_name(name, value))
     texts = value.split(",") if isinstance(value, str) else value
     if not isinstance(texts, (list, tuple)) or not all(isinstance(t, str) for t in texts):
         raise _bad(name, "colours, a number of them or a .gpl file", value)

@@ -28,7 +28,7 @@ CHANGED = {
     "quality": "fast", "gaussians": 700, "target_psnr": 31.5, "target_ssimulacra2": 55,
     "max_bytes": 40_000, "time_limit": 9.5, "iterations": 77, "loss": "l1+ssim", "tune": "psnr",
     "ssim_weight": 0.3, "learning_rate": 0.5, "blend": "add", "falloff": "gaussian", "seed": 5,
-    "init": "random", "schedule": "linear", "per_round": 50, "round_iterations": 9,
+    "inks": 5, "init": "random", "schedule": "linear", "per_round": 50, "round_iterations": 9,
     "relocate": False, "form": "blur", "markup": "minimal", "palette": 12, "stops": 8,
     "precision": 0.1, "matte": "#fa0", "portable": True, "gzip": True, "count_gzipped": True,
     "title": "A 'quoted' title",
