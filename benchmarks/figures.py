@@ -220,6 +220,17 @@ def logos() -> Figure:
     return tiles([*(r.raster for r in results), logo], [*titles, "the picture"])
 
 
+def inks() -> Figure:
+    """A cup of coffee in few inks, and the picture."""
+    picture = data.coffee() / np.float32(255)
+    counts = (3, 6, 12)
+    results = [vectorize(picture, max_bytes=20_000, fit=FitOptions(inks=k)) for k in counts]
+    titles = [
+        f"{k} inks: {r.report['psnr_svg']:.1f} dB" for k, r in zip(counts, results, strict=True)
+    ]
+    return tiles([*(r.raster for r in results), picture], [*titles, "the picture"])
+
+
 FIGURES: dict[str, Callable[[], Figure]] = {
     "model": model,
     "progressive-fit": progressive_fit,
@@ -228,6 +239,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "additive-blending": additive_blending,
     "extremes": extremes,
     "logos": logos,
+    "inks": inks,
 }
 
 

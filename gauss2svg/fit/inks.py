@@ -1,7 +1,8 @@
 """A fit in inks: opaque crisp shapes, each of one of a few colours, which never change.
 
-Nothing is mixed, so that much of the error against the photo stays whatever is drawn. Shapes are
-placed where another ink would lower it, and change to the ink of least error again and again
+The target is the picture with the nearest ink at each pixel: of the picture itself, with colours
+between the inks, shapes thinner than a pixel would make halftones. Shapes are placed where another
+ink would lower the error, and change to the ink of least error again and again
 (docs/decisions/inks.md).
 """
 
@@ -25,6 +26,7 @@ OPAQUE_LOGIT = 12.0
 _RIM = 0.7
 _MOST_BETA = 128.0
 EXCHANGED_EVERY = 20  # steps; 10 end no closer (docs/decisions/inks.md)
+_AROUND = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]
 _LEAST_MASS = 1e-3  # px; shapes that contribute less keep their ink
 
 
@@ -41,6 +43,30 @@ class Inks:
             pixels = pixels[target.visible.ravel()]
         entry = nearest_entry(self.color, pixels.astype(np.float64))[1]
         return self.color[np.bincount(entry, minlength=len(self.color)).argmax()]
+
+    def drawn(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The picture (h, w, 3) or (h, w, 4) with the nearest ink q at each pixel.
+
+        Beside a pixel of another ink c it has the colour between q and c that is nearest to the
+        picture's, as antialiased edges have.
+        """
+        color = pixels[:, :, :3].astype(np.float64)
+        height, width = color.shape[:2]
+        entry = nearest_entry(self.color, color.reshape(-1, 3))[1].reshape(height, width)
+        own = self.color[entry]
+        found, least = own.copy(), np.square(own - color).sum(axis=2)
+        around = np.pad(entry, 1, mode="edge")
+        for down, right in _AROUND:
+            beside = around[1 + down : 1 + down + height, 1 + right : 1 + right + width]
+            y, x = np.nonzero(beside != entry)
+            step = self.color[beside[y, x]] - own[y, x]
+            along = ((color[y, x] - own[y, x]) * step).sum(axis=1) / np.square(step).sum(axis=1)
+            between = own[y, x] + np.clip(along, 0, 1)[:, None] * step
+            square = np.square(between - color[y, x]).sum(axis=1)
+            closer = square < least[y, x]
+            y, x = y[closer], x[closer]
+            found[y, x], least[y, x] = between[closer], square[closer]
+        return np.concatenate([found.astype(np.float32), pixels[:, :, 3:]], axis=2)
 
     def nearest(self, color: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 3) the ink that is nearest to each of colours (n, 3)."""

@@ -63,17 +63,18 @@ class Population(Saved):
         if has_alpha(pixels):
             self.background = np.ones(3)  # not written
         self.rng = np.random.default_rng(config.fit.seed)
-        self._pyramid = targets or TargetPyramid(pixels, config.dtype, config.fit.tuned)
-        self.reduction = 1
-        self.target = self._pyramid.reduced(1)
-        self._order = None if segment_at is None else SegmentOrder(segment_at)
         self.inks: Inks | None = None
         if config.fit.inks is not None:
             inks: Any = config.fit.inks  # as it is checked
             self.inks = Inks(ink_colors(inks_of(pixels, inks)))
             self.blending = in_inks(self.blending)
-            if not has_alpha(pixels):
-                self.background = self.inks.background(self.target)
+            targets = TargetPyramid(pixels, config.dtype, config.fit.tuned, self.inks.drawn)
+        self._pyramid = targets or TargetPyramid(pixels, config.dtype, config.fit.tuned)
+        self.reduction = 1
+        self.target = self._pyramid.reduced(1)
+        self._order = None if segment_at is None else SegmentOrder(segment_at)
+        if self.inks is not None and not has_alpha(pixels):
+            self.background = self.inks.background(self.target)
 
     def __len__(self) -> int:
         return len(self.state)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import cached_property, reduce
 from operator import add
 from typing import Any, NamedTuple
@@ -223,11 +224,18 @@ def _filled(color: NDArray[np.floating], visible: NDArray[np.bool_]) -> NDArray[
 class TargetPyramid:
     """An image (h, w, 3) or (h, w, 4) as targets of reduced size.
 
-    dtype and tune are those of Target.
+    dtype and tune are those of Target; aimed_at maps a reduced image to what is to be drawn of it.
     """
 
-    def __init__(self, pixels: NDArray[np.float32], dtype: Any, tune: str) -> None:
+    def __init__(
+        self,
+        pixels: NDArray[np.float32],
+        dtype: Any,
+        tune: str,
+        aimed_at: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None,
+    ) -> None:
         self.pixels = pixels
+        self._aimed_at = aimed_at
         self._dtype = dtype
         self._tune = tune
         self._targets: dict[int, Target] = {}
@@ -238,5 +246,7 @@ class TargetPyramid:
             height, width = self.pixels.shape[:2]
             size = max(1, height // factor), max(1, width // factor)
             small = shrunk(self.pixels, *size)
+            if self._aimed_at is not None:
+                small = self._aimed_at(small)
             self._targets[factor] = target_of(small, self._dtype, self._tune)
         return self._targets[factor]

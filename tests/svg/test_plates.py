@@ -137,7 +137,8 @@ def test_separations_are_files_beside_the_picture(photo, tmp_path):
     assert out.read_text() == result.svg
     made = [path.read_text() for path in sorted(tmp_path.glob("plate-*.svg"))]
     assert made == list(result.plates().values())
-    assert [f"Vectorised photo: {ink}" in svg for ink, svg in zip(result.plates(), made)]
+    titles = [f"<title>Vectorised photo: {ink}</title>" for ink in result.plates()]
+    assert all(title in svg for title, svg in zip(titles, made, strict=True))
 
 
 @pytest.mark.parametrize(
