@@ -28,6 +28,7 @@ _EXAMPLES = (
 HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
+MAKERS_TITLE = "Plates and pens"
 _OURS = b"written by gauss2svg"  # of the description of every file
 _HEAD = 65536  # bytes within which it stands
 _ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
@@ -55,13 +56,6 @@ class OutputFiles:
     outline: Path | None = None
     """Save the outlines of the shapes to this file, as SVG."""
 
-    pens: int | None = None
-    """Pens that draw the outlines, each a layer; then they end at the page, and sizes are in mm."""
-
-    separations: Path | None = None
-    """With --inks save a plate for each to plate-1.svg, plate-2.svg, where this is plate.svg: black
-    where the ink is seen."""
-
     save_scene: Path | None = None
     """Save the fitted Gaussians to this file, as NPZ."""
 
@@ -70,6 +64,24 @@ class OutputFiles:
 
     quiet: bool = False
     """Show neither progress nor summary."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MakerFiles:
+    """What printers and plotters take."""
+
+    separations: Path | None = None
+    """With --inks save a plate for each to plate-1.svg, plate-2.svg, where this is plate.svg: black
+    where the ink is seen."""
+
+    pens: int | None = None
+    """Pens that draw the --outline, each a layer; then lines end at the page, and sizes are in
+    mm."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Files(MakerFiles, OutputFiles):
+    """All further files."""
 
 
 def vectorize_command(everything: bool, short: bool = False) -> Callable[..., int]:
@@ -81,6 +93,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
         for order, key in enumerate(_ORDER[:1] if short else _ORDER)
     }
+    makers_group = Group(MAKERS_TITLE, sort_key=0.6, show=everything)
     parsed = options_of(groups)
     defaults = parsed()
 
@@ -93,8 +106,10 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         files: Annotated[
             OutputFiles, Parameter(name="*", group=Group("Output files", sort_key=0.5))
         ] = OutputFiles(),
+        makers: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
     ) -> int:
-        return _run(_one_photo(photo), output, Options(**vars(options)), files)
+        both = Files(**vars(files), **vars(makers))
+        return _run(_one_photo(photo), output, Options(**vars(options)), both)
 
     command.__doc__ = HELP + _PARAMETERS
     return command
@@ -120,7 +135,7 @@ def _one_photo(photos: tuple[str, ...]) -> str:
     return photos[0]
 
 
-def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> int:
+def _run(photo: str, output: str | None, options: Any, files: Files) -> int:
 
     with interruptible() as interruption:
         output, options = _checked(photo, output, options, files)
@@ -130,7 +145,7 @@ def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> in
     return interruption.status
 
 
-def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -> tuple[str, Any]:
+def _checked(photo: str, output: str | None, options: Any, files: Files) -> tuple[str, Any]:
     """The name of the SVG and the options that follow from it, once all names are checked."""
     from gauss2svg.files import STANDARD_STREAM, refuse_option_like
     from gauss2svg.svg.file import check_svg_name, is_svgz
@@ -161,7 +176,7 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
     return output, options.changed(gzip=True) if is_svgz(output) else options
 
 
-def _check_pens(options: Any, files: OutputFiles) -> None:
+def _check_pens(options: Any, files: Files) -> None:
     """Refuse pens without outlines, and plates without inks."""
     from gauss2svg.errors import whole_number
     from gauss2svg.svg.outlines import MOST_PENS
@@ -179,7 +194,7 @@ def _check_pens(options: Any, files: OutputFiles) -> None:
         raise InputError(f"--pens must not be given with {name}, whose layers are rounds")
 
 
-def _plates(files: OutputFiles, count: int) -> list[Path]:
+def _plates(files: Files, count: int) -> list[Path]:
     """Names of the files of so many plates."""
     path = files.separations
     if path is None:
@@ -236,7 +251,7 @@ def _check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]
             check_type(name, os.fspath(path), (*allowed, "text/plain"), suffix)
 
 
-def _result(photo: str, output: str, options: Any, files: OutputFiles, interruption: Any) -> Any:
+def _result(photo: str, output: str, options: Any, files: Files, interruption: Any) -> Any:
     from gauss2svg.cli.terminal import show_progress
     from gauss2svg.files import STANDARD_STREAM
     from gauss2svg.pipeline.vectorize import vectorize_by
@@ -263,7 +278,7 @@ def _result(photo: str, output: str, options: Any, files: OutputFiles, interrupt
         )
 
 
-def _write(result: Any, output: str, files: OutputFiles) -> None:
+def _write(result: Any, output: str, files: Files) -> None:
     import io
 
     from gauss2svg.files import STANDARD_STREAM, as_json, as_png, write_all_atomically
@@ -292,7 +307,7 @@ def _write(result: Any, output: str, files: OutputFiles) -> None:
     write_all_atomically(written)
 
 
-def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> None:
+def _report(result: Any, output: str, files: Files, interruption: Any) -> None:
     """What a person reads at the end, on standard error."""
     from gauss2svg.cli.terminal import print_summary
     from gauss2svg.files import STANDARD_STREAM
@@ -324,7 +339,7 @@ def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> 
         say(line)
 
 
-def _check_files(photo: str, output: str, options: Any, files: OutputFiles) -> None:
+def _check_files(photo: str, output: str, options: Any, files: Files) -> None:
     """Refuse outputs that could not be written, or would overwrite an input or each other."""
     from gauss2svg.files import STANDARD_STREAM, check_outputs
 

@@ -68,8 +68,11 @@ class Population(Saved):
             inks: Any = config.fit.inks  # as it is checked
             self.inks = Inks(ink_colors(inks_of(pixels, inks)))
             self.blending = in_inks(self.blending)
-            targets = TargetPyramid(pixels, config.dtype, config.fit.tuned, self.inks.drawn)
-        self._pyramid = targets or TargetPyramid(pixels, config.dtype, config.fit.tuned)
+        photo = targets or TargetPyramid(pixels, config.dtype, config.fit.tuned)
+        self._photo = self._pyramid = photo
+        if self.inks is not None:
+            aimed_at = self.inks.drawn
+            self._pyramid = TargetPyramid(pixels, config.dtype, config.fit.tuned, aimed_at)
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
         self._order = None if segment_at is None else SegmentOrder(segment_at)
@@ -108,10 +111,10 @@ class Population(Saved):
         return scene.scaled(width / size[0], height / size[1])
 
     def error(self) -> float:
-        """Mean squared error at full size, also while the target is reduced."""
+        """Mean squared error against the photo at full size, also while the target is reduced."""
         factor = self.reduction
         self.reduce_to(1)
-        error = self.target.error(self.splats())
+        error = self._photo.reduced(1).error(self.splats())
         self.reduce_to(factor)
         return error
 

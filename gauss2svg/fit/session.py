@@ -334,8 +334,10 @@ class FitSession(Saved):
         return psnr_of(self.population.error())
 
     def _recent_psnr(self) -> float:
-        """Mean PSNR of the last steps, which ran at full size."""
-        return psnr_of(float(np.mean(self._errors))) if self._errors else self._psnr_now()
+        """Mean PSNR of the last steps, which ran at full size; in inks that against the photo."""
+        if not self._errors or self.population.inks is not None:
+            return self._psnr_now()
+        return psnr_of(float(np.mean(self._errors)))
 
     def _evaluate(self, splats: Splats) -> LossAndGradient:
         options = self.config.fit

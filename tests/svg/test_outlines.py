@@ -132,7 +132,7 @@ def test_strokes_of_pens_are_those_of_the_page_alone(size):
     ink, inside = (rasterize(one, 900, 700)[:, :, 0] for one in (before, svg))
     assert before.count("<ellipse") > svg.count("<ellipse") > 5
     away = np.abs((1 - ink) - (1 - inside))[2:-2, 2:-2]
-    assert away.mean() < 0.002
+    assert (away > 0.6).mean() < 0.002
 
 
 def test_each_pen_is_a_layer_with_the_strokes_that_it_is_nearest_to():
