@@ -22,9 +22,13 @@ PALETTE_SUFFIX = ".gpl"
 _PALETTE_HEAD = "GIMP Palette"
 _LEVELS = re.compile(r"\s*(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})(\s.*)?")
 _MOST_PALETTE_BYTES = 1_000_000
-# A colour counts by this power of its pixels: a small red dot is to have its ink
-# (docs/decisions/inks.md, also for the others).
+# Colours that are nearly alike count by this power of their pixels: a small red dot is to have its
+# ink (docs/decisions/inks.md, also for the others).
 _BY_PIXELS = 0.5
+_ALIKE = 8  # levels of 255, the side of a cell of such colours
+_CELLS_EACH = 4  # for each ink; of fewer cells each colour is one
+# Difference from a neighbour at which a pixel counts half: edges mix what lies beside them.
+_AT_AN_EDGE = 0.05
 _LLOYD = 30  # iterations of k-means
 _FLAT = 0.25  # share of a cluster's pixels that are of one colour, which is then the ink
 _LOOKED_AT = 250_000  # pixels at most
@@ -88,18 +92,22 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     colors, counts = _colors(pixels)
     if inks > len(colors):
         raise _bad("inks", f"at most {len(colors)}, the colours of the picture", inks)
-    points, weight = _oklab(colors / 255), counts**_BY_PIXELS
-    centers = _spread(points, weight, inks)
+    points = _oklab(colors / 255)
+    cell = np.unique(_codes(colors // _ALIKE), return_inverse=True)[1]
+    if cell.max() + 1 < _CELLS_EACH * inks:
+        cell = np.arange(len(colors))
+    whole = np.bincount(cell, counts)
+    cells = _means(points, counts, cell, np.zeros((len(whole), 3)))
+    weight = whole**_BY_PIXELS
+    centers = _spread(cells, weight, inks)
     for _ in range(_LLOYD):
-        entry = nearest_entry(centers, points)[1]
-        mass = np.bincount(entry, weight, inks)
-        sums = [np.bincount(entry, weight * column, inks) for column in points.T]
-        means = np.stack(sums, axis=1) / np.maximum(mass, 1e-12)[:, None]
-        centers = np.where(mass[:, None] > 0, means, centers)
-    entry = nearest_entry(centers, points)[1]
+        centers = _means(cells, weight, nearest_entry(centers, cells)[1], centers)
+    entry = nearest_entry(centers, cells)[1][cell]
     found: list[tuple[float, str]] = []
     for k in range(inks):
         of_it = np.flatnonzero(entry == k)
+        if not len(of_it):
+            continue
         share = counts[of_it] / counts[of_it].sum()
         # The colour of the file that is nearest to the mean where none is that of a flat area.
         at = of_it[share.argmax()]
@@ -110,16 +118,47 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
 
 
 def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-    """Distinct colours (n, 3) in levels of the visible pixels, and how many pixels have each."""
+    """Distinct colours (n, 3) in levels of the visible pixels, and how much (n,) of each.
+
+    A pixel counts 1, and less where its neighbours are of other colours.
+    """
     import numpy as np
 
-    flat = pixels.reshape(-1, pixels.shape[2])
-    flat = flat[:: max(1, len(flat) // _LOOKED_AT)]
+    steps = np.zeros(pixels.shape[:2])
+    for axis in (0, 1):
+        step = np.abs(np.diff(pixels, axis=axis)).max(axis=2)
+        for before, after in ((0, 1), (1, 0)):
+            beside = np.pad(step, [(before, after) if a == axis else (0, 0) for a in (0, 1)])
+            np.maximum(steps, beside, out=steps)
+    every = slice(None, None, max(1, steps.size // _LOOKED_AT))
+    flat = pixels.reshape(-1, pixels.shape[2])[every]
+    share = 1 / (1 + np.square(steps.ravel()[every] / _AT_AN_EDGE))
     if flat.shape[1] > 3:
-        flat = flat[flat[:, 3] >= 0.5, :3]
+        seen = flat[:, 3] >= 0.5
+        flat, share = flat[seen, :3], share[seen]
     levels = np.round(flat * 255).astype(np.uint8)
-    colors, counts = np.unique(levels, axis=0, return_counts=True)
-    return colors, counts.astype(np.float64)
+    _, first, which = np.unique(_codes(levels), return_index=True, return_inverse=True)
+    return levels[first], np.bincount(which, share)
+
+
+def _codes(levels: NDArray[np.uint8]) -> NDArray[np.int64]:
+    """(n,) a number for each colour (n, 3), which sorts faster than three do."""
+    return levels @ [65536, 256, 1]
+
+
+def _means(
+    points: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    entry: NDArray[np.intp],
+    others: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """(k, 3) weighted means of the points of each entry; of one without points that of others."""
+    import numpy as np
+
+    mass = np.bincount(entry, weight, len(others))
+    sums = [np.bincount(entry, weight * column, len(others)) for column in points.T]
+    means = np.stack(sums, axis=1) / np.maximum(mass, 1e-12)[:, None]
+    return np.where(mass[:, None] > 0, means, others)
 
 
 def _spread(
