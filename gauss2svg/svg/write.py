@@ -264,10 +264,11 @@ def _add_inks(drawing: Any, shapes: Sequence[Drawn], scene: Scene) -> None:
     """Add shapes in groups, each of one ink, which has the fill."""
     inkscape = Inkscape(drawing)
     for index, run in runs(scene.round_index[[shape.index for shape in shapes]].tolist()):
-        ink = ink_name(scene.color[shapes[run][0].index])
+        first = shapes[run][0]
+        ink, fill = ink_name(scene.color[first.index]), first.element.attributes["fill"]
         inside = [one.element.without("fill") for one in shapes[run]]
         layer = inkscape.layer(
-            label=f"Ink {ink}: {len(inside)} ellipses", id=f"ink-{index + 1}", fill=ink
+            label=f"Ink {ink}: {len(inside)} ellipses", id=f"ink-{index + 1}", fill=fill
         )
         drawing.add(_add_all(layer, inside))
 

@@ -55,6 +55,13 @@ def test_every_option_is_described_except_the_servers_own():
         assert option["help"]
 
 
+def test_palette_files_of_the_server_are_not_read(tmp_path):
+    (tmp_path / "two.gpl").write_text("GIMP Palette\n0 0 0\n255 255 255\n")
+    with pytest.raises(InputError, match="inks must be colours or a number"):
+        options_of({"inks": str(tmp_path / "two.gpl")})
+    assert options_of({"inks": "#000,#fff"}).fit.inks == "#000000,#ffffff"
+
+
 def test_the_help_is_that_of_the_command_line(capsys):
     build_app(everything=True)(["--help-all"], exit_on_error=False)
     shown = letters(capsys.readouterr().out)

@@ -144,6 +144,15 @@ def test_separations_are_files_beside_the_picture(photo, tmp_path):
     assert all(title in svg for title, svg in zip(titles, made, strict=True))
 
 
+def test_opaque_shapes_that_hide_others_are_warned_of_with_outlines(photo, tmp_path, capsys):
+    picture, lines = tmp_path / "photo.png", tmp_path / "lines.svg"
+    Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(picture)
+    given = [str(picture), "-o", str(tmp_path / "o.svg"), "--gaussians", "30", "--inks", "3"]
+    for more, warned in ((["--outline", str(lines)], True), ([], False)):
+        assert main([*given, "--iterations", "20", *more]) == 0
+        assert ("opaque ellipses hide what is below them" in capsys.readouterr().err) == warned
+
+
 @pytest.mark.parametrize(
     ("given", "why"),
     [
