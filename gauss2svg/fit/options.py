@@ -11,7 +11,7 @@ from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.fit.choices import PERCEPTUAL, PSNR, Tune, has_ssim
 from gauss2svg.fit.schedule import GROWTH_SHARE, steps_of, totals
 from gauss2svg.options import Number, OptionGroup, Whole
-from gauss2svg.photo.inks import Inks, check_inks
+from gauss2svg.scene.inks import Inks, check_inks
 from gauss2svg.scene.names import ADAPTIVE, ADD, CRISP, GAUSSIAN, OVER, SKEWED
 
 if TYPE_CHECKING:

@@ -21,9 +21,9 @@ from gauss2svg.fit.schedule import LARGEST_REDUCTION, reduction, refinement_redu
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
-from gauss2svg.photo.inks import ink_colors, inks_of
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, PLAIN, Scene
+from gauss2svg.scene.inks import ink_colors, inks_of
 
 # Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02

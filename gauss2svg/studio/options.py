@@ -13,11 +13,11 @@ from gauss2svg.measure.perceptual import packages
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS
-from gauss2svg.photo.inks import PALETTE_SUFFIX
 from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.processes import command_line
+from gauss2svg.scene.inks import PALETTE_SUFFIX
 from gauss2svg.studio.guard import MOST_UPLOADED
 
 MOST_DRAWN = 40_000_000  # px of a PNG: half a gigabyte while it is drawn

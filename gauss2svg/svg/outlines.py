@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.photo.inks import MOST_INKS, ink_colors, inks_of
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import half_radius
+from gauss2svg.scene.inks import MOST_INKS, ink_colors, inks_of
 from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.svg.element import Element, hex_color, number
 from gauss2svg.svg.encode import Drawn
@@ -66,7 +66,7 @@ class Pen:
 def pen_strokes(scene: Scene, count: int) -> list[Pen]:
     """At most `count` pens, lightest first, with what `outlines` draws as far as it is on the page.
 
-    Their colours are those of gauss2svg.photo.inks.inks_of for the colours of the shapes.
+    Their colours are those of gauss2svg.scene.inks.inks_of for the colours of the shapes.
     """
     drawn = outlines(scene)
     if not drawn:

@@ -14,9 +14,9 @@ from gauss2svg.fit.inks import Inks
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import target_of
-from gauss2svg.photo.inks import ink_colors
 from gauss2svg.pipeline.checkpoint import packed, unpacked
 from gauss2svg.raster import rasterize
+from gauss2svg.scene.inks import ink_colors
 from gauss2svg.svg.reader.read import read_svg
 
 INKS = "#f7c306,#c0322c,#17324d"

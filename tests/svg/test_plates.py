@@ -9,9 +9,9 @@ from scipy.ndimage import maximum_filter, minimum_filter
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.photo.inks import ink_colors
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import PLAIN, Scene
+from gauss2svg.scene.inks import ink_colors
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.minimal.paint_order import overlaps

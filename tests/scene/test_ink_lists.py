@@ -5,7 +5,7 @@ import pytest
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit.options import FitOptions
-from gauss2svg.photo.inks import check_inks, ink_colors, inks_of
+from gauss2svg.scene.inks import check_inks, ink_colors, inks_of
 
 GIVEN = "#f7c306,#c0322c,#17324d"
 
