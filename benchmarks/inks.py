@@ -20,6 +20,7 @@ import time
 from dataclasses import asdict, dataclass, field
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from common import eight_bits, largest_square, vectorized
@@ -93,7 +94,7 @@ def traced(name: str, picture: Pixels, inks: str, limit: int) -> Row | None:
     best, (height, width) = None, picture.shape[:2]
     for scale, *values in product(_SCALES, *_GRID.values()):
         png = as_png(in_inks(shrunk(picture, round(scale * height), round(scale * width)), inks))
-        settings = dict(zip(_GRID, values, strict=True))
+        settings: Any = dict(zip(_GRID, values, strict=True))
         begun = time.perf_counter()
         svg = vtracer.convert_raw_image_to_svg(
             png, img_format="png", color_precision=8, layer_difference=0, path_precision=0,

@@ -98,7 +98,7 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         cell = np.arange(len(colors))
     whole = np.bincount(cell, counts)
     cells = _means(points, counts, cell, np.zeros((len(whole), 3)))
-    weight = whole**_BY_PIXELS
+    weight = np.asarray(whole**_BY_PIXELS, np.float64)
     centers = _spread(cells, weight, inks)
     for _ in range(_LLOYD):
         centers = _means(cells, weight, nearest_entry(centers, cells)[1], centers)
@@ -138,7 +138,7 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], NDArray[np
         flat, share = flat[seen, :3], share[seen]
     levels = np.round(flat * 255).astype(np.uint8)
     _, first, which = np.unique(_codes(levels), return_index=True, return_inverse=True)
-    return levels[first], np.bincount(which, share)
+    return levels[first], np.bincount(which, share).astype(np.float64)
 
 
 def _codes(levels: NDArray[np.uint8]) -> NDArray[np.int64]:

@@ -131,7 +131,7 @@ def _spans(
     ends = np.append(ends, ends[0] + 2 * math.pi)
     middles = 0.5 * (ends[1:] + ends[:-1])
     at = center + np.stack([np.cos(middles), np.sin(middles)], axis=1) @ matrix.T
-    inside = ((at >= 0) & (at <= page)).all(axis=1)
+    inside: NDArray[np.bool_] = np.all((at >= 0) & (at <= np.array(page)), axis=1)
     if inside.all():
         return None
     # Begin after a part that is off the page, so that none wraps round.
