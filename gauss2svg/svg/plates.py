@@ -1,7 +1,7 @@
 """Scenes in inks: shapes of one ink together, and what is seen of an ink as a plate.
 
-bottom  yellow ellipses | blue ones over them | yellow ones over those: three groups of two inks
-plate of the yellow: the first group black, the blue ones white, the last group black
+Yellow ellipses, blue ones over them and yellow ones over those are three groups of two inks. The
+plate of the yellow has the first group in black, the blue ones in white, the last group in black.
 """
 
 from __future__ import annotations
