@@ -56,7 +56,7 @@ class FitOptions(OptionGroup):
     with additive blending."""
 
     inks: Annotated[Inks | None, check_inks] = None
-    """Draw in these colours alone, the background among them: '#f7c306,#c0322c,#17324d', how many
+    """Draw in these colours alone, the background among them: "#f7c306,#c0322c,#17324d", how many
     to choose for the picture, or a palette file (.gpl). Shapes are opaque and crisp."""
 
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0

@@ -225,5 +225,5 @@ def _hex(name: str, text: str) -> str:
 def _bad(name: str, needed: str, got: Any) -> InputError:
     shown = got if isinstance(got, (int, str)) else brief(str(got))
     return InputError(
-        f"{name} must be {needed}; got {quoted(shown)}. Try 6, or '#f7c306,#c0322c,#17324d'"
+        f'{name} must be {needed}; got {quoted(shown)}. Try 6, or "#f7c306,#c0322c,#17324d"'
     )
