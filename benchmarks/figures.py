@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from skimage import data
 
-from gauss2svg import FitOptions, Scene, quantize, vectorize, write_svg
+from gauss2svg import FitOptions, Scene, SvgOptions, quantize, vectorize, write_svg
 from gauss2svg.errors import RendererError
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.load import load_image
@@ -220,6 +220,20 @@ def logos() -> Figure:
     return tiles([*(r.raster for r in results), logo], [*titles, "the picture"])
 
 
+def inks() -> Figure:
+    """A cup of coffee in few inks, and the picture."""
+    picture = data.coffee() / np.float32(255)
+    counts = (3, 6, 12)
+    svg = SvgOptions(markup="minimal")
+    results = [
+        vectorize(picture, max_bytes=20_000, fit=FitOptions(inks=k), svg=svg) for k in counts
+    ]
+    titles = [
+        f"{k} inks: {r.report['psnr_svg']:.1f} dB" for k, r in zip(counts, results, strict=True)
+    ]
+    return tiles([*(r.raster for r in results), picture], [*titles, "the picture"])
+
+
 FIGURES: dict[str, Callable[[], Figure]] = {
     "model": model,
     "progressive-fit": progressive_fit,
@@ -228,6 +242,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "additive-blending": additive_blending,
     "extremes": extremes,
     "logos": logos,
+    "inks": inks,
 }
 
 

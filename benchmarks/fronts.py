@@ -92,7 +92,11 @@ def run(tree: Path, threads: int, folder: Path, name: str, family: str, given: l
     begun = time.perf_counter()
     with open(f"{stem}.txt", "w+") as errors:
         process = subprocess.Popen(
-            command, env=os.environ | {"PYTHONPATH": str(tree)}, stderr=errors, stdout=errors
+            command,
+            cwd=folder,
+            env=os.environ | {"PYTHONPATH": str(tree)},
+            stderr=errors,
+            stdout=errors,
         )
         _, ended, used = os.wait4(process.pid, 0)
         process.returncode = status = os.waitstatus_to_exitcode(ended)

@@ -35,5 +35,5 @@ from .svg.document import Document as Document
 from .svg.format import SvgFormat as SvgFormat
 from .svg.notebook import Scene as Scene
 from .svg.reader.read import read_svg as read_svg
-from .svg.write import outline_svg as outline_svg, write_svg as write_svg
+from .svg.write import outline_svg as outline_svg, plate_svg as plate_svg, write_svg as write_svg
 from .version import __version__ as __version__

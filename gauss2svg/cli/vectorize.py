@@ -28,6 +28,7 @@ _EXAMPLES = (
 HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
+MAKERS_TITLE = "Plates and pens"
 _OURS = b"written by gauss2svg"  # of the description of every file
 _HEAD = 65536  # bytes within which it stands
 _ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
@@ -65,6 +66,24 @@ class OutputFiles:
     """Show neither progress nor summary."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class MakerFiles:
+    """What printers and plotters take."""
+
+    separations: Path | None = None
+    """With --inks save a plate for each to plate-1.svg, plate-2.svg, where this is plate.svg: black
+    where the ink is seen."""
+
+    pens: int | None = None
+    """Pens that draw the --outline, each a layer; then lines end at the page, and sizes are in
+    mm."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Files(MakerFiles, OutputFiles):
+    """All further files."""
+
+
 def vectorize_command(everything: bool, short: bool = False) -> Callable[..., int]:
     """The command as a function of options whose groups are shown in its help, or most of them.
 
@@ -74,6 +93,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
         for order, key in enumerate(_ORDER[:1] if short else _ORDER)
     }
+    makers_group = Group(MAKERS_TITLE, sort_key=0.6, show=everything)
     parsed = options_of(groups)
     defaults = parsed()
 
@@ -86,8 +106,10 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         files: Annotated[
             OutputFiles, Parameter(name="*", group=Group("Output files", sort_key=0.5))
         ] = OutputFiles(),
+        makers: Annotated[MakerFiles, Parameter(name="*", group=makers_group)] = MakerFiles(),
     ) -> int:
-        return _run(_one_photo(photo), output, Options(**vars(options)), files)
+        both = Files(**vars(files), **vars(makers))
+        return _run(_one_photo(photo), output, Options(**vars(options)), both)
 
     command.__doc__ = HELP + _PARAMETERS
     return command
@@ -113,7 +135,7 @@ def _one_photo(photos: tuple[str, ...]) -> str:
     return photos[0]
 
 
-def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> int:
+def _run(photo: str, output: str | None, options: Any, files: Files) -> int:
 
     with interruptible() as interruption:
         output, options = _checked(photo, output, options, files)
@@ -123,7 +145,7 @@ def _run(photo: str, output: str | None, options: Any, files: OutputFiles) -> in
     return interruption.status
 
 
-def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -> tuple[str, Any]:
+def _checked(photo: str, output: str | None, options: Any, files: Files) -> tuple[str, Any]:
     """The name of the SVG and the options that follow from it, once all names are checked."""
     from gauss2svg.files import STANDARD_STREAM, refuse_option_like
     from gauss2svg.svg.file import check_svg_name, is_svgz
@@ -136,6 +158,7 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
             "--outline must not be given with --blend add, whose signed colours have no strokes. "
             "Try --portable"
         )
+    _check_pens(options, files)
     if not output:
         check_svg_name("--output", output)
     _check_files(photo, output, options, files)
@@ -146,10 +169,37 @@ def _checked(photo: str, output: str | None, options: Any, files: OutputFiles) -
             ("--preview", files.preview, ".png"),
             ("--report", files.report, ".json"),
             ("--outline", files.outline, ".svg"),
+            ("--separations", files.separations, ".svg"),
             ("--save-scene", files.save_scene, ".npz"),
         ]
     )
     return output, options.changed(gzip=True) if is_svgz(output) else options
+
+
+def _check_pens(options: Any, files: Files) -> None:
+    """Refuse pens without outlines, and plates without inks."""
+    from gauss2svg.errors import whole_number
+    from gauss2svg.svg.outlines import MOST_PENS
+
+    if files.separations is not None and options.fit.inks is None:
+        raise InputError("--separations must be given with --inks; got none. Try --inks 3")
+    if files.pens is None:
+        return
+    whole_number("--pens", files.pens, 1, MOST_PENS)
+    if files.outline is None:
+        raise InputError(
+            f"--pens must be given with --outline; got {files.pens} alone. Try --outline plot.svg"
+        )
+    for name in options.document.layered:
+        raise InputError(f"--pens must not be given with {name}, whose layers are rounds")
+
+
+def _plates(files: Files, count: int) -> list[Path]:
+    """Names of the files of so many plates."""
+    path = files.separations
+    if path is None:
+        return []
+    return [path.with_name(f"{path.stem}-{k}{path.suffix}") for k in range(1, count + 1)]
 
 
 def _default_output(photo: str, overwrite: bool) -> str:
@@ -201,7 +251,7 @@ def _check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]
             check_type(name, os.fspath(path), (*allowed, "text/plain"), suffix)
 
 
-def _result(photo: str, output: str, options: Any, files: OutputFiles, interruption: Any) -> Any:
+def _result(photo: str, output: str, options: Any, files: Files, interruption: Any) -> Any:
     from gauss2svg.files import STANDARD_STREAM
     from gauss2svg.pipeline.shown import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
@@ -228,7 +278,7 @@ def _result(photo: str, output: str, options: Any, files: OutputFiles, interrupt
         )
 
 
-def _write(result: Any, output: str, files: OutputFiles) -> None:
+def _write(result: Any, output: str, files: Files) -> None:
     import io
 
     from gauss2svg.files import STANDARD_STREAM, as_json, as_png, write_all_atomically
@@ -241,7 +291,11 @@ def _write(result: Any, output: str, files: OutputFiles) -> None:
     else:
         written[output] = svg
     if files.outline is not None:
-        written[files.outline] = file_bytes(result.outline(), is_svgz(files.outline))
+        written[files.outline] = file_bytes(result.outline(files.pens), is_svgz(files.outline))
+    if files.separations is not None:
+        plates = list(result.plates().values())
+        for path, plate in zip(_plates(files, len(plates)), plates, strict=True):
+            written[path] = file_bytes(plate, is_svgz(path))
     if files.preview is not None:
         written[files.preview] = as_png(result.raster)
     if files.save_scene is not None:
@@ -253,7 +307,7 @@ def _write(result: Any, output: str, files: OutputFiles) -> None:
     write_all_atomically(written)
 
 
-def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> None:
+def _report(result: Any, output: str, files: Files, interruption: Any) -> None:
     """What a person reads at the end, on standard error."""
     from gauss2svg.cli.terminal import print_summary
     from gauss2svg.files import STANDARD_STREAM
@@ -265,6 +319,11 @@ def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> 
     else:
         lines = []
         print_summary(report, None if output == STANDARD_STREAM else output)
+        if files.outline is not None and (hiding := result.hiding) > 0:
+            lines.append(
+                f"{hiding} opaque ellipses hide what is below them in the picture, where "
+                f"{files.outline} has all lines"
+            )
     checkpoint = report["checkpoint"]
     if report["checkpoint_trouble"] is not None:
         lines.append(report["checkpoint_trouble"])
@@ -280,12 +339,15 @@ def _report(result: Any, output: str, files: OutputFiles, interruption: Any) -> 
         say(line)
 
 
-def _check_files(photo: str, output: str, options: Any, files: OutputFiles) -> None:
+def _check_files(photo: str, output: str, options: Any, files: Files) -> None:
     """Refuse outputs that could not be written, or would overwrite an input or each other."""
     from gauss2svg.files import STANDARD_STREAM, check_outputs
 
     further = (files.outline, files.report, files.preview, files.save_scene)
     outputs = [path for path in further if path is not None]
+    inks = options.fit.inks
+    if inks is not None:
+        outputs += _plates(files, inks if isinstance(inks, int) else inks.count(",") + 1)
     if output != STANDARD_STREAM:
         outputs.insert(0, Path(output))
     inputs = {photo: "the photo"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 from gauss2svg.fit.adam import RATES, Rates
@@ -48,6 +49,13 @@ class Blending:
     initial_opacity_logit: float
     initial_sigma: float
     color_from_residual: bool
+
+
+def in_inks(usual: Blending) -> Blending:
+    """The settings where shapes are opaque and keep their colours and exponents."""
+    held = dict.fromkeys(("opacity", "color", "beta", "skew"), 0.0)
+    rates = {**usual.rates, **held}
+    return dataclasses.replace(usual, rates=rates, initial_opacity_logit=OPAQUE_LOGIT)
 
 
 def blending(

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.fit import schedule
-from gauss2svg.fit.choices import PERCEPTUAL, Tune, has_ssim
+from gauss2svg.fit.choices import PERCEPTUAL, PSNR, Tune, has_ssim
 from gauss2svg.fit.schedule import steps_of, totals
 from gauss2svg.options import Number, OptionGroup, Whole
-from gauss2svg.scene.names import ADAPTIVE, ADD, GAUSSIAN, OVER, SKEWED
+from gauss2svg.scene.inks import Inks, check_inks
+from gauss2svg.scene.names import ADAPTIVE, ADD, CRISP, GAUSSIAN, OVER, SKEWED
 
 if TYPE_CHECKING:
     from gauss2svg.scene import Scene
@@ -34,7 +35,7 @@ class FitOptions(OptionGroup):
     tune: Tune | None = None
     """What the fit is best at: what people see (perceptual), where errors count less in texture and
     more on smooth areas, or PSNR (psnr); the default is perceptual, or psnr in the smallest
-    files."""
+    files and in inks."""
 
     ssim_weight: Annotated[float | None, Number(0, 1)] = None
     """Weight of 1 - SSIM in a loss with ssim, 0 to 1; the default is 0.2."""
@@ -51,19 +52,23 @@ class FitOptions(OptionGroup):
     files of more than 30 kB; gaussian keeps Gaussians, as in the paper. The default is adaptive, or
     gaussian with additive blending."""
 
+    inks: Annotated[Inks | None, check_inks] = None
+    """Draw in these colours alone, the background among them: "#f7c306,#c0322c,#17324d", how many
+    to choose for the picture, or a palette file (.gpl). Shapes are opaque and crisp."""
+
     seed: Annotated[int, Whole(0, 2**63 - 1)] = 0
     """Random seed; the same seed gives the same file. Another often does too: by default little is
     drawn at random."""
 
     @property
     def tuned(self) -> Tune:
-        """tune, or its default."""
-        return self.tune or PERCEPTUAL
+        """tune, or its default, which in inks is PSNR: docs/decisions/inks.md."""
+        return self.tune or (PERCEPTUAL if self.inks is None else PSNR)
 
     @property
     def learned_falloff(self) -> bool:
         """Whether each shape learns its exponent."""
-        return self.shaped != GAUSSIAN
+        return self.shaped not in (GAUSSIAN, CRISP)
 
     @property
     def learned_skew(self) -> bool:
@@ -72,7 +77,9 @@ class FitOptions(OptionGroup):
 
     @property
     def shaped(self) -> str:
-        """falloff, or its default."""
+        """falloff, or its default; that of shapes in inks."""
+        if self.inks is not None:
+            return CRISP
         return self.falloff or (GAUSSIAN if self.blend == ADD else ADAPTIVE)
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.blending import blending
+from gauss2svg.fit.blending import blending, in_inks
 from gauss2svg.fit.convert import composited
+from gauss2svg.fit.inks import OPAQUE_LOGIT, Inks, crisp
 from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import NewGaussians, first_falloff, place
@@ -22,7 +23,8 @@ from gauss2svg.fit.state import State
 from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
 from gauss2svg.render.cpu import Splats
-from gauss2svg.scene import ADD, Scene
+from gauss2svg.scene import ADD, PLAIN, Scene
+from gauss2svg.scene.inks import ink_colors, inks_of
 
 # Fainter shapes vanish on 8-bit canvases or are 10 to 60 % off (docs/decisions/renderers.md).
 LEAST_OPACITY = 0.02
@@ -73,10 +75,21 @@ class Population(Saved):
         if has_alpha(pixels):
             self.background = np.ones(3)  # not written
         self.rng = np.random.default_rng(config.fit.seed)
-        self._pyramid = targets or TargetPyramid(pixels, config.fit.tuned)
+        self.inks: Inks | None = None
+        if config.fit.inks is not None:
+            inks: Any = config.fit.inks  # as it is checked
+            self.inks = Inks(ink_colors(inks_of(pixels, inks)))
+            self.blending = in_inks(self.blending)
+        photo = targets or TargetPyramid(pixels, config.fit.tuned)
+        self._photo = self._pyramid = photo
+        if self.inks is not None:
+            aimed_at = self.inks.drawn
+            self._pyramid = TargetPyramid(pixels, config.fit.tuned, aimed_at=aimed_at)
         self.reduction = 1
         self.target = self._pyramid.reduced(1)
         self._order = None if segment_at is None else SegmentOrder(segment_at)
+        if self.inks is not None and not has_alpha(pixels):
+            self.background = self.inks.background(self.target)
 
     def __len__(self) -> int:
         return len(self.state)
@@ -88,6 +101,7 @@ class Population(Saved):
 
     def splats(self) -> Splats:
         """The Gaussians as the kernels read them."""
+        self._keep_crisp()
         return self.state.splats(self.background, self.config.fit.blend)
 
     def rendered(self) -> NDArray[np.floating]:
@@ -96,20 +110,23 @@ class Population(Saved):
 
     def scene(self) -> Scene:
         """The Gaussians on the working canvas."""
+        self._keep_crisp()
         size = self.target.width, self.target.height
         scene = self.state.scene(self.background, *size, self.config.fit.blend)
         if self.target.is_transparent:
             scene = scene.replace(transparent=True)
+        if self.inks is not None:  # a logit says nearly 1
+            scene = scene.replace(opacity=np.ones(len(scene)))
         height, width = self._pyramid.pixels.shape[:2]
         if (width, height) == size:
             return scene
         return scene.scaled(width / size[0], height / size[1])
 
     def error(self) -> float:
-        """Mean squared error at full size, also while the target is reduced."""
+        """Mean squared error against the photo at full size, also while the target is reduced."""
         factor = self.reduction
         self.reduce_to(1)
-        error = self.target.error(self.splats())
+        error = self._photo.reduced(1).error(self.splats())
         self.reduce_to(factor)
         return error
 
@@ -205,7 +222,18 @@ class Population(Saved):
         if self._order is not None:
             self.state = self._order.kept(self.state, self.target.width, self.target.height)
 
+    def exchange_inks(self) -> None:
+        """Give every shape the ink of least error."""
+        if self.inks is not None and len(self):
+            self.inks.exchange(self.state, self.splats, self.target, self.rng)
+
+    def _keep_crisp(self) -> None:
+        if self.inks is not None:
+            self.state.raw_beta = crisp(self.state.factor)
+
     def _add(self, rendered: NDArray[np.floating], count: int, total: int) -> None:
+        if self.inks is not None:
+            rendered = self.inks.reducible(self.target, rendered)
         new = place(
             self.config.densify.init, self.target, rendered, count, total, self.rng, self.blending
         )
@@ -214,10 +242,14 @@ class Population(Saved):
         color = new.color
         if self.blending.additive:
             color = color / self._overlap(new)[:, None]
+        if self.inks is not None:
+            color, opacity = self.inks.nearest(color), np.full(len(color), OPAQUE_LOGIT)
         added = State.of(
             new.mean, new.factor, self.round_index,
             raw_opacity=opacity, color=color, **shape,
         )  # fmt: skip
+        if self.inks is not None:
+            added.drawn[:] = PLAIN
         self.state = self.state.append(added)
         if self._order is not None:  # from the start, so that the fit makes up for it
             self.state = self._order.grouped_by_segment(

@@ -19,6 +19,7 @@ from gauss2svg.fit.choices import DEFAULT_LOSS
 from gauss2svg.fit.clock import Clock, Stopwatch
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
+from gauss2svg.fit.inks import EXCHANGED_EVERY
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
@@ -325,8 +326,9 @@ class FitSession(Saved):
             with self.clock.paused():
                 scene = self._as_written(self.scene(), self._recent_psnr())
             population.state = self.state.quantized(scene)
-            self._rates = self._shared_rates()
-            self._shared = SharedColors.of(self.state, population.blending)
+            if population.inks is None:
+                self._rates = self._shared_rates()
+                self._shared = SharedColors.of(self.state, population.blending)
         self.guard.reset()
 
     @property
@@ -347,8 +349,10 @@ class FitSession(Saved):
         return psnr_of(self.population.error())
 
     def _recent_psnr(self) -> float:
-        """Mean PSNR of the last steps, which ran at full size."""
-        return psnr_of(float(np.mean(self._errors))) if self._errors else self._psnr_now()
+        """Mean PSNR of the last steps, which ran at full size; in inks that against the photo."""
+        if not self._errors or self.population.inks is not None:
+            return self._psnr_now()
+        return psnr_of(float(np.mean(self._errors)))
 
     def _evaluate(self, splats: Splats) -> LossAndGradient:
         options = self.config.fit
@@ -360,6 +364,8 @@ class FitSession(Saved):
         due = due and (not self._errors or self._errors[-1] > NEGLIGIBLE)
         if due and self.config.densify.relocate and self.population.relocate():
             self.guard.relocated()
+        if self.population.inks is not None and self.clock.iteration % EXCHANGED_EVERY == 0:
+            self.population.exchange_inks()
         splats = self.population.splats()
         evaluated = self._evaluate(splats)
         if self.guard.accepts(evaluated.loss, evaluated.error, self.state, self._shared):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from operator import add
@@ -238,11 +239,19 @@ class TargetPyramid:
     """An image (h, w, 3) or (h, w, 4) as targets of reduced size.
 
     tune is that of Target. The kernels compute in dtype, float32 or float64, which takes twice the
-    time and gains no PSNR (docs/decisions/numbers.md).
+    time and gains no PSNR (docs/decisions/numbers.md); aimed_at maps a reduced image to what is to
+    be drawn of it.
     """
 
-    def __init__(self, pixels: NDArray[np.float32], tune: str, dtype: Any = np.float32) -> None:
+    def __init__(
+        self,
+        pixels: NDArray[np.float32],
+        tune: str,
+        dtype: Any = np.float32,
+        aimed_at: Callable[[NDArray[np.float32]], NDArray[np.float32]] | None = None,
+    ) -> None:
         self.pixels = pixels
+        self._aimed_at = aimed_at
         self._dtype = dtype
         self._tune = tune
         self._targets: dict[int, Target] = {}
@@ -253,5 +262,7 @@ class TargetPyramid:
             height, width = self.pixels.shape[:2]
             size = max(1, height // factor), max(1, width // factor)
             small = shrunk(self.pixels, *size)
+            if self._aimed_at is not None:
+                small = self._aimed_at(small)
             self._targets[factor] = target_of(small, self._dtype, self._tune)
         return self._targets[factor]

@@ -13,12 +13,16 @@ class BytesEachTuning:
     gzipped  share of its bytes that gzip leaves (docs/decisions/numbers.md)
     limited  usual where a limit of bytes is to be filled (docs/decisions/time.md)
     least    fewest there
+    in_inks        usual of an ellipse of one of a few inks (docs/decisions/inks.md)
+    least_in_inks  fewest of it, in minimal markup
     """
 
     usual: int = 120
     gzipped: float = 0.17
     limited: int = 100
     least: int = 60
+    in_inks: int = 60
+    least_in_inks: int = 20
 
 
 TUNING = BytesEachTuning()

@@ -19,6 +19,7 @@ def check_together(options: Options) -> None:
     _check_blend(options)
     _check_rounds(options)
     _check_shapes(options)
+    _check_inks(options)
     goal, svg = options.goal, options.svg
     if svg.count_gzipped and goal.max_bytes is None:
         raise InputError(
@@ -108,6 +109,25 @@ def _check_shapes(options: Options) -> None:
         raise RendererError(
             f"form must be {GRADIENT} with the renderer {renderer}, which does not render "
             f"rotated blurs; got {svg.form}. Try --renderer {DRAW_ROTATED_BLURS[0]}"
+        )
+
+
+def _check_inks(options: Options) -> None:
+    """Refuse beside inks what asks for other shapes, colours or layers."""
+    fit, svg = options.fit, options.svg
+    if fit.inks is None:
+        return
+    others = {
+        f"blend {ADD}": fit.blend == ADD,
+        f"falloff {fit.falloff}": fit.falloff is not None,
+        f"form {svg.form}": svg.form != GRADIENT,
+        "palette": svg.palette is not None,
+        "stops": svg.stops is not None,
+    }
+    for name in [*(name for name, given in others.items() if given), *options.document.layered]:
+        raise InputError(
+            f"{name} must not be given with inks, which are opaque ellipses without gradients, in "
+            f"layers by ink; got inks {fit.inks}. Try without it"
         )
 
 

@@ -137,7 +137,8 @@ class SvgOptions(OptionGroup):
     --max-bytes up to 200k the closer one, else editable."""
 
     palette: Annotated[int | None, Whole(0, 2**24)] = None
-    """Maximum number of gradients in the file; fewer make it smaller, 0 writes all."""
+    """Maximum number of gradients in the file; fewer make it smaller, 0 writes all. The picture
+    still has thousands of colours: for a few see --inks."""
 
     stops: Annotated[int | None, OneOf(STOP_COUNTS)] = None
     """Stops of each gradient: 5, 6, 8, 10 or 12; the preset's if not given."""

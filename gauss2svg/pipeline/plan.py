@@ -6,7 +6,10 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from gauss2svg.fit.choices import DEFAULT_LOSS, PSNR, Tune
 from gauss2svg.fit.options import DensifyOptions, FitConfig
@@ -25,8 +28,9 @@ from gauss2svg.pipeline.presets import (
 )
 from gauss2svg.raster import DRAW_MINIMAL, renderer_version
 from gauss2svg.scene import ADD, OVER
+from gauss2svg.scene.inks import inks_of
 from gauss2svg.scene.names import ADAPTIVE
-from gauss2svg.svg.format import EDITABLE, MINIMAL, SvgFormat
+from gauss2svg.svg.format import EDITABLE, INKS, MINIMAL, ROUNDS, SvgFormat
 
 Markup = Literal["editable", "minimal"]
 
@@ -61,6 +65,8 @@ class PlanTuning:
                          spent once all Gaussians exist (docs/decisions/time.md)
     nearly               times a preset's largest side up to which a photo would be reduced too
                          little to matter, and is not
+    precision_of_inks    px: edges of opaque ellipses at no more than a tenth of one
+                         (docs/decisions/inks.md)
     """
 
     by_bytes_up_to: int = 30_000
@@ -75,6 +81,7 @@ class PlanTuning:
     most_steps: int = 1000
     steps_a_round: int = 6
     nearly: float = 1.5
+    precision_of_inks: float = 0.1
 
 
 TUNING = PlanTuning()
@@ -105,6 +112,18 @@ class Plan:
         check_together(self.options)
         _ = self.fit_config
 
+    @property
+    def in_inks(self) -> bool:
+        """Whether shapes are opaque ellipses of a few inks."""
+        return self.options.fit.inks is not None
+
+    def in_inks_of(self, pixels: NDArray[np.float32]) -> Plan:
+        """The plan with the inks that are chosen for a photo where their number is given."""
+        given: Any = self.options.fit.inks
+        if not isinstance(given, int):
+            return self
+        return dataclasses.replace(self, options=self.options.changed(inks=inks_of(pixels, given)))
+
     def check_renderer(self) -> None:
         """Raise RendererError if the measuring renderer is not installed."""
         renderer_version(self.options.run.renderer)
@@ -118,7 +137,7 @@ class Plan:
         """The preset, or the numbers of a budget of bytes or seconds."""
         goal = self.options.goal
         if self.is_budget:
-            return budget_preset(self.plain_limit, goal.time_limit)
+            return budget_preset(self.plain_limit, goal.time_limit, self.in_inks)
         return PRESETS[goal.quality or DEFAULT_PRESET]
 
     @property
@@ -258,6 +277,7 @@ class Plan:
         free = (svg.palette, svg.stops, svg.precision, run.checkpoint, run.resume)
         usual = self.options.densify == DensifyOptions() and self._may_be_minimal
         usual = usual and fit.loss == DEFAULT_LOSS and fit.blend == OVER and self.aim is None
+        usual = usual and not self.in_inks
         return usual and all(given is None for given in free)
 
     def searches(self) -> list[Plan]:
@@ -304,11 +324,13 @@ class Plan:
     def format_at(self, psnr: float | None) -> SvgFormat:
         """The format of the shapes of a scene of this PSNR in dB, None for any."""
         svg, preset = self.options.svg, self._written_like(psnr)
+        precision = TUNING.precision_of_inks if self.in_inks else preset.precision
         return SvgFormat(
             form=svg.form,
             markup=self.markup,
             stops=preset.stops if svg.stops is None else svg.stops,
-            precision=preset.precision if svg.precision is None else svg.precision,
+            precision=precision if svg.precision is None else svg.precision,
+            layers=INKS if self.in_inks else ROUNDS,
             opacity_decimals=preset.opacity_decimals,
         )
 

@@ -100,14 +100,18 @@ FINE_FROM = ("max", 46.0), ("high", 40.0)
 FINE_BYTES_FROM = (("high", 44.0),)
 
 
-def budget_preset(max_bytes: int | None, time_limit: float | None) -> Preset:
-    """The numbers of a run that is limited by bytes before gzip, or by seconds, alone."""
+def budget_preset(max_bytes: int | None, time_limit: float | None, inks: bool = False) -> Preset:
+    """The numbers of a run that is limited by bytes before gzip, or by seconds, alone.
+
+    inks  whether its shapes are opaque ellipses of a few inks
+    """
     usual, finest = PRESETS[DEFAULT_PRESET], PRESETS["max"]
     side, caps = finest.max_size, [MOST_GAUSSIANS]
     if time_limit is not None:
         caps.append(int(TUNING.most_a_second * time_limit))
     if max_bytes is not None:
-        caps.append(max_bytes // bytes_each.TUNING.least)
+        least = bytes_each.TUNING.least_in_inks if inks else bytes_each.TUNING.least
+        caps.append(max_bytes // least)
         square = math.sqrt(TUNING.pixels_each * max_bytes / bytes_each.TUNING.limited)
         side = round(min(max(square, usual.max_size), finest.max_size))
     cap = max(TUNING.least_cap, min(caps))

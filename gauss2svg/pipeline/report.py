@@ -23,6 +23,7 @@ from gauss2svg.pipeline.search.outcome import Outcome
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.file import bytes_by_part
 from gauss2svg.svg.format import MINIMAL
+from gauss2svg.svg.plates import ink_name, inks_of_scene
 from gauss2svg.version import __version__
 
 
@@ -119,6 +120,9 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
             "a tracer, such as vtracer, draws these few flat colours exactly in about "
             f"{math.ceil(outlines / 1000)} kB"
         )
+    unused = _unused_inks(plan, outcome)
+    if unused:
+        notes.append(f"{', '.join(unused)} of the inks is seen nowhere, for others are closer")
     rate = plan.options.fit.learning_rate
     if outcome.fitted.rollbacks and rate > 1:  # else nothing can be done about it
         notes.append(
@@ -126,6 +130,14 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
             f"ended at {outcome.fitted.rate:.3g}"
         )
     return notes
+
+
+def _unused_inks(plan: Plan, outcome: Outcome) -> list[str]:
+    inks: Any = plan.options.fit.inks
+    if inks is None:
+        return []
+    used = {ink_name(ink) for ink in inks_of_scene(outcome.scene)}
+    return [ink for ink in inks.split(",") if ink not in used]
 
 
 def decibels(value: float | None) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.errors import InputError
 from gauss2svg.files import write_atomically
 from gauss2svg.options import Flag, file_name
 from gauss2svg.pipeline.report import decibels
@@ -16,7 +18,10 @@ from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.file import check_svg_name, file_bytes, is_svgz
 from gauss2svg.svg.notebook import image
-from gauss2svg.svg.write import outline_svg
+from gauss2svg.svg.plates import ink_name, inks_of_scene
+from gauss2svg.svg.write import outline_svg, plate_svg
+
+_OPAQUE, _CRISP = 0.95, 3.0  # opacity and exponent from which a shape hides what is below it
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +57,31 @@ class Result:
             gzip = is_svgz(path) or bool(self.report["gzip"])
         write_atomically(path, file_bytes(self.svg, Flag()("gzip", gzip)))
 
-    def outline(self) -> str:
+    def outline(self, pens: int | None = None) -> str:
         """The SVG text of the outlines of the shapes; see gauss2svg.outline_svg."""
-        return outline_svg(self.scene, self.document)
+        return outline_svg(self.scene, self.document, pens=pens)
+
+    @property
+    def hiding(self) -> int:
+        """Number of shapes that hide what is below them: opaque ones with crisp rims."""
+        scene = self.scene
+        return int(np.count_nonzero((scene.opacity >= _OPAQUE) & (scene.beta >= _CRISP)))
+
+    def plates(self) -> dict[str, str]:
+        """The SVG text of each ink's plate, by its #rrggbb; see gauss2svg.plate_svg.
+
+        In the order of the inks, without those that are seen nowhere. Raises InputError for a run
+        without inks.
+        """
+        if self.report["inks"] is None:
+            raise InputError("inks must be given for plates; got none. Try FitOptions(inks=6)")
+        used = {ink_name(ink) for ink in inks_of_scene(self.scene)}
+        inks = [ink for ink in self.report["inks"].split(",") if ink in used]
+        return {ink: plate_svg(self.scene, ink, self._of_plate(ink)) for ink in inks}
+
+    def _of_plate(self, ink: str) -> Document:
+        title = f"{self.document.title}: {ink}"
+        return dataclasses.replace(self.document, title=title)
 
     def _repr_html_(self) -> str:
         alt = self.document.alt or self.document.title

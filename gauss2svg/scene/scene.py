@@ -332,6 +332,17 @@ class Scene:
         variance_x, variance_y = np.square(self.sigma).T
         return axes, 0.5 * np.arctan2(2 * l11 * l21, variance_x - variance_y)
 
+    @property
+    def inks(self) -> NDArray[np.float64] | None:
+        """(k, 3) colours of a scene of opaque plain ellipses alone, its background's among them.
+
+        In the order of their numbers; None of a scene with other shapes.
+        """
+        if not ((self.drawn == PLAIN).all() and (self.opacity == 1).all()):
+            return None
+        ground = np.zeros((0, 3)) if self.transparent else self.background[None]
+        return np.unique(np.round(np.concatenate([ground, self.color]) * 255), axis=0) / 255
+
     def replace(self, **changes: Any) -> Self:
         """A new scene with some fields replaced; validated again."""
         return dataclasses.replace(self, **changes)

@@ -17,6 +17,7 @@ from gauss2svg.pipeline.options import GROUP_TITLES, GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
 from gauss2svg.processes import command_line
+from gauss2svg.scene.inks import PALETTE_SUFFIX
 from gauss2svg.studio.guard import MOST_UPLOADED
 
 MOST_DRAWN = 40_000_000  # px of a PNG: half a gigabyte while it is drawn
@@ -42,6 +43,8 @@ def options_of(given: Any) -> Options:
             raise InputError(f"{name} must not be given; it is the server's. Try without it")
     if not isinstance(given.get("segments", 1), (int, type(None))):
         raise InputError(f"segments must be a whole number; got {quoted(given['segments'])}")
+    if str(given.get("inks", "")).strip().lower().endswith(PALETTE_SUFFIX):
+        raise InputError(f"inks must be colours or a number; got {quoted(given['inks'])}")
     options = Options.from_flat(given)
     Plan(options).check_renderer()
     return options

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 DEFAULT_TITLE = "Vectorised photo"
 PHOTO_SIZE, RESPONSIVE = "photo", "responsive"
-_UNITS = ("px", "mm", "cm", "in", "pt", "pc")
+# In mm; a pixel is that of CSS.
+_UNITS = {"px": 25.4 / 96, "mm": 1.0, "cm": 10.0, "in": 25.4, "pt": 25.4 / 72, "pc": 25.4 / 6}
 _SIZE = re.compile(rf"(\d+\.?\d*|\.\d+)({'|'.join(_UNITS)})")
 _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
 _COUNT = re.compile("[0-9]{1,18}")  # of segments
@@ -186,6 +187,11 @@ class Document(OptionGroup):
             )
         first, second = (side.rstrip("0").rstrip(".") + unit for side in sides)
         return first, second
+
+    def mm_each(self, width: float) -> float:
+        """Millimetres of a px of a canvas of so many px across, on paper."""
+        across, unit = (width, "px") if self.size is None else _width_of("size", self.size)
+        return across * _UNITS[unit] / width
 
     def style(self, rounds: Sequence[int]) -> str | None:
         """Style sheet of the groups of these rounds; None where it needs none.

@@ -32,6 +32,11 @@ class Element:
     attributes: Mapping[str, str] = field(default_factory=dict)
     inside: Sequence[Element] | str | None = None
 
+    def without(self, *names: str) -> Element:
+        """The element without some attributes."""
+        kept = {name: value for name, value in self.attributes.items() if name not in names}
+        return Element(self.tag, kept, self.inside)
+
     def text(self) -> str:
         """The element as SVG text, without white space between tags."""
         begin, inside = f"<{self.tag}{attributes_text(self.attributes)}", self.inside
@@ -92,10 +97,10 @@ def number(value: float, decimals: int) -> str:
     return text
 
 
-def hex_color(color: NDArray[np.integer]) -> str:
-    """#rrggbb of three levels 0..255, or #rgb where that is the same."""
+def hex_color(color: NDArray[np.integer], short: bool = True) -> str:
+    """#rrggbb of three levels 0..255, or where it may be short #rgb if that is the same."""
     text = "#" + "".join(f"{int(v):02x}" for v in color)
-    if text[1] == text[2] and text[3] == text[4] and text[5] == text[6]:
+    if short and text[1] == text[2] and text[3] == text[4] and text[5] == text[6]:
         return "#" + text[1] + text[3] + text[5]
     return text
 

@@ -9,6 +9,7 @@ from gauss2svg.options import Number, OneOf, OptionGroup, Whole
 
 Form = Literal["gradient", "blur"]
 EDITABLE, MINIMAL = "editable", "minimal"
+ROUNDS, INKS = "rounds", "inks"
 # Over 1 px thin shapes would be rounded to nothing.
 LEAST_PRECISION, MOST_PRECISION = 0.001, 1.0
 STOP_COUNTS = (5, 6, 8, 10, 12)  # of a gradient
@@ -36,6 +37,9 @@ class SvgFormat(OptionGroup):
     precision: Annotated[float, Number(LEAST_PRECISION, MOST_PRECISION)] = 0.04
     """The file's user unit in px, of which coordinates are whole numbers: docs/decisions/numbers.md
     has what rounding costs."""
+
+    layers: Literal["rounds", "inks"] = "rounds"
+    """Layers of editable markup: the rounds of the fit, or shapes of one ink."""
 
     opacity_decimals: Annotated[int, Whole(1, 6)] = 2
     """Decimals of fill-opacity."""

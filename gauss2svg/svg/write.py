@@ -10,6 +10,7 @@ as its description, both inline and as a file of its own; aria-labelledby would 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -17,7 +18,14 @@ import numpy as np
 import svgwrite
 from svgwrite.extensions import Inkscape
 
-from gauss2svg.errors import InputError, instance, number_within, quoted, required
+from gauss2svg.errors import (
+    InputError,
+    instance,
+    number_within,
+    quoted,
+    required,
+    whole_number,
+)
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.svg.additive.differences import (
     ADDITIVE,
@@ -32,11 +40,19 @@ from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.document import Document, round_id
 from gauss2svg.svg.element import Element, number
 from gauss2svg.svg.encode import Drawn, encode
-from gauss2svg.svg.format import MINIMAL, SvgFormat
+from gauss2svg.svg.format import INKS, MINIMAL, ROUNDS, SvgFormat
 from gauss2svg.svg.layers import Labels, grouped_by_segment, runs, segment_of
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.minimal.write import minimal_svg
-from gauss2svg.svg.outlines import OUTLINE_WIDTH, STROKE_DECIMALS, STROKE_WIDTHS, outlines
+from gauss2svg.svg.outlines import (
+    MOST_PENS,
+    OUTLINE_WIDTH,
+    STROKE_DECIMALS,
+    STROKE_WIDTHS,
+    outlines,
+    pen_strokes,
+)
+from gauss2svg.svg.plates import grouped_by_ink, ink_name, plate_of
 from gauss2svg.svg.reader.canvas import CANVAS
 from gauss2svg.version import __version__
 
@@ -51,11 +67,13 @@ def write_svg(
     smaller file. With segments shapes are in the order of gauss2svg.svg.layers.grouped_by_segment.
     A transparent scene has no <rect>.
 
-    Minimal markup is that of gauss2svg.svg.minimal.write.
+    Minimal markup is that of gauss2svg.svg.minimal.write. Layers by ink are those of
+    gauss2svg.svg.plates.grouped_by_ink.
 
     An additive scene is written as gauss2svg.svg.additive.encode explains: its layers are phases.
     Raises InputError for an additive scene with segments, animation or fragments, for these, such a
-    scene and blurs in minimal markup, and for a document whose segments or size depend on a photo.
+    scene and blurs in minimal markup, for a document whose segments or size depend on a photo, and
+    for layers by ink of a scene without (Scene.inks).
     """
     scene = required(scene, "scene", Scene)
     svg_format = instance(svg_format, "svg_format", SvgFormat)
@@ -69,8 +87,16 @@ def write_svg(
             scene, svg_format.precision, HEX_DIGITS[-1], document,
             opacity_decimals=svg_format.opacity_decimals, stops=svg_format.stops,
         )  # fmt: skip
-    if scene.blend == ADD:
+    by_ink = svg_format.layers == INKS
+    if scene.blend == ADD and not by_ink:
         return _write_additive(scene, svg_format, document)
+    if by_ink:
+        for name in document.layered:
+            raise InputError(
+                f"{name} must not be given with layers {INKS}, which are no rounds. Try layers "
+                f"{ROUNDS}"
+            )
+        scene = grouped_by_ink(scene)
     scene = grouped_by_segment(scene, document.labels)
     encoded = encode(scene, svg_format)
     drawing = _root(document, scene, encoded.view, len(encoded.shapes))
@@ -79,12 +105,29 @@ def write_svg(
     if encoded.background:
         behind = {"fill": encoded.background, "height": "100%", "id": "background"}
         drawing.add(Element("rect", {**behind, "width": "100%", "x": "0", "y": "0"}))
-    _add_layers(drawing, encoded.shapes, scene, document.labels)
+    if by_ink:
+        _add_inks(drawing, encoded.shapes, scene)
+    else:
+        _add_layers(drawing, encoded.shapes, scene, document.labels)
     return _text(drawing)
 
 
+def plate_svg(scene: Scene, ink: str, document: Document | None = None) -> str:
+    """The SVG text of a plate: black where an ink #rrggbb of a scene is seen, white elsewhere.
+
+    All plates of a scene are of one size and lie over each other. Raises InputError for a scene
+    that is not in inks (Scene.inks), and for another ink.
+    """
+    scene = required(scene, "scene", Scene)
+    document = instance(document, "document", Document)
+    return write_svg(plate_of(scene, ink), SvgFormat(layers=INKS), document)
+
+
 def outline_svg(
-    scene: Scene, document: Document | None = None, stroke_width: float = OUTLINE_WIDTH
+    scene: Scene,
+    document: Document | None = None,
+    stroke_width: float = OUTLINE_WIDTH,
+    pens: int | None = None,
 ) -> str:
     """The SVG text of a scene's shapes as bare strokes, for plotters; without a background.
 
@@ -93,7 +136,11 @@ def outline_svg(
     written as 0 are left out.
 
     stroke_width  px, above 0
-    Raises InputError for a width out of range, and for an additive scene.
+    pens          colours at most, each with the layer that its strokes form: "1 #c0322c: ..". Then
+                  strokes end at the page, and the unit is a millimetre, of the document's size or
+                  at 96 px an inch
+    Raises InputError for a width out of range, for an additive scene, and for pens with segments,
+    animation or fragments, which need layers of rounds.
     """
     scene = required(scene, "scene", Scene)
     document = instance(document, "document", Document)
@@ -102,6 +149,8 @@ def outline_svg(
             "outlines", "their colours are differences, which show nothing by themselves"
         )
     width = number(number_within("stroke_width", stroke_width, *STROKE_WIDTHS), STROKE_DECIMALS)
+    if pens is not None:
+        return _write_pens(scene, document, float(width), whole_number("pens", pens, 1, MOST_PENS))
     scene = grouped_by_segment(scene, document.labels)
     shapes = outlines(scene)
     size = number(scene.width, 3), number(scene.height, 3)
@@ -109,6 +158,24 @@ def outline_svg(
     _add_style(drawing, document, scene, shapes)
     drawing["fill"], drawing["stroke-width"] = "none", width
     _add_layers(drawing, shapes, scene, document.labels)
+    return _text(drawing)
+
+
+def _write_pens(scene: Scene, document: Document, width: float, count: int) -> str:
+    for name in document.layered:
+        raise InputError(f"{name} must not be given with pens, whose layers are no rounds")
+    each = document.mm_each(scene.width)
+    on_paper = scene.scaled(each)
+    pens = pen_strokes(on_paper, count)
+    size = number(on_paper.width, 3), number(on_paper.height, 3)
+    document = dataclasses.replace(document, size=f"{size[0]}mm")
+    drawing = _root(document, scene, size, sum(len(pen.strokes) for pen in pens))
+    drawing["fill"], drawing["stroke-width"] = "none", number(width * each, STROKE_DECIMALS + 1)
+    inkscape = Inkscape(drawing)
+    for at, pen in enumerate(pens, start=1):
+        label = f"{at} {pen.color}: {len(pen.strokes)} strokes"
+        layer = inkscape.layer(label=label, id=f"pen-{at}", stroke=pen.color)
+        drawing.add(_add_all(layer, [stroke.element for stroke in pen.strokes]))
     return _text(drawing)
 
 
@@ -193,6 +260,19 @@ def _add_layers(drawing: Any, shapes: Sequence[Drawn], scene: Scene, labels: Lab
                 group = inkscape.layer(label=label, id=f"{key}-segment-{segment}")
                 layer.add(_add_all(group, parts))
         drawing.add(layer)
+
+
+def _add_inks(drawing: Any, shapes: Sequence[Drawn], scene: Scene) -> None:
+    """Add shapes in groups, each of one ink, which has the fill."""
+    inkscape = Inkscape(drawing)
+    for index, run in runs(scene.round_index[[shape.index for shape in shapes]].tolist()):
+        first = shapes[run][0]
+        ink, fill = ink_name(scene.color[first.index]), first.element.attributes["fill"]
+        inside = [one.element.without("fill") for one in shapes[run]]
+        layer = inkscape.layer(
+            label=f"Ink {ink}: {len(inside)} ellipses", id=f"ink-{index + 1}", fill=fill
+        )
+        drawing.add(_add_all(layer, inside))
 
 
 def _add_all(group: Any, elements: Sequence[Element]) -> Any:

@@ -36,7 +36,7 @@ import gauss2svg
 from gauss2svg.cli.check import CheckOptions, CheckOutput
 from gauss2svg.cli.main import main as command
 from gauss2svg.cli.signals import Interruption
-from gauss2svg.cli.vectorize import OutputFiles
+from gauss2svg.cli.vectorize import MakerFiles, OutputFiles
 from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.errors import Gauss2SvgError
 from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of, file_name
@@ -242,7 +242,7 @@ class Case:
         if which == "vectorize":
             words = ["photo.png", *(["-o", "out.svg"] if rng.random() < 0.7 else [])]
             words += [f"--{name.replace('_', '-')}={value}" for name, value in _QUICK.items()]
-            groups = [*GROUPS.values(), OutputFiles]
+            groups = [*GROUPS.values(), OutputFiles, MakerFiles]
         elif which == "check":
             words, groups = ["check", "photo.png", "other.svg"], [CheckOptions, CheckOutput]
         else:  # into a file, which is refused once all options are read

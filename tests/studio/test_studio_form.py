@@ -28,7 +28,7 @@ CHANGED = {
     "quality": "fast", "gaussians": 700, "target_psnr": 31.5, "target_ssimulacra2": 55,
     "max_bytes": 40_000, "time_limit": 9.5, "iterations": 77, "loss": "l1+ssim", "tune": "psnr",
     "ssim_weight": 0.3, "learning_rate": 0.5, "blend": "add", "falloff": "gaussian", "seed": 5,
-    "init": "random", "schedule": "linear", "per_round": 50, "round_iterations": 9,
+    "inks": 5, "init": "random", "schedule": "linear", "per_round": 50, "round_iterations": 9,
     "relocate": False, "form": "blur", "markup": "minimal", "palette": 12, "stops": 8,
     "precision": 0.1, "matte": "#fa0", "portable": True, "gzip": True, "count_gzipped": True,
     "title": "A 'quoted' title",
@@ -53,6 +53,13 @@ def test_every_option_is_described_except_the_servers_own():
     for option in OPTIONS:
         assert option["default"] == defaults[option["name"]]
         assert option["help"]
+
+
+def test_palette_files_of_the_server_are_not_read(tmp_path):
+    (tmp_path / "two.gpl").write_text("GIMP Palette\n0 0 0\n255 255 255\n")
+    with pytest.raises(InputError, match="inks must be colours or a number"):
+        options_of({"inks": str(tmp_path / "two.gpl")})
+    assert options_of({"inks": "#000,#fff"}).fit.inks == "#000000,#ffffff"
 
 
 def test_the_help_is_that_of_the_command_line(capsys):

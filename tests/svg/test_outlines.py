@@ -111,6 +111,66 @@ def test_stroke_of_no_width_is_refused(width):
         outline_svg(Scene(5, 4), stroke_width=width)
 
 
+@pytest.mark.parametrize("size", [None, "120mm", "2in"])
+def test_strokes_of_pens_are_those_of_the_page_alone(size):
+    scene = random_scene(60, 90, 70, 5, (4, 40), (1, 8), skew=0)
+    scene = scene.replace(color=np.full((60, 3), 0.0))
+    svg = outline_svg(scene, Document(size=size), stroke_width=0.3, pens=1)
+    width = {None: 90 * 25.4 / 96, "120mm": 120.0, "2in": 50.8}[size]
+    root = parse(svg)
+    assert float(root.get("width").removesuffix("mm")) == pytest.approx(width, abs=0.001)
+    assert [float(v) for v in root.get("viewBox").split()[2:]] == pytest.approx(
+        [width, width * 70 / 90], abs=0.001
+    )
+    ends = re.findall(r"([\d.]+) ([\d.]+)(?=A|M|\")", "".join(re.findall(r' d="[^"]*"', svg)))
+    assert len(ends) > 50
+    x, y = np.array(ends, float).T
+    assert 0 <= x.min() < x.max() <= width + 0.005
+    assert 0 <= y.min() < y.max() <= width * 70 / 90 + 0.005
+    # On the page nothing has gone, and nothing has come.
+    before = outline_svg(scene, stroke_width=0.3)
+    ink, inside = (rasterize(one, 900, 700)[:, :, 0] for one in (before, svg))
+    assert before.count("<ellipse") > svg.count("<ellipse") > 5
+    away = np.abs((1 - ink) - (1 - inside))[2:-2, 2:-2]
+    assert (away > 0.6).mean() < 0.002
+
+
+def test_each_pen_is_a_layer_with_the_strokes_that_it_is_nearest_to():
+    scene = random_scene(80, 90, 70, 5, (1, 8), (1, 8), skew=0)
+    root = parse(outline_svg(scene, pens=4))
+    layers = root.findall(SVG + "g")
+    labels = [layer.get("{http://www.inkscape.org/namespaces/inkscape}label") for layer in layers]
+    assert [layer.get("id") for layer in layers] == [f"pen-{k}" for k in (1, 2, 3, 4)]
+    for at, (layer, label) in enumerate(zip(layers, labels, strict=True), start=1):
+        assert label == f"{at} {layer.get('stroke')}: {len(layer)} strokes"
+        assert not any("stroke" in one.attrib for one in layer)
+    few = scene.replace(color=np.where(np.arange(80)[:, None] < 40, [1.0, 0, 0], [0.0, 0, 1]))
+    found = parse(outline_svg(few, pens=5)).findall(SVG + "g")
+    assert {layer.get("stroke") for layer in found} == {"#ff0000", "#0000ff"}
+
+
+def test_ellipse_off_the_page_is_not_drawn_and_one_round_it_neither():
+    shapes = Scene(
+        20, 10, mean=[[-30, 5], [10, 5], [10, 5]], sigma=[[5, 5], [50, 50], [2, 1]],
+        rho=[0, 0, 0], color=np.zeros((3, 3)), opacity=[1, 1, 1],
+    )  # fmt: skip
+    svg = outline_svg(shapes, pens=2)
+    assert svg.count("<ellipse") == 1
+    assert "<path" not in svg
+    assert outline_svg(Scene(5, 4), pens=2).count("<g") == 0
+
+
+@pytest.mark.parametrize("pens", [0, 65, 1.5, "three"])
+def test_number_of_pens_is_checked(pens):
+    with pytest.raises(InputError, match="pens must be a whole number"):
+        outline_svg(Scene(5, 4), pens=pens)
+
+
+def test_pens_have_no_rounds():
+    with pytest.raises(InputError, match="fragments must not be given with pens"):
+        outline_svg(Scene(5, 4), Document(fragments=True), pens=2)
+
+
 @pytest.mark.parametrize("name", ["outline.svg", "outline.svgz"])
 def test_outline_is_another_file_beside_the_picture(name, photo, tmp_path):
     picture, out, outline = (tmp_path / n for n in ("photo.png", "o.svg", name))

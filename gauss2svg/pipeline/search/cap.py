@@ -81,7 +81,8 @@ class Growth:
     def __init__(self, plan: Plan, exporter: Exporter, budget: TimeBudget, pixels: int) -> None:
         self._plan, self._exporter, self._budget = plan, exporter, budget
         usual = bytes_each.TUNING
-        self._bytes_each = usual.usual * (usual.gzipped if plan.counts_gzipped else 1.0)
+        self._usual = usual.in_inks if plan.in_inks else usual.usual
+        self._bytes_each = self._usual * (usual.gzipped if plan.counts_gzipped else 1.0)
         self._bytes_known = False
         self.for_target = 0
         self.expected: int | None = None
@@ -109,7 +110,7 @@ class Growth:
         return self.expected or self.cap.gaussians
 
     def _first_limits(self, pixels: int) -> GrowthLimits:
-        plan, aim, kilobytes = self._plan, self._plan.aim, bytes_each.TUNING.usual / 1000
+        plan, aim, kilobytes = self._plan, self._plan.aim, self._usual / 1000
         each = TUNING.pixels_each_of_budget if plan.is_budget else TUNING.pixels_each
         if plan.count is None:
             cap = min(plan.preset.cap, max(1, pixels // each))

@@ -22,12 +22,13 @@ from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.format import MINIMAL, SvgFormat
+from gauss2svg.svg.format import INKS, MINIMAL, SvgFormat
 from gauss2svg.svg.layers import grouped_by_segment
 from gauss2svg.svg.minimal import shapes
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.plain_ellipse import is_plain
+from gauss2svg.svg.plates import grouped_by_ink
 from gauss2svg.svg.write import write_svg
 
 
@@ -160,6 +161,8 @@ class Exporter:
         # Colours are in the palette already, except those of ellipses that are no longer plain.
         exact = grouped_by_segment(self.quantized(scene, None), document.labels)
         written = self._format_at(self.seen)
+        if written.layers == INKS:
+            exact = grouped_by_ink(exact)
         svg = self._written(exact, written)
         aim, score = self._plan.aim, math.nan
         if aim is not None:

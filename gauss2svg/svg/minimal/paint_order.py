@@ -9,6 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 _DIRECTIONS = 12  # along which the projections of two ellipses are compared
+_ROWS = 256  # of all pairs at a time, which else take eight bytes each
+
+
+def overlaps(
+    mean: NDArray[np.float64], factor: NDArray[np.float64], margin: float
+) -> NDArray[np.bool_]:
+    """(n, n) whether the shape of a row lies below that of a column and is not apart from it.
+
+    Arguments are those of `colors_together`.
+    """
+    count = len(mean)
+    below = np.triu(np.ones((count, count), bool), 1)
+    for angle_rad in np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS:
+        x, y = np.cos(angle_rad), np.sin(angle_rad)
+        at = mean @ [x, y]
+        reach = np.hypot(factor[:, 0] * x + factor[:, 1] * y, factor[:, 2] * y)
+        for begin in range(0, count, _ROWS):
+            rows = slice(begin, begin + _ROWS)
+            apart = np.abs(at[rows, None] - at)
+            below[rows] &= apart < reach[rows, None] + reach + margin
+    return below
 
 
 def colors_together(
@@ -27,12 +48,7 @@ def colors_together(
     From below: a colour all of whose shapes can be drawn, else the one of the largest share.
     """
     kind = np.unique(color, axis=0, return_inverse=True)[1].reshape(-1)
-    below = np.triu(kind[:, None] != kind, 1)
-    for angle_rad in np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS:
-        x, y = np.cos(angle_rad), np.sin(angle_rad)
-        at = mean @ [x, y]
-        reach = np.hypot(factor[:, 0] * x + factor[:, 1] * y, factor[:, 2] * y)
-        below &= np.abs(at[:, None] - at) < reach[:, None] + reach + margin
+    below = overlaps(mean, factor, margin) & (kind[:, None] != kind)
     waiting, left = below.sum(axis=0), np.ones(len(mean), bool)
     order = []
     while left.any():

@@ -1,0 +1,123 @@
+"""A fit in inks: opaque crisp shapes, each of one of a few colours, which never change.
+
+The target is the picture with the nearest ink at each pixel: of the picture itself, with colours
+between the inks, shapes thinner than a pixel would make halftones. Shapes are placed where another
+ink would lower the error, and change to the ink of least error again and again
+(docs/decisions/inks.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.fit.state import COLOR, State
+from gauss2svg.fit.target import Target
+from gauss2svg.render.cpu import Splats
+from gauss2svg.scene.falloff import RIM_WIDTH
+from gauss2svg.scene.nearest import nearest_entry
+from gauss2svg.svg.plain_ellipse import LEAST_PLAIN_BETA
+
+OPAQUE_LOGIT = 12.0
+# px in which a rim falls from 0.9 to 0.1, across the minor axis: about that of a drawn ellipse.
+_RIM = 0.7
+_MOST_BETA = 128.0
+EXCHANGED_EVERY = 20  # steps; 10 end no closer (docs/decisions/inks.md)
+_AROUND = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]
+_LEAST_MASS = 1e-3  # px; shapes that contribute less keep their ink
+
+
+@dataclass(frozen=True)
+class Inks:
+    """The inks of a fit: color (k, 3) sRGB in 0..1."""
+
+    color: NDArray[np.float64]
+
+    def background(self, target: Target) -> NDArray[np.float64]:
+        """(3,) the ink that is nearest to most pixels of a target."""
+        pixels = target.source_color.reshape(3, -1).T
+        if target.visible is not None:
+            pixels = pixels[target.visible.ravel()]
+        entry = nearest_entry(self.color, pixels.astype(np.float64))[1]
+        return self.color[np.bincount(entry, minlength=len(self.color)).argmax()]
+
+    def drawn(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The picture (h, w, 3) or (h, w, 4) with the nearest ink q at each pixel.
+
+        Beside a pixel of another ink c it has the colour between q and c that is nearest to the
+        picture's, as antialiased edges have.
+        """
+        color = pixels[:, :, :3].astype(np.float64)
+        height, width = color.shape[:2]
+        entry = nearest_entry(self.color, color.reshape(-1, 3))[1].reshape(height, width)
+        own = self.color[entry]
+        found, least = own.copy(), np.square(own - color).sum(axis=2)
+        around = np.pad(entry, 1, mode="edge")
+        for down, right in _AROUND:
+            beside = around[1 + down : 1 + down + height, 1 + right : 1 + right + width]
+            y, x = np.nonzero(beside != entry)
+            step = self.color[beside[y, x]] - own[y, x]
+            along = ((color[y, x] - own[y, x]) * step).sum(axis=1) / np.square(step).sum(axis=1)
+            between = own[y, x] + np.clip(along, 0, 1)[:, None] * step
+            square = np.square(between - color[y, x]).sum(axis=1)
+            closer = square < least[y, x]
+            y, x = y[closer], x[closer]
+            found[y, x], least[y, x] = between[closer], square[closer]
+        return np.concatenate([found.astype(np.float32), pixels[:, :, 3:]], axis=2)
+
+    def nearest(self, color: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 3) the ink that is nearest to each of colours (n, 3)."""
+        return self.color[nearest_entry(self.color, color)[1]]
+
+    def reducible(self, target: Target, rendered: NDArray[np.floating]) -> NDArray[np.floating]:
+        """A picture from which the target differs as far as another ink would be closer to it.
+
+        target p, rendered r and the closest ink q: its difference from p has the direction of
+        q - r and the length sqrt(|p - r|^2 - |p - q|^2).
+        """
+        planar, views = target.planar, len(target.planar) // 3
+        least = np.full(planar.shape[1:], np.inf, np.float32)
+        toward = np.zeros_like(planar)
+        for ink in np.tile(self.color, views).astype(planar.dtype):
+            square = np.square(planar - ink[:, None, None]).sum(axis=0)
+            closer = square < least
+            np.copyto(least, square, where=closer)
+            np.copyto(toward, ink[:, None, None] - rendered, where=closer)
+        left = np.square(planar - rendered).sum(axis=0) - least
+        length = np.sqrt(np.square(toward).sum(axis=0))
+        share = np.sqrt(np.maximum(left, 0)) / np.maximum(length, 1e-6)
+        return planar - toward * share
+
+    def exchange(
+        self,
+        state: State,
+        splats: Callable[[], Splats],
+        target: Target,
+        rng: np.random.Generator,
+    ) -> None:
+        """Give every shape the ink of least error, or half of those that would change, or none.
+
+        With all others fixed half the squared error changes by g d + mass d^2 / 2 for a change d
+        of a colour, as in gauss2svg.fit.shared. splats() returns those of the state as it is.
+        """
+        before, moments = target.squares(splats())
+        mass = target.removal_cost(splats())[1][:, 1]
+        kept = state.color
+        best = kept - moments[:, COLOR] / np.maximum(mass, _LEAST_MASS)[:, None]
+        wanted = np.where(mass[:, None] > _LEAST_MASS, self.nearest(best), kept)
+        half = np.where(rng.random(len(kept))[:, None] < 0.5, wanted, kept)
+        for color in (wanted, half, kept):
+            state.color = color
+            if color is kept or target.squares(splats())[0] < before:
+                break
+
+
+def crisp(factor: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) ln of the exponents at which shapes of Cholesky factors (n, 3) px have crisp rims."""
+    l11, l21, l22 = factor.T
+    far, near = np.hypot(l11 + l22, l21), np.hypot(l11 - l22, l21)
+    minor = np.maximum(0.5 * (far - near), 1e-9)
+    return np.log(np.clip(RIM_WIDTH / _RIM * minor, LEAST_PLAIN_BETA, _MOST_BETA))

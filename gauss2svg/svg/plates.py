@@ -1,0 +1,90 @@
+"""Scenes in inks: shapes of one ink together, and what is seen of an ink as a plate.
+
+Yellow ellipses, blue ones over them and yellow ones over those are three groups of two inks. The
+plate of the yellow has the first group in black, the blue ones in white, the last group in black.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.errors import InputError, quoted
+from gauss2svg.scene import Scene
+from gauss2svg.svg.element import hex_color
+from gauss2svg.svg.minimal.paint_order import colors_together, overlaps
+from gauss2svg.svg.plain_ellipse import plain_radius
+
+# Shapes of which all pairs are compared: those of 4000 take some 50 MB.
+_COMPARED = 4000
+_MARGIN = 1.0  # px from which two ellipses count as apart, for edges are antialiased
+
+
+def inks_of_scene(scene: Scene) -> NDArray[np.float64]:
+    """Scene.inks; raises InputError for a scene that has none."""
+    if scene.inks is None:
+        raise InputError(
+            "the scene must be of opaque plain ellipses alone; got others. Try a fit with inks"
+        )
+    return scene.inks
+
+
+def ink_name(ink: NDArray[np.float64]) -> str:
+    """An ink (3,) as #rrggbb."""
+    return hex_color(_levels(ink), short=False)
+
+
+def grouped_by_ink(scene: Scene) -> Scene:
+    """The scene with shapes of one ink after one another as far as it looks the same.
+
+    Each run of an ink is a round of its own. Raises InputError for a scene that is not in inks.
+    """
+    inks_of_scene(scene)
+    (mean, factor), levels = _ellipses(scene), _levels(scene.color)
+    keys, order = np.stack([mean[:, 0], mean[:, 1], scene.beta]), []
+    for begin in range(0, len(scene), _COMPARED):
+        some = slice(begin, begin + _COMPARED)
+        within = colors_together(mean[some], factor[some], levels[some], keys[:, some], _MARGIN)
+        order.append(begin + within)
+    together = np.concatenate(order) if order else slice(None)
+    scene = scene.replace(round_index=np.zeros(len(scene), np.int32)).select(together)
+    changes = (np.diff(_levels(scene.color), axis=0) != 0).any(axis=1)
+    index = np.concatenate([[0], np.cumsum(changes)])[: len(scene)]
+    return scene.replace(round_index=index)
+
+
+def plate_of(scene: Scene, ink: str) -> Scene:
+    """The scene in black where an ink #rrggbb is seen, and white elsewhere: its plate.
+
+    What lies over shapes of the ink is knocked out of them; shapes that change nothing are left
+    out. Raises InputError for an ink that the scene does not have.
+    """
+    names = [ink_name(one) for one in inks_of_scene(scene)]
+    if ink not in names:
+        raise InputError(f"ink must be one of {', '.join(names)}; got {quoted(ink)}")
+    wanted = np.array(list(bytes.fromhex(ink[1:])))
+    printed = (_levels(scene.color) == wanted).all(axis=1)
+    ground = not scene.transparent and bool((_levels(scene.background) == wanted).all())
+    shows = printed != ground
+    if len(scene) <= _COMPARED:
+        # What has the colour of the ground shows where it covers something else.
+        shows |= (overlaps(*_ellipses(scene), _MARGIN) & shows[:, None]).any(axis=0)
+    else:
+        shows[:] = True
+    black = np.where(printed, 0.0, 1.0)[:, None]
+    plate = scene.replace(
+        color=np.broadcast_to(black, (len(scene), 3)),
+        background=np.zeros(3) if ground else np.ones(3),
+        transparent=False,
+    )
+    return plate.select(shows)
+
+
+def _ellipses(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Centres (n, 2) and factors (n, 3) of the ellipses that are drawn, in px."""
+    factor = scene.factor * plain_radius(scene.beta)[:, None, None]
+    return scene.mean, np.stack([factor[:, 0, 0], factor[:, 1, 0], factor[:, 1, 1]], axis=1)
+
+
+def _levels(color: NDArray[np.float64]) -> NDArray[np.intp]:
+    return np.round(color * 255).astype(np.intp)

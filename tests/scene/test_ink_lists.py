@@ -1,0 +1,101 @@
+"""Laws of inks: what a list of them may be, and which are chosen for a picture."""
+
+import numpy as np
+import pytest
+
+from gauss2svg.errors import InputError
+from gauss2svg.fit.options import FitOptions
+from gauss2svg.scene.inks import check_inks, ink_colors, inks_of
+
+GIVEN = "#f7c306,#c0322c,#17324d"
+
+
+@pytest.mark.parametrize(
+    "inks", [GIVEN, "F7C306, c0322c ,#17324D", GIVEN.split(","), (*GIVEN.split(","),)]
+)
+def test_colours_are_read_in_every_form(inks):
+    assert check_inks("inks", inks) == GIVEN
+    assert FitOptions(inks=inks).inks == GIVEN
+    np.testing.assert_array_equal(ink_colors(GIVEN)[1] * 255, [0xC0, 0x32, 0x2C])
+
+
+def test_short_colours_and_numbers_are_read():
+    assert check_inks("inks", "#fff,000") == "#ffffff,#000000"
+    assert check_inks("inks", "6") == check_inks("inks", 6) == 6
+
+
+def test_palette_file_of_gimp_gives_its_colours_once(tmp_path):
+    path = tmp_path / "three.gpl"
+    lines = "GIMP Palette\nName: x\nColumns: 3\n#\n247 195   6 yellow\n192 50 44\n 23 50 77 blue\n"
+    path.write_text(lines + "192 50 44 red again\n")
+    assert check_inks("inks", path) == check_inks("inks", str(path)) == GIVEN
+
+
+@pytest.mark.parametrize(
+    ("inks", "why"),
+    [
+        ("#f7c306", "2 to 64 colours"),
+        (1, "from 2 to 64"),
+        (65, "from 2 to 64"),
+        ("", "such as #c0322c"),
+        ("red,green", "such as #c0322c"),
+        ("#f7c30,#000", "such as #c0322c"),
+        ("#fff,#000,#ffffff", "different colours; got '#ffffff twice'"),
+        (True, "colours, a number"),
+        (2.5, "colours, a number"),
+        ([1, 2], "colours, a number"),
+        ("none.gpl", "none.gpl"),
+    ],
+)
+def test_other_inks_are_refused_in_one_line(inks, why):
+    with pytest.raises(InputError, match=why) as refusal:
+        FitOptions(inks=inks)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [("JASC-PAL\n", "begins with"), ("GIMP Palette\n0 0 256\n1 1 1\n", "0 to 255"), ("", "begins")],
+)
+def test_other_palette_files_are_refused(text, why, tmp_path):
+    (tmp_path / "bad.gpl").write_text(text)
+    with pytest.raises(InputError, match=why):
+        check_inks("inks", tmp_path / "bad.gpl")
+
+
+def test_flat_colours_of_a_drawing_are_its_inks():
+    flat = ["#ffcc33", "#3b2a10", "#ffffff", "#c0322c"]
+    levels = ink_colors(",".join(flat))
+    entry = np.zeros((60, 80), int)
+    entry[:40, 20:], entry[45:, :50], entry[50:54, 60:64] = 1, 2, 3  # a small red dot
+    pixels = levels[entry].astype(np.float32)
+    edges = pixels.copy()
+    edges[1:-1] = (pixels[:-2] + 2 * pixels[1:-1] + pixels[2:]) / 4  # antialiased
+    assert sorted(inks_of(edges, 4).split(",")) == sorted(flat)
+
+
+@pytest.mark.parametrize("count", [2, 5, 9])
+def test_as_many_inks_are_chosen_lightest_first_as_are_asked_for(count):
+    pixels = np.random.default_rng(1).random((30, 40, 3)).astype(np.float32)
+    inks = inks_of(pixels, count).split(",")
+    assert len(set(inks)) == count
+    lightness = ink_colors(",".join(inks)) @ [0.3, 0.6, 0.1]
+    assert lightness[0] == lightness.max()
+    assert lightness[-1] == lightness.min()
+    assert inks_of(pixels, ",".join(inks)) == ",".join(inks)
+
+
+def test_more_inks_than_colours_are_refused():
+    pixels = np.zeros((4, 4, 3), np.float32)
+    pixels[1:3] = 1
+    assert inks_of(pixels, 2) == "#ffffff,#000000"
+    with pytest.raises(InputError, match="at most 2, the colours of the picture; got 3"):
+        inks_of(pixels, 3)
+
+
+def test_invisible_pixels_have_no_ink():
+    pixels = np.zeros((6, 6, 4), np.float32)
+    pixels[..., 0] = 1  # red, where it is not seen
+    pixels[:3] = [0, 0, 1, 1]
+    pixels[0] = [0, 1, 0, 1]
+    assert set(inks_of(pixels, 2).split(",")) == {"#00ff00", "#0000ff"}
