@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 import resource
 import subprocess
 import sys
@@ -63,10 +62,10 @@ def _fitted(picture: Pixels, limit: int, tree: str, svg: Path) -> float:
         photo.write_bytes(as_png(picture))
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(
-            [sys.executable, "-m", "gauss2svg", photo, "-o", svg, "--max-bytes", str(limit),
-             "--threads", "1", "--quiet", "--overwrite"],
+            [sys.executable, "-m", "gauss2svg", photo, "-o", svg.resolve(), "--max-bytes",
+             str(limit), "--threads", "1", "--quiet", "--overwrite"],
             check=True,
-            env={**os.environ, "PYTHONPATH": str(Path(tree).resolve())},
+            cwd=tree,  # from which -m takes the package
         )  # fmt: skip
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
@@ -148,7 +147,8 @@ def main() -> None:
                 theirs = [peer[1], peer[3]] if peer else []
                 scores.insert(0, best(theirs, picture, truth) if theirs else [math.nan] * 2)
                 svgs += theirs[:1]
-            cells = [math.inf, lanczos, *sum(scores, []), *(seconds for _, seconds in found)]
+            drawn = [score for pair in scores for score in pair]
+            cells = [math.inf, lanczos, *drawn, *(seconds for _, seconds in found)]
             rows[limit].append(cells)
             print(f"| {name} | {limit} | {_texts(cells, len(found))} |", flush=True)
             lines.append(line_of(sources[name], svgs))

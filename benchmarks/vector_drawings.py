@@ -294,7 +294,7 @@ def _bodies() -> dict[str, tuple[str, str]]:
             + '</g><path fill="#3949ab" d="M60 236a22 22 0 0 1 30-30 30 30 0 0 1 56 4 18 18 0 0 1 8 26z"'
             "/>",
             "#0d1333",
-        ),  # fmt: skip
+        ),
         "flower": (
             '<path fill="none" stroke="#2e7d32" stroke-width="7" d="M128 128c10 50-10 80 0 128"/>'
             '<path fill="#43a047" d="M130 210c30-40 60-30 76-20-16 24-46 34-76 20z"/>'
@@ -309,7 +309,7 @@ def _bodies() -> dict[str, tuple[str, str]]:
             + _turned('<circle cx="128" cy="96" r="3"/>', range(0, 360, 45), 128, 112)
             + "</g>",
             "#f1f8e9",
-        ),  # fmt: skip
+        ),
         "fish": (
             _linear("a", ("#ff9800", "#e65100"))
             + '<path fill="#ef6c00" d="M176 128c30-10 44-40 60-56-6 40-6 72 0 112-16-16-30-46-60-56z"/>'
@@ -392,7 +392,7 @@ def _bodies() -> dict[str, tuple[str, str]]:
             + '</g><rect x="96" y="76" width="64" height="88" rx="6" fill="#263238"/>'
             '<circle cx="110" cy="90" r="5" fill="#b0bec5"/>',
             "#004d40",
-        ),  # fmt: skip
+        ),
         "mushroom": (
             '<path fill="#fbe9d0" d="M98 130h60c-6 30 0 60 18 92-30 20-66 20-96 0 18-32 24-62 18-92z"/>'
             '<path fill="#e6cfa8" d="M140 130h18c-6 30 0 60 18 92-12 8-26 12-40 14 12-34 12-70 4-106z"/>'
