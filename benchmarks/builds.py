@@ -58,7 +58,7 @@ class Late(SimpleHTTPRequestHandler):
             time.sleep(LATE_S)
         super().do_GET()
 
-    def log_message(self, *_: object) -> None:
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002
         """Say nothing."""
 
 
@@ -135,7 +135,7 @@ def look(name: str, pages: Path, program: object, pictures: Path | None) -> list
 
 def main() -> int:
     """Build and look; 1 where anything is wrong."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--pictures", type=Path, help="folder for screenshots")
     given = parser.parse_args()
     if given.pictures is not None:

@@ -23,6 +23,8 @@ def bench_command(
     axis: Annotated[list[str] | None, Parameter(negative="")] = None,
     peers: str = "",
     peer_timeout: float = 300.0,
+    references: Path | None = None,
+    reference_scale: float = 4.0,
     seed: int = 0,
     threads: int | None = None,
     quiet: Quiet = False,
@@ -46,6 +48,11 @@ def bench_command(
         primitive, jpeg, webp. Their SVGs are rasterised by resvg.
     peer_timeout
         Time limit (s) of a peer's run.
+    references
+        Folder of the SVGs that the photos were made from, by the photos' names: logo.svg for
+        logo.png. Every SVG is compared with them too, enlarged.
+    reference_scale
+        Times the photo's size at which it is.
     seed
         Seed; the same seed gives the same file.
     threads
@@ -81,6 +88,8 @@ def bench_command(
             seed=seed,
             threads=threads,
             peer_timeout=peer_timeout,
+            references=references,
+            reference_scale=reference_scale,
             progress=progress,
         )
     failed = [row for row in rows if "error" in row]

@@ -44,6 +44,9 @@ class CheckOptions(OptionGroup):
     """Background colour to composite a transparent photo over: white, black, #fa0 or #ffaa00. If
     not given, alpha is compared as well."""
 
+    reference_scale: Annotated[float | None, Number(0, MOST_PIXELS, above=True)] = None
+    """Times the photo's size at which the SVG is compared with --reference; 4 if not given."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class CheckOutput(OptionGroup):
@@ -88,6 +91,15 @@ def check_command(
             "measuring it. The exit status is 1 where something does.",
         ),
     ] = None,
+    reference: Annotated[
+        str | None,
+        Parameter(
+            group="Measuring",
+            allow_leading_hyphen=True,
+            help="What the photo was made from, an SVG or a larger picture, with which the SVG is "
+            "compared as well, enlarged by --reference-scale.",
+        ),
+    ] = None,
     options: Annotated[CheckOptions, Parameter(name="*", group="Measuring")] = CheckOptions(),
     output: Annotated[
         CheckOutput, Parameter(name="*", group="Output", negative=())
@@ -108,15 +120,18 @@ def check_command(
 
     names = expanded([photo] if svg is None else [photo, svg])
     if place is not None:
+        if reference is not None:
+            raise InputError("reference must not be given with --for, which measures nothing")
         return _check_for(place, names, output)
     if len(names) != 2:
         raise InputError(f"photo and SVG must be one file each; got {brief(', '.join(names))}")
     photo, svg = names
-    refuse_option_like(photo, svg)
+    refuse_option_like(photo, svg, *([] if reference is None else [reference]))
     if photo == svg == STANDARD_STREAM:
         raise InputError("photo and SVG must not both be -. Try a file name for one of them")
     paths = [path for path in (output.heatmap, output.preview, output.report) if path is not None]
-    check_outputs({photo: "the photo", svg: "the SVG"}, paths)
+    inputs = {photo: "the photo", svg: "the SVG"}
+    check_outputs(inputs if reference is None else {**inputs, reference: "the reference"}, paths)
 
     photo_source: Any = photo
     if photo == STANDARD_STREAM:
@@ -124,7 +139,7 @@ def check_command(
     svg_source: Any = Path(svg)  # a path, also where it begins with <
     if svg == STANDARD_STREAM:
         svg_source = standard_stream(sys.stdin, "input")
-    result = check(photo_source, svg_source, **dataclasses.asdict(options))
+    result = check(photo_source, svg_source, reference=reference, **dataclasses.asdict(options))
     files: dict[str | os.PathLike[str], bytes] = {}
     if output.heatmap is not None:
         files[output.heatmap] = result.heatmap()

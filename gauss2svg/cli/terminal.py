@@ -80,12 +80,24 @@ def print_check(report: dict[str, Any], svg: str | None) -> None:
         "elements": f"{report['elements']:,}: {', '.join(tags[:_MOST_TAGS])}{others}",
         "match": f"{_match(report)}, MS-SSIM {_ssim(report['ms_ssim_svg'], 176)}, rasterised by "
         f"{report['renderer']} at {report['width']}x{report['height']} px",
+        **_of_enlargement(report),
         **_of_alpha(report),
         **_scores(report),
         "errors": f"{report['largest_error_svg']:.0f} of 255 at most, "
         f"{report['bias_svg']:+.2f} of 255 on average",
     }
     _print_table([*rows.items(), *_notes(report)])
+
+
+def _of_enlargement(report: dict[str, Any]) -> dict[str, str]:
+    """A row for the match against the reference, none without one."""
+    scale = report["reference_scale"]
+    if scale is None:
+        return {}
+    score, ssim = decibels(report["psnr_svg_enlarged"]), _ssim(report["ssim_svg_enlarged"])
+    return {
+        "enlarged": f"PSNR {score}, SSIM {ssim} against the reference at {scale:g} times the size"
+    }
 
 
 def _at(report: dict[str, Any]) -> str:

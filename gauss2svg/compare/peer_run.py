@@ -24,7 +24,7 @@ from gauss2svg.photo.load import WHITE, load_image
 
 _MEASURED = (
     "width", "height", "renderer", "psnr_model", *(score.key for score in SCORES),
-    "svg_bytes", "svgz_bytes",
+    "psnr_svg_enlarged", "svg_bytes", "svgz_bytes",
 )  # fmt: skip
 
 
@@ -51,7 +51,7 @@ def peer_file(
 def peer_record(request: Mapping[str, Any]) -> dict[str, Any]:
     """The record of a peer's run: what it took, the size of its file (bytes) and its scores.
 
-    request  image, tool, settings and peer_timeout
+    request  image, tool, settings and peer_timeout, perhaps reference and reference_scale
     An SVG is rasterised at the photo's size. Raises PeerError where there is no file, and
     RendererError for one that cannot be rasterised and for an image of another size.
     """
@@ -59,7 +59,13 @@ def peer_record(request: Mapping[str, Any]) -> dict[str, Any]:
     tool = request["tool"]
     data, run = peer_file(tool, request["settings"], photo, request["peer_timeout"])
     is_svg = PEERS[tool].suffix == ".svg"
-    measured = check(photo, data).report if is_svg else _measured_image(data, photo)
+    source = request.get("reference")
+    scale = None if source is None else request["reference_scale"]
+    measured = (
+        check(photo, data, reference=source, reference_scale=scale).report
+        if is_svg
+        else _measured_image(data, photo)
+    )
     return run | finite({name: measured.get(name) for name in _MEASURED})
 
 

@@ -50,6 +50,7 @@ def _run(request: Mapping[str, Any]) -> dict[str, Any]:
 
 def _run_own(request: Mapping[str, Any]) -> dict[str, Any]:
     from gauss2svg.compare.axes import AXES, apply_constants, options_in
+    from gauss2svg.measure.check import enlarged
     from gauss2svg.measure.perceptual import perceptual_scores
     from gauss2svg.pipeline.options import Options
     from gauss2svg.pipeline.vectorize import vectorize_by
@@ -67,9 +68,14 @@ def _run_own(request: Mapping[str, Any]) -> dict[str, Any]:
     result = vectorize_by(options, request["image"])
     clocks, peak = watch.read(), peak_bytes()  # without what the scores take
     report = result.report | perceptual_scores(result.raster, result.photo).report
+    larger, source = None, request.get("reference")
+    if source is not None:
+        size = report["width"], report["height"]
+        larger = enlarged(result.svg, source, size, request["reference_scale"]).psnr
     return {
         "used": request["settings"] | {name: report[name] for name in AXES if name in report},
         **{name: report[name] for name in _FROM_REPORT},
+        "psnr_svg_enlarged": larger,
         **clocks,
         "warmup_s": warmup_s,
         "peak_bytes": peak,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import math
+import os
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import whole_number
+from gauss2svg.errors import InputError, whole_number
 from gauss2svg.measure import metrics
 from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.isolated import draw
@@ -19,19 +20,37 @@ from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
 from gauss2svg.measure.survey import Frame, Survey, frame_of, survey
 from gauss2svg.options import Number, OneOf, byte_size
-from gauss2svg.photo.alpha import has_alpha, matte_color, over, pixels_of
+from gauss2svg.photo.alpha import WHITE, has_alpha, matte_color, over, pixels_of, shrunk
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.photo.load import ImageSource, load_image, load_reduced
 from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, RENDERERS, refuse, renderer_version
 from gauss2svg.raster.features import Features, may_have_features
-from gauss2svg.svg.syntax.source import MOST_BYTES, SvgSource, svg_source
+from gauss2svg.svg.syntax.source import BLANKS, MOST_BYTES, SvgSource, svg_source
 
 MOST_ELEMENTS = 1_000_000  # resvg's limit
 DRAW_TIMEOUT_S = 300.0
 LONGEST_DRAW_TIMEOUT_S = 86400.0
+REFERENCE_SCALE = 4.0
+_SVG_SUFFIXES = (".svg", ".svgz")
 # Elements that have an effect in a web page and none on the raster. Browsers never draw animation
 # here, because gauss2svg.raster refuses it.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
+
+
+@dataclass(frozen=True)
+class Enlarged:
+    """An SVG against what its photo was made from, larger than the photo, over white.
+
+    width, height  px; scale: times as many as the photo has
+    psnr           dB, infinite if equal
+    ssim           -1..1, None under 3 px a side
+    """
+
+    scale: float
+    width: int
+    height: int
+    psnr: float
+    ssim: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +71,7 @@ class CheckResult:
                    gauss2svg.measure.scores
     psnr_black     dB over black, psnr_alpha: of alpha; None where the photo is opaque. All
                    other numbers are over white
+    enlarged       against the reference, None where none is given
     """
 
     psnr: float
@@ -70,11 +90,13 @@ class CheckResult:
     scores: Scores
     psnr_black: float | None = None
     psnr_alpha: float | None = None
+    enlarged: Enlarged | None = None
 
     @cached_property
     def report(self) -> dict[str, Any]:
         """The numbers, ready for JSON; see docs/reference/report.md for the keys."""
         height, width = self.photo.shape[:2]
+        enlarged = self.enlarged
         return {
             "width": width,
             "height": height,
@@ -91,6 +113,9 @@ class CheckResult:
             **self.scores.report,
             "largest_error_svg": self.largest_error,
             "bias_svg": self.bias,
+            "reference_scale": None if enlarged is None else enlarged.scale,
+            "psnr_svg_enlarged": None if enlarged is None else _finite(enlarged.psnr),
+            "ssim_svg_enlarged": None if enlarged is None else enlarged.ssim,
             "svg_bytes": self.svg_bytes,
             "svgz_bytes": self.svgz_bytes,
             "elements": self.survey.elements,
@@ -123,6 +148,8 @@ def check(
     max_pixels: int = DEFAULT_MAX_PIXELS,
     max_size: int | None = None,
     matte: str | None = None,
+    reference: ImageSource | SvgSource | None = None,
+    reference_scale: float | None = None,
 ) -> CheckResult:
     """Rasterise an SVG at the size of a photo, or max_size, and measure how closely it matches.
 
@@ -139,6 +166,9 @@ def check(
     max_size       longest side in px to which a larger photo is reduced first; None: its own size
     matte          colour, such as white or #fa0, over which the photo is composited first; None:
                    its alpha is compared too
+    reference      what the photo was made from: an SVG as for svg, or a picture of at least
+                   reference_scale times as many px a side; the SVG is compared with it too
+    reference_scale  times the photo's size at which it is, > 0; None: 4
 
     The SVG is not trusted: entities, references to anything outside of it and files beyond the
     limits are refused, and it is drawn in a separate process, whose memory is not limited.
@@ -150,6 +180,13 @@ def check(
     draw_timeout = Number(0, LONGEST_DRAW_TIMEOUT_S, above=True)("draw_timeout", draw_timeout)
     drawn_by = renderer_version(OneOf(RENDERERS)("renderer", renderer))
     matted = None if matte is None else matte_color(matte)
+    if reference_scale is not None:
+        Number(0, MOST_PIXELS, above=True)("reference_scale", reference_scale)
+        if reference is None:
+            raise InputError(
+                "reference must be given for reference_scale; got none. Try --reference with the "
+                "photo's source"
+            )
     if max_size is not None:
         whole_number("max_size", max_size, 1, MOST_PIXELS)
         picture = load_reduced(photo, max_size, max_pixels=max_pixels, matte=matted)
@@ -157,6 +194,14 @@ def check(
         picture = load_image(photo, max_pixels=max_pixels, matte=matted)
     wanted = pixels_of(picture)
     data, text = svg_source(svg, most_bytes)
+    size = picture.width, picture.height
+    drawing = Drawing(renderer, most_bytes, max_elements, draw_timeout, max_pixels)
+    larger = None
+    if reference is not None:
+        larger = enlarged(
+            text, reference, size, REFERENCE_SCALE if reference_scale is None else reference_scale,
+            drawing, WHITE if matted is None else matted,
+        )  # fmt: skip
     surveyed, frame, sized = sized_svg(text, picture.width, picture.height, renderer, max_elements)
     raster = draw(sized, picture.width, picture.height, renderer, draw_timeout, wanted.shape[2])
     measured = measure_pixels(raster, wanted)
@@ -181,7 +226,84 @@ def check(
         scores=perceptual_scores(raster, wanted),
         psnr_black=measured["psnr_svg_black"],
         psnr_alpha=measured["psnr_svg_alpha"],
+        enlarged=larger,
     )
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """How untrusted files are drawn: the options of `check` by their names."""
+
+    renderer: str = DEFAULT_RENDERER
+    max_svg_bytes: int = MOST_BYTES
+    max_elements: int = MOST_ELEMENTS
+    draw_timeout: float = DRAW_TIMEOUT_S
+    max_pixels: int = DEFAULT_MAX_PIXELS
+
+    def raster(
+        self, text: str, width: int, height: int, background: float | tuple[float, float, float]
+    ) -> NDArray[np.float32]:
+        """An SVG's raster (height, width, 3) over a colour in 0..1."""
+        sized = sized_svg(text, width, height, self.renderer, self.max_elements)[2]
+        channels = 3 if background == WHITE else 4  # browsers draw over white twice as fast
+        raster = draw(sized, width, height, self.renderer, self.draw_timeout, channels)
+        return over(raster, background)
+
+
+def enlarged(
+    text: str,
+    reference: ImageSource | SvgSource,
+    size: tuple[int, int],
+    scale: float,
+    drawing: Drawing = Drawing(),
+    matte: float | tuple[float, float, float] = WHITE,
+) -> Enlarged:
+    """How closely an SVG's text matches its photo's source at `scale` times the photo's size.
+
+    size   width and height of the photo in px
+    matte  colour in 0..1 that a transparent source is composited over
+    The source is an SVG, or a picture that has as many px, which is reduced. Raises InputError
+    and RendererError as `check`.
+    """
+    width, height = (max(1, round(scale * side)) for side in size)
+    if width * height > MOST_PIXELS:
+        raise InputError(
+            f"photo times reference_scale must have at most {MOST_PIXELS} px; got "
+            f"{width}x{height}. Try a smaller --reference-scale or --max-size"
+        )
+    if _is_svg(reference):
+        drawn = drawing.raster(
+            svg_source(reference, drawing.max_svg_bytes)[1], width, height, matte
+        )
+    else:
+        picture = load_image(reference, max_pixels=drawing.max_pixels)
+        if picture.width < width or picture.height < height:
+            most = min(picture.width / size[0], picture.height / size[1])
+            raise InputError(
+                f"reference must have at least {width}x{height} px, {scale:g} times the photo's; "
+                f"got {picture.width}x{picture.height}. Try an SVG, or --reference-scale {most:.3g}"
+            )
+        drawn = shrunk(over(pixels_of(picture), matte), height, width)
+    raster = drawing.raster(text, width, height, WHITE)
+    measurable = min(width, height) >= metrics.LEAST_SIDE_FOR_SSIM
+    return Enlarged(
+        scale=float(scale),
+        width=width,
+        height=height,
+        psnr=metrics.psnr(raster, drawn),
+        ssim=metrics.ssim(raster, drawn) if measurable else None,
+    )
+
+
+def _is_svg(source: ImageSource | SvgSource) -> bool:
+    """Whether a source is an SVG and not a picture: text or bytes of one, or a file's suffix."""
+    if isinstance(source, bytes):
+        return source.lstrip(BLANKS.encode()).startswith((b"<", b"\x1f\x8b"))
+    if not isinstance(source, (str, os.PathLike)):
+        return False
+    name = os.fspath(source)
+    is_text = isinstance(source, str) and source.lstrip(BLANKS).startswith("<")
+    return is_text or str(name).lower().endswith(_SVG_SUFFIXES)
 
 
 def sized_svg(

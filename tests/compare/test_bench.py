@@ -19,6 +19,7 @@ from gauss2svg.compare.tables.bench import run_bench
 from gauss2svg.compare.tables.plots import NAMES, plots_of
 from gauss2svg.compare.tables.summary import summarise
 from gauss2svg.compare.worker import in_own_process
+from gauss2svg.errors import InputError
 from gauss2svg.measure.scores import SCORES
 
 pytestmark = pytest.mark.process
@@ -264,3 +265,25 @@ def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_p
         assert {"draft", "fast", "jpeg"} <= set(texts)
         assert "other settings" not in texts
     assert plots_of(summary) == {name: (tmp_path / name).read_text() for name in NAMES}
+
+
+def test_sources_of_the_photos_are_compared_with_enlarged(picture, tmp_path, requests):
+    with pytest.raises(InputError, match="references must have an SVG for each photo; got no"):
+        run_bench([picture], tmp_path / "out", axes={"gaussians": [5]}, references=tmp_path)
+    source = tmp_path / f"{picture.stem}.svg"
+    source.write_text("<svg/>")
+    for text in ("<svg/>", "<svg/>", "<svg></svg>"):  # another source is another run
+        source.write_text(text)
+        run_bench([picture], tmp_path / "out", axes={"gaussians": [5]}, references=tmp_path)
+    given = [(request["reference"], request["reference_scale"]) for request in requests]
+    assert given == [(str(source), 4.0)] * 2
+
+
+def test_score_of_an_enlargement_is_a_column_where_it_was_measured(photo, picture, tmp_path):
+    source = tmp_path / "source.svg"
+    source.write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 4 3"/>')
+    request = {"image": str(picture), "tool": "gauss2svg", "seed": 0, "threads": 1}
+    request |= {"settings": {"gaussians": 2, "iterations": 1}}
+    row = in_own_process(request | {"reference": str(source), "reference_scale": 2.0}, None)
+    assert row["psnr_svg_enlarged"] > 0
+    assert in_own_process(request, None)["psnr_svg_enlarged"] is None

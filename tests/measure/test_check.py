@@ -19,8 +19,11 @@ from PIL import Image
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError, RendererError
+from gauss2svg.files import as_png
+from gauss2svg.measure import metrics
 from gauss2svg.measure.heatmap import colors_of, heatmap
-from gauss2svg.raster import BROWSERS, program
+from gauss2svg.photo.alpha import shrunk
+from gauss2svg.raster import BROWSERS, program, rasterize
 
 XMLNS = 'xmlns="http://www.w3.org/2000/svg"'
 HALVES = '<rect width="8" height="8" fill="#00f"/><rect width="4" height="8" fill="#f00"/>'
@@ -377,3 +380,76 @@ def test_crash_of_a_renderer_is_an_error(halves):
     deep = "<g>" * 20_000 + "</g>" * 20_000
     with pytest.raises(RendererError, match=r"crashed on the SVG \(SIG"):
         gauss2svg.check(halves, f'<svg {XMLNS} viewBox="0 0 8 8">{deep}</svg>')
+
+
+DISC = f'<svg {XMLNS} viewBox="0 0 8 8"><circle cx="4" cy="4" r="{{}}" fill="#06c"/></svg>'
+
+
+def drawn_at(svg, side):
+    return rasterize(svg, side, side)
+
+
+def test_reference_is_what_the_svg_is_compared_with_enlarged(drawn_here):
+    source, other = DISC.format(3), DISC.format(2.9)
+    checked = gauss2svg.check(drawn_at(source, 16), other, reference=source)
+    larger = checked.enlarged
+    assert (larger.scale, larger.width, larger.height) == (4, 64, 64)
+    assert larger.psnr == pytest.approx(metrics.psnr(drawn_at(other, 64), drawn_at(source, 64)))
+    assert checked.report["psnr_svg_enlarged"] == larger.psnr
+    assert checked.report["ssim_svg_enlarged"] == larger.ssim < 1
+    assert checked.report["reference_scale"] == 4
+    exact = gauss2svg.check(drawn_at(source, 16), source, reference=source, reference_scale=2.5)
+    assert (exact.enlarged.psnr, exact.enlarged.width) == (np.inf, 40)
+    assert exact.report["psnr_svg_enlarged"] is None
+
+
+def test_reference_may_be_a_larger_picture_which_is_reduced(drawn_here):
+    source = DISC.format(3)
+    photo, larger = drawn_at(source, 16), drawn_at(source, 96)
+    of_picture = gauss2svg.check(photo, source, reference=larger, reference_scale=3).enlarged
+    expected = metrics.psnr(drawn_at(source, 48), shrunk(larger, 48, 48))
+    assert of_picture.psnr == pytest.approx(expected)
+
+
+def test_photo_is_measured_as_without_a_reference(drawn_here):
+    source, photo = DISC.format(3), drawn_at(DISC.format(3.1), 16)
+    without, beside = (gauss2svg.check(photo, source, reference=r).report for r in (None, source))
+    keys = {"reference_scale", "psnr_svg_enlarged", "ssim_svg_enlarged"}
+    assert {k for k in beside if beside[k] != without[k]} <= keys
+    assert all(without[key] is None for key in keys)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"reference_scale": 2}, "reference must be given for reference_scale; got none. Try"),
+        ({"reference": DISC.format(3), "reference_scale": 0}, "reference_scale must be"),
+        ({"reference": DISC.format(3), "reference_scale": 1e4}, "must have at most .* Try a small"),
+        (
+            {"reference": np.zeros((24, 48, 3))},
+            "reference must have at least 64x64 px, 4 times the photo's; got 48x24. Try an SVG, "
+            "or --reference-scale 1.5",
+        ),
+        ({"reference": "missing.svg"}, "cannot read missing.svg"),
+        ({"reference": "<svg/>"}, "SVG"),
+    ],
+)
+def test_reference_that_cannot_be_used_is_refused(given, message, halves, drawn_here):
+    with pytest.raises(InputError, match=message):
+        gauss2svg.check(halves, DISC.format(3), **given)
+
+
+def test_command_reports_the_enlargement(tmp_path, capsys, drawn_here):
+    source, photo = tmp_path / "source.svg", tmp_path / "photo.png"
+    source.write_text(DISC.format(3))
+    photo.write_bytes(as_png(drawn_at(DISC.format(3), 16)))
+    svg, report = tmp_path / "out.svg", tmp_path / "check.json"
+    svg.write_text(DISC.format(2.9))
+    arguments = ["check", str(photo), str(svg), "--reference", str(source)]
+    assert main([*arguments, "--report", str(report)]) == 0
+    score = json.loads(report.read_text())["psnr_svg_enlarged"]
+    said = "".join(capsys.readouterr())
+    assert f"{score:.2f} dB" in said.split("enlarged")[1].splitlines()[0]
+    assert main([*arguments[:3], "--reference-scale", "3"]) == 2
+    assert "reference must be given" in capsys.readouterr().err
+    assert main([*arguments, "--heatmap", str(source)]) == 2

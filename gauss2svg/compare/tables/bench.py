@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -29,6 +30,7 @@ from gauss2svg.pipeline.run import thread_count
 from gauss2svg.version import __version__
 
 _LONGEST_TIMEOUT = 1e6  # s; the system's calls take no more than 24 days
+_LARGEST_SCALE = 1000.0
 _ROWS = "rows.jsonl"
 _OUTPUTS = (_ROWS, "bench.json", "bench.csv", "summary.md", *plots.NAMES)
 
@@ -42,6 +44,8 @@ def run_bench(
     seed: int = 0,
     threads: int | None = None,
     peer_timeout: float = 300.0,
+    references: str | os.PathLike[str] | None = None,
+    reference_scale: float = 4.0,
     progress: Callable[[Progress], None] | None = None,
 ) -> list[Row]:
     """Vectorise every photo with all settings, each in its own process; returns the rows.
@@ -53,6 +57,8 @@ def run_bench(
     peers         names from gauss2svg.compare.peers.PEERS; those not installed are skipped
     threads       CPU threads of gauss2svg; None: one per core
     peer_timeout  time limit (s) of a peer's run
+    references    folder with the SVG that each photo was made from, by the photo's name; SVGs are
+                  compared with it at reference_scale times the photo's size
     progress      called with a Progress whenever a run begins or ends
 
     After every run rows.jsonl, bench.json, bench.csv, summary.md and the plots are written, so an
@@ -66,9 +72,16 @@ def run_bench(
     present, absent = check_peers(peers)
     variants = [Variant(settings) for settings in settings_of(axes)]
     variants += [of_peer(peer, settings) for peer in present for settings in PEERS[peer].settings]
+    number_within("reference_scale", reference_scale, 1e-3, _LARGEST_SCALE)
     photos = _photos(images)
+    sources = {} if references is None else _sources(photos, references)
     given = {"seed": seed, "threads": threads, "peer_timeout": peer_timeout}
-    plan = [_task(photo, variant, given) for variant in variants for photo in photos]
+    given |= {"reference_scale": reference_scale}
+    plan = [
+        _task(photo, variant, {**given, "reference": sources.get(photo)})
+        for variant in variants
+        for photo in photos
+    ]
     folder = Path(file_name("directory", directory, "the name of a folder"))
     make_folder(folder)
     for name in _OUTPUTS:
@@ -112,6 +125,21 @@ def _photos(images: Sequence[str | os.PathLike[str]]) -> list[ListedPhoto]:
     return photos
 
 
+def _sources(
+    photos: Sequence[ListedPhoto], folder: str | os.PathLike[str]
+) -> dict[ListedPhoto, str]:
+    """The SVG of each photo in a folder; raises InputError where one is missing."""
+    sources = {}
+    for photo in photos:
+        source = Path(folder) / f"{Path(photo.path).stem}.svg"
+        if not source.is_file():
+            raise InputError(
+                f"references must have an SVG for each photo; got no {source}. Try another folder"
+            )
+        sources[photo] = str(source)
+    return sources
+
+
 def _task(photo: ListedPhoto, variant: Variant, given: Mapping[str, Any]) -> Task:
     request = {
         "image": photo.path,
@@ -120,7 +148,10 @@ def _task(photo: ListedPhoto, variant: Variant, given: Mapping[str, Any]) -> Tas
         **given,
     }
     # Other tools are given neither.
-    others = (given["seed"], given["threads"]) if variant.is_own else ()
+    others: tuple[Any, ...] = (given["seed"], given["threads"]) if variant.is_own else ()
+    if given["reference"] is not None:
+        digest = hashlib.sha256(Path(given["reference"]).read_bytes()).hexdigest()
+        others += digest, given["reference_scale"]
     return Task(photo, variant, request, others)
 
 

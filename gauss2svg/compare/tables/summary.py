@@ -16,8 +16,8 @@ TOLERANCE = 0.1  # dB below a Pareto front that still count as on it
 SECONDS = "cpu_s"
 BYTES = "svgz_bytes"  # what a web server sends; a raster image has no smaller form
 _MEANS = (
-    *(axis.key for axis in SCORES), "psnr_model", "cpu_s", "total_s", "svg_bytes",
-    "svgz_bytes", "gaussians",
+    *(axis.key for axis in SCORES), "psnr_svg_enlarged", "psnr_model", "cpu_s", "total_s",
+    "svg_bytes", "svgz_bytes", "gaussians",
 )  # fmt: skip
 _DISTURBED = 0.1  # share of the CPU used by other programs, above which a run is reported
 _LEAST_DISTURBANCE_S = 0.1
@@ -69,8 +69,10 @@ def _mean_of(values: Sequence[float | None]) -> float | None:
     return statistics.fmean(known) if len(known) == len(values) else None
 
 
+_ENLARGED = "PSNR enlarged, dB"
 _COLUMNS: dict[str, tuple[str, str, float]] = {
     **{axis.title: (axis.key, axis.form, 1) for axis in SCORES},
+    _ENLARGED: ("psnr_svg_enlarged", ".2f", 1),
     "CPU s": ("cpu_s", ".3g", 1),
     "wall s": ("total_s", ".3g", 1),
     "kB raw": ("svg_bytes", ".1f", 1e-3),
@@ -84,20 +86,23 @@ _COLUMNS: dict[str, tuple[str, str, float]] = {
 
 def markdown(summary: Sequence[Row], rows: Sequence[Row], images: Sequence[str]) -> str:
     """The summary as a Markdown table, with the photos, the machines and the failed runs."""
+    columns = dict(_COLUMNS)
+    if all(row.get("psnr_svg_enlarged") is None for row in summary):  # no source was given
+        del columns[_ENLARGED]
     lines = [
         "# Benchmark",
         "",
         f"Means over {_count(len(images), 'photo')}: {', '.join(images)}. Measured on",
         "; ".join(dict.fromkeys(_machine(row["machine"]) for row in rows)) + ".",
         "",
-        "| settings | " + " | ".join(_COLUMNS) + " |",
-        "|---" * (len(_COLUMNS) + 1) + "|",
+        "| settings | " + " | ".join(columns) + " |",
+        "|---" * (len(columns) + 1) + "|",
     ]
     for row in summary:
         label = row["label"]
         on_front = row["below_both_dB"] is not None and row["below_both_dB"] <= TOLERANCE
         cells = [f"**{label}**" if on_front else label]
-        cells += [_cell(row[name], form, scale) for name, form, scale in _COLUMNS.values()]
+        cells += [_cell(row[name], form, scale) for name, form, scale in columns.values()]
         lines.append(f"| {' | '.join(cells)} |")
     lines += [
         "",
