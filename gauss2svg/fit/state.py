@@ -107,9 +107,9 @@ class State:
         if not (arrays["factor"][:, [0, 2]] > 0).all():
             needed = "above 0 on the diagonal"
             raise damaged("the checkpoint's factor", needed, "shapes without extent")
-        if not np.isin(arrays["drawn"], (SOFT, BLURRED)).all():  # all that such fits have
+        if not np.isin(arrays["drawn"], (SOFT, PLAIN, BLURRED)).all():
             kinds = ", ".join(map(str, np.unique(arrays["drawn"])))
-            raise damaged("the checkpoint's drawn", f"{SOFT} or {BLURRED}", kinds)
+            raise damaged("the checkpoint's drawn", f"{SOFT}, {PLAIN} or {BLURRED}", kinds)
         return cls(**arrays)
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:

@@ -1,5 +1,8 @@
 """Alpha compositing of one tile: forward, backward and removal, sixteen lanes at a time.
 
+It is long because the forward and the backward loop of a kind of shape must agree line by line, and
+are read together.
+
 The buffers are all float32 or all float64, and so is the arithmetic between lanes; shape
 and opacity_color are float64 in both.
 
@@ -49,9 +52,6 @@ constant beside r, so that h = dL/dalpha opacity / n where the pixel is on the r
 Gaussians, other exponents, skewed shapes and plain ellipses have a loop each and pay nothing for
 what they do not have: the second takes about 1.5 times as long as the first
 (docs/decisions/kernels.md), the third 1.2 times as long as the second (docs/decisions/skew.md).
-
-The file is long because the forward and the backward loop of a kind of shape must agree line by
-line, and are read together.
 """
 
 # pyright: reportCallIssue=false

@@ -63,7 +63,7 @@ def test_default_grid_is_the_presets_and_counts_by_iterations():
     assert len(settings) == len(crossed) + len(PRESETS)
 
 
-WITHOUT_VALUES = {"time_limit", "matte"}
+WITHOUT_VALUES = {"time_limit", "matte", "inks"}
 # Axes that are valid only beside another option.
 WITH = {
     "ssim_weight": {"loss": ("mse+ssim",)}, "portable": {"blend": ("add",)},
@@ -165,7 +165,7 @@ def test_key_knows_all_that_changes_a_record_and_no_path():
 def test_other_tools_are_kept_whatever_the_seed_and_the_threads():
     def key(variant, seed, threads):
         photo = ListedPhoto("a.png", "a.png", "a.png", "a", "d")
-        given = {"seed": seed, "threads": threads, "peer_timeout": 1}
+        given = {"seed": seed, "threads": threads, "peer_timeout": 1, "reference": None}
         return bench._task(photo, variant, given).key
 
     peer, own = Variant((("quality", 30),), tool="jpeg"), Variant((("gaussians", 5),))

@@ -173,9 +173,9 @@ def test_renderers_draw_skews_as_the_model_has_them(renderer):
     "given",
     [
         {"gaussians": 600}, {"gaussians": 600, "markup": "minimal"},
-        {"gaussians": 80, "markup": "minimal"}, {"max_bytes": 3000},
+        {"gaussians": 80, "markup": "minimal"},
     ],
-    ids=["editable", "gradients", "masks", "by bytes"],
+    ids=["editable", "gradients", "masks"],
 )  # fmt: skip
 def test_a_skewed_fit_learns_sides_and_its_file_is_the_same_again(photo, given):
     found = vectorize(photo, **given, iterations=60, falloff="skewed")
