@@ -42,9 +42,14 @@ def is_photo(picture: str) -> bool:
     return picture.startswith(PHOTOS)
 
 
+def shown(run: Run, most: float = DECIDED_BY_8_BITS) -> float:
+    """The score, in dB up to what 8 bits can show."""
+    return run.score if run.family == "ssimulacra2" else min(run.score, most)
+
+
 def mean(runs: list[Run]) -> str:
-    """Mean score, up to what 8 bits can show; how many were refused."""
-    scores = [min(run.score, DECIDED_BY_8_BITS) for run in runs if not np.isnan(run.score)]
+    """Mean score; how many were refused."""
+    scores = [shown(run) for run in runs if not np.isnan(run.score)]
     refused = len(runs) - len(scores)
     return (f"{fmean(scores):.2f}" if scores else "-") + (
         f" ({refused} refused)" if refused else ""
@@ -64,11 +69,7 @@ def table(name: str, families: dict[str, dict[str, list[Run]]]) -> None:
             if not kept:
                 continue
             cells = [mean(list(column)) for column in zip(*kept, strict=True)]
-            down = [
-                step
-                for runs in kept
-                for step in steps_down([run.score for run in runs], DECIDED_BY_8_BITS)
-            ]
+            down = [step for runs in kept for step in steps_down([shown(run) for run in runs])]
             count = sum(step > STEP for step in down)
             print(
                 f"| {len(kept)} {kind}, {when} | {' | '.join(cells)} "
@@ -91,7 +92,7 @@ def plot(found: dict[str, Rows], path: Path) -> None:
                         continue
                     x = [float(run.setting.split()[1]) for run in runs]
                     axes.plot(
-                        x, [min(run.score, 60.0) for run in runs], color=_COLORS[when], lw=0.7,
+                        x, [shown(run, 60.0) for run in runs], color=_COLORS[when], lw=0.7,
                         alpha=0.8, marker=".", ms=2,
                     )  # fmt: skip
             if name in ("seconds", "bytes"):
