@@ -1,4 +1,4 @@
-"""Make the README's picture: the SVG at three counts, and the photo.
+"""Make the README's picture: a photo as few and as many shapes, and a part of each at 4x.
 
 python benchmarks/showcase.py examples/coffee.jpg examples/showcase.jpg
 """
@@ -7,32 +7,46 @@ from __future__ import annotations
 
 import sys
 
+import matplotlib.pyplot as plt
 import numpy as np
 from common import eight_bits
+from panels import enlarged, tiles
+from PIL import Image
 
 from gauss2svg import vectorize
 from gauss2svg.photo.load import WHITE, load_image
+from gauss2svg.raster import rasterize
 
-COUNTS = (200, 1000, 5000)
-GAP_PX = 6
+COUNTS = (200, 5000)
+ZOOM = 4
+_LEFT, _TOP = 0.2, 0.62  # of the part, in shares of the sides
 
 
 def main() -> None:
-    """Write the rasterised SVGs and the photo as a two-by-two sheet."""
+    """Write the rasterised SVGs and the photo above a part of each."""
     source, target = sys.argv[1:]
     photo = load_image(source, matte=WHITE).pixels
-    panels = []
+    height, width, _ = photo.shape
+    y, x = round(_TOP * ZOOM * height), round(_LEFT * ZOOM * width)
+    part = slice(y, y + height), slice(x, x + width)
+    whole, near, titles = [], [], []
     for count in COUNTS:
         result = vectorize(photo, gaussians=count)
         print(result)
-        panels.append(result.raster)
-    panels.append(photo)
-    height, width, _ = photo.shape
-    sheet = np.ones((2 * height + GAP_PX, 2 * width + GAP_PX, 3), np.float32)
-    for k, panel in enumerate(panels):
-        y, x = (k // 2) * (height + GAP_PX), (k % 2) * (width + GAP_PX)
-        sheet[y : y + height, x : x + width] = panel
-    eight_bits(sheet).save(target, quality=88)
+        report = result.report
+        whole.append(result.raster)
+        near.append(rasterize(result.svg, ZOOM * width, ZOOM * height)[part])
+        titles.append(
+            f"{len(result.scene)} shapes: {report['svg_bytes'] / 1000:.0f} kB, "
+            f"gzipped {report['svgz_bytes'] / 1000:.0f} kB"
+        )
+    near.append(enlarged(photo, ZOOM, Image.Resampling.NEAREST)[part])
+    titles = [*titles, "the photo", *[f"{ZOOM} times as large"] * len(near)]
+    figure = tiles([*whole, photo, *near], titles, columns=len(near))
+    figure.canvas.draw()
+    drawn = np.asarray(figure.canvas.buffer_rgba())[:, :, :3] / 255
+    plt.close(figure)
+    eight_bits(drawn).save(target, quality=85)
 
 
 if __name__ == "__main__":
