@@ -19,7 +19,8 @@ from gauss2svg.raster import rasterize
 
 COUNTS = (200, 5000)
 ZOOM = 4
-_LEFT, _TOP = 0.2, 0.62  # of the part, in shares of the sides
+_LEFT, _TOP = 0.47, 0.5  # of the part, in shares of the sides
+_DPI = 180
 
 
 def main() -> None:
@@ -37,12 +38,15 @@ def main() -> None:
         whole.append(result.raster)
         near.append(rasterize(result.svg, ZOOM * width, ZOOM * height)[part])
         titles.append(
-            f"{len(result.scene)} shapes: {report['svg_bytes'] / 1000:.0f} kB, "
-            f"gzipped {report['svgz_bytes'] / 1000:.0f} kB"
+            f"{len(result.scene)} shapes, {report['svg_bytes'] / 1000:.0f} kB "
+            f"({report['svgz_bytes'] / 1000:.0f} gzipped)"
         )
     near.append(enlarged(photo, ZOOM, Image.Resampling.NEAREST)[part])
     titles = [*titles, "the photo", *[f"{ZOOM} times as large"] * len(near)]
     figure = tiles([*whole, photo, *near], titles, columns=len(near))
+    figure.set_dpi(_DPI)
+    for axis in figure.axes:
+        axis.title.set_fontsize(9)
     figure.canvas.draw()
     drawn = np.asarray(figure.canvas.buffer_rgba())[:, :, :3] / 255
     plt.close(figure)
