@@ -130,7 +130,7 @@ def skew() -> Figure:
         axes[2].plot(across, height, label=title)
     axes[2].set_xlabel("along the axis, in sigma", fontsize=8)
     axes[2].tick_params(labelsize=7)
-    axes[2].legend(fontsize=8, loc="upper left")
+    axes[2].legend(fontsize=8, loc="lower center")
     return figure
 
 

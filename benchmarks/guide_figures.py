@@ -20,7 +20,6 @@ from gauss2svg import (
     Progress,
     Result,
     Scene,
-    outline_svg,
     placeholder,
     vectorize,
     write_svg,
@@ -182,14 +181,14 @@ def forming() -> str:
 
 
 def scenes() -> Figure:
-    """A scene, edited as arrays: the large shapes, other colours, outlines."""
+    """A scene, edited as arrays: its large shapes, other colours, crisp rims."""
     scene = vectorize(coffee(300), gaussians=600).scene
     large = scene.select(scene.sigma.max(axis=1) > 4)
     warmer = scene.replace(color=scene.color ** [0.75, 1, 1.3])
-    lines = rasterize(outline_svg(large, stroke_width=1), 480, 320)
-    pictures = [render(s, 480, 320) for s in (scene, large, warmer)]
-    titles = ["the scene", f"the {len(large)} large shapes", "warmer", "outlines of the large"]
-    return tiles([*pictures, lines], titles, columns=2)
+    crisp = scene.replace(beta=np.full(len(scene), 64.0))
+    pictures = [render(s, 480, 320) for s in (scene, large, warmer, crisp)]
+    titles = ["the scene", f"the {len(large)} large shapes", "warmer", "every rim crisp"]
+    return tiles(pictures, titles, columns=2)
 
 
 def printed() -> Figure:
@@ -244,6 +243,27 @@ def interrupted() -> Figure:
     return tiles(drawn, titles)
 
 
+def batch() -> Figure:
+    """Who does what in a batch: command, scheduler, workers, and what they leave."""
+    figure, axis = plt.subplots(figsize=(WIDTH_IN, 2.6), layout="constrained")
+    axis.set(xlim=(0, 100), ylim=(0, 36))
+    axis.axis("off")
+    boxes = {
+        "photos\na folder, a bucket": (12, 28), "the command\nshards of up to 500": (12, 8),
+        "scheduler": (38, 8), "worker\none photo at a time": (66, 28),
+        "worker\non any machine": (66, 18), "worker\n...": (66, 8),
+        "SVGs": (92, 28), "records\na line a photo": (92, 8),
+    }  # fmt: skip
+    frame = {"boxstyle": "round,pad=0.5", "facecolor": "#eef3f9", "edgecolor": "#345"}
+    for text, place in boxes.items():
+        axis.text(*place, text, ha="center", va="center", fontsize=9, bbox=frame)
+    arrows = [(12, 24, 12, 12), (24, 8, 33, 8), *[(43, 8, 54, y) for y in (27, 18, 8)]]
+    arrows += [(78, y, 88, 28) for y in (28, 18, 9)] + [(78, y, 83, 8) for y in (27, 17, 8)]
+    for x, y, to_x, to_y in arrows:
+        axis.annotate("", (to_x, to_y), (x, y), arrowprops={"arrowstyle": "->", "color": "#345"})
+    return figure
+
+
 def counts() -> Figure:
     """PSNR on Kodak-24 by the number of shapes, from the table of docs/benchmarks."""
     lines = (_DOCS / "benchmarks/peers.md").read_text(encoding="utf-8").splitlines()
@@ -280,5 +300,6 @@ FIGURES: dict[str, Callable[[], Figure | str]] = {
     "transparent": transparent,
     "errors": errors_map,
     "interrupted": interrupted,
+    "batch": batch,
     "counts": counts,
 }
