@@ -21,6 +21,7 @@ from guide_figures import FIGURES as OF_THE_GUIDE
 from matplotlib.figure import Figure
 from panels import COFFEE, WIDTH_IN, Pixels, coffee, tiles
 from PIL import Image
+from screenshots import studio
 from skimage import data
 
 from gauss2svg import FitOptions, Scene, quantize, vectorize, write_svg
@@ -231,8 +232,9 @@ def logos() -> Figure:
     return tiles([*(r.raster for r in results), logo], [*titles, "the picture"])
 
 
-FIGURES: dict[str, Callable[[], Figure | str]] = {
+FIGURES: dict[str, Callable[[], Figure | Pixels | str]] = {
     **OF_THE_GUIDE,
+    "studio": studio,
     "model": model,
     "skew": skew,
     "progressive-fit": progressive_fit,
@@ -256,12 +258,14 @@ def main() -> None:
             data, suffix = figure.encode(), "svg"
             if len(data) > MOST_BYTES:
                 raise SystemExit(f"a figure must have at most {MOST_BYTES} bytes; got {len(data)}")
-        else:
+        elif isinstance(figure, Figure):
             stream = io.BytesIO()
             figure.savefig(stream, format="png", dpi=WIDTH_PX / WIDTH_IN)
             plt.close(figure)
             with Image.open(stream) as image:
                 data = small_webp(np.asarray(image.convert("RGB")) / 255)
+        else:
+            data = small_webp(figure)
         (folder / "figures" / f"{name}.{suffix}").write_bytes(data)
         print(f"{name}: {len(data)} bytes")
 

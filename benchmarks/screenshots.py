@@ -1,7 +1,8 @@
-"""Pictures of windows for the guide: the studio in Chromium, and a file in Inkscape."""
+"""A picture of the studio in Chromium, for the guide."""
 
 from __future__ import annotations
 
+import io
 import re
 import shutil
 import signal
@@ -51,10 +52,9 @@ def studio() -> Pixels:
                     page.locator("#run").click()
                     page.wait_for_selector(f'#runs [data-action="show-{run}"]')
                 page.evaluate("scrollTo(0, 0)")
-                shot = page.screenshot(path=Path(folder) / "page.png", animations="disabled")
+                shot = page.screenshot(animations="disabled")
                 browser.close()
-            assert shot
-            with Image.open(Path(folder) / "page.png") as image:
+            with Image.open(io.BytesIO(shot)) as image:
                 return np.asarray(image.convert("RGB")) / 255
         finally:
             server.send_signal(signal.SIGINT)
