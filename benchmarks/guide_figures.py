@@ -199,7 +199,7 @@ def printed() -> Figure:
     shown = [
         enlarged(small, 4, Image.Resampling.BICUBIC), rasterize(result.svg, 512, 512), whole / 255,
     ]  # fmt: skip
-    figures = [psnr(np.float32(one), np.float32(whole / 255)) for one in shown[:2]]
+    figures = [psnr(one, shown[2]) for one in shown[:2]]
     titles = [f"bicubic: {figures[0]:.1f} dB", f"gauss2svg: {figures[1]:.1f} dB", "photo, 512 px"]
     return tiles([_crop(one, 0.28, 0.02, 0.4) for one in shown], titles)
 
@@ -219,7 +219,7 @@ def errors_map() -> Figure:
     """A photo, its SVG and the map of errors that check writes."""
     photo = coffee(360)
     result = vectorize(photo, quality="fast")
-    heat = colors_of(errors(result.raster, np.float32(photo))) / 255
+    heat = colors_of(errors(result.raster, photo)) / 255
     return tiles([photo, result.raster, heat], ["photo.jpg", "out.svg", "errors.png"])
 
 

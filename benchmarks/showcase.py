@@ -5,11 +5,10 @@ python benchmarks/showcase.py examples/coffee.jpg examples/showcase.jpg
 
 from __future__ import annotations
 
+import io
 import sys
 
 import matplotlib.pyplot as plt
-import numpy as np
-from common import eight_bits
 from panels import enlarged, tiles
 from PIL import Image
 
@@ -44,13 +43,13 @@ def main() -> None:
     near.append(enlarged(photo, ZOOM, Image.Resampling.NEAREST)[part])
     titles = [*titles, "the photo", *[f"{ZOOM} times as large"] * len(near)]
     figure = tiles([*whole, photo, *near], titles, columns=len(near))
-    figure.set_dpi(_DPI)
     for axis in figure.axes:
         axis.title.set_fontsize(9)
-    figure.canvas.draw()
-    drawn = np.asarray(figure.canvas.buffer_rgba())[:, :, :3] / 255
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=_DPI)
     plt.close(figure)
-    eight_bits(drawn).save(target, quality=85)
+    with Image.open(stream) as image:
+        image.convert("RGB").save(target, quality=85)
 
 
 if __name__ == "__main__":
