@@ -61,9 +61,11 @@ def presets() -> Figure:
     names = ("draft", "fast", "balanced", "high", "max")
     found = [vectorize(photo, quality=name) for name in names]
     whole = [*(r.raster for r in found), photo]
-    near = [rasterize(r.svg, 3 * 360, 3 * photo.shape[0]) for r in found]
-    near.append(enlarged(photo, 3, Image.Resampling.NEAREST))
-    near = [_crop(one, 0.18, 0.52, 1 / 3) for one in near]
+    left, top, width, height = 65, 125, 120, 80  # px of the part
+    moved = [r.scene.replace(mean=r.scene.mean - [left, top]) for r in found]
+    near = [render(s.replace(width=width, height=height), 3 * width, 3 * height) for s in moved]
+    part = photo[top : top + height, left : left + width]
+    near.append(enlarged(part, 3, Image.Resampling.BICUBIC))
     titles = [f"{name}: {_kilobytes(r)}" for name, r in zip(names, found, strict=True)]
     titles.append("the photo")
     order = [*whole[:3], *near[:3], *whole[3:], *near[3:]]

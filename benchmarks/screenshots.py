@@ -12,16 +12,15 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from common import eight_bits
-from panels import Pixels, coffee
+from panels import coffee
 from PIL import Image
 
 _SCREEN: Any = {"width": 1200, "height": 860}  # px
 _PATIENCE_MS = 900_000  # of a fit on a busy machine
 
 
-def studio() -> Pixels:
+def studio() -> Image.Image:
     """The studio after three runs on the example photo."""
     from playwright.sync_api import sync_playwright
 
@@ -55,7 +54,7 @@ def studio() -> Pixels:
                 shot = page.screenshot(animations="disabled")
                 browser.close()
             with Image.open(io.BytesIO(shot)) as image:
-                return np.asarray(image.convert("RGB")) / 255
+                return image.convert("RGB")
         finally:
             server.send_signal(signal.SIGINT)
             server.wait()
