@@ -100,7 +100,7 @@ def webp() -> Figure:
                 best = max(best, (psnr(shown, photo / 255), shown), key=lambda one: one[0])
     one = rasterize(placeholder(photo, max_bytes=limit).svg, width, height)
     titles = [f"WebP: {best[0]:.1f} dB", f"gauss2svg: {psnr(one, photo / 255):.1f} dB", "the photo"]
-    return tiles([best[1], one, photo / 255], titles)
+    return tiles([best[1], one, photo / 255], titles, columns=3)
 
 
 def drawings() -> Figure:
@@ -145,8 +145,8 @@ def layers() -> Figure:
     chosen = _rounds(scene)
     alone = [scene.select(scene.round_index == k).replace(background=np.ones(3)) for k in chosen]
     upto = [scene.select(scene.round_index <= k) for k in chosen]
-    titles = [f"Round {k + 1} alone: {len(s)}" for k, s in zip(chosen, alone, strict=True)]
-    titles += [f"up to round {k + 1}: {len(s)}" for k, s in zip(chosen, upto, strict=True)]
+    titles = [f"round {k + 1}: {len(s)}" for k, s in zip(chosen, alone, strict=True)]
+    titles += [f"up to {k + 1}: {len(s)}" for k, s in zip(chosen, upto, strict=True)]
     return tiles([render(s, 480, 320) for s in (*alone, *upto)], titles, columns=4)
 
 
@@ -203,7 +203,7 @@ def printed() -> Figure:
     ]  # fmt: skip
     figures = [psnr(one, shown[2]) for one in shown[:2]]
     titles = [f"bicubic: {figures[0]:.1f} dB", f"gauss2svg: {figures[1]:.1f} dB", "photo, 512 px"]
-    return tiles([_crop(one, 0.28, 0.02, 0.4) for one in shown], titles)
+    return tiles([_crop(one, 0.28, 0.02, 0.4) for one in shown], titles, columns=3)
 
 
 def transparent() -> Figure:
@@ -214,7 +214,7 @@ def transparent() -> Figure:
     y, x = np.mgrid[:512, :512] // 32
     checks = np.where((x + y) % 2, 0.75, 1.0)[:, :, None] * np.ones(3)
     pages = {"on white": np.ones(3), "on a dark page": np.array(_NAVY), "on a pattern": checks}
-    return tiles([over(drawn, page) for page in pages.values()], list(pages))
+    return tiles([over(drawn, page) for page in pages.values()], list(pages), columns=3)
 
 
 def errors_map() -> Figure:
@@ -222,7 +222,7 @@ def errors_map() -> Figure:
     photo = coffee(360)
     result = vectorize(photo, quality="fast")
     heat = colors_of(errors(result.raster, photo)) / 255
-    return tiles([photo, result.raster, heat], ["photo.jpg", "out.svg", "errors.png"])
+    return tiles([photo, result.raster, heat], ["photo.jpg", "out.svg", "errors.png"], columns=3)
 
 
 def interrupted() -> Figure:
@@ -240,9 +240,9 @@ def interrupted() -> Figure:
 
         result = vectorize(photo, gaussians=1000, progress=watch, stop=ends)
         drawn.append(result.raster)
-        when = "at its end" if share == 1 else f"ended at {share:.0%}"
-        titles.append(f"{when}: {len(result.scene)}, {result.report['psnr_svg']:.1f} dB")
-    return tiles(drawn, titles)
+        when = "whole" if share == 1 else f"ended at {share:.0%}"
+        titles.append(f"{when}: {result.report['psnr_svg']:.1f} dB")
+    return tiles(drawn, titles, columns=3)
 
 
 def batch() -> Figure:

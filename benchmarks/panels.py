@@ -37,10 +37,10 @@ def enlarged(pixels: Pixels, factor: int, how: Image.Resampling) -> Pixels:
 
 
 def tiles(pictures: Sequence[Pixels], titles: Sequence[str], columns: int | None = None) -> Figure:
-    """Pictures of one shape in rows, by default one, under their titles."""
+    """Pictures of one shape in so many columns, for phones too, or in a row; under their titles."""
+    size = 8 if columns is None else 12  # pt
     columns = columns or len(pictures)
     rows = -(-len(pictures) // columns)
-    # Figures of several rows are for phones too.
     ratio = sum(p.shape[1] / p.shape[0] for p in pictures[:columns])
     figure, axes = plt.subplots(
         rows, columns, figsize=(WIDTH_IN, rows * (WIDTH_IN / ratio + _TITLE_IN) + 0.15),
@@ -51,5 +51,5 @@ def tiles(pictures: Sequence[Pixels], titles: Sequence[str], columns: int | None
         axis.axis("off")
     for axis, picture, title in zip(axes.flat, pictures, titles, strict=False):
         axis.imshow(np.clip(picture, 0, 1), interpolation="lanczos")
-        axis.set_title(title, fontsize=8 if rows == 1 else 10)
+        axis.set_title(title, fontsize=size)
     return figure
