@@ -2,24 +2,26 @@
 
     python benchmarks/figures.py docs/_static [start model progressive-fit ...]
 
-FOLDER/figures/NAME.webp stands on docs/concepts/NAME.md or docs/guide/NAME.md; FOLDER/start has the
-pictures of the start page and start.inc, which shows them.
+FOLDER/figures/NAME.webp, or NAME.svg, stands on the page that names it; guide_figures.py draws
+those of the guide. FOLDER/start has the pictures of the start page and start.inc, which shows them.
 """
 
 from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 import scenes
 from common import encoded
+from guide_figures import FIGURES as OF_THE_GUIDE
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+from panels import COFFEE, WIDTH_IN, coffee, tiles
 from PIL import Image
+from screenshots import studio
 from skimage import data
 
 from gauss2svg import FitOptions, Scene, SvgOptions, quantize, vectorize, write_svg
@@ -31,43 +33,22 @@ from gauss2svg.render import render
 from gauss2svg.scene.falloff import BETA_CLASSES, cut_radius, profile
 from gauss2svg.svg.stops import gradient_stops
 
-COFFEE = Path(__file__).parent / "coffee.jpg"
 COUNTS = (8, 32, 128, 512, 2048, 8192)
 MOST_BYTES = 60_000
-WIDTH_PX = 1440
-_INCHES = 7.2
-
-Pixels = NDArray[np.floating]
+WIDTH_PX = 1200
+_LONG = 2.4  # of a skewed shape's drawing, in sigma
 
 
-def coffee(width: int) -> Pixels:
-    """The example photo at a width in px."""
-    with Image.open(COFFEE) as image:
-        size = (width, round(width * image.height / image.width))
-        return np.asarray(image.convert("RGB").resize(size, Image.Resampling.LANCZOS)) / 255
-
-
-def small_webp(pixels: Pixels) -> bytes:
-    """An image as WebP of at most MOST_BYTES, as good as that allows."""
-    for quality in (90, 82, 74, 66, 58, 50):
-        data = encoded(pixels, "WEBP", quality=quality, method=6)
-        if len(data) <= MOST_BYTES:
-            return data
+def small_webp(image: Image.Image) -> bytes:
+    """An image as WebP of at most MOST_BYTES, as good as that allows; lines without loss."""
+    smaller = image.resize((image.width * 3 // 4, image.height * 3 // 4), Image.Resampling.LANCZOS)
+    exact = encoded(image, "WEBP", lossless=True, method=4)
+    for picture in (image, smaller):
+        for quality in (80, 72, 64, 56):
+            data = min(exact, encoded(picture, "WEBP", quality=quality, method=6), key=len)
+            if len(data) <= MOST_BYTES:
+                return data
     raise SystemExit(f"a figure must have at most {MOST_BYTES} bytes; got {len(data)}")
-
-
-def tiles(pictures: Sequence[Pixels], titles: Sequence[str]) -> Figure:
-    """Pictures in a row, under their titles."""
-    ratio = sum(p.shape[1] / p.shape[0] for p in pictures)
-    figure, axes = plt.subplots(
-        1, len(pictures), figsize=(_INCHES, _INCHES / ratio + 0.45), layout="constrained",
-        width_ratios=[p.shape[1] / p.shape[0] for p in pictures],
-    )  # fmt: skip
-    for axis, picture, title in zip(np.atleast_1d(axes), pictures, titles, strict=True):
-        axis.imshow(np.clip(picture, 0, 1), interpolation="lanczos")
-        axis.set_title(title, fontsize=8)
-        axis.axis("off")
-    return figure
 
 
 def start(folder: Path) -> None:
@@ -100,7 +81,7 @@ def start(folder: Path) -> None:
 def model() -> Figure:
     """The falloff of some exponents, and one ellipse with each."""
     figure, (left, right) = plt.subplots(
-        1, 2, figsize=(_INCHES, 2.3), layout="constrained", width_ratios=(1.25, 1)
+        1, 2, figsize=(WIDTH_IN, 2.3), layout="constrained", width_ratios=(1.25, 1)
     )
     r = np.linspace(0, 3.2, 400)
     betas = (1.0, 1.7, 3.0, 16.0)
@@ -120,6 +101,39 @@ def model() -> Figure:
     for k, beta in enumerate(betas):
         right.text(200 * (k % 2) + 6, 200 * (k // 2) + 22, f"beta = {beta:g}", fontsize=8)
     right.axis("off")
+    return figure
+
+
+def skew() -> Figure:
+    """A symmetric shape and a skewed one: contours, focus, and the falloff along the axis."""
+    figure, axes = plt.subplots(1, 3, figsize=(WIDTH_IN, 2.4), layout="constrained")
+    across = np.linspace(-_LONG, _LONG, 241)
+    lines = []
+    for axis, focus, title in zip(axes, (0.0, 0.65), ("symmetric", "skewed"), strict=False):
+        shape = Scene(
+            2 * _LONG, 2 * _LONG,
+            mean=np.full((1, 2), _LONG), sigma=np.ones((1, 2)), rho=np.zeros(1),
+            color=np.array([[0.1, 0.3, 0.6]]), opacity=np.ones(1), beta=np.full(1, 3.0),
+            skew=np.array([[focus, 0.0]]),
+        )  # fmt: skip
+        picture = render(shape, 480, 480)
+        height = (1 - picture[:, :, 0]) / 0.9  # of the falloff, over white
+        place = np.linspace(-_LONG, _LONG, 480)
+        axis.imshow(picture, extent=(-_LONG, _LONG, _LONG, -_LONG))
+        axis.contour(
+            place, place, height, levels=[0.1, 0.3, 0.5, 0.7, 0.9], colors="white", linewidths=0.6
+        )
+        radius = float(cut_radius(3.0))
+        axis.plot([0], [0], "+", color="black")
+        axis.plot([focus * radius], [0], "o", color="#e8590c", markersize=4)
+        axis.set_title(f"{title}: focus at {focus:g}", fontsize=9)
+        axis.axis("off")
+        lines.append((title, np.interp(across, place, height[240])))
+    for title, height in lines:
+        axes[2].plot(across, height, label=title)
+    axes[2].set_xlabel("along the axis, in sigma", fontsize=8)
+    axes[2].tick_params(labelsize=7)
+    axes[2].legend(fontsize=8, loc="lower center")
     return figure
 
 
@@ -161,7 +175,7 @@ def writing_svg() -> Figure:
             continue
         names.append(f"{name}: {psnr(raster, exact):.1f} dB")
         pictures.append(np.clip(0.5 + 16 * (raster - exact), 0, 1))
-    figure = plt.figure(figsize=(_INCHES, 4.2), layout="constrained")
+    figure = plt.figure(figsize=(WIDTH_IN, 4.2), layout="constrained")
     upper, lower = np.ravel(np.array(figure.subfigures(2, 1, height_ratios=(1, 1.15))))
     for axis, beta in zip(upper.subplots(1, 3, sharey=True), BETA_CLASSES[:3], strict=True):
         radius = float(cut_radius(beta))
@@ -234,8 +248,11 @@ def inks() -> Figure:
     return tiles([*(r.raster for r in results), picture], [*titles, "the picture"])
 
 
-FIGURES: dict[str, Callable[[], Figure]] = {
+FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
+    **OF_THE_GUIDE,
+    "studio": studio,
     "model": model,
+    "skew": skew,
     "progressive-fit": progressive_fit,
     "gaussian-count": gaussian_count,
     "writing-svg": writing_svg,
@@ -253,14 +270,21 @@ def main() -> None:
         start(folder / "start")
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     for name in [n for n in names if n != "start"]:
-        stream = io.BytesIO()
-        figure = FIGURES[name]()
-        figure.savefig(stream, format="png", dpi=WIDTH_PX / _INCHES)
-        plt.close(figure)
-        with Image.open(stream) as image:
-            encoded = small_webp(np.asarray(image.convert("RGB")) / 255)
-        (folder / "figures" / f"{name}.webp").write_bytes(encoded)
-        print(f"{name}: {len(encoded)} bytes")
+        figure, suffix = FIGURES[name](), "webp"
+        if isinstance(figure, str):
+            data, suffix = figure.encode(), "svg"
+            if len(data) > MOST_BYTES:
+                raise SystemExit(f"a figure must have at most {MOST_BYTES} bytes; got {len(data)}")
+        elif isinstance(figure, Figure):
+            stream = io.BytesIO()
+            figure.savefig(stream, format="png", dpi=WIDTH_PX / WIDTH_IN)
+            plt.close(figure)
+            with Image.open(stream) as image:
+                data = small_webp(image.convert("RGB"))
+        else:
+            data = small_webp(figure)
+        (folder / "figures" / f"{name}.{suffix}").write_bytes(data)
+        print(f"{name}: {len(data)} bytes")
 
 
 if __name__ == "__main__":
