@@ -54,11 +54,9 @@ def site(photo, tmp_path_factory):
     }
     bad = {
         "none.png": "No such file",
-        "folder.png": "is a folder",
         "broken.png": "broken",
         "large.png": "pixels",
     }
-    (root / "photos" / "folder.png").mkdir()
     data = good["clear"].read_bytes()
     (root / "photos" / "broken.png").write_bytes(data[: len(data) // 2])
     save(photo, root / "photos" / "large.png")

@@ -23,7 +23,6 @@ from gauss2svg.raster import rasterize
 pytestmark = pytest.mark.usefixtures("hasty")
 
 # A picture that has come and hides nothing.
-CLEAR = "data:image/gif;base64,R0lGODlhAQABAIAAAAAAAP///yH5BAEAAAAALAAAAAABAAEAAAIBRAA7"
 
 
 @pytest.fixture
@@ -334,12 +333,14 @@ def test_a_browser_draws_every_form_as_it_draws_the_svg_inline(photos, browser):
     found = gauss2svg.placeholder(photos[0], 700)
     size = f"width:{found.width}px;height:{found.height}px"
     css = f'url("{found.data_uri}") 0 0/100% 100%'
+    nothing = np.zeros((found.height, found.width, 4), np.float32)  # of the photo's proportions
+    clear = "data:image/png;base64," + base64.b64encode(as_png(nothing)).decode()
     bodies = {
         "inline": f'<div style="{size}">{found.svg}</div>',
         "plain": f'<img style="display:block;{size}" src="{found.data_uri}">',
         "base64": f'<img style="display:block;{size}" src="{found.data_uri_base64}">',
         "css": f"<style>div{{{size};background:{css}}}</style><div>",
-        "snippet": found.snippet(CLEAR),
+        "snippet": found.snippet(clear),
     }
     api = chromium._playwright()
     taken = {}
