@@ -22,8 +22,6 @@ from gauss2svg.raster import rasterize
 
 pytestmark = pytest.mark.usefixtures("hasty")
 
-# A picture that has come and hides nothing.
-
 
 @pytest.fixture
 def photos(tmp_path):
