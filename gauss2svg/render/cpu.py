@@ -252,7 +252,20 @@ def squared_error(
     float32 or float64. The sum is not weighted. The moments (gauss2svg.render.kernels) belong to
     L = 1/2 sum weight (rendered - target)^2; forward and backward share one visit of a tile.
     """
-    return _visit(SQUARED_ERROR, splats, target, MOMENTS, weight)
+    image, squares, moments, rows = _visit(
+        SQUARED_ERROR, splats, target, _columns_of(splats), weight
+    )
+    return image, squares, _with_all(moments), rows
+
+
+def _columns_of(splats: Splats) -> int:
+    """How many moments are summed: those of skews only where there are any."""
+    return MOMENTS if splats.skew.any() else MOMENTS - 2
+
+
+def _with_all(moments: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, MOMENTS), those that were not summed being 0."""
+    return np.pad(moments, ((0, 0), (0, MOMENTS - moments.shape[1])))
 
 
 def by_exponent(moments: NDArray[np.float64], splats: Splats) -> NDArray[np.float64]:
@@ -266,7 +279,7 @@ def by_exponent(moments: NDArray[np.float64], splats: Splats) -> NDArray[np.floa
 
 def moments_of_gradient(splats: Splats, gradient: NDArray[Real]) -> NDArray[np.float64]:
     """Moments (n, MOMENTS) of any loss from its gradient (3, h, w) with respect to the image."""
-    return _visit(GIVEN_GRADIENT, splats, gradient, MOMENTS)[2]
+    return _with_all(_visit(GIVEN_GRADIENT, splats, gradient, _columns_of(splats))[2])
 
 
 def removal_cost(

@@ -326,7 +326,10 @@ def _unlayer(j, row, rim, c0, c1, c2, alpha, transmittance, g, behind):
 
 @njit(inline="always")
 def put_moments(moments, p, z1, h1, h2, h22, so, s0, s1, s2, hb, k1, k2):
-    """Write the sums over a pair's lanes to row p of moments: see the module."""
+    """Write the sums over a pair's lanes to row p of moments: see the module.
+
+    Those of skews, the last two, have no columns where no shape is skewed.
+    """
     moments[p, 0] = total(h1)
     moments[p, 1] = total(h2)
     moments[p, 2] = total(h1 * z1)
@@ -337,8 +340,9 @@ def put_moments(moments, p, z1, h1, h2, h22, so, s0, s1, s2, hb, k1, k2):
     moments[p, 7] = total(s1)
     moments[p, 8] = total(s2)
     moments[p, 9] = 0.5 * total(hb)
-    moments[p, 10] = total(k1)
-    moments[p, 11] = total(k2)
+    if moments.shape[1] == MOMENTS:
+        moments[p, 10] = total(k1)
+        moments[p, 11] = total(k2)
 
 
 @tile_kernel
