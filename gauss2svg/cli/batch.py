@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,7 +12,7 @@ from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.cli.parameters import Quiet, options_of
-from gauss2svg.cli.streams import counting_bar, say, write_output
+from gauss2svg.cli.streams import counting_bar, say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
 
@@ -66,6 +67,8 @@ def batch_command(
     from gauss2svg.files import refuse_option_like
 
     refuse_option_like(*photos, output)
+    if log == "json":
+        standard_stream(sys.stdout, "output")  # is refused now, not at the first record
     with Batch(photos, output, Options(**vars(given)), batch) as made:
         with counting_bar(quiet) as update:
             summary, count = Summary(), made.index.count

@@ -122,7 +122,7 @@ def check_command(
     if place is not None:
         if reference is not None:
             raise InputError("reference must not be given with --for, which measures nothing")
-        return _check_for(place, names, output)
+        return _check_for(place, names, options, output)
     if len(names) != 2:
         raise InputError(f"photo and SVG must be one file each; got {brief(', '.join(names))}")
     photo, svg = names
@@ -157,7 +157,7 @@ def check_command(
     return 0
 
 
-def _check_for(place: str, names: list[str], output: CheckOutput) -> int:
+def _check_for(place: str, names: list[str], options: CheckOptions, output: CheckOutput) -> int:
     """Say what breaks where an SVG is taken to; returns the exit status."""
     from gauss2svg.files import (
         STANDARD_STREAM,
@@ -170,11 +170,22 @@ def _check_for(place: str, names: list[str], output: CheckOutput) -> int:
 
     if len(names) != 1:
         raise InputError(f"--for must be given with an SVG alone; got {brief(', '.join(names))}")
+    usual = CheckOptions()
+    limits = {"max_svg_bytes": options.max_svg_bytes, "max_elements": options.max_elements}
+    if options != dataclasses.replace(usual, **limits):
+        raise InputError(
+            "--for must be given without options of a measurement, as it measures nothing. Try "
+            "--max-svg-bytes and --max-elements alone"
+        )
+    for name in ("heatmap", "preview", "min_psnr"):
+        if getattr(output, name) is not None:
+            option = name.replace("_", "-")
+            raise InputError(f"--{option} must not be given with --for, which measures nothing")
     refuse_option_like(*names)
     check_outputs({names[0]: "the SVG"}, [] if output.report is None else [output.report])
     is_stream = names[0] == STANDARD_STREAM
     source: Any = standard_stream(sys.stdin, "input") if is_stream else Path(names[0])
-    found = findings(source, place)
+    found = findings(source, place, **limits)
     if output.report is not None:
         report = {"for": place, "findings": [finding.report for finding in found]}
         write_atomically(output.report, as_json(report))

@@ -71,7 +71,7 @@ def placeholder_command(
             name=["--output", "-o"],
             allow_leading_hyphen=True,
             help="File to write, with svg the folder for them; - is standard output. What a list "
-            "has of unchanged photos is kept.",
+            "has of unchanged photos is kept, of photos that are not given it goes.",
         ),
     ] = "-",
     options: Annotated[PlaceholderOptions, Parameter(name="*", group="Placeholders")] = _DEFAULTS,
@@ -83,7 +83,9 @@ def placeholder_command(
     once = listed_photos(given)
     copies = len(given) - len(once)
     if options.format == "picture":
-        sources = {source for photo in once for source in _sources(photo.path)}
+        sources = {
+            source for photo in once if photo.problem is None for source in _sources(photo.path)
+        }
         once = [photo for photo in once if Path(photo.path) not in sources]
     targets = _targets(output, options.format, [photo.slug for photo in once])
     _check({photo.path: "a photo" for photo in once}, targets)
@@ -171,6 +173,7 @@ class _Book:
         # Of another version or of other options nothing is kept.
         self._made_by = f"gauss2svg {__version__}, {options.max_bytes} bytes of {options.bytes_of}"
         is_file = options.format != "svg" and output != STANDARD_STREAM and Path(output).is_file()
+        self._data = b""  # of that file
         self._before = self._entries() if is_file else {}
 
     def has(self, photo: ListedPhoto) -> bool:
@@ -181,7 +184,9 @@ class _Book:
         return (found.get("sha256"), found.get("madeBy")) == (photo.digest, self._made_by)
 
     def write(self, photos: list[ListedPhoto], made: dict[ListedPhoto, Placeholder]) -> int:
-        """Write what was made and what is kept of the other photos; returns how many they are.
+        """Write what was made and what is kept of the other given photos; returns how many.
+
+        Entries of photos that are not given go.
 
         A file that would be the same is not touched, which would make servers reload pages.
         """
@@ -206,13 +211,19 @@ class _Book:
             text = "".join(f"{line}{end}" for line in listed.values())
         if output == STANDARD_STREAM:
             write_output(text.encode())
-        elif not (self._before and Path(output).read_bytes() == text.encode()):
+        elif text.encode() != self._data or not Path(output).is_file():
             write_all_atomically({output: text.encode()})
         return len(listed)
 
     def _key(self, photo: ListedPhoto) -> str:
         """The path of a photo from the root; in HTML its address."""
-        path = Path(os.path.relpath(photo.path, self._root)).as_posix()
+        try:
+            path = Path(os.path.relpath(photo.path, self._root)).as_posix()
+        except ValueError as error:  # Windows knows no way from one drive to another
+            raise InputError(
+                f"--root must be on the drive of the photos; got {quoted(str(self._root))}. Try a "
+                "folder above them"
+            ) from error
         return path if self._options.format in ("json", "object") else _url(path)
 
     def _entry(self, photo: ListedPhoto, one: Placeholder) -> Any:
@@ -236,7 +247,7 @@ class _Book:
         """The entries of the file, by the keys of their photos."""
         form, output = self._options.format, self._output
         with reading(output, "another name for --output") as file:
-            data = file.read()
+            data = self._data = file.read()
         try:
             text = data.decode()
             if form in ("html", "picture"):

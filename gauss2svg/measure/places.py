@@ -13,13 +13,13 @@ from dataclasses import dataclass, field
 from typing import Any, get_args
 
 from gauss2svg.measure.survey import survey
-from gauss2svg.options import OneOf, Place
+from gauss2svg.options import OneOf, Place, byte_size
 from gauss2svg.raster import renderer_named
 from gauss2svg.raster.features import Feature, Features
 from gauss2svg.svg.syntax.source import MOST_BYTES, SvgSource, svg_source
 
 PLACES: tuple[str, ...] = get_args(Place)
-_MOST_ELEMENTS = 1_000_000  # resvg's limit
+MOST_ELEMENTS = 1_000_000  # resvg's limit
 # Places that are drawn by a renderer of ours, of which the version is that of the page.
 _DRAWN_BY = {"inkscape": "inkscape", "pdf": "cairo"}
 _MEASURED = "docs/decisions/renderers.md"
@@ -150,17 +150,22 @@ def _of_renderer(place: str, feature: Feature, known: str) -> Rule:
     return Rule(place, feature, reason, _MEASURED, tried=True)  # pyright: ignore[reportArgumentType]
 
 
-def findings(svg: SvgSource, place: str) -> list[Finding]:
+def findings(
+    svg: SvgSource,
+    place: str,
+    max_svg_bytes: int | str = MOST_BYTES,
+    max_elements: int = MOST_ELEMENTS,
+) -> list[Finding]:
     """What breaks or is slow where an untrusted SVG is taken to, breaks first.
 
-    svg    as of `check`; place: one of PLACES
+    svg    as of `check`, also max_svg_bytes and max_elements; place: one of PLACES
     Raises InputError as `check` for a file that is no SVG or refers to anything outside of it.
     """
     rules = rules_of(place)
-    data, text = svg_source(svg, MOST_BYTES)
+    data, text = svg_source(svg, byte_size("max_svg_bytes", max_svg_bytes))
     # In no canvas: whether shapes are skewed does not depend on a uniform scale.
     contents, features = _Contents(), Features(1, 1, lambda _: None)
-    surveyed, _ = survey(text, _MOST_ELEMENTS, contents, features)
+    surveyed, _ = survey(text, max_elements, contents, features)
     counts: Mapping[str, int] = {
         **surveyed.tags,
         **contents.counts,

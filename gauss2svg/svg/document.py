@@ -190,7 +190,8 @@ class Document(OptionGroup):
 
     def mm_each(self, width: float) -> float:
         """Millimetres of a px of a canvas of so many px across, on paper."""
-        across, unit = (width, "px") if self.size is None else _width_of("size", self.size)
+        given = None if self.size == RESPONSIVE else self.size
+        across, unit = (width, "px") if given is None else _width_of("size", given)
         return across * _UNITS[unit] / width
 
     def style(self, rounds: Sequence[int]) -> str | None:

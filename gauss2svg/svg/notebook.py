@@ -1,8 +1,9 @@
 """Pictures in notebooks: the HTML that IPython asks an object for.
 
 The room of scenes lies under the renderers and cannot draw, so `Scene` asks the function that is
-installed at the end of this module. The package takes its public name `Scene` from here: every
-scene of a user's shows itself, and a scene alone still loads NumPy and no renderer.
+installed at the end of this module. The package takes its public name `Scene` from here, and so
+does the reader: scenes of `vectorize`, `read_svg` and of one's own show themselves, and a scene
+alone still loads NumPy and no renderer.
 """
 
 from __future__ import annotations

@@ -94,3 +94,27 @@ def test_what_cannot_be_checked_is_refused(tmp_path, capsys):
     assert main(["check", str(path)]) == 2
     assert main(["check", "photo.jpg", str(path), "--for", "web"]) == 2
     assert "--for must be given with an SVG alone" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ["--preview", "a.png"], ["--heatmap", "a.png"], ["--min-psnr", "30"], ["--max-size", "90"],
+        ["--reference", "b.svg"], ["--renderer", "cairo"],
+    ],
+)  # fmt: skip
+def test_what_measures_is_refused_beside_a_place(option, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.svg").write_text(SVG.format(""))
+    assert main(["check", "a.svg", "--for", "web", *option]) == 2
+    assert "--for" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["a.svg"]
+
+
+def test_limits_of_untrusted_files_hold_beside_a_place(tmp_path, capsys):
+    path = tmp_path / "a.svg"
+    path.write_text(SVG.format("<path/><path/>"))
+    assert main(["check", str(path), "--for", "pdf", "--max-elements", "2"]) == 2
+    assert "element" in capsys.readouterr().err
+    assert main(["check", str(path), "--for", "pdf", "--max-svg-bytes", "10"]) == 2
+    assert main(["check", str(path), "--for", "pdf", "--max-elements", "9"]) == 0

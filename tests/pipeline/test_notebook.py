@@ -55,6 +55,17 @@ def test_the_public_scene_shows_itself_and_loads_no_renderer():
     assert run.stdout.split() == ["False", "<img", "True"]
 
 
+def test_a_scene_that_was_read_shows_itself_too():
+    code = (
+        "from gauss2svg.svg.reader.read import read_svg; import sys; "
+        "print(read_svg(sys.argv[1])._repr_html_()[:5])"
+    )
+    svg = gauss2svg.write_svg(gauss2svg.Scene(4, 3))
+    command = [sys.executable, "-c", code, svg]
+    run = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["<img"]
+
+
 def test_a_run_that_shows_itself_is_the_same_and_is_quiet_where_nobody_looks(photo, capfd):
     given = {"gaussians": 5, "run": gauss2svg.RunOptions(threads=1)}
     files = {gauss2svg.vectorize(photo[:32, :32], progress=p, **given).svg for p in (None, True)}

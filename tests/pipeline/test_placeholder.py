@@ -15,6 +15,7 @@ from PIL import Image, ImageColor
 
 import gauss2svg
 from gauss2svg.cli.main import main
+from gauss2svg.cli.placeholder import _Book
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.pipeline.placeholder import Placeholder
@@ -392,3 +393,22 @@ def test_a_large_photo_has_the_placeholder_of_its_reduction_at_its_own_size():
     photo = np.asarray(Image.fromarray(large).resize((90, 60), Image.Resampling.BOX)) / 255
     one, other = (np.mean((rasterize(p.svg, 90, 60) - photo) ** 2) for p in (found, small))
     assert one < 1.2 * other < photo.var()
+
+
+def test_a_list_that_goes_while_placeholders_are_made_is_written_anew(
+    photos, tmp_path, monkeypatch
+):
+    """As where a build empties its folder."""
+    output = tmp_path / "o.json"
+    command = ["placeholder", *photos[:1], "-o", str(output), "--max-bytes", "300", "--quiet"]
+    assert main(command) == 0
+    listed = output.read_bytes()
+    write = _Book.write
+
+    def gone(book, *given):
+        output.unlink()
+        return write(book, *given)
+
+    monkeypatch.setattr(_Book, "write", gone)
+    assert main(command) == 0
+    assert output.read_bytes() == listed

@@ -111,12 +111,13 @@ def test_stroke_of_no_width_is_refused(width):
         outline_svg(Scene(5, 4), stroke_width=width)
 
 
-@pytest.mark.parametrize("size", [None, "120mm", "2in"])
+@pytest.mark.parametrize("size", [None, "responsive", "120mm", "2in"])
 def test_strokes_of_pens_are_those_of_the_page_alone(size):
     scene = random_scene(60, 90, 70, 5, (4, 40), (1, 8), skew=0)
     scene = scene.replace(color=np.full((60, 3), 0.0))
     svg = outline_svg(scene, Document(size=size), stroke_width=0.3, pens=1)
-    width = {None: 90 * 25.4 / 96, "120mm": 120.0, "2in": 50.8}[size]
+    at_96_dpi = 90 * 25.4 / 96
+    width = {"120mm": 120.0, "2in": 50.8}.get(size, at_96_dpi)
     root = parse(svg)
     assert float(root.get("width").removesuffix("mm")) == pytest.approx(width, abs=0.001)
     assert [float(v) for v in root.get("viewBox").split()[2:]] == pytest.approx(

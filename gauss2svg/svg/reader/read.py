@@ -31,8 +31,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gauss2svg.errors import InputError, brief, quoted
-from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, OVER, RHO_LIMIT, Scene
+from gauss2svg.scene import ADD, LEAST_SIGMA, MOST_MEAN, MOST_SIGMA, OVER, RHO_LIMIT
 from gauss2svg.svg.minimal.shapes import arc_beta, skew_of_focus
+from gauss2svg.svg.notebook import Scene
 from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
 from gauss2svg.svg.reader.additive import Differences
 from gauss2svg.svg.reader.canvas import misplaced, read_canvas
