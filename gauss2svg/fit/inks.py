@@ -21,8 +21,8 @@ from gauss2svg.scene.falloff import RIM_WIDTH
 from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.svg.plain_ellipse import LEAST_PLAIN_BETA
 
-OPAQUE_LOGIT = 12.0
-# px in which a rim falls from 0.9 to 0.1, across the minor axis: about that of a drawn ellipse.
+# px in which the profile's rim would fall from 0.9 to 0.1, across the minor axis. Fits cover
+# pixels: it sets the exponent, and by it how far a step goes.
 _RIM = 0.7
 _MOST_BETA = 128.0
 EXCHANGED_EVERY = 20  # steps; 10 end no closer (docs/decisions/inks.md)

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.blending import blending, in_inks
+from gauss2svg.fit.blending import OPAQUE_LOGIT, blending, in_inks
 from gauss2svg.fit.convert import composited
-from gauss2svg.fit.inks import OPAQUE_LOGIT, Inks, crisp
+from gauss2svg.fit.inks import Inks, crisp
 from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import NewGaussians, first_falloff, place

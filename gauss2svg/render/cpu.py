@@ -34,7 +34,7 @@ from gauss2svg.render.walk import (
     walk_tiles_additive,
 )
 from gauss2svg.scene import ADD, PLAIN, Scene, whitening_of
-from gauss2svg.scene.falloff import CUT, cut_radius, half_radius, longer_axes
+from gauss2svg.scene.falloff import CUT, covered_radius, cut_radius, longer_axes
 
 
 class _KernelLock:
@@ -140,7 +140,7 @@ def splats_from(
     radius = cut = cut_radius(beta)
     outer = np.zeros((len(mean), 4))
     if plain is not None and plain.any():
-        radius = np.where(plain, half_radius(beta), radius)
+        radius = np.where(plain, covered_radius(beta), radius)
         longer, most = longer_axes(whitening, radius)
         w11, w21, w22 = longer.T
         l11, l22 = 1 / w11, 1 / w22

@@ -24,7 +24,7 @@ r = t cut_radius(beta) takes the place of |z|, with
 The contour of a value t is the circle of radius t round (1 - t) f; f = 0 is the symmetric shape.
 
 A plain ellipse has no falloff: a renderer draws its edge by how much of each pixel it covers. With
-R = half_radius(beta) its radius and g = |W^T z| / |z| the growth of |z| for each px, that share is
+R = covered_radius(beta) its radius and g = |W^T z| / |z| the growth of |z| for each px, that is
 
     clip(1/2 + (R - |z|) / g) + clip(1/2 + (R + |z|) / g) - 1,  clip to 0..1,
 
@@ -34,6 +34,7 @@ semi-axes are half a pixel longer, for beyond the ends of a needle the distances
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -131,6 +132,25 @@ def longer_axes(
     l22 = (long + 0.5) * (short + 0.5) / l11  # by the determinant, which does not cancel
     most = np.minimum(1.0, short * np.minimum(2.0, np.pi * long))
     return np.stack([1 / l11, -l21 / (l11 * l22), 1 / l22], axis=-1), most
+
+
+def covered_radius(beta: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) radii in sigmas of plain ellipses that cover what profiles of exponents (n,) sum up to.
+
+    R^2 = 2 integral f(r) r dr; within 1e-5 by a table.
+    """
+    return np.interp(np.log(beta), *_covered_radii())
+
+
+@lru_cache(maxsize=1)
+def _covered_radii() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    logs = np.linspace(math.log(LEAST_BETA), math.log(MOST_BETA), 400)
+    share = (np.arange(4000) + 0.5) / 4000
+    radii = [
+        cut * math.sqrt(2 * np.mean(profile(share * cut, beta) * share))
+        for beta, cut in zip(np.exp(logs), cut_radius(np.exp(logs)), strict=True)
+    ]
+    return logs, np.array(radii)
 
 
 def half_radius(beta: ArrayLike) -> NDArray[np.float64]:

@@ -91,7 +91,9 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
 
     colors, counts = _colors(pixels)
     if inks > len(colors):
-        raise _bad("inks", f"at most {len(colors)}, the colours of the picture", inks)
+        most = len(colors)
+        instead = f"Try {most}" if most >= LEAST_INKS else "Try it without inks"
+        raise InputError(f"inks must be at most {most}, the colours seen; got {inks}. {instead}")
     points = _oklab(colors / 255)
     cell = np.unique(_codes(colors // _ALIKE), return_inverse=True)[1]
     if cell.max() + 1 < _CELLS_EACH * inks:

@@ -77,7 +77,9 @@ def pen_strokes(scene: Scene, count: int) -> list[Pen]:
     if distinct == 1:
         pens = hex_color(np.round(color[0] * 255).astype(int), short=False)
     else:
-        pens = inks_of(color[None].astype(np.float32), min(count, distinct))
+        # Sorted, as the choice looks at neighbours: the painter's order must not decide.
+        sorted_by_color = color[np.lexsort(color.T)][None].astype(np.float32)
+        pens = inks_of(sorted_by_color, min(count, distinct))
     entry = nearest_entry(ink_colors(pens), color)[1]
     strokes: list[list[Drawn]] = [[] for _ in pens.split(",")]
     matrices = scene.factor[index] * half_radius(scene.beta[index])[:, None, None]

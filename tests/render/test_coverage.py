@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from gauss2svg.render.cpu import removal_cost, render_planar, splats_of, squared_error
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.scene.falloff import coverage, half_radius, longer_axes
+from gauss2svg.scene.falloff import coverage, covered_radius, longer_axes
+from gauss2svg.svg.plain_ellipse import plain_radius
 
 WIDTH, HEIGHT = 45, 34
 OFF = {np.float32: 2e-6, np.float64: 1e-13}
@@ -36,7 +37,7 @@ def shares(scene: Scene, k: int, height: int = HEIGHT, width: int = WIDTH) -> np
     w11, w21, w22 = scene.whitening[k]
     u, v = x - scene.mean[k, 0], y - scene.mean[k, 1]
     z = np.stack([w11 * u, w21 * u + w22 * v], axis=-1)
-    return coverage(z, scene.whitening[k], half_radius(scene.beta[k]))
+    return coverage(z, scene.whitening[k], covered_radius(scene.beta)[k])
 
 
 def by_numpy(scene: Scene) -> np.ndarray:
@@ -75,7 +76,7 @@ def test_only_plain_shapes_cover_and_only_where_asked():
 def test_coverage_is_what_many_samples_of_a_pixel_say(seed):
     scene = ellipses(1, seed, least=1.0, rho=np.zeros(1), mean=np.full((1, 2), 20.3))
     fine = (np.arange(16 * WIDTH) + 0.5) / 16
-    radius = half_radius(scene.beta)[0]
+    radius = covered_radius(scene.beta)[0]
     u, v = ((fine - 20.3) / (radius * s) for s in scene.sigma[0])
     inside = (u**2 + v[: 16 * HEIGHT, None] ** 2) < 1
     sampled = inside.reshape(HEIGHT, 16, WIDTH, 16).mean(axis=(1, 3))
@@ -86,7 +87,7 @@ def test_coverage_is_what_many_samples_of_a_pixel_say(seed):
 
 @pytest.mark.parametrize("minor", [0.1, 0.2, 0.3])
 def test_no_pixel_is_covered_by_more_than_a_thin_ellipse_has(minor):
-    radius = half_radius(np.array([60.0]))[0]
+    radius = covered_radius(np.array([60.0]))[0]
     size = np.array([[12.0, minor / radius]])
     scene = ellipses(1, 0, mean=np.full((1, 2), 20.5), sigma=size, rho=np.zeros(1), beta=[60.0])
     assert shares(scene, 0)[20, 20] == pytest.approx(2 * minor)
@@ -105,7 +106,7 @@ def test_longer_axes_of_needles_are_finite(far):
 @given(seed=st.integers(0, 2**32 - 1))
 def test_longer_axes_are_half_a_pixel_longer(seed):
     scene = ellipses(5, seed)
-    radius = half_radius(scene.beta)
+    radius = covered_radius(scene.beta)
     w11, w21, w22 = longer_axes(scene.whitening, radius)[0].T
     for k, (a, b) in enumerate(radius[:, None] * scene.ellipse_axes[0]):
         outer = np.linalg.svd(np.array([[w11[k], 0], [w21[k], w22[k]]]), compute_uv=False)
@@ -162,3 +163,18 @@ def test_removal_cost_is_what_removal_costs(dtype):
     for k in range(7):
         expected = error(scene.select(np.arange(7) != k)) - error(scene)
         assert cost[k, 0] == pytest.approx(expected, abs=1e-4 * error(scene))
+
+
+def test_covered_radius_is_that_of_the_ellipse_of_a_file():
+    beta = np.round(np.geomspace(0.6, 250, 60), 2)
+    np.testing.assert_allclose(covered_radius(beta), plain_radius(beta), rtol=2e-4)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_plain_ellipse_covers_its_area(seed):
+    white = {"color": np.ones((1, 3)), "opacity": np.ones(1), "background": np.zeros(3)}
+    scene = ellipses(1, seed, least=2.0, mean=np.full((1, 2), 17.3), **white)
+    scene = scene.replace(sigma=np.minimum(scene.sigma, 5.0), rho=0.5 * scene.rho)
+    image = render_planar(splats_of(scene, covering=True), HEIGHT, WIDTH, np.float64)
+    area = np.pi * plain_radius(scene.beta)[0] ** 2 * scene.ellipse_axes[0].prod()
+    assert image[0].sum() == pytest.approx(area, rel=0.03)

@@ -89,7 +89,7 @@ def test_more_inks_than_colours_are_refused():
     pixels = np.zeros((4, 4, 3), np.float32)
     pixels[1:3] = 1
     assert inks_of(pixels, 2) == "#ffffff,#000000"
-    with pytest.raises(InputError, match="at most 2, the colours of the picture; got 3"):
+    with pytest.raises(InputError, match=r"at most 2, the colours seen; got 3\. Try 2"):
         inks_of(pixels, 3)
 
 

@@ -123,7 +123,7 @@ def test_strokes_of_pens_are_those_of_the_page_alone(size):
     assert [float(v) for v in root.get("viewBox").split()[2:]] == pytest.approx(
         [width, width * 70 / 90], abs=0.001
     )
-    ends = re.findall(r"([\d.]+) ([\d.]+)(?=A|M|\")", "".join(re.findall(r' d="[^"]*"', svg)))
+    ends = re.findall(r"(-?[\d.]+) (-?[\d.]+)(?=A|M|\")", "".join(re.findall(r' d="[^"]*"', svg)))
     assert len(ends) > 50
     x, y = np.array(ends, float).T
     assert 0 <= x.min() < x.max() <= width + 0.005
@@ -185,3 +185,15 @@ def test_outline_is_another_file_beside_the_picture(name, photo, tmp_path):
         data = gzip.decompress(data)
     assert data.decode() == result.outline()
     assert len(re.findall("<ellipse", result.outline())) == len(result.scene)
+
+
+def test_pens_are_the_same_in_any_order_of_the_shapes():
+    scene = random_scene(120, 90, 70, 5, (2, 9), (1, 1), skew=0)
+    scene = scene.replace(round_index=None)
+    mixed = scene.select(np.random.default_rng(1).permutation(120))
+    names = [
+        sorted(set(re.findall(r'stroke="(#\w+)"', outline_svg(one, stroke_width=0.3, pens=4))))
+        for one in (scene, mixed)
+    ]
+    assert len(names[0]) == 4
+    assert names[0] == names[1]

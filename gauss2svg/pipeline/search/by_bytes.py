@@ -42,7 +42,7 @@ from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, W
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA
+from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, covered_radius
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_falloffs
@@ -321,6 +321,11 @@ class ByBytes:
             plain &= ~np.isclose(scene.beta, beta)
         width, height = subject.canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
+        if self.is_drawing:  # of the area that was fitted, not of the contour of half height
+            most = np.full(len(scene), MOST_BETA)
+            wider = covered_radius(scene.beta) / covered_radius(most)
+            sigma = scene.sigma * np.where(plain, wider, 1.0)[:, None]
+            scene = scene.replace(beta=np.where(plain, MOST_BETA, scene.beta), sigma=sigma)
         scene = with_falloffs(scene, np.where(plain, MOST_BETA, scene.beta))
         return scene.replace(width=width, height=height, drawn=np.where(plain, PLAIN, SOFT))
 
