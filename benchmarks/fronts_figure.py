@@ -102,7 +102,7 @@ def plot(found: dict[str, Rows], path: Path) -> None:
                 axes.minorticks_off()
             axes.set_xlabel(f"{_SHOWN[name]}, {kind}")
             axes.set_ylabel("SSIMULACRA2" if name == "ssimulacra2" else "dB")
-    figure.savefig(path, dpi=100, pil_kwargs={"quality": 60} if path.suffix == ".webp" else {})
+    figure.savefig(path, dpi=100, pil_kwargs={"quality": 50} if path.suffix == ".webp" else {})
 
 
 def main() -> None:

@@ -163,7 +163,7 @@ def test_opaque_shapes_that_hide_others_are_warned_of_with_outlines(photo, tmp_p
         (["--inks", "#fff"], "--inks must be 2 to 64 colours"),
         (["--inks", "#fff,#FFFFFF"], "--inks must be different colours"),
         (["--inks", "#fff,blue"], "--inks must be colours such as #c0322c; got 'blue'"),
-        (["--inks", "64"], "inks must be at most 2, the colours of the picture; got 64"),
+        (["--inks", "64"], "inks must be at most 2, the colours seen; got 64"),
         (["--pens", "3"], "--pens must be given with --outline"),
         (["--pens", "0", "--outline", "l.svg"], "--pens must be"),
         (["--pens", "2", "--outline", "l.svg", "--animate", "2"], "must not be given with animate"),
