@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import secrets
 import stat
@@ -9,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -61,9 +63,20 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
             files.__class__ = KernelFiles
             module = Path(function.__code__.co_filename)
             vars(files)["beside"] = str(module.with_name("__pycache__"))
+            # Kernels inline those of other files, whose changes numba itself does not see.
+            vars(files)["_source_stamp"] = vars(files)["_source_stamp"], _digest(module.parent)
         return dispatcher
 
     return compiled
+
+
+@lru_cache
+def _digest(room: Path) -> str:
+    """A digest of the Python files of a folder."""
+    digest = hashlib.sha256()
+    for path in sorted(room.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
 
 
 @contextmanager

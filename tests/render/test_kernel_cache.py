@@ -1,6 +1,8 @@
 """Laws of the kernels on disk: whatever several processes do at once, none gets another's code."""
 
 import os
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -290,3 +292,20 @@ def test_every_kernel_on_disk_is_kept_that_way():
     found = [path.name for path in package.rglob("*.py") if "cache=True" in path.read_text()]
     assert found == ["kernel_cache.py"]
     assert isinstance(cached()(_twice)._cache._cache_file, KernelFiles)
+
+
+def test_code_kept_of_a_kernel_is_not_used_where_another_file_of_its_room_changed(tmp_path):
+    """Kernels inline those of other files."""
+    room = tmp_path / "room"
+    room.mkdir()
+    (room / "__init__.py").write_text("")
+    (room / "inner.py").write_text("from numba import njit\n@njit\ndef one(): return 1\n")
+    (room / "outer.py").write_text(
+        "from gauss2svg.kernel_cache import cached\nfrom room.inner import one\n"
+        "@cached()\ndef kernel(): return one()\n"
+    )
+    command = [sys.executable, "-c", "from room.outer import kernel; print(kernel())"]
+    given = {"cwd": tmp_path, "capture_output": True, "text": True, "check": True}
+    assert subprocess.run(command, **given).stdout == "1\n"
+    (room / "inner.py").write_text("from numba import njit\n@njit\ndef one(): return 23\n")
+    assert subprocess.run(command, **given).stdout == "23\n"
