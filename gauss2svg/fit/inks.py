@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.fit.shared import first_better
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats
@@ -109,10 +110,11 @@ class Inks:
         best = kept - moments[:, COLOR] / np.maximum(mass, _LEAST_MASS)[:, None]
         wanted = np.where(mass[:, None] > _LEAST_MASS, self.nearest(best), kept)
         half = np.where(rng.random(len(kept))[:, None] < 0.5, wanted, kept)
-        for color in (wanted, half, kept):
-            state.color = color
-            if color is kept or target.squares(splats())[0] < before:
-                break
+        first_better(
+            (wanted, half, kept),
+            lambda color: setattr(state, "color", color),
+            lambda: target.squares(splats())[0] < before,
+        )
 
 
 def crisp(factor: NDArray[np.float64]) -> NDArray[np.float64]:

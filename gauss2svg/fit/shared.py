@@ -7,7 +7,7 @@ win back part of what a palette costs: docs/decisions/adam.md.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -159,10 +159,11 @@ class SharedColors:
         mass = target.removal_cost(splats())[1][:, 1]
         kept, wanted = self.entry, self.wanted(state, moments, mass)
         half = np.where(rng.random(len(kept)) < 0.5, wanted, kept)
-        for entry in (wanted, half, kept):
-            self.assign(state, entry)
-            if entry is kept or target.squares(splats())[0] < before:
-                break
+        first_better(
+            (wanted, half, kept),
+            lambda entry: self.assign(state, entry),
+            lambda: target.squares(splats())[0] < before,
+        )
 
     def wanted(
         self, state: State, gradient: NDArray[np.float64], mass: NDArray[np.float64]
@@ -186,6 +187,18 @@ class SharedColors:
             targets += [_APART * (length > 0)[:, None], TUNING.skew_weight * length[:, None]]
         distance, entry = nearest_entry(np.hstack(entries), np.hstack(targets))
         return np.where(distance < _APART * 0.1, entry, self.entry)
+
+
+def first_better(
+    choices: Sequence[NDArray[Any]],
+    assign: Callable[[NDArray[Any]], None],
+    is_better: Callable[[], bool],
+) -> None:
+    """Assign the first of the choices that is better, or the last one in any case."""
+    for choice in choices:
+        assign(choice)
+        if choice is choices[-1] or is_better():
+            break
 
 
 def _directions(state: State) -> NDArray[np.float64]:
