@@ -106,7 +106,7 @@ def check_command(
     ] = CheckOutput(),
 ) -> int:
     """Measure how closely any SVG matches a photo, or say what breaks where it is taken to."""
-    from gauss2svg.cli.terminal import print_check
+    from gauss2svg.cli.summary import print_check
     from gauss2svg.files import (
         STANDARD_STREAM,
         as_json,

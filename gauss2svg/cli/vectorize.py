@@ -309,7 +309,7 @@ def _write(result: Any, output: str, files: Files) -> None:
 
 def _report(result: Any, output: str, files: Files, interruption: Any) -> None:
     """What a person reads at the end, on standard error."""
-    from gauss2svg.cli.terminal import print_summary
+    from gauss2svg.cli.summary import print_summary
     from gauss2svg.files import STANDARD_STREAM
     from gauss2svg.processes import command_line
 

@@ -16,8 +16,8 @@ from gauss2svg.compare.peer_run import peer_record
 from gauss2svg.compare.records import answered, finite
 from gauss2svg.compare.tables import bench
 from gauss2svg.compare.tables.bench import run_bench
+from gauss2svg.compare.tables.columns import summarise
 from gauss2svg.compare.tables.plots import NAMES, plots_of
-from gauss2svg.compare.tables.summary import summarise
 from gauss2svg.compare.worker import in_own_process
 from gauss2svg.errors import InputError
 from gauss2svg.measure.scores import SCORES

@@ -22,7 +22,7 @@ from gauss2svg.compare.axes import (
 from gauss2svg.compare.grid import Task
 from gauss2svg.compare.records import add_row, csv_text, rows_in
 from gauss2svg.compare.tables import bench
-from gauss2svg.compare.tables.summary import distance_below, front
+from gauss2svg.compare.tables.columns import distance_below, front
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.photo.listing import ListedPhoto

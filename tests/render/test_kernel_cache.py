@@ -14,7 +14,7 @@ from numba.core.caching import CacheImpl
 
 import gauss2svg
 from gauss2svg import kernel_cache
-from gauss2svg.cli import terminal
+from gauss2svg.cli import summary
 from gauss2svg.kernel_cache import KernelFiles, cached, temporary_folder
 
 _STEPS = ("_load_index", "_save_index", "_save_data")
@@ -200,8 +200,8 @@ def test_where_no_folder_can_be_written_kernels_are_compiled_and_said_to_be_lost
     assert cached()(no_home)(2) == 4
     assert not machine_code(tmp_path)
     assert not kernel_cache.are_kept()
-    assert "NUMBA_CACHE_DIR" in terminal._compilation(5.0)
-    assert terminal._compilation(0.0) == ""
+    assert "NUMBA_CACHE_DIR" in summary._compilation(5.0)
+    assert summary._compilation(0.0) == ""
 
 
 def _refused(*_):

@@ -131,7 +131,7 @@ def test_signal_that_a_callback_loses_is_the_status_of_any_command(
     number, command, tmp_path, drawn_here, monkeypatch, capsys
 ):
     (tmp_path / "out.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9"/>')
-    monkeypatch.setattr("gauss2svg.cli.terminal.print_check", lambda *_: lose(number))
+    monkeypatch.setattr("gauss2svg.cli.summary.print_check", lambda *_: lose(number))
     assert main(["check", command[0], command[2]]) == STATUS[number]
     assert capsys.readouterr().err == ENDED
 

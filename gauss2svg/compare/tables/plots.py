@@ -9,7 +9,7 @@ from gauss2svg.compare import numbers
 from gauss2svg.compare.chart import Point, scatter, template_environment
 from gauss2svg.compare.peers import PEERS
 from gauss2svg.compare.records import TOOL
-from gauss2svg.compare.tables.summary import BYTES, SECONDS, front
+from gauss2svg.compare.tables.columns import BYTES, SECONDS, front
 from gauss2svg.measure.scores import SCORES, Score
 from gauss2svg.pipeline.presets import PRESETS
 
