@@ -74,7 +74,7 @@ def test_a_later_stop_is_never_worse(photo):
 
 
 def test_seconds_beyond_what_pays_are_not_taken(work_clock):
-    picture = drawing()[::4, ::4]
+    picture = drawing()[::6, ::6]
     long, longer = (vectorize(picture, time_limit=limit).report for limit in (100, 200))
     assert long["psnr_svg"] == longer["psnr_svg"]
     assert long["stop_reason"] == longer["stop_reason"] != "time_limit"
@@ -136,10 +136,10 @@ def test_more_bytes_are_never_worse_across_markups(photo):
 
 
 def test_a_limit_of_gzipped_bytes_is_on_what_travels(photo):
-    result = vectorize(photo, max_bytes=6_000, count_gzipped=True, iterations=30)
+    result = vectorize(photo, max_bytes=6_000, count_gzipped=True, iterations=15)
     travels = len(gzip.compress(result.svg.encode(), 9))
     assert 0.95 * 6_000 <= travels <= 6_000 < len(result.svg)
-    plain = vectorize(photo, max_bytes=6_000, iterations=30)
+    plain = vectorize(photo, max_bytes=6_000, iterations=15)
     assert result.report["psnr_svg"] > plain.report["psnr_svg"] + 1
     with pytest.raises(InputError, match="count_gzipped must be given with max_bytes"):
         Plan(Options.from_flat({"count_gzipped": True}))

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from gauss2svg.raster import rasterize
@@ -53,7 +53,6 @@ def test_an_arc_fills_the_ellipse_of_its_geometry(radii, tilt):
     assert np.abs(arc - circle).sum() < 0.035 * (1 - circle).sum() + 3 * 8
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.floats(0.6, 300), st.floats(0.6, 300), st.floats(-math.pi, math.pi))
 def test_rounded_numbers_are_their_own_rounding_and_near(major, minor, angle_rad):
     co, si = math.cos(angle_rad), math.sin(angle_rad)
