@@ -121,7 +121,7 @@ def test_only_limits_alone_are_budgets(given):
     ],
 )
 def test_a_limit_of_bytes_is_used_where_more_shapes_help(photo, limit, markup):
-    report = vectorize(photo, max_bytes=limit, markup=markup, iterations=100).report
+    report = vectorize(photo, max_bytes=limit, markup=markup, iterations=40).report
     assert LEAST_USED * limit <= report["svg_bytes"] <= limit
 
 

@@ -228,7 +228,7 @@ def test_shapes_that_are_written_as_nothing_make_no_room_for_thousands_more():
 
 
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr():
-    given = {"max_bytes": 1500, "iterations": 15}
+    given = {"max_bytes": 1500, "iterations": 6}
     found = {t: vectorize(textured(), tune=t, **given) for t in (None, "psnr", "perceptual")}
     assert found[None].svg == found["psnr"].svg != found["perceptual"].svg
     assert [found[t].report["tune"] for t in found] == ["psnr", "psnr", "perceptual"]
@@ -336,7 +336,7 @@ def test_only_drawings_are_fitted_by_what_plain_ellipses_cover(monkeypatch):
 def test_small_files_have_no_skews_and_their_reports_say_so(draw):
     picture = draw()
     one, other = (
-        vectorize(picture, max_bytes=1200, falloff=falloff, iterations=20)
+        vectorize(picture, max_bytes=1200, falloff=falloff, iterations=8)
         for falloff in ("adaptive", "skewed")
     )
     assert one.svg == other.svg

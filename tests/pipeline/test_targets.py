@@ -45,7 +45,7 @@ def test_invalid_size_is_refused(given):
 
 @pytest.mark.parametrize("target", [20.0, 24.0, 28.0])
 def test_target_psnr_is_met_by_the_rasterised_file(photo, target):
-    report = vectorize(photo, target_psnr=target, **QUICK).report
+    report = vectorize(photo, target_psnr=target, iterations=60).report
     assert target - 0.05 <= report["psnr_svg"] <= target + 0.4
     assert report["stop_reason"] == "target_psnr"
     assert report["unreached"] == []
@@ -73,7 +73,7 @@ def test_target_holds_at_the_size_of_a_photo_that_was_fitted_smaller(photo):
     [pytest.param(6_000, 128, marks=pytest.mark.sweep), (12_000, 64), (24_000, 64)],
 )
 def test_max_bytes_is_never_passed_and_well_used(photo, limit, side):
-    result = vectorize(photo[:side, :side], max_bytes=limit, quality="high", iterations=20)
+    result = vectorize(photo[:side, :side], max_bytes=limit, quality="high", iterations=8)
     # A dozen Gaussians fill a small file in large steps.
     assert (0.9 if limit > 20_000 else 0.8) * limit <= len(result.svg.encode()) <= limit
     assert result.report["stop_reason"] == "max_bytes"
@@ -180,7 +180,7 @@ def test_numpy_counts_are_counts(photo):
     ],
 )  # fmt: skip
 def test_target_is_the_stop_reason_if_and_only_if_the_file_has_it(photo, asked):
-    report = vectorize(photo[:64, 40:104], iterations=40, **asked).report
+    report = vectorize(photo[:64, 40:104], iterations=20, **asked).report
     reached = report["psnr_svg"] >= asked["target_psnr"] - 0.05
     assert (report["stop_reason"] == "target_psnr") == reached
     assert bool(report["unreached"]) != reached

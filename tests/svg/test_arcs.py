@@ -33,8 +33,8 @@ def crisp_scene(count, seed=0, colors=3):
 def drawn(element):
     return rasterize(
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIDE} {SIDE}">{element}</svg>',
-        8 * SIDE,
-        8 * SIDE,
+        4 * SIDE,
+        4 * SIDE,
     )
 
 
@@ -50,7 +50,7 @@ def test_an_arc_fills_the_ellipse_of_its_geometry(radii, tilt):
     arc = drawn(f'<path d="{path_data(numbers)}"/>')
     assert circle.min() == 0
     # The chord cuts off three percent of a circle of one unit, and less of larger ones.
-    assert np.abs(arc - circle).sum() < 0.035 * (1 - circle).sum() + 3 * 8
+    assert np.abs(arc - circle).sum() < 0.035 * (1 - circle).sum() + 3 * 4
 
 
 @given(st.floats(0.6, 300), st.floats(0.6, 300), st.floats(-math.pi, math.pi))
