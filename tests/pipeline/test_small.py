@@ -147,7 +147,7 @@ def test_other_targets_and_editable_files_take_the_usual_fit(given):
 @pytest.mark.sweep
 def test_from_five_kilobytes_the_closer_markup_is_written():
     found = {
-        markup: vectorize(shapes(), max_bytes=9000, iterations=40, markup=markup)
+        markup: vectorize(shapes(), max_bytes=9000, iterations=15, markup=markup)
         for markup in ("auto", "minimal", "editable")
     }
     psnrs = {markup: result.report["psnr_svg"] for markup, result in found.items()}
