@@ -95,9 +95,10 @@ def test_written_files_draw_the_golden_pictures(renderer):
     for number, name in enumerate(sorted(SCENES)):
         svg = write_svg(load(name)[0], SvgFormat(stops=12, precision=0.01))
         svg = re.sub(r'( id="|url\(#|href="#)', rf"\1{name}-", svg[svg.index("<svg") :])
-        svg = svg.replace("<svg", f'<svg y="{64 * number}"', 1)
-        window = f'<clipPath id="{name}"><rect y="{64 * number}" width="96" height="64"/></clipPath>'
-        sheet += f'{window}<g clip-path="url(#{name})">{svg}</g>'  # for Inkscape, which cuts no svg
+        at = f'y="{64 * number}"'
+        # For Inkscape, which does not cut one svg in another.
+        sheet += f'<clipPath id="{name}"><rect {at} width="96" height="64"/></clipPath>'
+        sheet += f'<g clip-path="url(#{name})">{svg.replace("<svg", f"<svg {at}", 1)}</g>'
     height = 64 * len(SCENES)
     svg = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 96 {height}">{sheet}</svg>'
     drawn = rasterize(svg, 96, height, renderer).reshape(-1, 64, 96, 3)
