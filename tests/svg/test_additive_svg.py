@@ -173,7 +173,7 @@ def test_resvg_draws_a_fitted_sum(fitted, factor):
 
 
 def test_chromium_draws_a_fitted_sum(fitted, browser):
-    drawn = rasterize(write_svg(fitted), 128, 128, "chromium")
+    drawn = rasterize(write_svg(fitted), 64, 64, "chromium")
     assert psnr(drawn, render(fitted)) > 42
 
 
