@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
 import importlib
 import os
 import signal
@@ -171,6 +172,11 @@ _NOT_INSTALLED_WITH_US = {"chromium", "firefox", "inkscape", "librsvg"}
 
 
 _LANES = {"browser", "process", "sweep", "example"}
+
+
+def pytest_collection_finish() -> None:
+    """Modules stay, and need no looking through at each of hundreds of collections of garbage."""
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import platform
 from contextlib import suppress
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
@@ -92,7 +93,7 @@ def run_report(
         "paint_width": shown,
         "transparent": photo.alpha is not None,
         "notes": _notes(plan, photo, outcome),
-        "versions": _versions(),
+        "versions": dict(_versions()),
         "total_s": total_s,
     }
 
@@ -150,6 +151,7 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and math.isinf(value) else value
 
 
+@cache  # reading them from the disk takes as long as a fit of a thumbnail
 def _versions() -> dict[str, str]:
     found = {"gauss2svg": __version__, "python": platform.python_version()}
     for name in (

@@ -60,14 +60,14 @@ def test_as_many_steps_are_taken_as_asked_for(photo, schedule, iterations):
 
 @pytest.mark.parametrize("loss", LOSSES)
 def test_every_loss_fits_the_photo(photo, loss):
-    assert quality_of(photo, gaussians=200, iterations=60, loss=loss) > 21
+    assert quality_of(photo[::2, ::2], gaussians=100, iterations=60, loss=loss) > 22
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
 @pytest.mark.parametrize("schedule", SCHEDULES)
 def test_every_placement_and_schedule_fits_the_photo(photo, placement, schedule):
-    options = {"gaussians": 200, "iterations": 60, "init": placement, "schedule": schedule}
-    assert quality_of(photo, **options) > 20
+    options = {"gaussians": 100, "iterations": 60, "init": placement, "schedule": schedule}
+    assert quality_of(photo[::2, ::2], **options) > 20
 
 
 @pytest.mark.sweep

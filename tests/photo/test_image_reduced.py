@@ -15,7 +15,7 @@ from gauss2svg.photo.alpha import pixels_of, shrunk
 from gauss2svg.photo.load import header_of, load_image
 
 RNG = np.random.default_rng(0)
-HEIGHT, WIDTH = 301, 431
+HEIGHT, WIDTH = 151, 217
 SMOOTH = np.stack(
     [np.sin(np.mgrid[:HEIGHT, :WIDTH].sum(0) / k) * 90 + 120 for k in (31, 47, 19)], axis=2
 )
@@ -67,7 +67,7 @@ def whole_of(kind):
     return load_image(file_of(kind))
 
 
-SIZES = [(431 - 1, 301 - 1), (200, 140), (97, 61), (3, 2), (1, 1)]
+SIZES = [(217 - 1, 151 - 1), (101, 70), (49, 31), (3, 2), (1, 1)]
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -199,14 +199,24 @@ def test_chunk_that_unpacks_to_too_much_is_one_line(kind):
         (float_tiff(np.zeros((4, 4), np.complex64)), "got complex64 samples, 1 per pixel"),
     ],
 )  # fmt: skip
-def test_file_that_is_no_photo_is_refused_by_what_it_is(data, message, tmp_path, capsys):
+@pytest.mark.filterwarnings("ignore")  # Pillow's
+def test_file_that_is_no_photo_is_refused_by_what_it_is(data, message, tmp_path):
     path = tmp_path / "x.jpg"
     path.write_bytes(data)
+    with pytest.raises(InputError) as refusal:
+        load_image(path)
+    assert message in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_file_that_is_no_photo_is_one_line_of_the_command_and_writes_nothing(tmp_path, capsys):
+    path = tmp_path / "x.jpg"
+    path.write_bytes(b"%PDF-1.7\n")
     assert main([str(path), "-o", str(tmp_path / "o.svg"), "--quiet"]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
-    assert message in err
+    assert "got a PDF" in err
     assert sorted(tmp_path.iterdir()) == [path]
 
 

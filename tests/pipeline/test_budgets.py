@@ -74,7 +74,7 @@ def test_a_later_stop_is_never_worse(photo):
 
 
 def test_seconds_beyond_what_pays_are_not_taken(work_clock):
-    picture = drawing()[::4, ::4]
+    picture = drawing()[::6, ::6]
     long, longer = (vectorize(picture, time_limit=limit).report for limit in (100, 200))
     assert long["psnr_svg"] == longer["psnr_svg"]
     assert long["stop_reason"] == longer["stop_reason"] != "time_limit"
@@ -121,7 +121,7 @@ def test_only_limits_alone_are_budgets(given):
     ],
 )
 def test_a_limit_of_bytes_is_used_where_more_shapes_help(photo, limit, markup):
-    report = vectorize(photo, max_bytes=limit, markup=markup, iterations=100).report
+    report = vectorize(photo, max_bytes=limit, markup=markup, iterations=40).report
     assert LEAST_USED * limit <= report["svg_bytes"] <= limit
 
 
@@ -129,17 +129,17 @@ def test_a_limit_of_bytes_is_used_where_more_shapes_help(photo, limit, markup):
 def test_more_bytes_are_never_worse_across_markups(photo):
     part, last = photo[:48, 48:96], MARKUPS.by_bytes_up_to
     found = [
-        vectorize(part, max_bytes=limit, tune="psnr", iterations=40).report["psnr_svg"]
+        vectorize(part, max_bytes=limit, tune="psnr", iterations=20).report["psnr_svg"]
         for limit in (3_000, MARKUPS.minimal_from, last, last + 1)
     ]
     assert all(b > a - 0.1 for a, b in pairwise(found))
 
 
 def test_a_limit_of_gzipped_bytes_is_on_what_travels(photo):
-    result = vectorize(photo, max_bytes=6_000, count_gzipped=True, iterations=30)
+    result = vectorize(photo, max_bytes=6_000, count_gzipped=True, iterations=15)
     travels = len(gzip.compress(result.svg.encode(), 9))
     assert 0.95 * 6_000 <= travels <= 6_000 < len(result.svg)
-    plain = vectorize(photo, max_bytes=6_000, iterations=30)
+    plain = vectorize(photo, max_bytes=6_000, iterations=15)
     assert result.report["psnr_svg"] > plain.report["psnr_svg"] + 1
     with pytest.raises(InputError, match="count_gzipped must be given with max_bytes"):
         Plan(Options.from_flat({"count_gzipped": True}))

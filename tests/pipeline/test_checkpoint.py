@@ -20,8 +20,8 @@ RUNS = {
     "additive": {"gaussians": 40, "iterations": 25, "blend": "add"},
     "portable": {"quality": "draft", "iterations": 25, "blend": "add", "portable": True},
     "segments": {"gaussians": 60, "iterations": 30, "segments": 6},
-    "target": {"target_psnr": 24.0, "quality": "fast", "iterations": 40},
-    "bytes": {"markup": "editable", "max_bytes": "6k", "quality": "high", "iterations": 40},
+    "target": {"target_psnr": 24.0, "quality": "fast", "iterations": 20},
+    "bytes": {"markup": "editable", "max_bytes": "6k", "quality": "fast", "iterations": 20},
     "diverged": {"gaussians": 60, "iterations": 30, "learning_rate": 1e4},
     "by error": {"gaussians": 40, "iterations": 20, "init": "error"},
 }

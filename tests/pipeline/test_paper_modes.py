@@ -30,8 +30,8 @@ def quality_of(pixels, **options) -> float:
 def test_additive_gaussians_fit_the_photo_by_every_placement_and_schedule(
     photo, placement, schedule
 ):
-    options = {"gaussians": 200, "iterations": 60, "init": placement, "schedule": schedule}
-    assert quality_of(photo, blend="add", **options) > 20
+    options = {"gaussians": 100, "iterations": 60, "init": placement, "schedule": schedule}
+    assert quality_of(photo[::2, ::2], blend="add", **options) > 20
 
 
 def test_a_fitted_additive_gaussian_has_eight_parameters(photo):

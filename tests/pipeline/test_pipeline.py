@@ -24,7 +24,7 @@ PROMISED_KEYS = {
     "svg_bytes", "svgz_bytes", "renderer", "psnr_model", "psnr_svg", "ssim_svg",
     "psnr_roundtrip", "bias_roundtrip", "versions", "seed",
 }  # fmt: skip
-QUICK = {"gaussians": 200, "iterations": 50}
+QUICK = {"gaussians": 120, "iterations": 30}
 
 
 @pytest.fixture(scope="module")

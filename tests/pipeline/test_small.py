@@ -27,6 +27,7 @@ from gauss2svg.svg.minimal.write import minimal_rounded
 # Far enough apart that what a fit gains or loses by chance is less than what the bytes bring.
 LADDER = (150, 300, 600, 1200, 2600)
 STEPS = 50
+FEW_STEPS = 25  # for what says nothing of how close a fit comes
 
 
 def hills(width=72, height=48):
@@ -61,9 +62,9 @@ def search(picture, limit, **given):
     return ByBytes(Plan(options, by_bytes=True), Subject.of(picture), Watch())
 
 
-def matched(picture, limit, **given):
+def matched(picture, limit, steps=STEPS, **given):
     """PSNR of the drawn file, and the file."""
-    found = search(picture, limit, iterations=STEPS, **given).file()
+    found = search(picture, limit, iterations=steps, **given).file()
     assert found.size <= limit
     return psnr(rasterize_like(found.svg, picture), picture), found
 
@@ -103,12 +104,15 @@ def test_a_limit_under_an_empty_file_names_the_least_that_is_possible(tmp_path, 
 
 
 def test_the_same_seed_gives_the_same_file():
-    assert matched(hills(), 700)[1].svg == matched(hills(), 700)[1].svg
+    assert (
+        matched(hills(), 700, steps=FEW_STEPS)[1].svg
+        == matched(hills(), 700, steps=FEW_STEPS)[1].svg
+    )
 
 
 def test_a_picture_of_one_colour_needs_no_gaussian():
     picture = np.full((20, 30, 3), np.array([110, 119, 110]) / 255, np.float32)
-    result = vectorize(picture, max_bytes=2000, iterations=STEPS)
+    result = vectorize(picture, max_bytes=2000, iterations=FEW_STEPS)
     assert result.report["gaussians"] == 0
     assert result.report["largest_error_svg"] == 0
     assert result.report["stop_reason"] == "enough"
@@ -116,7 +120,7 @@ def test_a_picture_of_one_colour_needs_no_gaussian():
 
 
 def test_max_bytes_under_20_kb_writes_minimal_markup_and_a_full_report(tmp_path):
-    result = vectorize(shapes(), max_bytes=900, iterations=STEPS)
+    result = vectorize(shapes(), max_bytes=900, iterations=FEW_STEPS)
     report = result.report
     assert report["markup"] == "minimal"
     assert report["svg_bytes"] == len(result.svg) <= 900
@@ -143,7 +147,7 @@ def test_other_targets_and_editable_files_take_the_usual_fit(given):
 @pytest.mark.sweep
 def test_from_five_kilobytes_the_closer_markup_is_written():
     found = {
-        markup: vectorize(shapes(), max_bytes=9000, iterations=40, markup=markup)
+        markup: vectorize(shapes(), max_bytes=9000, iterations=15, markup=markup)
         for markup in ("auto", "minimal", "editable")
     }
     psnrs = {markup: result.report["psnr_svg"] for markup, result in found.items()}
@@ -157,7 +161,7 @@ def test_from_five_kilobytes_the_closer_markup_is_written():
 
 
 def test_a_given_count_is_the_largest():
-    assert 1 <= len(matched(hills(), 3000, gaussians=3)[1].scene) <= 3
+    assert 1 <= len(matched(hills(), 3000, steps=FEW_STEPS, gaussians=3)[1].scene) <= 3
 
 
 @pytest.mark.sweep
@@ -187,7 +191,7 @@ def test_a_tracer_is_named_where_it_draws_flat_colours_exactly_in_as_many_bytes(
 
 
 def test_a_title_is_written_where_it_is_given():
-    result = vectorize(hills(), max_bytes=700, iterations=STEPS, title="Hills & dales")
+    result = vectorize(hills(), max_bytes=700, iterations=FEW_STEPS, title="Hills & dales")
     assert "<title>Hills &amp; dales</title>" in result.svg
     assert len(result.svg) <= 700
 
@@ -195,7 +199,7 @@ def test_a_title_is_written_where_it_is_given():
 def test_a_transparent_photo_stays_transparent():
     picture = shapes()
     alpha = (np.abs(picture - 0.9).max(axis=2) > 0.1).astype(np.float32)
-    result = vectorize(np.dstack([picture, alpha]), max_bytes=900, iterations=STEPS)
+    result = vectorize(np.dstack([picture, alpha]), max_bytes=900, iterations=FEW_STEPS)
     assert result.raster.shape[2] == 4
     assert result.raster[0, 0, 3] < 0.1
     assert result.report["gaussians"] > 0
@@ -204,13 +208,13 @@ def test_a_transparent_photo_stays_transparent():
 def test_thin_and_tiny_pictures_have_files():
     for side in ((1, 1), (1, 60), (90, 2)):
         picture = np.linspace(0, 1, side[0] * side[1] * 3, dtype=np.float32).reshape(*side, 3)
-        matched(picture, 400)
+        matched(picture, 400, steps=FEW_STEPS)
 
 
 def test_a_picture_one_pixel_high_is_drawn_by_no_more_shapes_than_it_has_pixels():
     ramp = np.linspace(0.1, 0.9, 5000, dtype=np.float32)
     for picture in (np.dstack([ramp[None]] * 3), np.dstack([ramp[:, None]] * 3)):
-        run = search(picture, 2000, iterations=STEPS)
+        run = search(picture, 2000, iterations=FEW_STEPS)
         found = run.file()
         assert psnr(rasterize_like(found.svg, picture), picture) > 35
         assert max(len(fit.scene) for fit in run.fits) <= run.subject.working[..., 0].size
@@ -224,7 +228,7 @@ def test_shapes_that_are_written_as_nothing_make_no_room_for_thousands_more():
 
 
 def test_small_files_are_tuned_as_they_are_told_and_else_for_psnr():
-    given = {"max_bytes": 1500, "iterations": 15}
+    given = {"max_bytes": 1500, "iterations": 6}
     found = {t: vectorize(textured(), tune=t, **given) for t in (None, "psnr", "perceptual")}
     assert found[None].svg == found["psnr"].svg != found["perceptual"].svg
     assert [found[t].report["tune"] for t in found] == ["psnr", "psnr", "perceptual"]
@@ -310,9 +314,9 @@ def test_only_drawings_are_fitted_by_what_plain_ellipses_cover(monkeypatch):
         return found
 
     monkeypatch.setattr(State, "splats", spied)
-    found = search(shapes(), 900, iterations=STEPS).file()
+    found = search(shapes(), 900, iterations=FEW_STEPS).file()
     assert len(found.scene) > 4
-    assert covering.index(True) > 0.8 * STEPS
+    assert covering.index(True) > 0.8 * FEW_STEPS
     assert 0.1 < np.mean(covering) < 0.5
     raster = rasterize_like(found.svg, shapes())
     scale = 64 / found.scene.width, 64 / found.scene.height
@@ -322,7 +326,7 @@ def test_only_drawings_are_fitted_by_what_plain_ellipses_cover(monkeypatch):
     )
     assert psnr(model, raster) > psnr(falloff, raster) + 6
     covering.clear()
-    search(hills(), 900, iterations=STEPS).file()
+    search(hills(), 900, iterations=FEW_STEPS).file()
     vectorize(shapes(), gaussians=30, iterations=10)
     assert covering
     assert not any(covering)
@@ -332,7 +336,7 @@ def test_only_drawings_are_fitted_by_what_plain_ellipses_cover(monkeypatch):
 def test_small_files_have_no_skews_and_their_reports_say_so(draw):
     picture = draw()
     one, other = (
-        vectorize(picture, max_bytes=1200, falloff=falloff, iterations=20)
+        vectorize(picture, max_bytes=1200, falloff=falloff, iterations=8)
         for falloff in ("adaptive", "skewed")
     )
     assert one.svg == other.svg

@@ -4,12 +4,14 @@ from conftest import random_scene
 
 from gauss2svg.errors import InputError, RendererError
 from gauss2svg.measure import metrics
-from gauss2svg.raster import cairo, rasterize, renderer_version
+from gauss2svg.raster import RENDERERS, cairo, rasterize, renderer_version
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.write import write_svg
+
+QUICK = ("resvg", "cairo", "chromium")  # of which none starts a program for each drawing
 
 
 def test_svg_is_drawn_at_any_size(renderer):
@@ -55,7 +57,16 @@ def test_missing_cairo_library_is_one_line_that_says_what_to_install(monkeypatch
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("size", [(40, 30), (31, 64), (7, 5)])
+@pytest.mark.parametrize(
+    ("renderer", "size"),
+    # Enough of one that starts a program.
+    [
+        (name, size)
+        for name in RENDERERS
+        for size in ((31, 64), (40, 30), (7, 5))[: 3 if name in QUICK else 1]
+    ],
+    indirect=["renderer"],
+)
 def test_any_size_is_filled_whatever_the_proportions(renderer, size):
     svg = (
         '<svg xmlns="http://www.w3.org/2000/svg" width="20" height="20" viewBox="0 0 20 20">'

@@ -134,8 +134,13 @@ def test_a_photo_that_is_drawn_without_error_has_no_decibels():
     assert estimated(600, 400, flat, of=flat, quality="high").gaussians < 10
 
 
-@pytest.mark.sweep
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize(
+    "preset",
+    [
+        pytest.param(name, marks=pytest.mark.nightly if name in COFFEE else pytest.mark.sweep)
+        for name in PRESETS
+    ],
+)
 def test_what_a_preset_promises_is_what_it_gives(preset):
     figures = [COFFEE[preset]] if preset in COFFEE else []
     for name in PROMISED_FOR[:-1] if preset in COFFEE else PROMISED_FOR:  # coffee is the last

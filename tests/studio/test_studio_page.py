@@ -291,9 +291,9 @@ def test_changed_options_are_sent_and_reset(visit):
     page.locator("#option-seed").fill("7")
     page.locator("#option-relocate").uncheck()
     page.locator("#option-stops").select_option("8")
-    page.locator("#option-max_bytes").fill("60k")
+    page.locator("#option-max_bytes").fill("8k")
     expect(page.locator("#changed")).to_have_text("4 changed")
-    sent = {"quality": "draft", "seed": 7, "relocate": False, "stops": 8, "max_bytes": "60k"}
+    sent = {"quality": "draft", "seed": 7, "relocate": False, "stops": 8, "max_bytes": "8k"}
     with page.expect_request("**/api/jobs") as asked:
         pick(page, PLAIN)
     assert asked_of(asked.value) == sent

@@ -108,7 +108,7 @@ def test_ratios_that_no_profile_is_like_are_refused(ratio):
 
 @given(st.integers(0, 10**6), FORM, st.sampled_from([0, 12]))
 def test_quantized_scenes_stay_as_they_are(seed, form, palette):
-    scene = quantize(large_scene(20, seed), form, palette)
+    scene = quantize(large_scene(12, seed), form, palette)
     again = snapped(scene, form)
     # Save for shapes that got an exponent from the palette which a disc is like.
     same = (drawn_blurs(again) == drawn_blurs(scene)) | is_plain(scene)
@@ -184,7 +184,7 @@ def test_blurred_shapes_keep_their_colours_and_share_their_filters(seed, palette
 @given(st.integers(0, 10**6))
 def test_scene_of_blurred_shapes_comes_back_within_the_rounding(seed):
     # Twice: a shape whose first exponent becomes one that a disc draws is blurred as well.
-    scene = snapped(snapped(large_scene(25, seed), BLUR), BLUR)
+    scene = snapped(snapped(large_scene(12, seed), BLUR), BLUR)
     scene = scene.select((scene.opacity > 1e-3) & ~is_plain(scene))
     svg_format = SvgFormat(form=BLUR, precision=0.001, opacity_decimals=4)
     back = read_svg(write_svg(scene, svg_format))

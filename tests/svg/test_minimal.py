@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import resvg_py
 from flat import vectorize
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -201,7 +201,7 @@ def test_extreme_canvases_keep_their_proportions(size):
     assert (rasterize(svg, 3, 3) == 1).all()
 
 
-SIZES = [(768, 512), (333, 97), (767, 511), (97, 333), (1200, 801), (5000, 1), (1, 1), (1512, 2016)]
+SIZES = [(768, 512), (333, 97), (767, 511), (97, 333), (600, 401), (5000, 1), (1, 1), (756, 1008)]
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -228,7 +228,6 @@ def test_units_that_are_whole_on_both_sides_need_no_size(size):
         assert max(width, height) * unit == pytest.approx(max(size))
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.floats(-200, 300), st.floats(1e-3, 1e4), st.floats(1e-3, 1e4),
     st.floats(-0.999999, 0.999999), st.sampled_from([0.5, *BETA_CLASSES, 256.0]),
@@ -344,7 +343,7 @@ def test_auto_is_the_closer_of_both_markups(photo, limit):
     part = photo[:64, 40:104]
 
     def found(**given):
-        report = vectorize(part, max_bytes=limit, iterations=10, tune="psnr", **given).report
+        report = vectorize(part, max_bytes=limit, iterations=5, tune="psnr", **given).report
         return report["psnr_svg"], report["markup"]
 
     assert found() == max(found(markup="minimal"), found(markup="editable"))

@@ -245,10 +245,18 @@ def test_any_name_is_read_and_written(name, picture, tmp_path, monkeypatch, caps
         assert "Try ./-" in refused(["check", photo, f"{name}.svg"], capsys)
 
 
-@pytest.mark.parametrize("link", ["hard", "symbolic", "spelling", "folder"])
-@pytest.mark.parametrize("option", ["-o", "--report", "--preview", "--save-scene", "--outline"])
+@pytest.mark.parametrize(
+    ("option", "link"),
+    [
+        *(
+            (option, "hard")
+            for option in ("-o", "--report", "--preview", "--save-scene", "--outline")
+        ),
+        *(("--report", link) for link in ("symbolic", "spelling", "folder")),
+    ],
+)
 def test_output_that_is_the_photo_or_another_output_is_refused(
-    link, option, picture, svg, tmp_path, capsys
+    option, link, picture, svg, tmp_path, capsys
 ):
     def other_name(path):
         other = tmp_path / f"other-{path.name}"

@@ -102,12 +102,12 @@ def test_a_schedule_needs_a_number_of_gaussians_without_a_target(schedule):
             plan(**goal)
 
 
-@pytest.mark.parametrize("path", [5, b"out.svg", None, "", object(), PIXELS])
-def test_a_result_is_saved_under_a_path_alone(path, tmp_path, monkeypatch):
+def test_a_result_is_saved_under_a_path_alone(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = gauss2svg.vectorize(PIXELS, gaussians=2, quality="draft")
-    with pytest.raises(InputError, match="path must be the path of a file; got"):
-        result.save(path)
+    for path in (5, b"out.svg", None, "", object(), PIXELS):
+        with pytest.raises(InputError, match="path must be the path of a file; got"):
+            result.save(path)
     with pytest.raises(InputError, match="gzip must be True or False; got 5"):
         result.save("out.svg", gzip=5)
     assert not list(tmp_path.iterdir())

@@ -50,8 +50,8 @@ def test_a_default_run_on_a_small_photo_loads_neither_scikit_image_nor_scipys_pa
     photo.write_bytes(as_png(np.random.default_rng(0).random((40, 60, 3)).astype(np.float32)))
     command = [str(photo), "-o", str(tmp_path / "photo.svg"), "--quality", "draft", "--quiet"]
     slow = ["skimage", "scipy.linalg", "scipy.ndimage", "scipy.spatial", "scipy.special"]
-    loaded_by(command, slow)  # compiles the kernels where none are kept, for which numba loads some
-    assert loaded_by(command, slow) == []
+    # The first compiles the kernels where none are kept, for which numba loads some.
+    assert [] in (loaded_by(command, slow) for _ in range(2))
 
 
 SIDES = st.integers(1, 60)

@@ -350,7 +350,7 @@ def test_patterns_are_expanded_in_order_and_names_are_kept(pictures):
     assert expanded(["none*.jpg", "nul\0*"]) == ["none*.jpg", "nul\0*"]
 
 
-@pytest.mark.usefixtures("asked")
+@pytest.mark.usefixtures("asked", "drawn_here")
 def test_commands_expand_patterns_themselves(pictures, capsys, monkeypatch):
     assert main(["placeholder", "*.jpg", "--max-bytes", "300", "-o", "all.json"]) == 0
     assert "3 placeholders" in capsys.readouterr().err

@@ -104,7 +104,7 @@ def changed(scene, name, at, step):
 
 def test_gradient_over_both_backdrops_is_that_of_the_oracle(small):
     rgba = shrunk(small, 30, 40)
-    scene = clear_scene(8, seed=3, beta=(1.0, 4.0))
+    scene = clear_scene(4, seed=3, beta=(1.0, 4.0))
     scene = scene.replace(opacity=0.2 + 0.6 * scene.opacity, color=0.1 + 0.8 * scene.color)
     target = target_of(rgba, np.float64, "psnr")
     evaluated = target.evaluate(splats_of(scene), "mse", None)

@@ -168,7 +168,7 @@ def test_check_compares_alpha_too(result, cut_out):
     assert over_black.psnr < 15  # the SVG is composited over white
 
 
-def test_check_shows_a_background_that_should_not_be_there(cut_out, result):
+def test_check_shows_a_background_that_should_not_be_there(cut_out, result, unscored):
     opaque = gauss2svg.write_svg(result.scene.replace(transparent=False))
     checked = gauss2svg.check(cut_out, opaque)
     assert checked.psnr == pytest.approx(result.report["psnr_svg"], abs=0.5)
