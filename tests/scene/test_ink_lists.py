@@ -108,5 +108,5 @@ def test_a_small_accent_has_an_ink_beside_many_greys(accent):
     pixels = np.tile(np.linspace(0.05, 0.95, 90)[:, None], (60, 1, 3))
     pixels += noise.normal(0, 0.02, pixels.shape)
     pixels[20:28, 40:48] = accent + noise.normal(0, 0.02, (8, 8, 3))
-    inks = ink_colors(inks_of(np.clip(pixels, 0, 1).astype(np.float32), 4))
+    inks = ink_colors(inks_of(np.clip(pixels, 0, 1).astype(np.float32), 5))
     assert np.abs(inks - accent).max(axis=1).min() < 0.05
