@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
 from gauss2svg.batch.inputs import local_photos
-from gauss2svg.files import refuse_option_like
+from gauss2svg.errors import InputError
 from gauss2svg.pipeline.options import GROUPS
 
 Photos = Annotated[
@@ -28,8 +28,20 @@ _NEGATED: dict[str, Any] = {"densify": {"negative_bool": "no-", "negative": None
 
 def photos_given(names: list[str]) -> list[str]:
     """The paths that `Photos` stand for; raises InputError for what reads like an option."""
-    refuse_option_like(*names)
+    refuse_unknown_options(names)
     return local_photos(names)
+
+
+def refuse_unknown_options(names: Sequence[str], known: Sequence[str] = ()) -> None:
+    """Raise InputError for a name such as --treads: what is no option ends up among the photos."""
+    from difflib import get_close_matches
+
+    for name in names:
+        if name.startswith("-") and name != "-":
+            # At less --colors is like --scores.
+            close = get_close_matches(name, known, 1, cutoff=0.8)
+            advice = close[0] if close else f"--help, or ./{name} for a file of that name"
+            raise InputError(f"{name} must be an option; got an unknown one. Try {advice}")
 
 
 def words(text: str) -> list[str]:

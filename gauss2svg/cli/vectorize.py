@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
 
-from gauss2svg.cli.parameters import options_of
+from gauss2svg.cli.parameters import options_of, refuse_unknown_options
 from gauss2svg.cli.signals import interruptible
 from gauss2svg.cli.streams import say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted
@@ -116,17 +116,10 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 
 
 def _one_photo(photos: tuple[str, ...]) -> str:
-    from difflib import get_close_matches
-
     from gauss2svg.files import expanded
 
     photos = tuple(expanded(photos))
-    for name in photos:
-        if name.startswith("--"):  # the name of no option ends up among the photos
-            known = [f"--{option.replace('_', '-')}" for option in option_names()]
-            close = get_close_matches(name, known, 1)
-            advice = close[0] if close else f"./{name} for a file of that name, or --help-all"
-            raise InputError(f"{name} must be an option; got an unknown one. Try {advice}")
+    refuse_unknown_options(photos, [f"--{option.replace('_', '-')}" for option in option_names()])
     if len(photos) != 1:
         got, advice = brief(", ".join(photos)), "gauss2svg batch"
         if not photos:

@@ -25,6 +25,8 @@ _MOST_PALETTE_BYTES = 1_000_000
 # Colours that are nearly alike count by this power of their pixels: a small red dot is to have its
 # ink (docs/decisions/inks.md, also for the others).
 _BY_PIXELS = 0.5
+# Hue and chroma count so much more than lightness, or accents of photos share an ink with greys.
+_CHROMA = 1.6
 _ALIKE = 8  # levels of 255, the side of a cell of such colours
 _CELLS_EACH = 4  # for each ink; of fewer cells each colour is one
 # Difference from a neighbour at which a pixel counts half: edges mix what lies beside them.
@@ -79,7 +81,7 @@ def ink_colors(inks: str) -> NDArray[np.float64]:
 def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
     """The inks as colours: a number of them is chosen for pixels (h, w, 3) or (h, w, 4) in 0..1.
 
-    By k-means in Oklab (Ottosson, 2020), in which equal distances look alike, lightest first. A
+    By k-means in Oklab (Ottosson, 2020) with hue and chroma weighted, lightest first. A
     colour that makes up much of its cluster is itself the ink, so that flat drawings keep theirs.
     Raises InputError for more inks than the picture has colours.
     """
@@ -94,7 +96,7 @@ def inks_of(pixels: NDArray[np.floating], inks: int | str) -> str:
         most = len(colors)
         instead = f"Try {most}" if most >= LEAST_INKS else "Try it without inks"
         raise InputError(f"inks must be at most {most}, the colours seen; got {inks}. {instead}")
-    points = _oklab(colors / 255)
+    points = _oklab(colors / 255) * [1, _CHROMA, _CHROMA]
     cell = np.unique(_codes(colors // _ALIKE), return_inverse=True)[1]
     if cell.max() + 1 < _CELLS_EACH * inks:
         cell = np.arange(len(colors))

@@ -99,3 +99,14 @@ def test_invisible_pixels_have_no_ink():
     pixels[:3] = [0, 0, 1, 1]
     pixels[0] = [0, 1, 0, 1]
     assert set(inks_of(pixels, 2).split(",")) == {"#00ff00", "#0000ff"}
+
+
+@pytest.mark.parametrize("accent", [(0.86, 0.68, 0.2), (0.8, 0.2, 0.15), (0.2, 0.35, 0.8)])
+def test_a_small_accent_has_an_ink_beside_many_greys(accent):
+    """Of a ramp from dark to light, one pixel in fifty is of an accent."""
+    noise = np.random.default_rng(3)
+    pixels = np.tile(np.linspace(0.05, 0.95, 90)[:, None], (60, 1, 3))
+    pixels += noise.normal(0, 0.02, pixels.shape)
+    pixels[20:30, 40:50] = accent + noise.normal(0, 0.02, (10, 10, 3))
+    inks = ink_colors(inks_of(np.clip(pixels, 0, 1).astype(np.float32), 5))
+    assert np.abs(inks - accent).max(axis=1).min() < 0.05
