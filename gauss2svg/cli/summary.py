@@ -22,7 +22,7 @@ _STOPPED = {
     "enough": "the preset's PSNR reached",
     "cap": "the preset's maximum number of Gaussians reached",
     **{score.option: f"target {score.name} reached" for score in TARGETS},
-    "max_bytes": "maximum file size reached",
+    "max_bytes": "the closest file within the limit of bytes",
     "time_limit": "time limit reached",
     "interrupted": "interrupted",
 }
@@ -147,7 +147,7 @@ def _of_limit(report: dict[str, Any]) -> dict[str, str]:
         return {"limit": text}
     why = _finished(report)
     if reason == "max_bytes":
-        why = "no larger file is closer"
+        why = "no larger one within the limit is closer"
         if report["gaussians"] < _FEW:
             why = "one Gaussian more would not fit"
     return {"limit": f"{text}: {why}"}

@@ -113,7 +113,7 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
     if chosen.markup == MINIMAL != plan.options.svg.markup:
         notes.append(
             "minimal markup, which is closer in as many bytes, without names and layers; "
-            "--markup editable has them, and is for Inkscape"
+            "Inkscape, Figma and other editors need --markup editable"
         )
     outlines = outline_bytes(photo.sample)
     if outlines is not None and len(outcome.scene) and outlines <= len(outcome.svg):
