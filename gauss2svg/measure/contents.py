@@ -19,6 +19,7 @@ _DEFINING = ("defs", "symbol", "mask", "clipPath", "pattern", "marker")
 _COLORED = ("color", "fill", "stroke", "stop-color", "flood-color", "lighting-color")
 _TRANSFORMING = re.compile(r"(?<![\w-])transform\s*:", re.IGNORECASE)
 _STOP_OPACITY = re.compile(r"stop-opacity\s*:([^;}!]*)", re.IGNORECASE)
+_PLACING = ("cx", "cy", "r", "x1", "y1", "x2", "y2")
 _NONE = ("", "none")
 _LONGEST_CHAIN = 100  # of elements that refer to each other, maybe in a circle
 
@@ -34,9 +35,10 @@ class _Drawn:
 
 @dataclass
 class _Gradient:
-    """The gradient whose stops it has where it has none, and what is known of its own."""
+    """The gradient from which it takes what it does not have itself, and what it has."""
 
     template: str
+    is_placed: bool = False
     stops: int = 0
     translucent: bool = False
 
@@ -64,6 +66,7 @@ class Contents:
         masked shapes        shapes and groups that are drawn under a mask
         soft shapes          those, and shapes with a gradient that lets something through
         stops of a gradient  of the one with the most
+        borrowed places      gradients that take their place from another
         style sheet, transform, currentColor  sheets, and attributes or properties
         """
         masked = soft = 0
@@ -77,6 +80,7 @@ class Contents:
             "masked shapes": masked,
             "soft shapes": soft,
             "stops of a gradient": self._most_stops,
+            "borrowed places": sum(map(self._is_borrowed, self._gradients.values())),
         }
 
     def start(self, tag: str, attributes: dict[str, str], depth: int) -> None:
@@ -91,7 +95,9 @@ class Contents:
             self._defining = depth if local in _DEFINING else math.inf
         href = next((own[name] for name in HREFS if name in own), "").strip().removeprefix("#")
         if local.endswith("Gradient"):
-            self._gradient = self._gradients[own.get("id", "")] = _Gradient(href)
+            self._gradient = self._gradients[own.get("id", "")] = _Gradient(
+                href, any(name in own for name in _PLACING)
+            )
         elif local == "stop":
             gradient = self._gradient
             gradient.stops += 1
@@ -134,6 +140,11 @@ class Contents:
                 break
             gradient = self._gradients.get(gradient.template)
         return gradient is not None and (gradient.translucent or self._sheets_soften)
+
+    def _is_borrowed(self, gradient: _Gradient) -> bool:
+        """Whether a gradient takes its place from the one that it names."""
+        template = self._gradients.get(gradient.template)
+        return template is not None and template.is_placed and not gradient.is_placed
 
 
 _PLAIN = _Drawn(masked=False, gradients=(), used="")

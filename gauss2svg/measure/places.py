@@ -87,6 +87,11 @@ RULES: tuple[Rule, ...] = (
     ),
     Rule("illustrator", "foreignObject", "it is left out, and the picture may be empty", _FOREIGN),
     Rule(
+        "inkscape", "borrowed places",
+        "gradients do not take cx, cy and r, or x1 to y2, from another: their shapes are flat or "
+        "missing. Try to repeat them", _MEASURED, tried=True,
+    ),
+    Rule(
         "web", "no namespace", 'browsers draw no such file. Try xmlns="http://www.w3.org/2000/svg"',
         "https://www.w3.org/TR/SVG2/struct.html#Namespace",
     ),

@@ -29,6 +29,7 @@ ONCE = {
     "svg": "",
     "transform": '<g transform="scale(2)"/>',
     "text": "<text>a</text>",
+    "borrowed places": '<radialGradient id="a" r="2"/><radialGradient xlink:href="#a" fx="1"/>',
 }
 # So many of what a rule with a limit is about.
 MANY = {
@@ -104,6 +105,13 @@ def test_shapes_that_are_defined_and_not_drawn_cost_nothing():
     assert "masked shapes" not in uses(
         SVG.format(f"<defs>{MANY['masked shapes'](101)}</defs><path/>"), "web"
     )
+
+
+def test_gradients_with_a_place_of_their_own_or_none_at_all_borrow_none():
+    named, placed = '<linearGradient id="{}" {}/>', '<linearGradient xlink:href="#{}" {}/>'
+    text = named.format("a", 'x1="1"') + placed.format("a", 'x2="2"')
+    text += named.format("b", "") + placed.format("b", "")
+    assert "borrowed places" not in uses(SVG.format(text), "inkscape")
 
 
 def test_references_in_a_circle_end():
