@@ -95,9 +95,9 @@ class Contents:
             self._defining = depth if local in _DEFINING else math.inf
         href = next((own[name] for name in HREFS if name in own), "").strip().removeprefix("#")
         if local.endswith("Gradient"):
-            self._gradient = self._gradients[own.get("id", "")] = _Gradient(
-                href, any(name in own for name in _PLACING)
-            )
+            self._gradient = _Gradient(href, any(name in own for name in _PLACING))
+            if own.get("id"):  # others cannot be named
+                self._gradients[own["id"]] = self._gradient
         elif local == "stop":
             gradient = self._gradient
             gradient.stops += 1
@@ -113,7 +113,7 @@ class Contents:
                 href if local == "use" else "",
             )
             if shape != _PLAIN:
-                if "id" in own:
+                if own.get("id"):
                     self._named[own["id"]] = shape
                 if self._defining == math.inf:
                     self._drawn.append(shape)

@@ -110,7 +110,7 @@ def test_shapes_that_are_defined_and_not_drawn_cost_nothing():
 def test_gradients_with_a_place_of_their_own_or_none_at_all_borrow_none():
     named, placed = '<linearGradient id="{}" {}/>', '<linearGradient xlink:href="#{}" {}/>'
     text = named.format("a", 'x1="1"') + placed.format("a", 'x2="2"')
-    text += named.format("b", "") + placed.format("b", "")
+    text += named.format("b", "") + placed.format("b", "") + '<linearGradient x1="1"/>'
     assert "borrowed places" not in uses(SVG.format(text), "inkscape")
 
 
