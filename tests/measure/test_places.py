@@ -29,7 +29,8 @@ ONCE = {
     "svg": "",
     "transform": '<g transform="scale(2)"/>',
     "text": "<text>a</text>",
-    "borrowed places": '<radialGradient id="a" r="2"/><radialGradient id="b" xlink:href="#a" fx="1"/>',
+    "borrowed places": '<radialGradient id="a" r="2"/>'
+    '<radialGradient id="b" xlink:href="#a" fx="1"/>',
 }
 # So many of what a rule with a limit is about.
 MANY = {
