@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
-from tinycss2.color3 import RGBA, parse_color
-
 from gauss2svg.svg.reader.gradient import HREFS
+from gauss2svg.svg.syntax.css import color_alpha
 from gauss2svg.svg.syntax.values import pixels_of, reference
 
 # What is in these is drawn where something refers to it, if at all.
@@ -163,6 +162,4 @@ def _properties(attributes: dict[str, str]) -> dict[str, str]:
 def _is_translucent(color: str, opacity: str) -> bool:
     """Whether a stop lets something through; what cannot be read is opaque."""
     share = pixels_of(opacity.strip(), 1.0)
-    parsed = parse_color(color) if color else None
-    alpha = parsed.alpha if isinstance(parsed, RGBA) else 1.0
-    return alpha < 1 or (share is not None and share < 1)
+    return color_alpha(color) < 1 or (share is not None and share < 1)

@@ -206,6 +206,8 @@ def test_what_cannot_be_checked_is_refused(tmp_path, capsys):
         rules_of("word")
     with pytest.raises(InputError, match="within the file"):
         findings(SVG.format('<image xlink:href="http://a/b.png"/>'), "web")
+    with pytest.raises(InputError, match="shorter numbers"):
+        findings(SVG.format(f'<stop stop-color="rgba({"9" * 9999},0,0,1)"/>'), "pdf")
     path = tmp_path / "a.svg"
     path.write_text(SVG)
     assert main(["check", str(path)]) == 2
