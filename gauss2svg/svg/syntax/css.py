@@ -59,7 +59,7 @@ def properties(style: str) -> dict[str, str]:
 
 
 def color_alpha(text: str) -> float:
-    """Alpha of a colour in 0..1, 1 for what is no colour of CSS 3; raises InputError as nodes_of."""
+    """Alpha of a colour in 0..1, 1 for what CSS 3 knows as none; raises InputError as nodes_of."""
     color = tinycss2.color3.parse_color(_parsed(tinycss2.parse_one_component_value, text))
     return color.alpha if isinstance(color, tinycss2.color3.RGBA) else 1.0
 
