@@ -55,7 +55,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     app.default(vectorize_command(everything, short))
     # By name, so that it is loaded only where it is asked for.
     for name, help_line in {
-        "check": "Measure how closely any SVG matches a photo, or say what breaks elsewhere.",
+        "check": "Measure any SVG against a photo, or say where it breaks.",
         "bench": "Compare settings: tables and plots of cost and quality.",
         "batch": "Vectorise many photos, on one machine or a cluster.",
         "gallery": "Write web pages that show the results for photos.",
