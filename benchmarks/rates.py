@@ -1,6 +1,6 @@
 """PSNR of examples/loss.py by its learning rates, mean of L1 and squared error.
 
-python benchmarks/rates.py    # needs torch
+python benchmarks/rates.py [STEPS]    # needs torch
 
 The rates were found one by one on the first two pictures; the others were not looked at.
 """
@@ -29,7 +29,7 @@ VARIANTS = (
 )
 
 
-def decibels(picture: np.ndarray, n: int = 120, steps: int = 80) -> float:
+def decibels(picture: np.ndarray, steps: int, n: int = 120) -> float:
     small = Image.fromarray(picture).resize((80, 60), Image.Resampling.LANCZOS)
     target = torch.from_numpy(np.asarray(small, np.float32) / 255)
     found = []
@@ -41,11 +41,11 @@ def decibels(picture: np.ndarray, n: int = 120, steps: int = 80) -> float:
 
 
 if __name__ == "__main__":
-    names = tuple(loss.RATES)
+    names, steps = tuple(loss.RATES), int(sys.argv[1]) if len(sys.argv) > 1 else 80
     for rates, loss.BETAS in VARIANTS:
         loss.RATES = dict(zip(names, rates, strict=True))
         means = {
-            group: np.mean([decibels(picture()) for picture in pictures])
+            group: np.mean([decibels(picture(), steps) for picture in pictures])
             for group, pictures in PICTURES.items()
         }
         print(rates, loss.BETAS, {group: f"{mean:.2f} dB" for group, mean in means.items()})

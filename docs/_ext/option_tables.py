@@ -201,7 +201,7 @@ def places_table() -> str:
         source = rule.source
         if source.startswith("https://"):
             source = f"[{source.split('/')[2]}]({source})"
-        how = ("tried" if rule.tried else "read") + ("" if rule.breaks else ", slow")
+        how = rule.evidence + ("" if rule.breaks else ", slow")
         rows.append(f"| {rule.place} | {uses} | {_markdown(rule.reason)} | {how} | {source} |")
     return _table("| for | what a file has | what happens | | source |", rows)
 

@@ -1,10 +1,9 @@
 """Inkscape, Extensions > Raster > Photo to Gaussians: layers of ellipses in place of a photo.
 
 Copy this folder into the one of Edit > Preferences > System > User extensions. The photo may be
-linked or embedded; its shapes are where it was, clipped to its edges.
+linked or embedded; its shapes are where it was, clipped to its edges, and as it was styled.
 """
 
-import base64
 import os
 import re
 import subprocess
@@ -16,6 +15,18 @@ from pathlib import Path
 import inkex  # pyright: ignore[reportMissingImports] (Inkscape brings it)
 
 IDS = re.compile(r'(\sid="|url\(#|href="#)')
+# What says of an image which one it is and where; all else is as true of a layer.
+IMAGE_ONLY = (
+    "x",
+    "y",
+    "width",
+    "height",
+    "preserveAspectRatio",
+    "href",
+    "xlink:href",
+    "sodipodi:absref",
+)
+SHARES = {"Min": 0.0, "Mid": 0.5, "Max": 1.0}
 
 
 class PhotoToGaussians(inkex.EffectExtension):
@@ -41,25 +52,37 @@ class PhotoToGaussians(inkex.EffectExtension):
             source, out = Path(folder, "photo"), Path(folder, "out.svg")
             source.write_bytes(self.data_of(photo))
             drawing = self.drawn(source, out)
-        width, height = drawing.viewbox_width, drawing.viewbox_height
-        layer = inkex.Layer.new("Gaussians of " + photo.get_id())
-        layer.transform = photo.transform @ fitted(photo, width, height)
-        clip = inkex.ClipPath(inkex.Rectangle.new(0, 0, width, height))
+        transform, visible = placed(photo, drawing)
+        clip = inkex.ClipPath(inkex.Rectangle.new(*visible))
         self.svg.defs.append(clip)
-        layer.set("clip-path", clip.get_id(as_url=2))
+        # What shapes would inherit, and an image does not show.
+        shapes = inkex.Group.new("", style="stroke:none;fill-opacity:1", transform=str(transform))
+        shapes.set("clip-path", clip.get_id(as_url=2))
         self.svg.defs.extend(drawing.defs)
         for element in drawing:
             if element.tag_name == "rect":  # 100 % of the page, which is another here
-                element.update(width=width, height=height)
+                element.update(width=drawing.viewbox_width, height=drawing.viewbox_height)
             if element.tag_name in ("rect", "g", "circle"):
-                layer.append(element)
+                shapes.append(element)
+        # The photo's clip, mask and filter are in its coordinates, which are those of the layer.
+        layer = inkex.Layer.new("Gaussians of " + photo.get_id(), *photo, shapes)
+        for name, value in photo.attrib.items():
+            layer.set(name, value)
+        for name in IMAGE_ONLY:
+            layer.pop(name)
         photo.replace_with(layer)
 
     def data_of(self, photo):
         """Bytes of the photo, from the document or its file."""
         href = photo.get("xlink:href") or photo.get("href") or ""
         if href.startswith("data:"):
-            return base64.b64decode(href.partition(",")[2])
+            try:
+                with urllib.request.urlopen(href) as data:
+                    return data.read()
+            except ValueError as error:
+                raise inkex.AbortExtension(
+                    f"photo must be whole; got damaged data: {error}. Try to embed it again"
+                ) from None
         name = urllib.request.url2pathname(urllib.parse.urlparse(href).path)
         name = self.absolute_href(name, cwd=os.path.dirname(self.document_path() or ""))
         if not os.path.isfile(name):
@@ -89,15 +112,43 @@ class PhotoToGaussians(inkex.EffectExtension):
         return inkex.load_svg(text.encode()).getroot()
 
 
-def fitted(photo, width, height):
-    """From a drawing of this size to the frame of the photo, as its preserveAspectRatio says."""
-    x, y = photo.left, photo.top
-    scale_x, scale_y = photo.width / width, photo.height / height
-    if not photo.get("preserveAspectRatio", "").startswith("none"):
-        scale_x = scale_y = min(scale_x, scale_y)
-        x += (photo.width - scale_x * width) / 2
-        y += (photo.height - scale_y * height) / 2
-    return inkex.Transform(translate=(x, y)) @ inkex.Transform(scale=(scale_x, scale_y))
+def placed(photo, drawing):
+    """From a drawing to the photo's frame, and what shows of the drawing: x, y, width, height."""
+    given = {
+        name: length(photo.get(name), whole)
+        for name, whole in {
+            "x": photo.root.viewbox_width, "width": photo.root.viewbox_width,
+            "y": photo.root.viewbox_height, "height": photo.root.viewbox_height,
+        }.items()
+    }  # fmt: skip
+    own = drawing.viewbox_width, drawing.viewbox_height
+    width, height = given["width"], given["height"]
+    if width is None and height is None:
+        width = length(drawing.get("width"), 0)  # px of the photo
+    width = height * own[0] / own[1] if width is None else width
+    height = width * own[1] / own[0] if height is None else height
+    if min(width, height) <= 0:
+        raise inkex.AbortExtension(f"photo must have a size; got {width:g} x {height:g}")
+    align, *how = photo.get("preserveAspectRatio", "").replace("defer", "").split() or ["xMidYMid"]
+    scale = [width / own[0], height / own[1]]
+    if align != "none":
+        scale = 2 * [max(scale) if how == ["slice"] else min(scale)]
+    frame, start, part = (given["x"] or 0, given["y"] or 0), [], []
+    for k, side in enumerate((width, height)):
+        rest = side - scale[k] * own[k]  # below 0 where the frame cuts off
+        start.append(frame[k] + rest * SHARES.get(align[4 * k + 1 : 4 * k + 4], 0))
+        part.append((max(0, (frame[k] - start[k]) / scale[k]), min(own[k], side / scale[k])))
+    move = inkex.Transform(translate=tuple(start)) @ inkex.Transform(scale=tuple(scale))
+    return move, [edge[0] for edge in part] + [edge[1] for edge in part]
+
+
+def length(text, whole):
+    """User units of a length, of which the whole is 100 %; None for auto."""
+    if not text or text == "auto":
+        return None
+    if text.endswith("%"):
+        return float(text[:-1]) / 100 * whole
+    return inkex.units.convert_unit(text, "px")
 
 
 if __name__ == "__main__":

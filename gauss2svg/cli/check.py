@@ -60,19 +60,23 @@ class CheckOutput(OptionGroup):
     """Save the rasterised SVG to this file, as PNG."""
 
     report: Path | None = None
-    """Save all numbers to this file, as JSON."""
+    """Save all numbers to this file, as JSON; with --for what was found."""
 
     min_psnr: Annotated[float | None, Number(0, 1e9, above=True)] = None
     """PSNR (dB) below which the exit status is 1; a transparent photo must reach it over white
     and over black. The files are written in any case."""
 
     quiet: bool = False
-    """Show no summary."""
+    """Show no summary; what breaks --for a place is shown all the same."""
 
 
 def check_command(
     photo: Annotated[
-        str, Parameter(allow_leading_hyphen=True, help="Photo; - reads standard input.")
+        str,
+        Parameter(
+            allow_leading_hyphen=True,
+            help="Photo, or with --for the SVG; - reads standard input.",
+        ),
     ],
     svg: Annotated[
         str | None,
@@ -87,8 +91,10 @@ def check_command(
         Place | None,
         Parameter(
             name="--for",
-            help="Say, of an SVG given alone, what breaks where it is taken to, in place of "
-            "measuring it. The exit status is 1 where something does.",
+            help="Say, of an SVG given alone, what breaks where it is taken to, a line each with "
+            "its reason and source, in place of measuring it. The exit status is 1 where something "
+            "does, and 0 where it is only slow. --report, --quiet, --max-svg-bytes and "
+            "--max-elements may be given with it.",
         ),
     ] = None,
     reference: Annotated[

@@ -1,17 +1,17 @@
 """What breaks where a file is taken to: rules as data, each with its source.
 
-A rule that was tried was seen in the program itself; the others were read. What renderers draw
-wrongly they state themselves (CANNOT_DRAW of gauss2svg.raster), for the places that are drawn by
-one of them.
+A rule that was tried was seen in the program itself; the others were read, and one without a
+source is a caution. What renderers draw wrongly they state themselves (CANNOT_DRAW of
+gauss2svg.raster), for the places that are drawn by one of them.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, get_args
 
+from gauss2svg.measure.contents import Contents
 from gauss2svg.measure.survey import survey
 from gauss2svg.options import OneOf, Place, byte_size
 from gauss2svg.raster import renderer_named
@@ -23,7 +23,6 @@ MOST_ELEMENTS = 1_000_000  # resvg's limit
 # Places that are drawn by a renderer of ours, of which the version is that of the page.
 _DRAWN_BY = {"inkscape": "inkscape", "pdf": "cairo"}
 _MEASURED = "docs/decisions/renderers.md"
-_REPORTED = "reports of users; no page of the maker's says so"
 _BLACK = "shapes that it colours turn black"
 
 
@@ -31,9 +30,9 @@ _BLACK = "shapes that it colours turn black"
 class Rule:
     """A thing that goes wrong in a place.
 
-    uses    what a file has: an element, a Feature, or a count of `_Contents`
+    uses    what a file has: an element, a Feature, or a count of `Contents`
     reason  what happens then, and what to do
-    source  where that is said, or measured
+    source  where that is said, or measured; "" where no page was found that says so
     tried   whether it was seen in the program
     over    the largest number of it that does no harm
     breaks  whether the picture is wrong; else it is slow
@@ -47,16 +46,24 @@ class Rule:
     over: int = 0
     breaks: bool = True
 
+    @property
+    def evidence(self) -> str:
+        """How it is known."""
+        if self.tried:
+            return "tried"
+        return "read, not tried" if self.source else "not tried, no source"
+
 
 _SHEETS = "https://github.com/scratchblocks/scratchblocks/issues/504"
+_CURRENT = "https://github.com/penpot/penpot/issues/2276"
 _FOREIGN = "https://github.com/riccardoperra/codeimage/issues/639"
 _GMAIL = "https://emailens.dev/email-css/clients/gmail-web"
 _PAINT = "docs/benchmarks/paint.md"
 RULES: tuple[Rule, ...] = (
     Rule("figma", "style sheet", f"its cascade is not resolved: {_BLACK}", _SHEETS),
-    Rule("figma", "currentColor", "it becomes black. Try a colour", _REPORTED),
-    Rule("figma", "use", "it is not resolved. Try copies in its place", _REPORTED),
-    Rule("figma", "mask", "it is dropped or flattened. Try --markup editable", _REPORTED),
+    Rule("figma", "currentColor", "it becomes black. Try a colour", _CURRENT),
+    Rule("figma", "use", "it may not be resolved. Try copies in its place", ""),
+    Rule("figma", "mask", "it may be dropped or flattened. Try --markup editable", ""),
     Rule("figma", "foreignObject", "it is left out, and the picture may be empty", _FOREIGN),
     Rule(
         "penpot", "bytes", "larger files failed to import. Try --max-bytes 360k",
@@ -74,7 +81,16 @@ RULES: tuple[Rule, ...] = (
         "illustrator", Feature.PLAIN_HREF, "it is not followed. Try --markup editable",
         "https://github.com/kozakdenys/qr-code-styling/pull/281",
     ),
+    Rule(
+        "illustrator", "mask", "it is not drawn. Try --markup editable",
+        "https://github.com/yairchu/svg-simplify",
+    ),
     Rule("illustrator", "foreignObject", "it is left out, and the picture may be empty", _FOREIGN),
+    Rule(
+        "inkscape", "borrowed places",
+        "gradients do not take cx, cy and r, or x1 to y2, from another: their shapes are flat or "
+        "missing. Try to repeat them", _MEASURED, tried=True,
+    ),
     Rule(
         "web", "no namespace", 'browsers draw no such file. Try xmlns="http://www.w3.org/2000/svg"',
         "https://www.w3.org/TR/SVG2/struct.html#Namespace",
@@ -84,7 +100,7 @@ RULES: tuple[Rule, ...] = (
         "https://www.w3.org/TR/SVG2/conform.html#secure-static-mode",
     ),
     Rule(
-        "web", "mask", "each is painted as a layer of its own: some ms each, at every repaint",
+        "web", "masked shapes", "each is painted as a layer of its own, some ms at every repaint",
         _PAINT, tried=True, over=100, breaks=False,
     ),
     Rule(
@@ -92,22 +108,26 @@ RULES: tuple[Rule, ...] = (
         _PAINT, tried=True, over=5000, breaks=False,
     ),
     Rule(
-        "email", "svg", "Outlook on Windows shows no SVG, and Gmail not every one. Try the PNG of "
-        "--preview", "https://docs.bird.com/applications/content/email-templates/concepts/"
-        "email-media-support-guide",
+        "email", "svg", "Gmail and Outlook show no <svg> of a message. Try the PNG of --preview",
+        "https://www.caniemail.com/features/html-svg/",
     ),
     Rule(
         "email", "bytes", "Gmail cuts a message at 102 kB, of which an inline SVG is a part",
         "https://shkspr.mobi/blog/2019/05/102kb-ought-to-be-enough-for-any-email/", over=102_000,
     ),
     Rule("email", "style sheet", "Gmail strips it, and rewrites the names of classes", _GMAIL),
-    Rule("email", "transform", "Gmail strips it: shapes move to the corner", _REPORTED),
     Rule(
-        "pdf", "soft fills", "a soft mask for each makes viewers slow. Try pixels at 300 dpi",
+        "email", "transform", "Gmail knows none: shapes move to the corner",
+        "https://www.caniemail.com/features/css-transform/",
+    ),
+    Rule(
+        "pdf", "soft shapes", "a soft mask for each makes viewers slow. Try pixels at 300 dpi",
         "docs/guide/editors.md", tried=True, over=250, breaks=False,
     ),
-    Rule("pdf", "text", "it is drawn in the fonts of this machine", "docs/reference/svg.md",
-         breaks=False),
+    Rule(
+        "pdf", "text", "it gets the fonts of this machine. Try paths", "docs/guide/editors.md",
+        tried=True,
+    ),
 )  # fmt: skip
 
 
@@ -123,9 +143,9 @@ class Finding:
         """The finding on one line, with its source."""
         rule = self.rule
         how = "breaks" if rule.breaks else "slow"
-        known = "tried" if rule.tried else "read, not tried"
+        known = f"{rule.evidence}: {rule.source}" if rule.source else rule.evidence
         what = f"{how} in {rule.place}: {rule.uses} ({self.count:,})"
-        return f"{what}: {rule.reason} [{known}: {rule.source}]"
+        return f"{what}: {rule.reason} [{known}]"
 
     @property
     def report(self) -> dict[str, Any]:
@@ -164,13 +184,12 @@ def findings(
     rules = rules_of(place)
     data, text = svg_source(svg, byte_size("max_svg_bytes", max_svg_bytes))
     # In no canvas: whether shapes are skewed does not depend on a uniform scale.
-    contents, features = _Contents(), Features(1, 1, lambda _: None)
+    contents, features = Contents(), Features(1, 1, lambda _: None)
     surveyed, _ = survey(text, max_elements, contents, features)
     counts: Mapping[str, int] = {
         **surveyed.tags,
         **contents.counts,
         **dict.fromkeys(features.used, 1),
-        "stops of a gradient": contents.most_stops,
         "bytes": len(data),
         "elements": surveyed.elements,
         "no namespace": int(not surveyed.qualified),
@@ -179,37 +198,3 @@ def findings(
         Finding(rule, count) for rule in rules if (count := counts.get(rule.uses, 0)) > rule.over
     ]
     return sorted(found, key=lambda finding: not finding.rule.breaks)
-
-
-@dataclass
-class _Contents:
-    """Counts what no tag tells: how shapes get their colours, gradients and places.
-
-    most_stops  of any gradient; soft fills are by gradients, where any has stops of less opacity
-    """
-
-    counts: Counter[str] = field(default_factory=Counter)
-    most_stops: int = 0
-    _stops: int = 0
-    _fills: int = 0
-
-    def start(self, tag: str, attributes: dict[str, str], _depth: int) -> None:
-        """Add an element."""
-        local = tag.rpartition("}")[2]
-        if local.endswith("Gradient"):
-            self._stops = 0
-        elif local == "stop":
-            self._stops += 1
-            self.most_stops = max(self.most_stops, self._stops)
-            style = attributes.get("style", "")
-            self.counts["soft stops"] += "stop-opacity" in attributes or "stop-opacity" in style
-        elif "url(" in attributes.get("fill", "") or "fill:url(" in attributes.get("style", ""):
-            self._fills += 1
-        self.counts["soft fills"] = self._fills if self.counts["soft stops"] else 0
-        self.counts["transform"] += "transform" in attributes
-        self.counts["currentColor"] += any("currentcolor" in v.lower() for v in attributes.values())
-
-    def sheet(self, text: str) -> None:
-        """Add a style sheet."""
-        self.counts["style sheet"] += 1
-        self.counts["currentColor"] += "currentcolor" in text.lower()

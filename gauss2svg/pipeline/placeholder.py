@@ -23,6 +23,7 @@ from gauss2svg.pipeline.run import ProgressCallback, Run
 from gauss2svg.pipeline.search.by_bytes import ByBytes
 from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.pipeline.shown import watched
 from gauss2svg.svg.element import hex_color
 from gauss2svg.svg.format import MINIMAL
 
@@ -136,7 +137,7 @@ def placeholder(
     bytes_of: Counted = "svg",
     threads: int | None = None,
     max_memory: int | str | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Placeholder:
     """The best SVG of at most max_bytes for a photo, such as 1000 or "1k"; see `vectorize`.
@@ -155,16 +156,17 @@ def placeholder(
         svg=SvgOptions(markup=MINIMAL),
         run=RunOptions(threads=threads, max_memory=max_memory),
     )
-    plan, run = Plan(options, by_bytes=True), Run(options.run, progress, stop)
-    photo = run.read(*run.opened(image), needed=_LONGEST_SIDE)
-    pixels = pixels_of(photo)
-    with run.compiled():
-        watch = Watch(report=run.notify, stop=run.stop)
 
-        def count(svg: str) -> int:
-            return len(getattr(Placeholder(svg, 1, 1, "", 0), bytes_of).encode())
+    def count(svg: str) -> int:
+        return len(getattr(Placeholder(svg, 1, 1, "", 0), bytes_of).encode())
 
-        found = ByBytes(plan, Subject.of(pixels, photo.full), watch, count).file()
+    with watched(progress) as callback:
+        plan, run = Plan(options, by_bytes=True), Run(options.run, callback, stop)
+        photo = run.read(*run.opened(image), needed=_LONGEST_SIDE)
+        pixels = pixels_of(photo)
+        with run.compiled():
+            watch = Watch(report=run.notify, stop=run.stop)
+            found = ByBytes(plan, Subject.of(pixels, photo.full), watch, count).file()
     transparent = has_alpha(pixels)
     return Placeholder(found.svg, *photo.full, _mean_color(pixels), len(found.scene), transparent)
 

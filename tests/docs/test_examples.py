@@ -6,6 +6,7 @@ import base64
 import importlib
 import os
 import pickle
+import re
 import shutil
 import subprocess
 import sys
@@ -218,8 +219,10 @@ def test_a_poster_is_the_scene_in_strips_with_boxes_and_a_profile(tmp_path):
 
 INKEX = "/usr/share/inkscape/extensions"
 DOCUMENT = """<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"
-width="90" height="60"><image id="photo" x="10" y="5" width="72" height="48" {}
-xlink:href="data:image/png;base64,{}"/><text id="other">!</text></svg>"""
+width="90" height="60"><clipPath id="round"><circle cx="50" cy="30" r="18"/></clipPath>
+<filter id="far"><feGaussianBlur stdDeviation="2"/></filter>
+<image id="photo" {} xlink:href="data:image/png;base64,{}"/><text id="other">!</text></svg>"""
+FRAME = 'x="10" y="5" width="72" height="48" transform="rotate(3)" preserveAspectRatio="none"'
 
 
 @pytest.fixture
@@ -242,7 +245,7 @@ def extension(small, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", f"{program.parent}:/usr/bin:/bin")
     data = base64.b64encode(Path(small).read_bytes()).decode()
     path = tmp_path / "document.svg"
-    path.write_text(DOCUMENT.format('transform="rotate(3)" preserveAspectRatio="none"', data))
+    path.write_text(DOCUMENT.format(FRAME, data))
     return path
 
 
@@ -259,7 +262,8 @@ def converted(document, *options):
 
 def assert_looks_the_same(before, after):
     size = 90, 60
-    assert psnr(*(rasterize(text, *size) for text in (after, before))) > 20
+    drawn, wanted = (rasterize(text, *size) for text in (after, before))
+    assert psnr(drawn, wanted) > max(20, 6 + psnr(np.ones_like(wanted), wanted))
     assert "<image" not in after
     assert 'id="other"' in after
 
@@ -268,6 +272,40 @@ def test_a_photo_in_a_document_of_inkscapes_becomes_gaussians_in_its_place(exten
     status, after, message = converted(extension, "--id=photo")
     assert (status, message) == (0, "")
     assert_looks_the_same(extension.read_text(), after)
+
+
+@pytest.mark.parametrize(
+    "attributes",
+    [
+        'x="10" y="5" transform="scale(2)"', 'x="10" y="5" height="32" width="auto"',
+        'x="10%" width="80%" height="50%"',
+        'x="10" y="5" width="50" height="50" preserveAspectRatio="xMinYMid slice"',
+        'x="10" width="70" height="20" preserveAspectRatio="xMaxYMid"',
+        'width="90" height="60" clip-path="url(#round)" transform="rotate(9)"',
+        'width="90" height="60" style="opacity:.4;filter:url(#far);stroke:#000;fill-opacity:.1"',
+    ],
+)  # fmt: skip
+def test_gaussians_are_as_large_as_cut_and_as_styled_as_the_photo_was(extension, attributes):
+    before = extension.read_text().replace(FRAME, attributes)
+    extension.write_text(before)
+    status, after, message = converted(extension, "--id=photo")
+    assert (status, message) == (0, "")
+    assert_looks_the_same(before, after)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "start"),
+    [
+        ('..."/><text', '"/><text', "photo must be whole; got damaged data"),
+        ('width="72"', 'width="0"', "photo must have a size; got 0 x 48"),
+        ('href="data:[^"]*"', 'href="http://a/b.png"', "photo must be a file; got"),
+    ],
+)
+def test_a_photo_that_cannot_be_taken_is_refused_in_one_line(extension, old, new, start):
+    extension.write_text(re.sub(old, new, extension.read_text()))
+    status, after, message = converted(extension, "--id=photo")
+    assert (status != 0, after, len(message.strip().splitlines())) == (True, "", 1)
+    assert message.startswith(start)
 
 
 @pytest.mark.parametrize(
@@ -290,6 +328,8 @@ def test_an_error_of_the_extension_is_one_line_and_changes_nothing(extension, op
 def test_inkscape_runs_its_extension(extension, tmp_path):
     if not shutil.which("inkscape") or not shutil.which("xvfb-run"):
         pytest.skip("needs Inkscape and xvfb-run")
+    clipped = extension.read_text().replace('id="photo"', 'id="photo" clip-path="url(#round)"')
+    extension.write_text(clipped)
     profile, out = tmp_path / "profile", tmp_path / "out.svg"
     shutil.copytree(EXAMPLES / "inkscape", profile / "extensions" / "gauss2svg")
     actions = f"select-by-id:photo;org.gauss2svg.photo.noprefs;export-filename:{out};export-do"

@@ -1,54 +1,162 @@
 """Laws of the rules on what breaks where: each can be broken, and says where it is from."""
 
 import json
+from pathlib import Path
 
 import pytest
 from conftest import random_scene
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
-from gauss2svg.measure.places import PLACES, RULES, findings, rules_of
+from gauss2svg.measure.places import PLACES, RULES, Finding, findings, rules_of
 from gauss2svg.raster.features import Feature
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.write import write_svg
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">{}</svg>'
 STOP = '<stop offset="0" stop-opacity=".5"/>'
-# What breaks a rule, by what it is about.
-BROKEN = {
+SOFT = f'<radialGradient id="a">{STOP}</radialGradient>'
+# Once what a rule without a limit is about.
+ONCE = {
     "style sheet": "<style>.a{fill:red}</style>",
     "currentColor": '<path fill="currentColor"/>',
     "use": '<use xlink:href="#a"/>',
-    "mask": "<mask/>" * 101,
+    "mask": "<mask/>",
     "foreignObject": "<foreignObject/>",
-    "bytes": f"<desc>{'a' * 360_000}</desc>",
-    "stops of a gradient": f"<radialGradient>{STOP * 17}</radialGradient>",
     Feature.FILTER: '<g filter="url(#a)"/>',
     Feature.PLAIN_HREF: '<use href="#a"/>',
     "script": "<script/>",
-    "elements": "<g/>" * 5001,
     "svg": "",
     "transform": '<g transform="scale(2)"/>',
-    "soft fills": f"<radialGradient>{STOP}</radialGradient>" + '<path fill="url(#a)"/>' * 1001,
     "text": "<text>a</text>",
+    "borrowed places": '<radialGradient id="a" r="2"/>'
+    '<radialGradient id="b" xlink:href="#a" fx="1"/>',
+}
+# So many of what a rule with a limit is about.
+MANY = {
+    "bytes": lambda n: "a" * (n - len(SVG.format(""))),
+    "stops of a gradient": lambda n: f"<radialGradient>{STOP * n}</radialGradient>",
+    "masked shapes": lambda n: '<path mask="url(#a)"/>' * n,
+    "soft shapes": lambda n: SOFT + '<path fill="url(#a)"/>' * n,
+    "elements": lambda n: "<g/>" * (n - 1),  # and the root
 }
 
 
+def uses(text, place):
+    return {finding.rule.uses: finding.count for finding in findings(text, place)}
+
+
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: f"{rule.place}-{rule.uses}")
-def test_each_rule_is_broken_by_what_it_is_about_and_by_nothing_less(rule):
-    text = "<svg/>" if rule.uses == "no namespace" else SVG.format(BROKEN[rule.uses])
-    found = {finding.rule: finding for finding in findings(text, rule.place)}
-    assert rule in found
+def test_each_rule_is_broken_by_one_more_than_its_limit_and_by_nothing_less(rule):
+    if rule.over:
+        over, less = (SVG.format(MANY[rule.uses](rule.over + more)) for more in (1, 0))
+    elif rule.uses == "no namespace":
+        over, less = "<svg/>", SVG.format("")
+    else:
+        over, less = SVG.format(ONCE[rule.uses]), SVG.format("<path/>")
+    found = {finding.rule: finding for finding in findings(over, rule.place)}
+    assert found[rule].count == rule.over + 1
     assert found[rule].line.startswith(f"{'breaks' if rule.breaks else 'slow'} in {rule.place}: ")
-    plain = {finding.rule for finding in findings(SVG.format("<path/>"), rule.place)}
-    assert rule.uses == "svg" or rule not in plain
+    assert rule.uses == "svg" or rule.uses not in uses(less, rule.place)
 
 
-def test_every_rule_has_its_source_and_what_was_tried_is_on_a_page_of_ours():
+@pytest.mark.parametrize(
+    "shape",
+    [
+        '<path fill="url(#a)"/>', "<path style='fill: url(\"#a\")'/>", '<path stroke="url(#a)"/>',
+        '<path mask="url(#m)"/>', '<path style="mask:url(#m)"/>',
+        '<defs><path id="b" fill="url(#a)"/></defs><use xlink:href="#b"/>',
+        '<defs><use id="c" href="#b"/><path id="b" mask="url(#m)"/></defs><use href="#c"/>',
+        '<linearGradient id="d" href="#a"/><path fill="url(#d)"/>',
+    ],
+)  # fmt: skip
+def test_a_shape_is_soft_by_its_gradient_or_its_mask_or_by_what_it_uses(shape):
+    assert uses(SVG.format(SOFT + shape * 251), "pdf")["soft shapes"] == 251
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        '<stop/>', '<stop stop-opacity="1"/>', '<stop stop-opacity="100%"/>',
+        '<stop style="stop-color:#fff;stop-opacity:1"/>', '<stop stop-color="rgba(1,2,3,1)"/>',
+    ],
+)  # fmt: skip
+def test_a_gradient_of_opaque_stops_is_not_soft(stop):
+    """Nor is one of which nothing is filled, beside one that is."""
+    paths = '<path fill="url(#o)"/>' * 999
+    text = SVG.format(f'{SOFT}<radialGradient id="o">{stop}</radialGradient>{paths}')
+    assert "soft shapes" not in uses(text, "pdf")
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        '<stop stop-opacity="50%"/>', '<stop style="stop-opacity: .5"/>',
+        '<stop stop-color="rgba(1,2,3,.5)"/>', '<stop stop-color="transparent"/>',
+        '<stop/><style>stop{stop-opacity:.5}</style>',
+    ],
+)  # fmt: skip
+def test_a_gradient_with_a_stop_that_lets_something_through_is_soft(stop):
+    paths = '<path fill="url(#o)"/>' * 251
+    text = SVG.format(f'<radialGradient id="o"><stop/>{stop}</radialGradient>{paths}')
+    assert uses(text, "pdf")["soft shapes"] == 251
+
+
+def test_shapes_that_are_defined_and_not_drawn_cost_nothing():
+    assert "masked shapes" not in uses(
+        SVG.format(f"<defs>{MANY['masked shapes'](101)}</defs><path/>"), "web"
+    )
+
+
+def test_gradients_with_a_place_of_their_own_or_none_at_all_borrow_none():
+    named, placed = '<linearGradient id="{}" {}/>', '<linearGradient xlink:href="#{}" {}/>'
+    text = named.format("a", 'x1="1"') + placed.format("a", 'x2="2"')
+    text += named.format("b", "") + placed.format("b", "") + '<linearGradient x1="1"/>'
+    assert "borrowed places" not in uses(SVG.format(text), "inkscape")
+
+
+def test_references_in_a_circle_end():
+    text = '<use id="a" href="#b"/><use id="b" href="#a"/><linearGradient id="c" href="#c"/>'
+    assert "soft shapes" not in uses(SVG.format(text + '<path fill="url(#c)"/>' * 251), "pdf")
+
+
+@pytest.mark.parametrize(
+    ("text", "place", "what"),
+    [
+        ('<path stroke="CURRENTCOLOR"/>', "figma", "currentColor"),
+        ('<path style="fill:currentColor"/>', "figma", "currentColor"),
+        ('<stop style="stop-color: currentcolor !important"/>', "figma", "currentColor"),
+        ("<style>a{fill:currentColor}</style>", "figma", "currentColor"),
+        ('<g style="transform:scale(2)"/>', "email", "transform"),
+        ('<g style="fill:red;Transform : rotate(9deg)"/>', "email", "transform"),
+        ("<style>g{transform:scale(2)}</style>", "email", "transform"),
+    ],
+)
+def test_what_attributes_say_styles_say_too(text, place, what):
+    assert uses(SVG.format(text), place)[what] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ('<path id="currentColor"/>', "figma"), ('<g style="transform:none"/>', "email"),
+        ('<g style="text-transform:uppercase;transform-origin:0 0"/>', "email"),
+        ("<style>text{text-transform:uppercase}</style>", "email"),
+    ],
+)  # fmt: skip
+def test_names_that_only_look_so_are_not_found(text, place):
+    assert not {"currentColor", "transform"} & uses(SVG.format(text), place).keys()
+
+
+def test_every_rule_has_its_source_or_says_that_it_has_none():
+    """What was tried is on a page of ours."""
     for rule in (rule for place in PLACES for rule in rules_of(place)):
-        assert rule.source
-        if rule.tried:
-            assert rule.source.startswith("docs/")
+        assert rule.source.startswith("docs/" if rule.tried else ("https://", ""))
+        assert rule.source or (rule.place, rule.uses) in {("figma", "use"), ("figma", "mask")}
+        line = Finding(rule, 1).line
+        assert line.endswith(f": {rule.source}]" if rule.source else "[not tried, no source]")
+        pages = Path(__file__).parents[2]
+        assert not rule.tried or (pages / rule.source).is_file()
 
 
 def test_what_a_renderer_draws_wrongly_breaks_where_it_draws():
@@ -69,9 +177,18 @@ def test_editable_files_are_for_editors_and_minimal_ones_are_not():
         assert any(finding.rule.breaks for finding in findings(minimal, place))
 
 
+@pytest.mark.parametrize(("count", "masked"), [(350, True), (900, False)])
+def test_minimal_files_of_many_shapes_are_slow_where_each_is_soft(count, masked):
+    """Masked shapes use a few circles under a few masks; gradients are softened by a sheet."""
+    minimal = write_svg(random_scene(count, 60, 45, 7), SvgFormat(markup="minimal"))
+    assert ("<mask" in minimal, "<style" in minimal) == (masked, not masked)
+    assert ("masked shapes" in uses(minimal, "web")) == masked
+    assert uses(minimal, "pdf")["soft shapes"] > count / 2
+
+
 def test_the_command_has_a_line_for_each_and_a_status(tmp_path, capsys):
     path, report = tmp_path / "a.svg", tmp_path / "report.json"
-    path.write_text(SVG.format(BROKEN["use"] + BROKEN["currentColor"]))
+    path.write_text(SVG.format(ONCE["use"] + ONCE["currentColor"]))
     assert main(["check", str(path), "--for", "figma", "--report", str(report)]) == 1
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 2
@@ -79,7 +196,7 @@ def test_the_command_has_a_line_for_each_and_a_status(tmp_path, capsys):
     assert len(json.loads(report.read_text())["findings"]) == 2
     assert main(["check", str(path), "--for", "web"]) == 0
     assert "nothing that is known to break in web" in capsys.readouterr().err
-    path.write_text(SVG.format(BROKEN["elements"]))
+    path.write_text(SVG.format(MANY["elements"](5001)))
     assert main(["check", str(path), "--for", "web"]) == 0  # slow alone
     assert "slow in web" in capsys.readouterr().err
 
@@ -89,6 +206,8 @@ def test_what_cannot_be_checked_is_refused(tmp_path, capsys):
         rules_of("word")
     with pytest.raises(InputError, match="within the file"):
         findings(SVG.format('<image xlink:href="http://a/b.png"/>'), "web")
+    with pytest.raises(InputError, match="shorter numbers"):
+        findings(SVG.format(f'<stop stop-color="rgba({"9" * 9999},0,0,1)"/>'), "pdf")
     path = tmp_path / "a.svg"
     path.write_text(SVG)
     assert main(["check", str(path)]) == 2

@@ -89,6 +89,17 @@ def test_a_terminal_shows_what_a_run_does_and_how_long_it_will_take(monkeypatch)
     assert "120 Gaussians, 27.12 dB, 3 s left" in said
 
 
+def test_a_placeholder_shows_its_run_as_an_svg_does(photo, monkeypatch):
+    written = io.StringIO()
+    terminal = Console(file=written, force_terminal=True, width=120)
+    monkeypatch.setattr("rich.console.Console", lambda stderr: terminal)
+    made = {gauss2svg.placeholder(photo[:32, :32], 400, progress=p).svg for p in (None, True)}
+    assert len(made) == 1
+    assert "Gaussians, " in written.getvalue()
+    with pytest.raises(gauss2svg.InputError, match="progress must be"):
+        gauss2svg.placeholder(photo[:32, :32], 400, progress=1)  # pyright: ignore
+
+
 @pytest.mark.process
 def test_a_notebook_shows_the_forming_picture_and_keeps_the_last(photo, tmp_path):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import tinycss2
+import tinycss2.color3
 
 from gauss2svg.errors import InputError, quoted
 
@@ -57,6 +58,12 @@ def properties(style: str) -> dict[str, str]:
     return found
 
 
+def color_alpha(text: str) -> float:
+    """Alpha of a colour in 0..1, 1 for what CSS 3 knows as none; raises InputError as nodes_of."""
+    color = tinycss2.color3.parse_color(_parsed(tinycss2.parse_one_component_value, text))
+    return color.alpha if isinstance(color, tinycss2.color3.RGBA) else 1.0
+
+
 def component_values(text: str) -> list[Any]:
     """The tokens of any CSS, blocks and functions as trees; raises InputError as nodes_of."""
     return _parsed(tinycss2.parse_component_value_list, text)
@@ -78,7 +85,7 @@ def _inside(token: Any) -> list[Any]:
     return getattr(token, "content", None) or getattr(token, "arguments", None) or []
 
 
-def _parsed(parse: Callable[..., list[Any]], text: str, **options: bool) -> list[Any]:
+def _parsed(parse: Callable[..., Any], text: str, **options: bool) -> Any:
     if len(text) > MOST_CSS:
         raise InputError(
             f"CSS in the SVG must be at most {MOST_CSS} characters a style sheet; got {len(text)}. "
