@@ -3,7 +3,7 @@
 python benchmarks/previews.py PHOTO...
 
 A mean colour, blurhash (pip install blurhash), and as data URIs WebP thumbnails and placeholders of
-gauss2svg. What has pixels is enlarged by bicubic interpolation, an SVG is drawn at the photo's size.
+gauss2svg. What has pixels is enlarged by bicubic interpolation, an SVG drawn at the photo's size.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def previews(photo: NDArray[np.float32]) -> Iterator[Row]:
 
     def enlarged(small: Image.Image) -> NDArray[np.float32]:
         large = small.convert("RGB").resize((width, height), Image.Resampling.BICUBIC)
-        return np.asarray(large, np.float32) / 255
+        return np.asarray(large, np.float32) / np.float32(255)
 
     def thumbnail(longest: int) -> Image.Image:
         scale = longest / max(height, width)
