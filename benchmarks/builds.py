@@ -28,8 +28,8 @@ from PIL import Image
 from gauss2svg.raster import chromium
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-# Where each project has its photos, and what it builds.
-PROJECTS = {"vite": ("public/photos", "dist"), "eleventy": ("photos", "_site")}
+PHOTOS = "public/photos"
+PROJECTS = {"vite": "dist", "eleventy": "_site"}  # the folder that each builds
 LATE_S = 4.0
 _SHIFT = """() => {
     window.shift = 0;
@@ -64,15 +64,15 @@ class Late(SimpleHTTPRequestHandler):
 
 def built(name: str, folder: Path) -> Path:
     """The pages of a project of examples/, built in a folder with two photos, one transparent."""
-    root, (photos, out) = folder / name, PROJECTS[name]
+    root, photos = folder / name, folder / name / PHOTOS
     shutil.copytree(EXAMPLES / name, root, ignore=shutil.ignore_patterns("node_modules"))
-    (root / photos).mkdir(parents=True)
+    photos.mkdir(parents=True)
     with Image.open(EXAMPLES / "coffee.jpg") as photo:
-        photo.resize((1600, 1067)).save(root / photos / "coffee.jpg")
+        photo.resize((1600, 1067)).save(photos / "coffee.jpg")
         clear = photo.convert("RGBA").resize((900, 600))
     x = np.abs(np.linspace(-1, 1, 900)) < 0.5
     clear.putalpha(Image.fromarray(np.tile(np.uint8(255 * x), (600, 1))))
-    clear.save(root / photos / "clear one.png")
+    clear.save(photos / "clear one.png")
     if (EXAMPLES / name / "node_modules").exists():
         (root / "node_modules").symlink_to((EXAMPLES / name / "node_modules").resolve())
     else:
@@ -81,7 +81,7 @@ def built(name: str, folder: Path) -> Path:
         begun = time.perf_counter()
         subprocess.run(["npm", "run", "build", "--silent"], cwd=root, check=True, stdout=sys.stderr)
         print(f"{name}: built in {time.perf_counter() - begun:.1f} s")
-    return root / out
+    return root / PROJECTS[name]
 
 
 def pixels_of(shot: bytes, box: list[float]) -> np.ndarray:

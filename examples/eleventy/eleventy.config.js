@@ -1,3 +1,3 @@
 export default function (config) {
-  config.addPassthroughCopy("photos");
+  config.addPassthroughCopy({ "public/photos": "photos" });
 }

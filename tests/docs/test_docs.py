@@ -83,8 +83,8 @@ def pictures(photo, small_svg, tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     levels = np.uint8(255 * photo[40:64, 46:82])
     small = Image.fromarray(levels)
-    for name in ("photo.jpg", "photos/one.jpg", "more/two.jpg"):
-        Path(name).parent.mkdir(exist_ok=True)
+    for name in ("photo.jpg", "photos/one.jpg", "more/two.jpg", "public/photos/lake.jpg"):
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
         small.save(name, quality=95, dpi=(300, 300))
     small.save("logo.png")
     alpha = np.full(levels.shape[:2], 255, np.uint8)
