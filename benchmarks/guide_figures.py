@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
+import subprocess
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,17 +16,22 @@ from matplotlib.figure import Figure
 from panels import WIDTH_IN, Pixels, coffee, enlarged, reduced, tiles
 from PIL import Image
 from skimage import data
+from small import of_another_tool
 from transparency import pictures as transparent_pictures
+from vector_drawings import vector_drawings
 
 from gauss2svg import (
     Document,
+    FitOptions,
     Progress,
     Result,
     Scene,
+    outline_svg,
     placeholder,
     vectorize,
     write_svg,
 )  # fmt: skip
+from gauss2svg.files import as_png
 from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.alpha import over
@@ -206,6 +214,48 @@ def printed() -> Figure:
     return tiles([_crop(one, 0.28, 0.02, 0.4) for one in shown], titles, columns=3)
 
 
+def traced() -> Figure:
+    """Letters of a logo four times as large: by gauss2svg, by vtracer, and the truth."""
+    import vtracer  # pyright: ignore[reportMissingImports]
+
+    source = vector_drawings()["badge"]
+    logo, truth = (rasterize(source, side, side) for side in (512, 2048))
+    ours = vectorize(logo)
+    theirs = vtracer.convert_raw_image_to_svg(as_png(logo), img_format="png", path_precision=2)
+    shown, titles = [], []
+    for name, svg in (("gauss2svg", ours.svg), ("vtracer", theirs)):
+        small, large = (of_another_tool(svg, at) for at in (logo, truth))
+        shown.append(large)
+        print(f"{name}: {psnr(small, logo):.1f}, {psnr(large, truth):.1f} dB")
+        titles.append(f"{name}: {len(svg) / 1000:.0f} kB")
+    crops = [_crop(one, 0.3, 0.34, 0.24) for one in (*shown, truth)]
+    return tiles(crops, [*titles, "the drawing"], columns=3)
+
+
+def plotters() -> Figure:
+    """A picture in inks, the lines of it that are seen, and those without the white pen's."""
+    inks = "#ffffff,#e0a070,#a04818,#201008"
+    fit = FitOptions(inks=inks)
+    result = vectorize(data.coffee(), gaussians=800, fit=fit, document=Document(size="200mm"))
+    with tempfile.TemporaryDirectory() as folder:
+        lines, seen = Path(folder, "lines.svg"), Path(folder, "seen.svg")
+        lines.write_text(outline_svg(result.scene, result.document), encoding="utf-8")
+        subprocess.run(
+            ["vpype", "read", "--no-crop", lines, "occult", "-i", "crop", "0", "0", "200mm",
+             "133.33mm", "write", seen], check=True,
+        )  # fmt: skip
+        drawn = seen.read_text(encoding="utf-8")
+    # resvg takes no metadata of other name spaces, and lines are thin for a picture of this size
+    drawn = re.sub(r"<metadata>.*</metadata>", "", drawn, flags=re.DOTALL)
+    drawn = re.sub(r'stroke-width="[^"]*"', 'stroke-width="1.2"', drawn)
+    white = re.compile(r'stroke="(#fff|#ffffff|white)"')
+    page = np.ones((400, 600, 3))
+    files = [white.sub('stroke="#3080e0"', drawn), white.sub('stroke="none"', drawn)]
+    shown = [of_another_tool(svg, page) for svg in files]
+    titles = ["the picture", "lines, white as blue", "without white"]
+    return tiles([result.raster, *shown], titles, columns=3)
+
+
 def transparent() -> Figure:
     """One transparent SVG over a light, a dark and a chequered page."""
     with_alpha = reduced(dict(transparent_pictures())["soft ellipse"], 256)
@@ -299,6 +349,8 @@ FIGURES: dict[str, Callable[[], Figure | str]] = {
     "forming": forming,
     "scenes": scenes,
     "printed": printed,
+    "traced": traced,
+    "plotters": plotters,
     "transparent": transparent,
     "errors": errors_map,
     "interrupted": interrupted,

@@ -1,8 +1,8 @@
-"""An SVG of gauss2svg becomes a page for a printer: python poster.py print.svg poster.pdf [0.5 0.5].
+"""An SVG of gauss2svg becomes a page for a printer: python poster.py print.svg poster.pdf 0.5 0.5.
 
 A3 at 300 dpi, with 3 mm of bleed around the trim box and an embedded sRGB profile. The picture
 covers the page. Of what is beyond it these shares are cut off at the left and at the top: 0 keeps
-that side, 1 the other. It needs pikepdf.
+that side, 1 the other, and without them both are 0.5. It needs pikepdf.
 """
 
 import sys
