@@ -92,6 +92,13 @@ def placeholders() -> Figure:
     return tiles([*drawn, photo / 255], [*titles, "after: the photo"], columns=2)
 
 
+def _stretched(file: bytes, width: int, height: int) -> Pixels:
+    """An image file at another size."""
+    with Image.open(io.BytesIO(file)) as image:
+        large = image.convert("RGB").resize((width, height), Image.Resampling.BICUBIC)
+    return np.asarray(large) / 255
+
+
 def webp() -> Figure:
     """A photo in 1500 bytes as WebP and as a placeholder, and the photo."""
     photo = data.chelsea()
@@ -102,10 +109,13 @@ def webp() -> Figure:
         for quality in range(10, 95, 10):
             file = encoded(reduced(photo, side), "WEBP", quality=quality, method=6)
             if len(file) <= limit:
-                with Image.open(io.BytesIO(file)) as image:
-                    large = image.convert("RGB").resize((width, height), Image.Resampling.BICUBIC)
-                shown = np.asarray(large) / 255
+                shown = _stretched(file, width, height)
                 best = max(best, (psnr(shown, photo / 255), shown), key=lambda one: one[0])
+    blur = encoded(reduced(photo, 16), "WEBP", quality=50, method=6)
+    small = placeholder(photo, max_bytes=500).svg
+    shown = [_stretched(blur, width, height), rasterize(small, width, height)]
+    for file, pixels in zip((blur, small), shown, strict=True):
+        print(f"{len(file)} bytes: {psnr(pixels, photo / 255):.1f} dB")
     one = rasterize(placeholder(photo, max_bytes=limit).svg, width, height)
     titles = [f"WebP: {best[0]:.1f} dB", f"gauss2svg: {psnr(one, photo / 255):.1f} dB", "the photo"]
     return tiles([best[1], one, photo / 255], titles, columns=3)
@@ -228,6 +238,7 @@ def traced() -> Figure:
         shown.append(large)
         print(f"{name}: {psnr(small, logo):.1f}, {psnr(large, truth):.1f} dB")
         titles.append(f"{name}: {len(svg) / 1000:.0f} kB")
+    print(f"bicubic: {psnr(enlarged(logo, 4, Image.Resampling.BICUBIC), truth):.1f} dB")
     crops = [_crop(one, 0.3, 0.34, 0.24) for one in (*shown, truth)]
     return tiles(crops, [*titles, "the drawing"], columns=3)
 
