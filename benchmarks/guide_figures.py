@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import re
+import subprocess
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,17 +16,22 @@ from matplotlib.figure import Figure
 from panels import WIDTH_IN, Pixels, coffee, enlarged, reduced, tiles
 from PIL import Image
 from skimage import data
+from small import of_another_tool
 from transparency import pictures as transparent_pictures
+from vector_drawings import vector_drawings
 
 from gauss2svg import (
     Document,
+    FitOptions,
     Progress,
     Result,
     Scene,
+    outline_svg,
     placeholder,
     vectorize,
     write_svg,
 )  # fmt: skip
+from gauss2svg.files import as_png
 from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.alpha import over
@@ -84,6 +92,13 @@ def placeholders() -> Figure:
     return tiles([*drawn, photo / 255], [*titles, "after: the photo"], columns=2)
 
 
+def _stretched(file: bytes, width: int, height: int) -> Pixels:
+    """An image file at another size."""
+    with Image.open(io.BytesIO(file)) as image:
+        large = image.convert("RGB").resize((width, height), Image.Resampling.BICUBIC)
+    return np.asarray(large) / 255
+
+
 def webp() -> Figure:
     """A photo in 1500 bytes as WebP and as a placeholder, and the photo."""
     photo = data.chelsea()
@@ -94,10 +109,13 @@ def webp() -> Figure:
         for quality in range(10, 95, 10):
             file = encoded(reduced(photo, side), "WEBP", quality=quality, method=6)
             if len(file) <= limit:
-                with Image.open(io.BytesIO(file)) as image:
-                    large = image.convert("RGB").resize((width, height), Image.Resampling.BICUBIC)
-                shown = np.asarray(large) / 255
+                shown = _stretched(file, width, height)
                 best = max(best, (psnr(shown, photo / 255), shown), key=lambda one: one[0])
+    blur = encoded(reduced(photo, 16), "WEBP", quality=50, method=6)
+    small = placeholder(photo, max_bytes=500).svg
+    shown = [_stretched(blur, width, height), rasterize(small, width, height)]
+    for file, pixels in zip((blur, small), shown, strict=True):
+        print(f"{len(file)} bytes: {psnr(pixels, photo / 255):.1f} dB")
     one = rasterize(placeholder(photo, max_bytes=limit).svg, width, height)
     titles = [f"WebP: {best[0]:.1f} dB", f"gauss2svg: {psnr(one, photo / 255):.1f} dB", "the photo"]
     return tiles([best[1], one, photo / 255], titles, columns=3)
@@ -206,6 +224,49 @@ def printed() -> Figure:
     return tiles([_crop(one, 0.28, 0.02, 0.4) for one in shown], titles, columns=3)
 
 
+def traced() -> Figure:
+    """Letters of a logo four times as large: by gauss2svg, by vtracer, and the truth."""
+    import vtracer  # pyright: ignore[reportMissingImports]
+
+    source = vector_drawings()["badge"]
+    logo, truth = (rasterize(source, side, side) for side in (512, 2048))
+    ours = vectorize(logo)
+    theirs = vtracer.convert_raw_image_to_svg(as_png(logo), img_format="png", path_precision=2)
+    shown, titles = [], []
+    for name, svg in (("gauss2svg", ours.svg), ("vtracer", theirs)):
+        small, large = (of_another_tool(svg, at) for at in (logo, truth))
+        shown.append(large)
+        print(f"{name}: {psnr(small, logo):.1f}, {psnr(large, truth):.1f} dB")
+        titles.append(f"{name}: {len(svg) / 1000:.0f} kB")
+    print(f"bicubic: {psnr(enlarged(logo, 4, Image.Resampling.BICUBIC), truth):.1f} dB")
+    crops = [_crop(one, 0.3, 0.34, 0.24) for one in (*shown, truth)]
+    return tiles(crops, [*titles, "the drawing"], columns=3)
+
+
+def plotters() -> Figure:
+    """A picture in inks, the lines of it that are seen, and those without the white pen's."""
+    inks = "#ffffff,#e0a070,#a04818,#201008"
+    fit = FitOptions(inks=inks)
+    result = vectorize(data.coffee(), gaussians=800, fit=fit, document=Document(size="200mm"))
+    with tempfile.TemporaryDirectory() as folder:
+        lines, seen = Path(folder, "lines.svg"), Path(folder, "seen.svg")
+        lines.write_text(outline_svg(result.scene, result.document), encoding="utf-8")
+        subprocess.run(
+            ["vpype", "read", "--no-crop", lines, "occult", "-i", "crop", "0", "0", "200mm",
+             "133.33mm", "write", seen], check=True,
+        )  # fmt: skip
+        drawn = seen.read_text(encoding="utf-8")
+    # resvg takes no metadata of other name spaces, and lines are thin for a picture of this size
+    drawn = re.sub(r"<metadata>.*</metadata>", "", drawn, flags=re.DOTALL)
+    drawn = re.sub(r'stroke-width="[^"]*"', 'stroke-width="1.2"', drawn)
+    white = re.compile(r'stroke="(#fff|#ffffff|white)"')
+    page = np.ones((400, 600, 3))
+    files = [white.sub('stroke="#3080e0"', drawn), white.sub('stroke="none"', drawn)]
+    shown = [of_another_tool(svg, page) for svg in files]
+    titles = ["the picture", "lines, white as blue", "without white"]
+    return tiles([result.raster, *shown], titles, columns=3)
+
+
 def transparent() -> Figure:
     """One transparent SVG over a light, a dark and a chequered page."""
     with_alpha = reduced(dict(transparent_pictures())["soft ellipse"], 256)
@@ -299,6 +360,8 @@ FIGURES: dict[str, Callable[[], Figure | str]] = {
     "forming": forming,
     "scenes": scenes,
     "printed": printed,
+    "traced": traced,
+    "plotters": plotters,
     "transparent": transparent,
     "errors": errors_map,
     "interrupted": interrupted,

@@ -1,7 +1,8 @@
-"""An SVG of gauss2svg becomes a page for a printer: python examples/poster.py print.svg poster.pdf.
+"""An SVG of gauss2svg becomes a page for a printer: python poster.py print.svg poster.pdf 0.5 0.5.
 
 A3 at 300 dpi, with 3 mm of bleed around the trim box and an embedded sRGB profile. The picture
-covers the page, and what is beyond it is cut off evenly. It needs pikepdf.
+covers the page. Of what is beyond it these shares are cut off at the left and at the top: 0 keeps
+that side, 1 the other, and without them both are 0.5. It needs pikepdf.
 """
 
 import sys
@@ -21,10 +22,12 @@ DPI, TRIM_MM, BLEED_MM = 300, (297, 420), 3
 STRIP = 256  # rows, which bound the memory
 
 
-def strips(scene: Scene, width: int, height: int) -> Iterator[np.ndarray]:
+def strips(
+    scene: Scene, width: int, height: int, cut: tuple[float, ...] = (0.5, 0.5)
+) -> Iterator[np.ndarray]:
     """The page in px from the top, as levels (rows, width, 3)."""
     scene = scene.scaled(max(width / scene.width, height / scene.height))
-    beyond = (scene.width - width) / 2, (scene.height - height) / 2
+    beyond = (scene.width - width) * cut[0], (scene.height - height) * cut[1]
     scene = scene.replace(mean=scene.mean - beyond)
     reach = cut_radius(scene.beta) * scene.sigma[:, 1]
     for top in range(0, height, STRIP):
@@ -45,13 +48,13 @@ def packed(levels: Iterator[np.ndarray], width: int) -> bytes:
     return b"".join([*made, deflate.flush()])
 
 
-def write_poster(scene: Scene, path: str) -> None:
+def write_poster(scene: Scene, path: str, *cut: float) -> None:
     trim = TRIM_MM if scene.height >= scene.width else TRIM_MM[::-1]
     width, height = (round((side + 2 * BLEED_MM) / 25.4 * DPI) for side in trim)
     pdf = pikepdf.new()
     profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     picture = pdf.make_stream(
-        packed(strips(scene, width, height), width),
+        packed(strips(scene, width, height, cut or (0.5, 0.5)), width),
         Type=Name.XObject, Subtype=Name.Image, Width=width, Height=height, BitsPerComponent=8,
         ColorSpace=Array([Name.ICCBased, pdf.make_stream(profile, N=3)]), Filter=Name.FlateDecode,
         DecodeParms=Dictionary(Predictor=15, Colors=3, Columns=width),
@@ -65,4 +68,4 @@ def write_poster(scene: Scene, path: str) -> None:
 
 
 if __name__ == "__main__":
-    write_poster(read_svg(sys.argv[1]), sys.argv[2])
+    write_poster(read_svg(sys.argv[1]), sys.argv[2], *map(float, sys.argv[3:]))

@@ -134,7 +134,7 @@ def test_every_block_of_code_runs(page, pictures, in_this_process, monkeypatch):
     for block in blocks_of(page):
         try:
             if block.kind in SHELL:
-                for line in block.code.splitlines():
+                for line in block.code.replace("\\\n", "").splitlines():
                     run_line(line)
             elif block.kind == PYTHON:
                 exec(compile(block.code, named(page), "exec"), names)
@@ -160,7 +160,8 @@ def test_commands_that_are_left_out_have_options_that_exist():
     app = build_app(True)
     for page in PAGES:
         for block in BLOCK.finditer(page.read_text()):
-            for line in re.findall(r"^gauss2svg .*$", block["code"], re.MULTILINE):
+            code = block["code"].replace("\\\n", "")
+            for line in re.findall(r"^gauss2svg .*$", code, re.MULTILINE):
                 words = shlex.split(re.split(r" [|>]", line)[0], comments=True)
                 app.parse_args(words[1:], exit_on_error=False, print_error=False)
 

@@ -202,6 +202,10 @@ def test_a_poster_is_the_scene_in_strips_with_boxes_and_a_profile(tmp_path):
     whole = render(grown.replace(width=40, mean=grown.mean - [160, 0]))
     assert np.abs(levels - 255 * np.clip(whole, 0, 1)).max() < 0.6
 
+    [left, *_] = poster.strips(scene, 40, 600, (0, 0.5))
+    of_left = render(grown.replace(width=40))[: len(left)]
+    assert np.abs(left - 255 * np.clip(of_left, 0, 1)).max() < 0.6
+
     path = tmp_path / "poster.pdf"
     poster.DPI = 10
     poster.write_poster(scene, str(path))
