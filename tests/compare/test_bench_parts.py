@@ -136,7 +136,7 @@ def test_a_list_of_inks_is_one_value_of_their_axis(text, values):
 
 @pytest.mark.parametrize("text", ["6,#fff,#000", "#fff", "6;#fff", "#fff,blue", "6;"])
 def test_values_that_are_no_inks_are_refused_in_one_line(text):
-    with pytest.raises(InputError, match="^axis inks must be .*Try 6, or") as refusal:
+    with pytest.raises(InputError, match=r"^axis inks must be .*Try 6, or") as refusal:
         parse_axis(f"inks={text}")
     assert "\n" not in str(refusal.value)
 

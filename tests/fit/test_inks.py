@@ -18,6 +18,7 @@ from gauss2svg.pipeline.checkpoint import packed, unpacked
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene.inks import ink_colors
+from gauss2svg.svg.minimal.paint_order import colors_together
 from gauss2svg.svg.reader.read import read_svg
 
 INKS = "#f7c306,#c0322c,#17324d"
@@ -117,6 +118,19 @@ def test_what_is_drawn_of_a_picture_does_not_depend_on_bands(picture, monkeypatc
     monkeypatch.setattr("gauss2svg.fit.inks._BAND", 3 * picture.shape[1])
     for in_bands, at_once in zip(found(), whole, strict=True):
         np.testing.assert_array_equal(in_bands, at_once)
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_shapes_are_grouped_by_ink_once_for_a_file(markup, picture, monkeypatch):
+    calls = []
+    monkeypatch.setattr(
+        "gauss2svg.svg.plates.colors_together",
+        lambda *given: calls.append(given) or colors_together(*given),
+    )
+    result = vectorize(picture, gaussians=30, iterations=20, inks=INKS, markup=markup)
+    assert len(calls) == 1
+    changes = (np.diff(result.scene.color, axis=0) != 0).any(axis=1)
+    assert changes.sum() == result.scene.round_index[-1]
 
 
 def test_transparent_picture_stays_transparent(picture):
