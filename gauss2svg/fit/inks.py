@@ -80,10 +80,11 @@ class Inks:
 
     def _entries(self, color: NDArray[np.floating]) -> NDArray[np.uint8]:
         """(h, w) which ink is nearest to each of colours (h, w, 3)."""
-        found = np.empty(color.shape[:2], np.uint8)
-        for rows in _bands(*found.shape):
+        height, width = color.shape[:2]
+        found = np.empty((height, width), np.uint8)
+        for rows in _bands(height, width):
             flat = color[rows].reshape(-1, 3).astype(np.float64)
-            found[rows] = nearest_entry(self.color, flat)[1].reshape(found[rows].shape)
+            found[rows] = nearest_entry(self.color, flat)[1].reshape(-1, width)
         return found
 
     def nearest(self, color: NDArray[np.float64]) -> NDArray[np.float64]:
