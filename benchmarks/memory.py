@@ -59,6 +59,7 @@ CASES: tuple[tuple[tuple[int, int], dict[str, Any]], ...] = (
     ((1200, 833), {"gaussians": 50_000}),
     ((2048, 1536), {"gaussians": 30_000, "quality": "max"}),
     ((2048, 1536), {"gaussians": 1000, "quality": "max", "loss": "mse+ssim"}),
+    ((2048, 1536), {"gaussians": 1000, "quality": "max", "inks": 6}),
     ((6000, 4000), {"gaussians": 500, "quality": "draft"}),
     ((6000, 4000), {"gaussians": 500, "quality": "draft", "renderer": "cairo"}),
     ((6000, 4000), {"gaussians": 500, "quality": "draft", "blend": "add"}),

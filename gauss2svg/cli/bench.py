@@ -42,7 +42,8 @@ def bench_command(
         Option to vary, as NAME or NAME=VALUE,VALUE: an option of the main command that changes
         the file, such as gaussians, iterations, quality, loss or palette; or a constant of the
         code, such as pipeline.search.correction.full. Several axes span a grid; without any, the
-        presets and a small grid are run.
+        presets and a small grid are run. Lists of inks stand between semicolons:
+        "inks=6;#f7c306,#17324d".
     peers
         Other tools to measure, separated by commas, where installed: vtracer, splatthis,
         primitive, jpeg, webp. Their SVGs are rasterised by resvg.

@@ -133,8 +133,8 @@ def _run(photo: str, output: str | None, options: Any, files: Files) -> int:
     with interruptible() as interruption:
         output, options = _checked(photo, output, options, files)
         result = _result(photo, output, options, files, interruption)
-        _write(result, output, files)
-        _report(result, output, files, interruption)
+        left_out = _write(result, output, files)
+        _report(result, output, files, interruption, left_out)
     return interruption.status
 
 
@@ -172,10 +172,13 @@ def _checked(photo: str, output: str | None, options: Any, files: Files) -> tupl
 def _check_pens(options: Any, files: Files) -> None:
     """Refuse pens without outlines, and plates without inks."""
     from gauss2svg.errors import whole_number
+    from gauss2svg.files import check_writable
     from gauss2svg.svg.outlines import MOST_PENS
 
-    if files.separations is not None and options.fit.inks is None:
-        raise InputError("--separations must be given with --inks; got none. Try --inks 3")
+    if files.separations is not None:
+        if options.fit.inks is None:
+            raise InputError("--separations must be given with --inks; got none. Try --inks 3")
+        check_writable(files.separations)  # no folder: then plates would have no name
     if files.pens is None:
         return
     whole_number("--pens", files.pens, 1, MOST_PENS)
@@ -271,7 +274,8 @@ def _result(photo: str, output: str, options: Any, files: Files, interruption: A
         )
 
 
-def _write(result: Any, output: str, files: Files) -> None:
+def _write(result: Any, output: str, files: Files) -> list[str]:
+    """Write all files; a line for each plate that is left out."""
     import io
 
     from gauss2svg.files import STANDARD_STREAM, as_json, as_png, write_all_atomically
@@ -279,6 +283,7 @@ def _write(result: Any, output: str, files: Files) -> None:
 
     svg = file_bytes(result.svg, result.report["gzip"])
     written: dict[str | os.PathLike[str], bytes] = {}
+    left_out: list[str] = []
     if output == STANDARD_STREAM:
         write_output(svg)
     else:
@@ -286,9 +291,12 @@ def _write(result: Any, output: str, files: Files) -> None:
     if files.outline is not None:
         written[files.outline] = file_bytes(result.outline(files.pens), is_svgz(files.outline))
     if files.separations is not None:
-        plates = list(result.plates().values())
-        for path, plate in zip(_plates(files, len(plates)), plates, strict=True):
-            written[path] = file_bytes(plate, is_svgz(path))
+        plates, inks = result.plates(), result.report["inks"].split(",")
+        for path, ink in zip(_plates(files, len(inks)), inks, strict=True):
+            if ink in plates:
+                written[path] = file_bytes(plates[ink], is_svgz(path))
+            else:
+                left_out.append(f"{path} is not written: no shape of {ink} is seen")
     if files.preview is not None:
         written[files.preview] = as_png(result.raster)
     if files.save_scene is not None:
@@ -298,9 +306,10 @@ def _write(result: Any, output: str, files: Files) -> None:
     if files.report is not None:
         written[files.report] = as_json(result.report)
     write_all_atomically(written)
+    return left_out
 
 
-def _report(result: Any, output: str, files: Files, interruption: Any) -> None:
+def _report(result: Any, output: str, files: Files, interruption: Any, left_out: list[str]) -> None:
     """What a person reads at the end, on standard error."""
     from gauss2svg.cli.summary import print_summary
     from gauss2svg.files import STANDARD_STREAM
@@ -317,6 +326,7 @@ def _report(result: Any, output: str, files: Files, interruption: Any) -> None:
                 f"{hiding} opaque ellipses hide what is below them in the picture, where "
                 f"{files.outline} has all lines"
             )
+    lines += left_out
     checkpoint = report["checkpoint"]
     if report["checkpoint_trouble"] is not None:
         lines.append(report["checkpoint_trouble"])

@@ -126,12 +126,27 @@ def values_of(axis: Field | Constant) -> tuple[Any, ...]:
 
 
 def parse_axis(text: str) -> tuple[str, tuple[Any, ...]]:
-    """(option, values) of the text NAME or NAME=v1,v2; raises InputError for an unknown one."""
-    name, given, values = text.partition("=")
+    """(option, values) of the text NAME or NAME=v1,v2; raises InputError for an unknown one.
+
+    Values that have commas themselves, as lists of inks, stand alone or between semicolons.
+    """
+    name, given, text = text.partition("=")
     axis = _axis(name.strip())
     if not given:
         return axis.name, values_of(axis)
-    return axis.name, tuple(_checked(axis.parsed, value.strip()) for value in values.split(","))
+
+    def parsed(texts: list[str]) -> tuple[Any, ...]:
+        return tuple(_checked(axis.parsed, value.strip()) for value in texts)
+
+    if ";" in text:
+        return axis.name, parsed(text.split(";"))
+    try:
+        return axis.name, parsed(text.split(","))
+    except InputError as error:
+        try:
+            return axis.name, parsed([text])
+        except InputError:
+            raise error from None
 
 
 def parse_axes(texts: Iterable[str]) -> dict[str, tuple[Any, ...]]:

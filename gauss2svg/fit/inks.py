@@ -8,7 +8,7 @@ ink would lower the error, and change to the ink of least error again and again
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,7 @@ _MOST_BETA = 128.0
 EXCHANGED_EVERY = 20  # steps; 10 end no closer (docs/decisions/inks.md)
 _AROUND = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]
 _LEAST_MASS = 1e-3  # px; shapes that contribute less keep their ink
+_BAND = 32_768  # pixels at a time, which take some 300 bytes each (docs/decisions/memory.md)
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,10 @@ class Inks:
 
     def background(self, target: Target) -> NDArray[np.float64]:
         """(3,) the ink that is nearest to most pixels of a target."""
-        pixels = target.source_color.reshape(3, -1).T
+        entry = self._entries(np.moveaxis(target.source_color, 0, -1))
         if target.visible is not None:
-            pixels = pixels[target.visible.ravel()]
-        entry = nearest_entry(self.color, pixels.astype(np.float64))[1]
-        return self.color[np.bincount(entry, minlength=len(self.color)).argmax()]
+            entry = entry[target.visible]
+        return self.color[np.bincount(entry.ravel(), minlength=len(self.color)).argmax()]
 
     def drawn(self, pixels: NDArray[np.float32]) -> NDArray[np.float32]:
         """The picture (h, w, 3) or (h, w, 4) with the nearest ink q at each pixel.
@@ -51,12 +51,21 @@ class Inks:
         Beside a pixel of another ink c it has the colour between q and c that is nearest to the
         picture's, as antialiased edges have.
         """
-        color = pixels[:, :, :3].astype(np.float64)
+        found = pixels.copy()
+        around = np.pad(self._entries(pixels[:, :, :3]), 1, mode="edge")
+        for rows in _bands(*pixels.shape[:2]):
+            beside = around[rows.start : rows.stop + 2]
+            found[rows, :, :3] = self._between(pixels[rows, :, :3].astype(np.float64), beside)
+        return found
+
+    def _between(
+        self, color: NDArray[np.float64], around: NDArray[np.uint8]
+    ) -> NDArray[np.float64]:
+        """What is drawn of colours (h, w, 3); around (h + 2, w + 2) has their inks, and a rim."""
         height, width = color.shape[:2]
-        entry = nearest_entry(self.color, color.reshape(-1, 3))[1].reshape(height, width)
+        entry = around[1:-1, 1:-1]
         own = self.color[entry]
         found, least = own.copy(), np.square(own - color).sum(axis=2)
-        around = np.pad(entry, 1, mode="edge")
         for down, right in _AROUND:
             beside = around[1 + down : 1 + down + height, 1 + right : 1 + right + width]
             y, x = np.nonzero(beside != entry)
@@ -67,7 +76,16 @@ class Inks:
             closer = square < least[y, x]
             y, x = y[closer], x[closer]
             found[y, x], least[y, x] = between[closer], square[closer]
-        return np.concatenate([found.astype(np.float32), pixels[:, :, 3:]], axis=2)
+        return found
+
+    def _entries(self, color: NDArray[np.floating]) -> NDArray[np.uint8]:
+        """(h, w) which ink is nearest to each of colours (h, w, 3)."""
+        height, width = color.shape[:2]
+        found = np.empty((height, width), np.uint8)
+        for rows in _bands(height, width):
+            flat = color[rows].reshape(-1, 3).astype(np.float64)
+            found[rows] = nearest_entry(self.color, flat)[1].reshape(-1, width)
+        return found
 
     def nearest(self, color: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 3) the ink that is nearest to each of colours (n, 3)."""
@@ -79,7 +97,17 @@ class Inks:
         target p, rendered r and the closest ink q: its difference from p has the direction of
         q - r and the length sqrt(|p - r|^2 - |p - q|^2).
         """
-        planar, views = target.planar, len(target.planar) // 3
+        found = np.empty_like(target.planar)
+        for rows in _bands(target.height, target.width):
+            planar, now = target.planar[:, rows], rendered[:, rows]
+            found[:, rows] = planar - self._toward(planar, now)
+        return found
+
+    def _toward(
+        self, planar: NDArray[np.floating], rendered: NDArray[np.floating]
+    ) -> NDArray[np.floating]:
+        """The difference of `reducible`, of planar and rendered (3, h, w) or (6, h, w)."""
+        views = len(planar) // 3
         least = np.full(planar.shape[1:], np.inf, np.float32)
         toward = np.zeros_like(planar)
         for ink in np.tile(self.color, views).astype(planar.dtype):
@@ -89,8 +117,7 @@ class Inks:
             np.copyto(toward, ink[:, None, None] - rendered, where=closer)
         left = np.square(planar - rendered).sum(axis=0) - least
         length = np.sqrt(np.square(toward).sum(axis=0))
-        share = np.sqrt(np.maximum(left, 0)) / np.maximum(length, 1e-6)
-        return planar - toward * share
+        return toward * (np.sqrt(np.maximum(left, 0)) / np.maximum(length, 1e-6))
 
     def exchange(
         self,
@@ -115,6 +142,13 @@ class Inks:
             lambda color: setattr(state, "color", color),
             lambda: target.squares(splats())[0] < before,
         )
+
+
+def _bands(height: int, width: int) -> Iterator[slice]:
+    """Rows of a picture, about _BAND of its pixels at a time."""
+    step = max(1, _BAND // width)
+    for first in range(0, height, step):
+        yield slice(first, min(first + step, height))
 
 
 def crisp(factor: NDArray[np.float64]) -> NDArray[np.float64]:

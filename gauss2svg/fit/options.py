@@ -174,6 +174,7 @@ class FitConfig:
 class FitProgress:
     """Progress of a fit: counts so far, PSNR of the model in dB, seconds elapsed and remaining.
 
+    psnr   against the photo at the size of the step, also in inks
     done   progress in 0..1, by iterations or by the clock
     scene  returns the Gaussians so far on the working canvas; to be called before the next step
     """

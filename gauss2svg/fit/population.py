@@ -20,7 +20,7 @@ from gauss2svg.fit.placement import NewGaussians, first_falloff, place
 from gauss2svg.fit.saved import Saved, checks, whole
 from gauss2svg.fit.schedule import LARGEST_REDUCTION, reduction, refinement_reduction
 from gauss2svg.fit.state import State
-from gauss2svg.fit.target import TargetPyramid
+from gauss2svg.fit.target import LossAndGradient, TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
 from gauss2svg.render.cpu import Splats
 from gauss2svg.scene import ADD, PLAIN, Scene
@@ -129,6 +129,12 @@ class Population(Saved):
         error = self._photo.reduced(1).error(self.splats())
         self.reduce_to(factor)
         return error
+
+    def error_of(self, evaluated: LossAndGradient) -> float:
+        """Mean squared error of a step; in inks against the photo, not against the target."""
+        if self.inks is None:
+            return evaluated.error
+        return self._photo.reduced(self.reduction).error_of(evaluated.rendered)
 
     def reduce_to(self, factor: int, scale_moments: bool = False) -> None:
         """Change to the target of 1 / factor the width and height.

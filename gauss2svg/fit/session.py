@@ -349,8 +349,8 @@ class FitSession(Saved):
         return psnr_of(self.population.error())
 
     def _recent_psnr(self) -> float:
-        """Mean PSNR of the last steps, which ran at full size; in inks that against the photo."""
-        if not self._errors or self.population.inks is not None:
+        """Mean PSNR of the last steps, which ran at full size."""
+        if not self._errors:
             return self._psnr_now()
         return psnr_of(float(np.mean(self._errors)))
 
@@ -369,7 +369,7 @@ class FitSession(Saved):
         splats = self.population.splats()
         evaluated = self._evaluate(splats)
         if self.guard.accepts(evaluated.loss, evaluated.error, self.state, self._shared):
-            self._errors.append(evaluated.error)
+            self._errors.append(self.population.error_of(evaluated))
             if evaluated.error > EXACT:
                 self._optimize(splats, evaluated, schedule.rate(done))
         else:

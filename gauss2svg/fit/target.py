@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from operator import add
@@ -44,17 +44,19 @@ TUNING = TargetTuning()
 class LossAndGradient(NamedTuple):
     """The loss of a state, and the gradient that the optimiser follows.
 
-    loss     summed over all values, none weighted; for "mse" half the squared error
-    error    mean squared, not weighted
-    moments  (n, MOMENTS) of the gradient, see gauss2svg.render.kernels; for "mse" not of loss, but
-             of half the squared error as Target.weight weights it
-    pairs    number of pixel-Gaussian pairs that were evaluated
+    loss      summed over all values, none weighted; for "mse" half the squared error
+    error     mean squared, not weighted
+    moments   (n, MOMENTS) of the gradient, see gauss2svg.render.kernels; for "mse" not of loss, but
+              of half the squared error as Target.weight weights it
+    pairs     number of pixel-Gaussian pairs that were evaluated
+    rendered  over each of the target's backdrops, (3, h, w)
     """
 
     loss: float
     error: float
     moments: NDArray[np.float64]
     pairs: int
+    rendered: tuple[NDArray[np.floating], ...]
 
 
 class View(NamedTuple):
@@ -166,6 +168,12 @@ class Target:
         """Mean squared error of the Gaussians against the target."""
         return float(np.mean(np.square(self.rendered(splats) - self.planar), dtype=np.float64))
 
+    def error_of(self, rendered: Sequence[NDArray[np.floating]]) -> float:
+        """Mean squared error of renders over each of the target's backdrops, (3, h, w)."""
+        pairs = zip(rendered, self._views, strict=True)
+        errors = [np.mean(np.square(own - view.planar), dtype=np.float64) for own, view in pairs]
+        return float(np.mean(errors))
+
     def loss(self, splats: Splats) -> float:
         """The loss of `evaluate` for "mse", without the gradient."""
         return 0.5 * self.error(splats) * self.planar.size
@@ -173,9 +181,13 @@ class Target:
     def evaluate(self, splats: Splats, loss: str, ssim_weight: float | None) -> LossAndGradient:
         """One of FitOptions.loss and its gradient."""
         parts = [self._evaluate(view, splats, loss, ssim_weight) for view in self._views]
-        losses, errors, moments, pairs = zip(*parts, strict=True)
+        losses, errors, moments, pairs, rendered = zip(*parts, strict=True)
         return LossAndGradient(
-            sum(losses), sum(errors) / len(errors), reduce(add, moments), sum(pairs)
+            sum(losses),
+            sum(errors) / len(errors),
+            reduce(add, moments),
+            sum(pairs),
+            reduce(add, rendered),
         )
 
     def _evaluate(
@@ -189,7 +201,7 @@ class Target:
             value = mean * view.planar.size
             moments = moments_of_gradient(splats, gradient)
         # Kernels count pairs in rows of a tile, of 16 px each.
-        return LossAndGradient(value, squares / view.planar.size, moments, rows * 16)
+        return LossAndGradient(value, squares / view.planar.size, moments, rows * 16, (image,))
 
     def squares(self, splats: Splats) -> tuple[float, NDArray[np.float64]]:
         """Weighted sum of squared differences, and the moments of the gradient of half of it."""

@@ -5,8 +5,8 @@ that are measured and a fit on F px: the largest of three stages,
 
     decoding    31 P, or d P + 12 M by the photo's format where it is reduced to M meanwhile, from
                 twice the side on
-    fitting     12 M + a F,  a by the loss
-    measuring   57 M + 36 F
+    fitting     12 M + a F,  a by the loss, and more in inks
+    measuring   57 M + 36 F, and more in inks
 
 (70, 28 and 151 for a transparent photo; decoding a TIFF that Pillow does not takes what one of
 its strips or tiles does besides), plus that of the interpreter, the libraries and each
@@ -43,6 +43,7 @@ class MemoryTuning:
     shape     each Gaussian
     fit       each pixel of the fit
     fit_ssim  the same where the loss has SSIM
+    inks      each pixel of a fit in inks besides, whose target is not the photo
     held      each pixel of the fit, after it
     additive  writing an additive scene
     margin    times what is measured, for what is not
@@ -52,6 +53,7 @@ class MemoryTuning:
     shape: int = 3000
     fit: int = 75
     fit_ssim: int = 130
+    inks: int = 34
     held: int = 36
     additive: float = 110e6
     margin: float = 1.2
@@ -84,6 +86,7 @@ class Load:
     least_measured         pixels at which the file is measured at least, where the photo and not
                            the fit has them; None: those of the photo
     reduced_bytes          per pixel while the photo is decoded and reduced, see Header
+    in_inks                whether the fit aims at the photo in inks
     """
 
     width: int
@@ -98,6 +101,7 @@ class Load:
     scoring: int = 0
     least_measured: int | None = None
     reduced_bytes: int | None = None
+    in_inks: bool = False
 
     @property
     def measured(self) -> Size:
@@ -116,14 +120,16 @@ class Load:
         """Estimated bytes that the run takes at most."""
         photo, fit = self.width * self.height, self.fit_width * self.fit_height
         kept = math.prod(self.measured)
-        a_pixel = TUNING.fit_ssim if has_ssim(self.loss) else TUNING.fit
+        inked = TUNING.inks * self.in_inks
+        a_pixel = (TUNING.fit_ssim if has_ssim(self.loss) else TUNING.fit) + inked
         held, decoded, measured = _ALPHA if self.has_alpha else _OPAQUE
         decoding = decoded * photo
         if self.reduced_bytes is not None and math.prod(self.decoded) < photo:
             decoding = self.reduced_bytes * photo + held * kept
         fitting = held * kept + a_pixel * fit
         measured = max(measured, held + self.scoring)
-        measuring = measured * kept + TUNING.held * fit + TUNING.additive * (self.blend == ADD)
+        measuring = measured * kept + (TUNING.held + inked) * fit
+        measuring += TUNING.additive * (self.blend == ADD)
         most = max(decoding, fitting, measuring)
         shapes = min(self.gaussians, fit // 2) if self.adapts else self.gaussians
         return math.ceil(TUNING.margin * (TUNING.base + most + TUNING.shape * shapes))

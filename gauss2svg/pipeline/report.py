@@ -123,7 +123,8 @@ def _notes(plan: Plan, photo: Photo, outcome: Outcome) -> list[str]:
         )
     unused = _unused_inks(plan, outcome)
     if unused:
-        notes.append(f"{', '.join(unused)} of the inks is seen nowhere, for others are closer")
+        verb = "is" if len(unused) == 1 else "are"
+        notes.append(f"{', '.join(unused)} of the inks {verb} seen nowhere, for others are closer")
     rate = plan.options.fit.learning_rate
     if outcome.fitted.rollbacks and rate > 1:  # else nothing can be done about it
         notes.append(

@@ -81,4 +81,5 @@ def load_of(plan: Plan, photo: Header) -> Load:
         scoring=0 if goal.target is None else goal.target.pixel_bytes,
         least_measured=None if run.full_size else MEASURED_PIXELS,
         reduced_bytes=photo.reduced_bytes,
+        in_inks=plan.in_inks,
     )

@@ -20,7 +20,9 @@ _HEX = re.compile(r"#?([0-9a-f]{3}|[0-9a-f]{6})", re.IGNORECASE)
 _COUNT = re.compile("[0-9]{1,9}")
 PALETTE_SUFFIX = ".gpl"
 _PALETTE_HEAD = "GIMP Palette"
-_LEVELS = re.compile(r"\s*(\d{1,3})\s+(\d{1,3})\s+(\d{1,3})(\s.*)?")
+# What GIMP and Inkscape skip: comments, and fields of the head such as Name and Columns.
+_NO_COLOR = re.compile(r"\s*(#.*|[A-Za-z]+:.*)?")
+_LEVELS = re.compile(r"\s*([0-9]{1,9})\s+([0-9]{1,9})\s+([0-9]{1,9})(\s.*)?")
 _MOST_PALETTE_BYTES = 1_000_000
 # Colours that are nearly alike count by this power of their pixels: a small red dot is to have its
 # ink (docs/decisions/inks.md, also for the others).
@@ -66,7 +68,8 @@ def check_inks(name: str, value: Any) -> int | str:
         if ink in inks[:at]:
             raise _bad(name, "different colours", f"{ink} twice")
     if not LEAST_INKS <= len(inks) <= MOST_INKS:
-        raise _bad(name, f"{LEAST_INKS} to {MOST_INKS} colours", ",".join(inks) or "none")
+        got = inks[0] if len(inks) == 1 else f"{len(inks)} of them"
+        raise _bad(name, f"{LEAST_INKS} to {MOST_INKS} colours", got)
     return ",".join(inks)
 
 
@@ -204,16 +207,17 @@ def _oklab(color: NDArray[np.float64]) -> NDArray[np.float64]:
 def _of_palette_file(name: str, path: str) -> list[str]:
     """Colours of a palette file of GIMP and Inkscape, each once."""
     with reading(path, "a palette file") as file:
-        text = file.read(_MOST_PALETTE_BYTES).decode("utf-8", "replace")
+        text = file.read(_MOST_PALETTE_BYTES).decode("utf-8-sig", "replace")
     head, *lines = text.splitlines() or [""]
-    if head.strip() != _PALETTE_HEAD:
+    if not head.startswith(_PALETTE_HEAD):
         raise _bad(name, f"a file that begins with {_PALETTE_HEAD!r}", head)
     found: dict[str, None] = {}
     for line in lines:
-        if (match := _LEVELS.fullmatch(line)) is not None:
-            levels = [int(match[k]) for k in (1, 2, 3)]
+        if _NO_COLOR.fullmatch(line) is None:
+            match = _LEVELS.fullmatch(line)
+            levels = [int(level) for level in match.groups()[:3]] if match else [256]
             if max(levels) > 255:
-                raise _bad(name, "colours in levels of 0 to 255", line)
+                raise _bad(name, "colours in three levels of 0 to 255 a line", line)
             found["#" + bytes(levels).hex()] = None
     return list(found)
 

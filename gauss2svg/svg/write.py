@@ -78,6 +78,25 @@ def write_svg(
     scene = required(scene, "scene", Scene)
     svg_format = instance(svg_format, "svg_format", SvgFormat)
     document = instance(document, "document", Document)
+    if svg_format.markup != MINIMAL:  # whose painter's order is that of its rounded shapes
+        scene = in_file_order(scene, svg_format, document)
+    return ordered_svg(scene, svg_format, document)
+
+
+def in_file_order(scene: Scene, svg_format: SvgFormat, document: Document) -> Scene:
+    """The scene with its shapes in the order of their layers, each ink's runs as rounds."""
+    if svg_format.layers == INKS:
+        for name in document.layered:
+            raise InputError(
+                f"{name} must not be given with layers {INKS}, which are no rounds. Try layers "
+                f"{ROUNDS}"
+            )
+        scene = grouped_by_ink(scene)
+    return grouped_by_segment(scene, document.labels)
+
+
+def ordered_svg(scene: Scene, svg_format: SvgFormat, document: Document) -> str:
+    """The text of write_svg for a scene that is in the order of its file already."""
     if svg_format.markup == MINIMAL:
         if svg_format.form != GRADIENT:
             raise InputError(
@@ -90,14 +109,6 @@ def write_svg(
     by_ink = svg_format.layers == INKS
     if scene.blend == ADD and not by_ink:
         return _write_additive(scene, svg_format, document)
-    if by_ink:
-        for name in document.layered:
-            raise InputError(
-                f"{name} must not be given with layers {INKS}, which are no rounds. Try layers "
-                f"{ROUNDS}"
-            )
-        scene = grouped_by_ink(scene)
-    scene = grouped_by_segment(scene, document.labels)
     encoded = encode(scene, svg_format)
     drawing = _root(document, scene, encoded.view, len(encoded.shapes))
     _add_all(drawing.defs, encoded.definitions)

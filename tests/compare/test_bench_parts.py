@@ -121,6 +121,26 @@ def test_an_unknown_constant_and_a_value_that_it_cannot_have_are_refused(text):
         parse_axis(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("3,6", (3, 6)),
+        ("#f7c306,#17324d", ("#f7c306,#17324d",)),
+        ("6;#fff,#000; f7c306,17324d", (6, "#ffffff,#000000", "#f7c306,#17324d")),
+    ],
+)
+def test_a_list_of_inks_is_one_value_of_their_axis(text, values):
+    assert parse_axis(f"inks={text}") == ("inks", values)
+    assert [dict(s)["inks"] for s in settings_of({"inks": values})] == list(values)
+
+
+@pytest.mark.parametrize("text", ["6,#fff,#000", "#fff", "6;#fff", "#fff,blue", "6;"])
+def test_values_that_are_no_inks_are_refused_in_one_line(text):
+    with pytest.raises(InputError, match=r"^axis inks must be .*Try 6, or") as refusal:
+        parse_axis(f"inks={text}")
+    assert "\n" not in str(refusal.value)
+
+
 def test_axes_span_their_product_whatever_their_order():
     axes = parse_axes(["max-size=64,32,64", "gaussians=auto,5"])
     found = settings_of(axes)

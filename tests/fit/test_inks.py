@@ -16,7 +16,9 @@ from gauss2svg.fit.state import State
 from gauss2svg.fit.target import target_of
 from gauss2svg.pipeline.checkpoint import packed, unpacked
 from gauss2svg.raster import rasterize
+from gauss2svg.render import render
 from gauss2svg.scene.inks import ink_colors
+from gauss2svg.svg.minimal.paint_order import colors_together
 from gauss2svg.svg.reader.read import read_svg
 
 INKS = "#f7c306,#c0322c,#17324d"
@@ -77,11 +79,58 @@ def test_bytes_and_psnr_are_held(picture):
     assert aimed.report["psnr_svg"] > 23.9
 
 
-def test_ink_that_is_seen_nowhere_is_named(picture):
-    result = vectorize(picture, gaussians=20, iterations=20, inks=f"{INKS},#00ff00")
-    assert any(
-        note.startswith("#00ff00 of the inks is seen nowhere") for note in result.report["notes"]
+@pytest.mark.parametrize(
+    ("unused", "said"),
+    [
+        ("#00ff00", "#00ff00 of the inks is seen nowhere"),
+        ("#00ff00,#ff00ff", "#00ff00, #ff00ff of the inks are seen nowhere"),
+    ],
+)
+def test_inks_that_are_seen_nowhere_are_named(unused, said, picture):
+    result = vectorize(picture, gaussians=20, iterations=20, inks=f"{unused},{INKS}")
+    assert any(note.startswith(said) for note in result.report["notes"])
+
+
+def test_progress_has_decibels_against_the_picture_not_against_its_inks(picture):
+    inks, seen = INKS.split(",", 1)[1], []  # without the yellow of the most pixels
+
+    def look(now) -> None:
+        raster = render(now.scene())
+        seen.append((now.psnr, 10 * np.log10(1 / np.mean((raster - picture) ** 2))))
+
+    config = fit_config(gaussians=30, iterations=30, inks=inks)
+    FitSession(picture, config, fixed_count(config), progress=look).fit()
+    said, true = np.array(seen[-10:]).T
+    assert said.max() < 12  # 20 and more against the picture in these inks
+    np.testing.assert_allclose(said, true, atol=0.2)
+
+
+def test_what_is_drawn_of_a_picture_does_not_depend_on_bands(picture, monkeypatch):
+    inks, rng = Inks(ink_colors(INKS)), np.random.default_rng(2)
+    pixels = np.dstack([picture, rng.random((*picture.shape[:2], 1), np.float32)])
+    target = target_of(pixels, np.float32, "psnr")
+    rendered = rng.random(target.planar.shape, np.float32)
+
+    def found():
+        return inks.drawn(pixels), inks.reducible(target, rendered), inks.background(target)
+
+    whole = found()
+    monkeypatch.setattr("gauss2svg.fit.inks._BAND", 3 * picture.shape[1])
+    for in_bands, at_once in zip(found(), whole, strict=True):
+        np.testing.assert_array_equal(in_bands, at_once)
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_shapes_are_grouped_by_ink_once_for_a_file(markup, picture, monkeypatch):
+    calls = []
+    monkeypatch.setattr(
+        "gauss2svg.svg.plates.colors_together",
+        lambda *given: calls.append(given) or colors_together(*given),
     )
+    result = vectorize(picture, gaussians=30, iterations=20, inks=INKS, markup=markup)
+    assert len(calls) == 1
+    changes = (np.diff(result.scene.color, axis=0) != 0).any(axis=1)
+    assert changes.sum() == result.scene.round_index[-1]
 
 
 def test_transparent_picture_stays_transparent(picture):

@@ -41,6 +41,7 @@ def test_more_of_anything_takes_no_less(load):
     assert replace(load, loss="mse+ssim").bytes >= replace(load, loss="mse").bytes
     assert replace(load, blend="add").bytes >= replace(load, blend="over").bytes
     assert replace(load, has_alpha=True).bytes >= replace(load, has_alpha=False).bytes
+    assert replace(load, in_inks=True).bytes >= replace(load, in_inks=False).bytes
 
 
 @given(LOADS, st.integers(10**8, 10**11))
@@ -65,13 +66,15 @@ def load_size(load):
     return load.fit_width, load.fit_height
 
 
-def measured(width, height, folder, gaussians):
+def measured(width, height, folder, gaussians, inks=None):
     """Bytes that a process took to vectorise a photo of that size."""
     path = folder / "photo.png"
     Image.new("RGB", (width, height), (200, 100, 50)).save(path)
     code = (
-        "import sys; from gauss2svg import FitOptions, vectorize; "
-        "vectorize(sys.argv[1], gaussians=int(sys.argv[2]), fit=FitOptions(iterations=3)); "
+        "import sys; from gauss2svg import FitOptions, RunOptions, vectorize; "
+        f"fit = FitOptions(iterations=3, inks={inks!r}); "
+        f"run = RunOptions(max_size={max(width, height) if inks else None}); "
+        "vectorize(sys.argv[1], gaussians=int(sys.argv[2]), fit=fit, run=run); "
         "print(next(l for l in open('/proc/self/status') if l.startswith('VmHWM')).split()[1])"
     )
     done = subprocess.run(
@@ -91,6 +94,22 @@ def test_estimate_is_over_what_a_process_takes_but_not_by_far(tmp_path):
         header = header_of(tmp_path / "photo.png")
         assert header is not None
         assert 1 <= load_of(plan, header).bytes / taken <= 1.9
+
+
+@pytest.mark.process
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_estimate_counts_the_target_of_a_fit_in_inks(tmp_path):
+    compile_kernels()
+    taken = measured(3000, 2000, tmp_path, gaussians=500, inks="#000,#f00,#fff")
+    header = header_of(tmp_path / "photo.png")
+    assert header is not None
+    given = {"gaussians": 500, "max_size": 3000}
+    needed, plain = (
+        load_of(Plan(Options.from_flat({**given, "inks": inks})), header).bytes
+        for inks in ("#000,#f00,#fff", None)
+    )
+    assert plain < needed
+    assert 1 <= needed / taken <= 1.9
 
 
 @given(LOADS, st.integers(1, 30))

@@ -31,10 +31,23 @@ def test_palette_file_of_gimp_gives_its_colours_once(tmp_path):
     assert check_inks("inks", path) == check_inks("inks", str(path)) == GIVEN
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("mark", ["", "\ufeff"])
+def test_palette_files_are_read_as_gimp_and_inkscape_do(mark, end, tmp_path):
+    lines = [
+        "GIMP Palette", "Name: 12 inks of 2024", "Columns: 3", "Channels: RGB", "# 1 2 3", "  #4",
+        "247\t195\t6\t16 / 255 yellow", "", "  192  50  44", "192 50 44 again", "23 50 77\t", "",
+    ]  # fmt: skip
+    path = tmp_path / "inks.gpl"
+    path.write_bytes((mark + end.join(lines)).encode())
+    assert check_inks("inks", path) == GIVEN
+
+
 @pytest.mark.parametrize(
     ("inks", "why"),
     [
-        ("#f7c306", "2 to 64 colours"),
+        ("#f7c306", "2 to 64 colours; got '#f7c306'"),
+        ([f"#0000{k:02x}" for k in range(65)], "2 to 64 colours; got '65 of them'"),
         (1, "from 2 to 64"),
         (65, "from 2 to 64"),
         ("", "such as #c0322c"),
@@ -55,7 +68,15 @@ def test_other_inks_are_refused_in_one_line(inks, why):
 
 @pytest.mark.parametrize(
     ("text", "why"),
-    [("JASC-PAL\n", "begins with"), ("GIMP Palette\n0 0 256\n1 1 1\n", "0 to 255"), ("", "begins")],
+    [
+        ("JASC-PAL\n", "begins with"),
+        ("", "begins"),
+        ("GIMP Palette\n", "2 to 64 colours; got '0 of them'"),
+        *(
+            (f"GIMP Palette\n1 1 1\n{line}\n9 9 9\n", f"0 to 255 a line; got '{line}'")
+            for line in ("0 0 256", "1000 0 0", "-1 0 0", "10 20", "10 20 30blue", "black")
+        ),
+    ],
 )
 def test_other_palette_files_are_refused(text, why, tmp_path):
     (tmp_path / "bad.gpl").write_text(text)

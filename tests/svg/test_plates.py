@@ -144,6 +144,21 @@ def test_separations_are_files_beside_the_picture(photo, tmp_path):
     assert all(title in svg for title, svg in zip(titles, made, strict=True))
 
 
+def test_plates_keep_the_number_of_their_ink_where_another_is_unused(photo, tmp_path, capsys):
+    Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(tmp_path / "photo.png")
+    inks = ["#00ff00", "#202020", "#d0d0d0"]  # a green of which nothing is
+    given = [str(tmp_path / "photo.png"), "-o", str(tmp_path / "o.svg"), "--inks", ",".join(inks)]
+    quick = ["--gaussians", "20", "--iterations", "10", "--quiet"]
+    assert main([*given, "--separations", str(tmp_path / "p.svg"), *quick]) == 0
+    assert f"{tmp_path / 'p-1.svg'} is not written: no shape of #00ff00 is seen" in (
+        capsys.readouterr().err
+    )
+    made = {path.name: path.read_text() for path in sorted(tmp_path.glob("p-*.svg"))}
+    assert list(made) == ["p-2.svg", "p-3.svg"]
+    for name, ink in zip(made, inks[1:], strict=True):
+        assert f": {ink}</title>" in made[name]
+
+
 def test_opaque_shapes_that_hide_others_are_warned_of_with_outlines(photo, tmp_path, capsys):
     picture, lines = tmp_path / "photo.png", tmp_path / "lines.svg"
     Image.fromarray(np.round(photo * 255).astype(np.uint8)).save(picture)
@@ -159,6 +174,8 @@ def test_opaque_shapes_that_hide_others_are_warned_of_with_outlines(photo, tmp_p
         (["--separations", "p.svg"], "--separations must be given with --inks"),
         (["--inks", "3", "--separations", "p.png"], "--separations must be a name that ends in"),
         (["--inks", "3", "--separations", "PHOTO"], "is also the photo"),
+        (["--inks", "3", "--separations", ""], "cannot write .: it is a folder"),
+        (["--inks", "3", "--separations", "/"], "cannot write /: it is a folder"),
         (["--inks", "1"], "--inks must be a number from 2 to 64"),
         (["--inks", "#fff"], "--inks must be 2 to 64 colours"),
         (["--inks", "#fff,#FFFFFF"], "--inks must be different colours"),

@@ -22,14 +22,12 @@ from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.file import file_bytes
-from gauss2svg.svg.format import INKS, MINIMAL, SvgFormat
-from gauss2svg.svg.layers import grouped_by_segment
+from gauss2svg.svg.format import MINIMAL, SvgFormat
 from gauss2svg.svg.minimal import shapes
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.plain_ellipse import is_plain
-from gauss2svg.svg.plates import grouped_by_ink
-from gauss2svg.svg.write import write_svg
+from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,8 @@ class Export:
                 share = max(share, TUNING.kept_at_once)
             kept = min(len(scene) - 1, int(len(scene) * share))
             scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
-            svg = write_svg(scene, export.format, export.document)
+            scene = in_file_order(scene, export.format, export.document)
+            svg = ordered_svg(scene, export.format, export.document)
             export = dataclasses.replace(export, scene=scene, svg=svg, score=math.nan)
         return export
 
@@ -159,11 +158,9 @@ class Exporter:
         working, document = self._subject.working, self._subject.document
         model = model_psnr(scene, working)
         # Colours are in the palette already, except those of ellipses that are no longer plain.
-        exact = grouped_by_segment(self.quantized(scene, None), document.labels)
         written = self._format_at(self.seen)
-        if written.layers == INKS:
-            exact = grouped_by_ink(exact)
-        svg = self._written(exact, written)
+        exact = in_file_order(self.quantized(scene, None), written, document)
+        svg = ordered_svg(exact, written, document)
         aim, score = self._plan.aim, math.nan
         if aim is not None:
             raster = rasterize_like(svg, working, self._plan.options.run.renderer)

@@ -21,14 +21,25 @@ def overlaps(
     """
     count = len(mean)
     below = np.triu(np.ones((count, count), bool), 1)
-    for angle_rad in np.arange(_DIRECTIONS) * np.pi / _DIRECTIONS:
+    # First the two along the sides of a picture, after which few pairs are left.
+    steps = sorted(range(_DIRECTIONS), key=lambda k: k % (_DIRECTIONS // 2))
+    at, reach = [], []
+    for angle_rad in np.array(steps) * np.pi / _DIRECTIONS:
         x, y = np.cos(angle_rad), np.sin(angle_rad)
-        at = mean @ [x, y]
-        reach = np.hypot(factor[:, 0] * x + factor[:, 1] * y, factor[:, 2] * y)
-        for begin in range(0, count, _ROWS):
-            rows = slice(begin, begin + _ROWS)
-            apart = np.abs(at[rows, None] - at)
-            below[rows] &= apart < reach[rows, None] + reach + margin
+        at.append(mean @ [x, y])
+        reach.append(np.hypot(factor[:, 0] * x + factor[:, 1] * y, factor[:, 2] * y))
+    for begin in range(0, count, _ROWS):
+        rows = slice(begin, begin + _ROWS)
+        block = below[rows, begin:]
+        for a, r in zip(at[:2], reach[:2], strict=True):
+            block &= np.abs(a[rows, None] - a[begin:]) < r[rows, None] + r[begin:] + margin
+        row, column = np.nonzero(block)
+        for a, r in zip(at[2:], reach[2:], strict=True):
+            a, r = a[begin:], r[begin:]
+            near = np.abs(a[row] - a[column]) < r[row] + r[column] + margin
+            row, column = row[near], column[near]
+        block[:] = False
+        block[row, column] = True
     return below
 
 
