@@ -55,6 +55,7 @@ def print_summary(report: dict[str, Any], output: str | None) -> None:
         "Gaussians": f"{report['gaussians']:,}, fitted in {report['iterations']} iterations",
         "match": f"{_match(report)}{_at(report)}, rasterised by {report['renderer']}",
         **_of_alpha(report),
+        **_of_inks(report),
         **_scores(report),
         "fit": f"PSNR {decibels(report['psnr_model'])} before writing; the SVG against it: "
         f"{decibels(report['psnr_roundtrip'])}, {report['bias_roundtrip']:+.2f} of 255 on average",
@@ -174,6 +175,11 @@ def _of_alpha(report: dict[str, Any]) -> dict[str, str]:
         f"{decibels(report['psnr_svg_black'])} over black, "
         f"{decibels(report['psnr_svg_alpha'])} of alpha"
     }
+
+
+def _of_inks(report: dict[str, Any]) -> dict[str, str]:
+    """A row for the inks, which may have been chosen."""
+    return {"inks": report["inks"].replace(",", ", ")} if report["inks"] else {}
 
 
 def _print_table(rows: list[tuple[str, str]]) -> None:
