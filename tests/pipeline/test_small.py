@@ -345,13 +345,13 @@ def test_shading_in_a_drawing_does_not_fall_into_bands(monkeypatch):
         square = render(scene.scaled(64 / scene.width, 64 / scene.height))[16:52, 14:50, 0]
         return np.mean(np.abs(np.diff(square, axis=1)) < 1 / 255)
 
-    assert search(shaded(), 4000).is_drawing
-    soft = matched(shaded(), 4000)[1].scene
+    assert search(shaded(), 6000).is_drawing
+    soft = matched(shaded(), 6000)[1].scene
     assert (soft.drawn == PLAIN).any()
     assert (soft.drawn == SOFT).any()
     tuning = dataclasses.replace(by_bytes.TUNING, soft_from=np.inf)
     monkeypatch.setattr(by_bytes, "TUNING", tuning)
-    crisp = matched(shaded(), 4000)[1].scene
+    crisp = matched(shaded(), 6000)[1].scene
     assert (crisp.drawn == PLAIN).all()
     assert evenness(soft) < 0.6 * evenness(crisp)
 

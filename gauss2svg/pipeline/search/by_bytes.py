@@ -65,6 +65,8 @@ class ByBytesTuning:
     drawing_iterations  steps of a fit to a drawing
     few_of_drawing      shapes or px of a side, under which half as many shapes are not tried
     shared_by_drawing   share of the squared error that colours in common may add to a drawing
+    shaded_from         bytes from which a drawing with shading has soft shapes beside plain ellipses
+                        (docs/decisions/enlarged.md)
     soft_from           px of rim across the minor axis, of the working picture, from which a shape
                         of a shaded drawing is soft (docs/decisions/enlarged.md)
     """
@@ -81,6 +83,7 @@ class ByBytesTuning:
     drawing_iterations: int = 600
     few_of_drawing: int = 12
     shared_by_drawing: float = 0.1
+    shaded_from: int = 6000
     soft_from: float = 4.0
 
 
@@ -249,7 +252,8 @@ class ByBytes:
             grids, digits = _GRIDS + grids, HEX_DIGITS
         writing = Writing(self._each[2], grids, digits, TUNING.shared_by_drawing)
         steps = TUNING.iterations if self._is_thin else TUNING.drawing_iterations
-        exponents = self._exponents if is_shaded(self.subject.working) else ()
+        shades = self._limit >= TUNING.shaded_from and is_shaded(self.subject.working)
+        exponents = self._exponents if shades else ()
         return [Recipe(init, 1.0, steps, exponents, writing) for init in ("selective", "error")]
 
     @property
