@@ -65,7 +65,7 @@ class ByBytesTuning:
     drawing_iterations  steps of a fit to a drawing
     few_of_drawing      shapes or px of a side, under which half as many shapes are not tried
     shared_by_drawing   share of the squared error that colours in common may add to a drawing
-    shaded_from         bytes from which a drawing with shading has soft shapes beside plain ellipses
+    shaded_from         bytes from which a drawing with shading has soft shapes beside ellipses
                         (docs/decisions/enlarged.md)
     soft_from           px of rim across the minor axis, of the working picture, from which a shape
                         of a shaded drawing is soft (docs/decisions/enlarged.md)
