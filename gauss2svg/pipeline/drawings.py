@@ -1,4 +1,4 @@
-"""Flat drawings: whether a picture is one, and what a tracer would take for it."""
+"""Flat drawings: whether a picture is one, what is shaded, and what a tracer would take."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from gauss2svg.photo.alpha import views
 
 
 @dataclass(frozen=True)
@@ -17,12 +19,16 @@ class DrawingsTuning:
     most_colors     of one to trace: regions of more lie over each other, and a corner takes several
                     times as much
     bytes_a_corner  of a tracer; vtracer takes 9.3 for one of scikit-image's horse
+    gentle          change for each px, in 0..1, up to which a picture is shaded
+    shaded_share    of the pixels that are shaded in a drawing with shading
     """
 
     flat_share: float = 0.4
     flat_colors: int = 4
     most_colors: int = 4
     bytes_a_corner: int = 10
+    gentle: float = 0.03
+    shaded_share: float = 0.01
 
 
 TUNING = DrawingsTuning()
@@ -34,6 +40,22 @@ def is_drawing(photo: NDArray[np.float32]) -> bool:
     colors = (np.round(photo * 255).astype(np.int64) * weights).sum(axis=2)
     shares = np.sort(np.unique(colors, return_counts=True)[1])[-TUNING.flat_colors :] / colors.size
     return bool(shares.sum() >= TUNING.flat_share)
+
+
+def is_shaded(photo: NDArray[np.float32]) -> bool:
+    """Whether some of a picture is neither flat nor near an edge (docs/decisions/enlarged.md).
+
+    photo  (h, w, 3) or (h, w, 4) float32 in 0..1
+    """
+    if min(photo.shape[:2]) < 3:
+        return False
+    down, across = np.gradient(np.concatenate(views(photo), axis=2), axis=(0, 1))
+    slope = np.hypot(down, across).max(axis=2)
+    steepest = slope  # of 3 x 3 px: beside an antialiased edge some are gentle
+    for _ in range(2):
+        steepest = np.maximum(np.maximum(steepest[:-2], steepest[1:-1]), steepest[2:]).T
+    shaded = (slope[1:-1, 1:-1] > 0) & (steepest < TUNING.gentle)
+    return bool(shaded.mean() >= TUNING.shaded_share)
 
 
 def outline_bytes(pixels: NDArray[np.float32]) -> int | None:

@@ -1,5 +1,6 @@
 """Laws of small files, of which every byte is planned."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -11,17 +12,19 @@ from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.fit.state import State
 from gauss2svg.measure.metrics import psnr
-from gauss2svg.pipeline.drawings import outline_bytes
+from gauss2svg.photo.smooth import smoothed
+from gauss2svg.pipeline.drawings import is_shaded, outline_bytes
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.recolor import recolored
+from gauss2svg.pipeline.search import by_bytes
 from gauss2svg.pipeline.search.by_bytes import ByBytes
 from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render import render
 from gauss2svg.render.cpu import render_planar, splats_of
-from gauss2svg.scene import Scene
+from gauss2svg.scene import PLAIN, SOFT, Scene
 from gauss2svg.svg.minimal.write import minimal_rounded
 
 # Far enough apart that what a fit gains or loses by chance is less than what the bytes bring.
@@ -53,6 +56,13 @@ def shapes(width=64, height=64):
     picture[(x - 20) ** 2 + (y - 24) ** 2 < 150] = (0.8, 0.1, 0.1)
     picture[np.abs(x - 45) + np.abs(y - 40) < 14] = (0.1, 0.2, 0.7)
     picture[(y > 54) & (x > 6) & (x < 58)] = (0.2, 0.6, 0.2)
+    return picture
+
+
+def shaded(side=64):
+    """A drawing with a square that changes from left to right."""
+    picture = shapes(side, side)
+    picture[14:54, 12:52] = np.linspace(0.2, 0.7, 40)[None, :, None] * [1.0, 0.8, 0.3]
     return picture
 
 
@@ -330,6 +340,33 @@ def test_only_drawings_are_fitted_by_what_plain_ellipses_cover(monkeypatch):
     vectorize(shapes(), gaussians=30, iterations=10)
     assert covering
     assert not any(covering)
+
+
+def test_shading_in_a_drawing_does_not_fall_into_bands(monkeypatch):
+    """In one pixels are as their neighbours, and then there is an edge."""
+
+    def evenness(scene):
+        square = render(scene.scaled(64 / scene.width, 64 / scene.height))[16:52, 14:50, 0]
+        return np.mean(np.abs(np.diff(square, axis=1)) < 1 / 255)
+
+    assert search(shaded(), 6000).is_drawing
+    soft = matched(shaded(), 6000)[1].scene
+    assert (soft.drawn == PLAIN).any()
+    assert (soft.drawn == SOFT).any()
+    tuning = dataclasses.replace(by_bytes.TUNING, soft_from=np.inf)
+    monkeypatch.setattr(by_bytes, "TUNING", tuning)
+    crisp = matched(shaded(), 6000)[1].scene
+    assert (crisp.drawn == PLAIN).all()
+    assert evenness(soft) < 0.6 * evenness(crisp)
+
+
+def test_shading_is_what_is_neither_flat_nor_near_an_edge():
+    blurred = np.stack([smoothed(channel, 0.35) for channel in np.moveaxis(shapes(), -1, 0)], -1)
+    antialiased = np.round(blurred * 255).astype(np.float32) / 255  # some edge pixels are gentle
+    for flat in (shapes(), antialiased, shapes(2, 64), np.dstack([shapes(), shapes()[:, :, 0]])):
+        assert not is_shaded(flat)
+    for soft in (shaded(), shaded() + 0.3, hills(), np.dstack([shapes(), hills(64, 64)[:, :, 1]])):
+        assert is_shaded(soft)
 
 
 @pytest.mark.parametrize("draw", [hills, shapes])

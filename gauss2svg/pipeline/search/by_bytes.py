@@ -35,14 +35,14 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk
 from gauss2svg.pipeline.bytes_each import MINIMAL, MINIMAL_GZIPPED
-from gauss2svg.pipeline.drawings import is_drawing
+from gauss2svg.pipeline.drawings import is_drawing, is_shaded
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.outcome import Outcome, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, Writing
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.render.cpu import kernel_lock
 from gauss2svg.scene import PLAIN, SOFT, Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, covered_radius
+from gauss2svg.scene.falloff import BETA_CLASSES, MOST_BETA, RIM_WIDTH, covered_radius
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_falloffs
@@ -65,6 +65,10 @@ class ByBytesTuning:
     drawing_iterations  steps of a fit to a drawing
     few_of_drawing      shapes or px of a side, under which half as many shapes are not tried
     shared_by_drawing   share of the squared error that colours in common may add to a drawing
+    shaded_from         bytes from which a drawing with shading has soft shapes beside ellipses
+                        (docs/decisions/enlarged.md)
+    soft_from           px of rim across the minor axis, of the working picture, from which a shape
+                        of a shaded drawing is soft (docs/decisions/enlarged.md)
     """
 
     side_per_root: float = 12.0
@@ -79,6 +83,8 @@ class ByBytesTuning:
     drawing_iterations: int = 600
     few_of_drawing: int = 12
     shared_by_drawing: float = 0.1
+    shaded_from: int = 6000
+    soft_from: float = 4.0
 
 
 TUNING = ByBytesTuning()
@@ -246,7 +252,13 @@ class ByBytes:
             grids, digits = _GRIDS + grids, HEX_DIGITS
         writing = Writing(self._each[2], grids, digits, TUNING.shared_by_drawing)
         steps = TUNING.iterations if self._is_thin else TUNING.drawing_iterations
-        return [Recipe(init, 1.0, steps, (), writing) for init in ("selective", "error")]
+        shades = self._limit >= TUNING.shaded_from and is_shaded(self.subject.working)
+        exponents = self._exponents if shades else ()
+        return [Recipe(init, 1.0, steps, exponents, writing) for init in ("selective", "error")]
+
+    @property
+    def _exponents(self) -> tuple[float, ...]:
+        return next(exponents for least, exponents in _EXPONENTS if self._limit >= least)
 
     def _photo_recipes(self) -> list[Recipe]:
         soft, plain, _ = self._each
@@ -254,7 +266,7 @@ class ByBytes:
         grids = _GRIDS if few else (1.0,)
         exponents, learned = (1.0,), self._options.learned_falloff
         if learned:
-            exponents = next(classes for least, classes in _EXPONENTS if self._limit >= least)
+            exponents = self._exponents
         recipes = []
         for k, (init, rate) in enumerate(_BEGINNINGS if few else _BEGINNINGS[:2]):
             is_plain = k % 2 == 0 and learned and self._limit < TUNING.plain_under
@@ -316,9 +328,11 @@ class ByBytes:
         session.fit()
         self.fits.append(session.result())
         scene = session.scene()
-        plain = np.ones(len(scene), bool)  # exponents are stepped as logarithms
-        for beta in recipe.exponents:
-            plain &= ~np.isclose(scene.beta, beta)
+        plain = scene.drawn == PLAIN
+        if not self.is_drawing:
+            plain = np.ones(len(scene), bool)  # exponents are stepped as logarithms
+            for beta in recipe.exponents:
+                plain &= ~np.isclose(scene.beta, beta)
         width, height = subject.canvas
         scene = scene.scaled(width / scene.width, height / scene.height)
         if self.is_drawing:  # of the area that was fitted, not of the contour of half height
@@ -335,12 +349,15 @@ def _with_few_exponents(
 ) -> Scene:
     """The scene with the nearest of these exponents, or that of a plain ellipse.
 
-    covering: these are fitted by how much of each pixel they cover from here on.
+    covering: these are fitted by how much of each pixel they cover from here on, and so is every
+    shape whose rim is an edge's, for small ones have no large exponents.
     """
     classes = np.array([*exponents, BETA_CLASSES[-1]])
     logs = np.log(classes)
     nearest = np.abs(np.log(scene.beta)[:, None] - logs).argmin(axis=1)
     plain = nearest == len(exponents)
+    if covering:
+        plain |= RIM_WIDTH * scene.ellipse_axes[0][:, 1] / scene.beta < TUNING.soft_from
     beta = classes[nearest]
     beta[plain] = drawn_beta(scene, plain)
     scene = with_falloffs(scene, beta)
