@@ -11,6 +11,7 @@ import pytest
 from batches import left_parts, lines, outputs, save_photos, tiny
 from clusters import NOBODY, Cluster, batch, batch_here, ended, preload, under_way, wait_for
 
+from gauss2svg.batch.table import TABLE
 from gauss2svg.pipeline.vectorize import vectorize_by
 
 pytestmark = pytest.mark.process
@@ -53,7 +54,7 @@ def cluster(clusters):
 
 @pytest.fixture
 def said(capsys):
-    """The lines of standard error, of which the first is the address of the dashboard."""
+    """The lines of standard error."""
     return lambda: capsys.readouterr().err.splitlines()
 
 
@@ -138,7 +139,9 @@ def test_interrupted_batch_ends_and_goes_on(
     os.killpg(run.pid, number)  # as at a terminal, which sends it to all processes
     status, heard = ended(run)
     assert status == 128 + number
-    assert heard[1:] == ["gauss2svg: interrupted; every file is whole or untouched"]
+    assert heard == ["gauss2svg: interrupted; every file is whole or untouched"]
+    table = (out / TABLE).read_text().splitlines()
+    assert 0 < len(table) - 1 <= len(outputs(out))
     before = outputs(out)
     assert 3 <= len(before) < COUNT
     assert batch_here(photos, "-o", out, "--scheduler", dask_client.scheduler.address) == 0
