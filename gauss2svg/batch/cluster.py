@@ -90,7 +90,7 @@ def local_client(
             raise ClusterError(
                 "the workers of this machine must start; got "
                 f"{brief(reason_of(error.__cause__ or error))}. Try TMPDIR=/a/writable/folder, in "
-                "a container a tmpfs at /tmp, or fewer --workers"
+                "a container a tmpfs at /tmp and /dev/shm, or fewer --workers"
             ) from error
         try:
             client = Client(cluster, set_as_default=False)
