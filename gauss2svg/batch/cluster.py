@@ -86,10 +86,13 @@ def local_client(
                 security=Security.temporary(),
                 silence_logs=logging.CRITICAL,
             )
-        except RuntimeError as error:  # Dask's, of what the system refused
+        except RuntimeError as error:  # Dask's; the first of its causes is what the system refused
+            first: BaseException = error
+            while before := first.__cause__ or first.__context__:
+                first = before
             raise ClusterError(
                 "the workers of this machine must start; got "
-                f"{brief(reason_of(error.__cause__ or error))}. Try TMPDIR=/a/writable/folder, in "
+                f"{brief(reason_of(first))}. Try TMPDIR=/a/writable/folder, in "
                 "a container a tmpfs at /tmp and /dev/shm, or fewer --workers"
             ) from error
         try:

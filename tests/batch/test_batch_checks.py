@@ -105,7 +105,10 @@ def test_worker_that_fails_at_no_photo_is_told_in_a_line(
 
 def test_workers_that_cannot_start_are_told_in_a_line(monkeypatch):
     def refused(**_):
-        raise RuntimeError("Cluster failed to start") from FileNotFoundError(2, "No usable folder")
+        try:
+            raise FileNotFoundError(2, "No usable folder")
+        except OSError as error:
+            raise RuntimeError("Cluster failed to start: Status.init") from error
 
     monkeypatch.setattr("gauss2svg.batch.cluster.LocalCluster", refused)
     with pytest.raises(ClusterError, match=r"got No usable folder. Try TMPDIR=.* tmpfs at /tmp"):
