@@ -2,12 +2,13 @@
 
 `{options}` of a command, `{statuses}` of the studio, `{formats}` of photos, `{features}` that
 renderers draw wrongly, `{forms}` that they draw, `{scores}`, `{places}` and what
-breaks there. cyclopts' own directive has neither
+breaks there, `{record}` of a photo of a batch. cyclopts' own directive has neither
 ranges nor a page for a group alone, and nothing that a link to an option could lead to.
 """
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -16,6 +17,7 @@ from docutils import nodes
 from docutils.parsers.rst import directives
 from sphinx.util.docutils import SphinxDirective
 
+from gauss2svg.batch.records import PhotoRecord
 from gauss2svg.cli.main import build_app
 from gauss2svg.measure.places import PLACES, rules_of
 from gauss2svg.measure.scores import SCORES
@@ -206,6 +208,14 @@ def places_table() -> str:
     return _table("| for | what a file has | what happens | | source |", rows)
 
 
+def record_table() -> str:
+    """The fields of the record of a photo, and what they hold."""
+    lines = inspect.cleandoc(PhotoRecord.__doc__ or "").splitlines()
+    found = (line.partition("  ") for line in lines if "  " in line)
+    rows = [f"| `{'`, `'.join(names.split(', '))}` | {text.strip()} |" for names, _, text in found]
+    return _table("| field | what it holds |", rows)
+
+
 def _directive(table: Callable[[], str]) -> type[SphinxDirective]:
     class Table(SphinxDirective):
         def run(self) -> list[nodes.Node]:
@@ -218,6 +228,7 @@ def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
     app.add_directive("options", Options)
     app.add_directive("statuses", Statuses)
-    for table in (formats_table, features_table, forms_table, scores_table, places_table):
+    tables = (formats_table, features_table, forms_table, scores_table, places_table, record_table)
+    for table in tables:
         app.add_directive(table.__name__.removesuffix("_table"), _directive(table))
     return {"parallel_read_safe": True}

@@ -20,8 +20,9 @@ from numba.core import config
 
 from gauss2svg import batch
 from gauss2svg.batch.records import BatchSpec
+from gauss2svg.batch.stores import reason_of
 from gauss2svg.batch.worker import cannot_run, check_worker
-from gauss2svg.errors import ClusterError, Gauss2SvgError, quoted
+from gauss2svg.errors import ClusterError, Gauss2SvgError, brief, quoted
 from gauss2svg.pipeline.kernels import compile_kernels
 from gauss2svg.processes import end_family
 
@@ -67,23 +68,33 @@ def local_client(
     memory     bytes of each, above which it is killed; None: no limit
     dashboard  whether Dask's web page is served, at its usual port, if that is free, or at any
     Connections need a certificate that is made here and kept in memory: whoever can connect to a
-    scheduler or a worker can have it run anything.
+    scheduler or a worker can have it run anything. Raises ClusterError where workers cannot start.
     """
     preload = dask.config.get(_PRELOAD)
     preload = [preload] if isinstance(preload, str) else list(preload)
     given = {**_LOCAL, _PRELOAD: [*preload, "gauss2svg.batch.worker"]}
     with dask.config.set(given), _quiet(), warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Port .* is already in use")  # another is taken
-        cluster = LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
-            memory_limit=memory or 0,
-            host="127.0.0.1",
-            dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
-            scheduler_kwargs={"dashboard": dashboard},
-            security=Security.temporary(),
-            silence_logs=logging.CRITICAL,
-        )
+        try:
+            cluster = LocalCluster(
+                n_workers=workers,
+                threads_per_worker=1,
+                memory_limit=memory or 0,
+                host="127.0.0.1",
+                dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
+                scheduler_kwargs={"dashboard": dashboard},
+                security=Security.temporary(),
+                silence_logs=logging.CRITICAL,
+            )
+        except RuntimeError as error:  # Dask's; the first of its causes is what the system refused
+            first: BaseException = error
+            while before := first.__cause__ or first.__context__:
+                first = before
+            raise ClusterError(
+                "the workers of this machine must start; got "
+                f"{brief(reason_of(first))}. Try TMPDIR=/a/writable/folder, in "
+                "a container a tmpfs at /tmp and /dev/shm, or fewer --workers"
+            ) from error
         try:
             client = Client(cluster, set_as_default=False)
             try:

@@ -15,7 +15,13 @@ from distributed import Client, KilledWorker
 
 from gauss2svg.batch.cluster import answers
 from gauss2svg.batch.index import PhotoIndex
-from gauss2svg.batch.records import BatchPhoto, BatchSpec, PhotoRecord, ShardRecord
+from gauss2svg.batch.records import (
+    WORKER_DIED,
+    BatchPhoto,
+    BatchSpec,
+    PhotoRecord,
+    ShardRecord,
+)
 from gauss2svg.batch.stores import stamp_of
 from gauss2svg.batch.worker import Shard, ShardResult, cannot_run, work
 from gauss2svg.errors import ClusterError, Gauss2SvgError, InputError, OutputError
@@ -150,6 +156,7 @@ class Driver:
         found = self._spec.record(
             photo,
             stamp=stamp,
+            error_code=WORKER_DIED,
             error=f"{_MOST_DEATHS} workers died at it, alone; was there enough memory? "
             "Try --max-size or --retry-failed on workers with more",
         )

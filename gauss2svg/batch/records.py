@@ -7,6 +7,7 @@ import json
 import platform
 import time
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from functools import cached_property
 from importlib.metadata import version
 from typing import Annotated, Any
@@ -22,6 +23,7 @@ STATE = "gauss2svg-batch"  # the folder, beside the outputs, of all that is not 
 FOLDER = f"{STATE}/folder"  # tells this output folder from another of its name on other machines
 RECORDS, PARTS = f"{STATE}/records", f"{STATE}/parts"
 _WORKING = {"working": True}  # the last line of a shard that is worked on, or whose worker died
+WORKER_DIED = "WorkerDied"  # the code of a photo at which workers died, who raise nothing
 _SHARE = 0.05  # of a worker's time, for writing records
 # Options that change neither a picture nor whether there is one.
 NOT_OF_LIMITS = frozenset({"threads", "checkpoint_every"})
@@ -31,14 +33,25 @@ _Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # as a table holds it
 class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What became of a photo.
 
-    input      path or URL; stamp: what its file system says of it; sha256: of its bytes
-    options    identity of the options and of the version
-    limits     of a failure: identity of all options, of which some may have made it fail
-    output     name of the SVG, relative to the output folder
-    error      why there is none, one line; None where it is written
-    psnr_svg   dB, None where it is infinite; bytes: of the SVG; seconds: of the vectorisation
-    ssim_svg   -1..1; paint_ms: a browser's, and stop_reason: see the report
-    skipped    True where an earlier run wrote it, or failed at it
+    input                 path or URL of the photo
+    output                name of the SVG, relative to the output folder
+    options               identity of the version and the options, of `options-*.json`
+    limits                of a failure: identity of all options, of which some may have made it fail
+    stamp                 what the file system or the store says of the photo, such as size and date
+    sha256                of the photo's bytes
+    width, height         px of the photo
+    gaussians, bytes      of the SVG
+    psnr_svg              dB, None where it is infinite
+    seconds, cpu_seconds  that the photo took, of the clock and of its worker's cores
+    error                 why there is no SVG, one line; None where it is written
+    unreached             targets that were missed
+    versions              of gauss2svg, numba, NumPy and Python
+    ssim_svg              -1..1
+    paint_ms              estimate of what a browser takes to paint it
+    stop_reason           why the fit ended, as in the report
+    time                  at which it was done, ISO 8601 in UTC
+    error_code            class of the error, such as InputError, or WorkerDied; None without
+    skipped               True where an earlier run wrote it, or failed at it
     """
 
     input: str
@@ -59,6 +72,9 @@ class PhotoRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     ssim_svg: float | None = None
     paint_ms: float | None = None
     stop_reason: str | None = None
+    time: str = ""
+    cpu_seconds: float | None = None
+    error_code: str | None = None
     skipped: bool = False
 
     @property
@@ -175,13 +191,14 @@ class BatchSpec:
         return identity_of(self.options, NOT_OF_LIMITS)
 
     def record(self, photo: BatchPhoto, **found: Any) -> PhotoRecord:
-        """The record of a photo that was worked on, with what became of it."""
+        """The record of a photo that was worked on until now, with what became of it."""
         return PhotoRecord(
             input=photo.path,
             output=photo.output,
             options=self.identity,
             limits=self.limits if "error" in found else "",
             versions=self.versions | {"python": platform.python_version()},
+            time=datetime.now(UTC).isoformat(timespec="seconds"),
             **found,
         )
 

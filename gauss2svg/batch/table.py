@@ -33,11 +33,12 @@ _NAMED = 5  # failed photos, in the summary
 class Summary:
     """What became of the photos so far: done, skipped, failed by reason; pixels; seconds.
 
-    named  the first photos that failed
+    failed  now and in earlier runs; earlier: of them those that were skipped
+    named   the first photos that failed
     """
 
     def __init__(self) -> None:
-        self.done = self.skipped = self.failed = self.pixels = 0
+        self.done = self.skipped = self.failed = self.earlier = self.pixels = 0
         self.reasons: Counter[str] = Counter()
         self.named: list[str] = []
         self._begun = time.monotonic()
@@ -46,6 +47,7 @@ class Summary:
         """Count a photo; one that failed counts as failed also where it was skipped."""
         if record.error is not None:
             self.failed += 1
+            self.earlier += record.skipped
             reason = kind_of_failure(record)
             known = reason in self.reasons or len(self.reasons) < _MOST_REASONS
             self.reasons[reason if known else "other reasons"] += 1
@@ -60,26 +62,34 @@ class Summary:
     @property
     def worked(self) -> int:
         """Number of photos so far that are not skipped."""
-        return self.done + self.failed
+        return self.done + self.failed - self.earlier
 
     @property
     def total(self) -> int:
         """Number of photos so far."""
-        return self.worked + self.skipped
+        return self.done + self.failed + self.skipped
 
     @property
     def seconds(self) -> float:
         """Seconds since the summary was made."""
         return time.monotonic() - self._begun
 
+    @property
+    def failures(self) -> str:
+        """How many failed, and how many of them in an earlier run."""
+        now = f"{self.failed - self.earlier:,} failed"
+        return f"{now}, {self.earlier:,} failed earlier" if self.earlier else now
+
     def lines(self) -> Iterator[str]:
         """The summary for a terminal."""
         rate = self.done / self.seconds
         pixels = self.pixels / self.seconds / 1e6
         yield (
-            f"{self.done:,} done, {self.skipped:,} skipped, {self.failed:,} failed in "
+            f"{self.done:,} done, {self.skipped:,} skipped, {self.failures} in "
             f"{self.seconds:.1f} s: {rate:.3g} photos and {pixels:.3g} megapixels a second"
         )
+        if self.earlier:
+            yield "what failed earlier was skipped: --retry-failed takes it up"
         for reason, count in self.reasons.most_common(10):
             yield f"failed, {count:,}: {reason}"
         if self.named:
@@ -174,7 +184,7 @@ def _parquet(path: Path) -> Iterator[Any]:
     kinds = {
         "width": pa.int32(), "height": pa.int32(), "gaussians": pa.int32(), "bytes": pa.int64(),
         "psnr_svg": pa.float64(), "ssim_svg": pa.float64(), "paint_ms": pa.float64(),
-        "seconds": pa.float64(), "skipped": pa.bool_(),
+        "seconds": pa.float64(), "cpu_seconds": pa.float64(), "skipped": pa.bool_(),
     }  # fmt: skip
     schema = pa.schema([(name, kinds.get(name, pa.string())) for name in _COLUMNS])
     with parquet.ParquetWriter(path, schema) as writer:

@@ -182,7 +182,7 @@ def vectorize_photo(
 
     begin  called before anything at which a worker may die
     """
-    begun = time.perf_counter()
+    begun, cpu_begun = time.perf_counter(), time.process_time()
     stamp = digest = ""
     made: dict[str, Any]
     try:
@@ -198,15 +198,19 @@ def vectorize_photo(
         is_of_its_name = getattr(error.__cause__, "errno", None) in _OF_ITS_NAME
         if isinstance(error, OutputError) and not (spec.store.is_local and is_of_its_name):
             raise
-        made = {"error": str(error)}
+        made = _failure(error, str(error))
     except MemoryError as error:
-        made = {"error": f"out of memory ({error}). Try --max-size, or workers with more memory"}
+        advice = "Try --max-size, or workers with more memory"
+        made = _failure(error, f"out of memory ({error}). {advice}")
     except Exception as error:  # a fault of ours or of a library costs no other photo
-        made = {"error": f"{type(error).__name__}: {error}"}
-    if "error" in made:
-        made["error"] = " ".join(made["error"].split())[:_LONGEST_ERROR]
-    seconds = round(time.perf_counter() - begun, 3)
-    return spec.record(photo, stamp=stamp, sha256=digest, seconds=seconds, **made)
+        made = _failure(error, f"{type(error).__name__}: {error}")
+    made["seconds"] = round(time.perf_counter() - begun, 3)
+    made["cpu_seconds"] = round(time.process_time() - cpu_begun, 3)
+    return spec.record(photo, stamp=stamp, sha256=digest, **made)
+
+
+def _failure(error: Exception, line: str) -> dict[str, Any]:
+    return {"error": " ".join(line.split())[:_LONGEST_ERROR], "error_code": type(error).__name__}
 
 
 def _digest(path: str) -> str:

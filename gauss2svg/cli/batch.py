@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -97,17 +98,21 @@ def batch_command(
 
             add(made.unchanged())
             if made.index.left:
-                with made.connected() as client:
-                    if not quiet:
-                        say(f"Dask's dashboard: {client.dashboard_link}")
-                    add(made.records(client, waiting))
+                try:
+                    with made.connected() as client:
+                        if not quiet and find_spec("bokeh"):  # which draws it
+                            say(f"Dask's dashboard: {client.dashboard_link}")
+                        add(made.records(client, waiting))
+                except KeyboardInterrupt:
+                    made.finish()  # the table of what is known
+                    raise
         tables = made.finish()
     if not quiet:
         for line in summary.lines():
             say(line)
         say(f"see {', '.join(made.store.path(name) for name in tables)}")
     elif summary.failed:
-        say(f"{summary.failed} failed; see {made.store.path(tables[0])}")
+        say(f"{summary.failures}; see {made.store.path(tables[0])}")
     return STATUS_SOME_FAILED if summary.failed else 0
 
 
@@ -117,7 +122,7 @@ def _state(summary: Any, rate: float, count: int) -> str:
     hours, minutes = divmod(round(left / 60), 60)
     time_left = f"{hours} h {minutes} min" if hours else f"{minutes} min"
     time_left = time_left if left >= 90 else f"{left:.0f} s"
-    return f"{rate:.3g} photos/s, {summary.failed} failed, {time_left} left"
+    return f"{rate:.3g} photos/s, {summary.failures}, {time_left} left"
 
 
 def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None:

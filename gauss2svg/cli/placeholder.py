@@ -94,8 +94,8 @@ def placeholder_command(
     failures, unchanged = [], 0
     with counting_bar(quiet) as update:
         for at, photo in enumerate(once):
-            update(photo.name, at, len(once))
             try:
+                update(photo.name, at, len(once))
                 if photo.problem is not None:
                     failures.append(f"failed: {photo.problem}")
                 elif book.has(photo):
@@ -107,6 +107,11 @@ def placeholder_command(
             except Gauss2SvgError as error:
                 line = str(error).replace("max_bytes must", "--max-bytes must")
                 failures.append(f"failed: {photo.name}: {line}")
+            except BaseException:  # a signal, which arrives from a kernel in another exception
+                if made and output != STANDARD_STREAM:
+                    book.write(once, made)
+                    say(f"wrote what was made so far: {len(made)} of {len(once)} placeholders")
+                raise
     count = len(made) + unchanged
     kept = book.write(once, made) - count if count else 0
     if copies:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
 from gauss2svg.errors import InputError, on_one_line
+
+_LINE_S = 60.0  # between two lines of progress in a log, which a night makes some hundreds long
 
 
 def say(line: str) -> None:
@@ -62,10 +65,13 @@ def drop_output() -> None:
 
 
 @contextmanager
-def counting_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
+def counting_bar(
+    quiet: bool, clock: Callable[[], float] = time.monotonic
+) -> Iterator[Callable[[str, int, int], None]]:
     """A progress bar on standard error: yields update(current step, finished steps, total steps).
 
-    Nothing is shown if quiet or if standard error is not a terminal.
+    clock  seconds: where standard error is no terminal, a line a minute stands in its place
+    Nothing is shown if quiet.
     """
     from rich.console import Console
     from rich.markup import escape
@@ -85,11 +91,16 @@ def counting_bar(quiet: bool) -> Iterator[Callable[[str, int, int], None]]:
         TextColumn("{task.description}"),
     )
     shown = console.is_terminal and not quiet
+    said = clock()
     with Progress(*columns, console=console, transient=True, disable=not shown) as bar:
         task = bar.add_task("reading the photos", total=None)
 
         def update(now: str, done: int, total: int) -> None:
+            nonlocal said
             # A file name may contain markup.
             bar.update(task, description=escape(now), completed=done, total=total)
+            if not (quiet or shown) and clock() - said >= _LINE_S:
+                said = clock()
+                say(f"{done:,} of {total:,}: {now}")
 
         yield update

@@ -5,6 +5,7 @@ import errno
 import json
 import os
 from collections import Counter
+from datetime import datetime, timedelta
 
 import pytest
 from batches import TINY_COMMAND, left_parts, lines, outputs, save_photo, save_photos, tiny
@@ -71,13 +72,16 @@ def test_each_photo_has_a_line_and_a_row_with_all_that_is_asked_for(run, photos,
         assert one["versions"].keys() == {"gauss2svg", "numba", "numpy", "python"}
         assert len(one["sha256"]) == 64
         assert one["seconds"] >= 0
+        assert one["cpu_seconds"] >= 0
+        assert datetime.fromisoformat(one["time"]).utcoffset() == timedelta(0)
         assert one["options"] == found["a.svg"]["options"]
         assert (out / STATE / f"options-{one['options']}.json").exists()
         if name == "bad.svg":
             assert "must be a supported image" in one["error"]
+            assert one["error_code"] == "InputError"
             assert not (out / name).exists()
             continue
-        assert one["error"] is None
+        assert one["error"] is one["error_code"] is None
         assert one["bytes"] == (out / name).stat().st_size
         assert (one["width"], one["height"]) == (12, 12)
         assert one["psnr_svg"] > 5

@@ -86,12 +86,13 @@ def test_unchanged_photos_need_no_worker_and_leave_all_as_it_was(
     assert {one.output: one for one in vectorize_many([photos], out, tiny())} == second
     assert batch_here(photos, "-o", out, "--scheduler", NOBODY, "--log", "json") == 1
     printed = capsys.readouterr()
-    summary, reason, names, see = printed.err.splitlines()
+    summary, advice, reason, names, see = printed.err.splitlines()
     logged = [json.loads(line) for line in printed.out.splitlines()]
     assert {line["output"]: (line["error"], line["skipped"]) for line in logged} == {
         one.output: (one.error, True) for one in second.values()
     }
-    assert summary.startswith("gauss2svg: 0 done, 4 skipped, 1 failed in ")
+    assert summary.startswith("gauss2svg: 0 done, 4 skipped, 0 failed, 1 failed earlier in ")
+    assert "--retry-failed" in advice
     assert reason.startswith("gauss2svg: failed, 1: photo must be a supported image")
     assert names.startswith("gauss2svg: failed photos: ")
     assert str(out / TABLE) in see

@@ -103,6 +103,18 @@ def test_worker_that_fails_at_no_photo_is_told_in_a_line(
         list(vectorize_many([photos], tmp_path / "out", tiny(), client=dask_client))
 
 
+def test_workers_that_cannot_start_are_told_in_a_line(monkeypatch):
+    def refused(**_):
+        try:
+            raise FileNotFoundError(2, "No usable folder")
+        except OSError as error:
+            raise RuntimeError("Cluster failed to start: Status.init") from error
+
+    monkeypatch.setattr("gauss2svg.batch.cluster.LocalCluster", refused)
+    with pytest.raises(ClusterError, match=r"got No usable folder. Try TMPDIR=.* tmpfs at /tmp"):
+        local_client(1).__enter__()
+
+
 def test_nobody_without_the_certificate_connects_to_the_workers_of_this_machine():
     with local_client(0, dashboard=False) as client:
         address = client.scheduler.address

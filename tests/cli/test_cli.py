@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from gauss2svg.cli.main import main
+from gauss2svg.cli.streams import counting_bar
 from gauss2svg.pipeline.options import option_names
 from gauss2svg.scene import Scene
 
@@ -204,3 +205,17 @@ def test_full_help_names_every_option(capsys):
     files = ["output", "preview", "report", "outline", "save_scene", "quiet"]
     for name in [*option_names(), *files]:
         assert f"--{name.replace('_', '-')} " in text
+
+
+def test_a_log_has_a_line_of_progress_a_minute(capsys):
+    now = 0.0
+    with counting_bar(quiet=False, clock=lambda: now) as update:
+        for now in (0.0, 59.0, 60.0, 119.0, 7000.0):
+            update("3 failed", int(now), 10_000)
+    assert capsys.readouterr().err.splitlines() == [
+        "gauss2svg: 60 of 10,000: 3 failed",
+        "gauss2svg: 7,000 of 10,000: 3 failed",
+    ]
+    with counting_bar(quiet=True, clock=iter([0.0, 99.0]).__next__) as update:
+        update("3 failed", 1, 2)
+    assert capsys.readouterr().err == ""

@@ -16,6 +16,7 @@ from PIL import Image, ImageColor
 import gauss2svg
 from gauss2svg.cli.main import main
 from gauss2svg.cli.placeholder import _Book
+from gauss2svg.cli.signals import Terminated
 from gauss2svg.errors import InputError
 from gauss2svg.files import as_png
 from gauss2svg.pipeline.placeholder import Placeholder
@@ -245,6 +246,31 @@ def test_what_has_not_changed_is_kept_and_found_by_its_path(
     found = records.values() if form == "object" else records
     assert [record["metadata"]["path"] for record in found] == paths
     capsys.readouterr()
+
+
+@pytest.mark.parametrize(("error", "status"), [(KeyboardInterrupt, 130), (Terminated, 143)])
+def test_what_was_made_before_an_interrupt_is_written_and_kept(
+    error, status, photos, tmp_path, capsys, counted, monkeypatch
+):
+    made = gauss2svg.cli.placeholder.placeholder
+
+    def interrupted(path, *given, **named):
+        if Path(path).name != "one.png":
+            raise error
+        return made(path, *given, **named)
+
+    output = tmp_path / "made.json"
+    command = ["placeholder", *photos[:2], "-o", str(output)]
+    monkeypatch.setattr("gauss2svg.cli.placeholder.placeholder", interrupted)
+    assert main(command) == status
+    assert [one["metadata"]["path"] for one in json.loads(output.read_text())] == ["one.png"]
+    monkeypatch.setattr("gauss2svg.cli.placeholder.placeholder", made)
+    assert main(command) == 0
+    assert counted == ["one.png", "two words.png"]
+    # Standard output is written whole or not at all.
+    monkeypatch.setattr("gauss2svg.cli.placeholder.placeholder", interrupted)
+    assert main(command[:-2]) == status
+    assert capsys.readouterr().out == ""
 
 
 def test_a_picture_offers_the_better_files_of_its_name(photos, tmp_path, capsys, counted):
