@@ -113,7 +113,7 @@ def mean(rows: list[Row]) -> Row:
 
 
 def numbers(result: Result) -> Row:
-    """Of a report: PSNR, infinite for equal pictures, and bytes per Gaussian."""
+    """PSNR of a report, infinite for equal pictures, and bytes per Gaussian."""
     report = result.report
     found = {"to photo": report["psnr_svg"], "to model": report["psnr_roundtrip"]}
     row = {heading: math.inf if value is None else value for heading, value in found.items()}

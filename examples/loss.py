@@ -17,7 +17,7 @@ BETAS = 0.8, 0.95  # decays of Adam's moments
 
 
 def loss_of(image: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """Of two pictures (h, w, 3) in 0..1; put yours here."""
+    """The loss of two pictures (h, w, 3) in 0..1; put yours here."""
     return (image - target).abs().mean()
 
 

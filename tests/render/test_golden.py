@@ -104,3 +104,10 @@ def test_written_files_draw_the_golden_pictures(renderer):
     drawn = rasterize(svg, 96, height, renderer).reshape(-1, 64, 96, 3)
     for name, part in zip(sorted(SCENES), drawn, strict=True):
         assert metrics.psnr(part, load(name)[1]) > 41, name
+
+
+@pytest.mark.parametrize("name", sorted(SCENES))
+def test_each_written_file_draws_its_golden_picture(name):
+    scene, golden = load(name)
+    drawn = rasterize(write_svg(scene, SvgFormat(stops=12, precision=0.01)), 96, 64)
+    assert metrics.psnr(drawn, golden) > 41
