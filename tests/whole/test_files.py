@@ -241,8 +241,8 @@ def test_any_name_is_read_and_written(name, picture, tmp_path, monkeypatch, caps
     assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".svg", ".json", ".map"}
     assert {path.stem for path in tmp_path.iterdir()} == {name}
     if name.startswith("-"):
-        assert "Try ./-" in refused([f"{name}.png", "-o", out, *TINY], capsys)
-        assert "Try ./-" in refused(["check", photo, f"{name}.svg"], capsys)
+        assert f"./{name}.png for a file" in refused([f"{name}.png", "-o", out, *TINY], capsys)
+        assert f"./{name}.svg" in refused(["check", photo, f"{name}.svg"], capsys)
 
 
 @pytest.mark.parametrize(
