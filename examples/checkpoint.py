@@ -33,9 +33,11 @@ def loaded(path: str) -> dict[str, np.ndarray]:
         sys.exit(f"torch must be 2.6 or later; got {torch.__version__}. Try pip install -U torch")
     try:
         file = torch.load(path, map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError as error:  # such as of a numpy scalar beside the weights
-        reason = str(error).strip().splitlines()[0]
-        sys.exit(f"{path} must have tensors and plain numbers alone; got {reason}")
+    except pickle.UnpicklingError:
+        sys.exit(
+            f"{path} must have tensors and plain numbers alone; got others, such as a numpy scalar "
+            "of a score. Try torch.save of the state_dict by itself"
+        )
     tensors = file.get("state_dict", file)  # Image-GS has its optimiser beside it
     return {name: tensor.double().numpy() for name, tensor in tensors.items()}
 
@@ -91,7 +93,9 @@ def main(path: str, width: int, height: int, out: str, steps: int = 200) -> None
     tensors = loaded(path)
     layouts = [name.split() for name in LAYOUTS]
     if not any(tensors.keys() >= set(names) for names in layouts):
-        sys.exit(f"{path} must have one of {LAYOUTS}; got {' '.join(sorted(tensors))}")
+        sys.exit(
+            f"{path} must have the keys {' or '.join(LAYOUTS)}; got {' '.join(sorted(tensors))}"
+        )
     if "_xyz" in tensors:
         scene = gaussian_image(tensors, width, height)
     else:
