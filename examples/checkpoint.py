@@ -18,7 +18,6 @@ from loss import refined
 from gauss2svg import Scene, write_svg
 from gauss2svg.render import render
 
-
 LAYOUTS = (
     "_xyz _features_dc _opacity _cholesky cholesky_bound",
     "_xyz _features_dc _opacity _scaling bound _rotation",
