@@ -4,6 +4,7 @@ import dataclasses
 import inspect
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,8 +123,8 @@ def test_every_group_but_the_run_and_the_document_may_be_varied_in_a_benchmark()
 
 
 def test_functions_have_few_parameters():
-    parameters = inspect.signature(gauss2svg.vectorize).parameters.values()
-    assert sum(one.kind is not one.VAR_KEYWORD for one in parameters) <= 15
+    parameters = inspect.signature(gauss2svg.vectorize).parameters
+    assert sum(one.kind is not one.VAR_KEYWORD for one in parameters.values()) <= 15
     goal = [field.name for field in fields_of(Goal)]
     assert list(parameters)[2 : 2 + len(goal)] == goal
     for function in (
@@ -222,9 +223,10 @@ def test_option_without_its_class_is_refused_with_the_class(keyword):
         if field.name not in taken:
             belongs = rf"belongs to {keyword}={GROUPS[keyword].__name__}\({field.name}=\.\.\.\)"
             with pytest.raises(TypeError, match=f"{field.name} {belongs}"):
-                gauss2svg.vectorize("photo.png", **{field.name: 1})
+                call: Any = gauss2svg.vectorize
+                call("photo.png", **{field.name: 1})
 
 
 def test_keyword_that_is_no_option_is_refused():
-    with pytest.raises(TypeError, match="option must be one of .* got 'gausians'"):
-        gauss2svg.vectorize("photo.png", gausians=7)
+    with pytest.raises(TypeError, match=r"option must be one of .* got 'gausians'"):
+        gauss2svg.vectorize("photo.png", gausians=7)  # pyright: ignore[reportArgumentType]
