@@ -1,6 +1,5 @@
 """Options: one class each group, from which the call, the command, axes and report are derived."""
 
-import dataclasses
 import inspect
 import json
 import math
@@ -219,11 +218,11 @@ def test_the_command_takes_what_the_classes_take(monkeypatch):
 @pytest.mark.parametrize("keyword", GROUPS)
 def test_option_without_its_class_is_refused_with_the_class(keyword):
     taken = inspect.signature(gauss2svg.vectorize).parameters
-    for field in dataclasses.fields(GROUPS[keyword]):
+    call: Any = gauss2svg.vectorize
+    for field in fields_of(GROUPS[keyword]):
         if field.name not in taken:
             belongs = rf"belongs to {keyword}={GROUPS[keyword].__name__}\({field.name}=\.\.\.\)"
             with pytest.raises(TypeError, match=f"{field.name} {belongs}"):
-                call: Any = gauss2svg.vectorize
                 call("photo.png", **{field.name: 1})
 
 
