@@ -7,6 +7,7 @@ kernels of its gsplat) and Image-GS as in github.com/nc-thu/image-gs (model_ori.
 the centres of pixels at whole numbers, and their rotations turn from +y to +x.
 """
 
+import pickle
 import sys
 from pathlib import Path
 
@@ -17,13 +18,25 @@ from loss import refined
 from gauss2svg import Scene, write_svg
 from gauss2svg.render import render
 
+LAYOUTS = (
+    "_xyz _features_dc _opacity _cholesky cholesky_bound",
+    "_xyz _features_dc _opacity _scaling bound _rotation",
+    "xy scale rot feat",
+)
+
 
 def loaded(path: str) -> dict[str, np.ndarray]:
     """Arrays by their names; a file that would run code is refused by torch."""
     version = torch.__version__.split(".")
     if (int(version[0]), int(version[1])) < (2, 6):  # in which CVE-2025-32434 was mended
         sys.exit(f"torch must be 2.6 or later; got {torch.__version__}. Try pip install -U torch")
-    file = torch.load(path, map_location="cpu", weights_only=True)
+    try:
+        file = torch.load(path, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError:
+        sys.exit(
+            f"{path} must have tensors and plain numbers alone; got others, such as a numpy scalar "
+            "of a score. Try torch.save of the state_dict by itself"
+        )
     tensors = file.get("state_dict", file)  # Image-GS has its optimiser beside it
     return {name: tensor.double().numpy() for name, tensor in tensors.items()}
 
@@ -77,6 +90,11 @@ def image_gs(tensors: dict[str, np.ndarray], width: int, height: int) -> tuple[S
 
 def main(path: str, width: int, height: int, out: str, steps: int = 200) -> None:
     tensors = loaded(path)
+    layouts = [name.split() for name in LAYOUTS]
+    if not any(tensors.keys() >= set(names) for names in layouts):
+        sys.exit(
+            f"{path} must have the keys {' or '.join(LAYOUTS)}; got {' '.join(sorted(tensors))}"
+        )
     if "_xyz" in tensors:
         scene = gaussian_image(tensors, width, height)
     else:

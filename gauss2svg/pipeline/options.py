@@ -207,6 +207,17 @@ GROUPS: dict[str, type[OptionGroup]] = {
     "document": Document,
     "run": RunOptions,
 }
+
+
+def unknown_option(name: str) -> TypeError:
+    """The error of a keyword that vectorize does not have, with where the option belongs."""
+    for keyword, group in GROUPS.items():
+        if name in {field.name for field in fields_of(group)}:
+            where = f"{keyword}={group.__name__}({name}=...)"
+            return TypeError(f"{name} belongs to {where}; got {name}=... for vectorize itself")
+    return TypeError(f"option must be one of vectorize or of its classes; got {quoted(name)}")
+
+
 # Options that change no picture; max_memory only where there is too little of it.
 NOT_OF_PICTURE = frozenset(
     {"threads", "max_memory", "max_pixels", "scores", "checkpoint", "checkpoint_every", "resume"}

@@ -6,7 +6,7 @@ import dataclasses
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Never
 
 from gauss2svg.errors import InputError, instance
 from gauss2svg.files import check_outputs, reading
@@ -19,7 +19,7 @@ from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
 from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
-from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
+from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions, unknown_option
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
 from gauss2svg.pipeline.result import Result
@@ -50,6 +50,7 @@ def vectorize(
     run: RunOptions | None = None,
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
+    **unknown: Never,
 ) -> Result:
     """Fit Gaussians to a photo, write them as an SVG, rasterise it and measure it.
 
@@ -67,9 +68,12 @@ def vectorize(
     photo's width and height even if the fit ran on a smaller image. It is measured, for the report
     and for targets, at the size of the fit or 1 megapixel, whichever is larger, or with
     RunOptions.full_size at the photo's.
-    Raises InputError for invalid input, RendererError for a missing renderer. Calls from several
+    Raises InputError for invalid input, RendererError for a missing renderer, TypeError for another
+    keyword, which names the class that the option is of, if there is one. Calls from several
     threads wait for each other; a forked child may call it as well.
     """
+    if unknown:
+        raise unknown_option(next(iter(unknown)))
     given = {
         name: value
         for name, value in {

@@ -149,7 +149,7 @@ class Scene:
         Raises SceneError with the number of the first matrix that is none of a Gaussian.
         """
         try:
-            given = np.asarray(covariance, np.float64)
+            given = np.asarray(_detached("covariance", covariance), np.float64)
         except (TypeError, ValueError) as error:
             raise SceneError(f"covariance must be real numbers; got {brief(error)}") from None
         if given.ndim != 3 or given.shape[1:] != (2, 2):
@@ -189,7 +189,7 @@ class Scene:
 
     def _array(self, name: str, dtype: Any) -> NDArray[Any]:
         """A copy of a field as an array of dtype, if that changes no value."""
-        given: ArrayLike = getattr(self, name)
+        given: ArrayLike = _detached(f"scene {name}", getattr(self, name))
         most = None if dtype is np.float64 else np.iinfo(dtype).max
         try:
             if np.ma.is_masked(given):  # they have no value
@@ -235,6 +235,10 @@ class Scene:
             needed = f"finite and in {_bound(low)}..{_bound(high)}"
             if self.blend == ADD and low == high:
                 needed = f"{_bound(low)} in an additive scene"
+            # A colour a little above 1 is not one of 8 bits.
+            of_8_bits = high == 1 and array.min() >= 0 and 2 <= array.max() <= 255
+            if name in ("color", "background") and of_8_bits:
+                advice = "to divide by 255"
             raise SceneError(
                 f"scene {name}{list(at)} must be {needed}; got {array[at]!s}. Try {advice}"
             )
@@ -465,6 +469,16 @@ def whitening_of(sigma: NDArray[np.float64], rho: NDArray[np.float64]) -> NDArra
     sx, sy = sigma.T
     k = narrowing_of(rho)
     return np.stack([1 / sx, -rho / (sx * k), 1 / (sy * k)], axis=1)
+
+
+def _detached(name: str, values: ArrayLike) -> ArrayLike:
+    """Values, unless they are a torch tensor that numpy may not read."""
+    if getattr(values, "requires_grad", False) is True:
+        raise SceneError(
+            f"{name} must be without a gradient; got a tensor that requires grad. Try "
+            "tensor.detach()"
+        )
+    return values
 
 
 def _bound(value: float) -> str:

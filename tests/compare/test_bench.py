@@ -241,9 +241,8 @@ def test_exact_results_have_no_finite_psnr_and_the_rest_continues(picture, tmp_p
     summary = summarise(rows, 1)
     assert [row["below_seconds_dB"] for row in summary] == [0, None]
     json.dumps(finite([math.inf, {"a": (math.nan, 1.0)}]), allow_nan=False)
-    assert plots_of(summary).keys() == set(NAMES)
-    for axis in SCORES:
-        assert f"No run has a finite {axis.name}." in plots_of([])[f"{axis.slug}_bytes.svg"]
+    assert plots_of(summary).keys() <= set(NAMES)
+    assert plots_of([]) == {}
 
 
 def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_path, requests):
@@ -265,6 +264,37 @@ def test_plots_have_a_point_a_tooltip_and_a_mark_for_each_setting(picture, tmp_p
         assert {"draft", "fast", "jpeg"} <= set(texts)
         assert "other settings" not in texts
     assert plots_of(summary) == {name: (tmp_path / name).read_text() for name in NAMES}
+
+
+def test_other_settings_have_names_and_colours_of_their_own_while_there_are_as_many(
+    picture, tmp_path, requests
+):
+    for count, is_named in ((8, True), (9, False)):
+        axes = {"gaussians": [5], "iterations": list(range(1, count + 1))}
+        run_bench([picture], tmp_path, axes=axes, peers=["jpeg"])
+        summary = json.loads((tmp_path / "bench.json").read_text())["summary"]
+        own = [row["label"] for row in summary if row["preset"] is None and row["tool"] != "jpeg"]
+        assert len(own) == count
+        root = ElementTree.fromstring((tmp_path / "psnr_bytes.svg").read_text())
+        texts = {text.text for text in root.iter(f"{SVG}text")}
+        assert (set(own) <= texts, "other settings" in texts) == (is_named, not is_named)
+        points = root.findall(f".//{SVG}g[@class]/{SVG}title/..")[:count]
+        assert len({point.get("class") for point in points}) == (count if is_named else 1)
+
+
+def test_score_that_was_not_measured_has_no_plot_and_no_plot_of_it_stays(
+    picture, tmp_path, requests
+):
+    run_bench([picture], tmp_path, axes={"gaussians": [5]})
+    summary = json.loads((tmp_path / "bench.json").read_text())["summary"]
+    assert plots_of(summary).keys() == set(NAMES)
+    unmeasured = [row | {"flip_svg": None} for row in summary]
+    left = {name for name in NAMES if not name.startswith("flip")}
+    assert plots_of(unmeasured).keys() == left
+    rows = (tmp_path / "rows.jsonl").read_text()
+    (tmp_path / "rows.jsonl").write_text(rows.replace('"flip_svg": 0.1', '"flip_svg": null'))
+    run_bench([picture], tmp_path, axes={"gaussians": [5]})
+    assert {path.name for path in tmp_path.glob("*_*.svg")} == left
 
 
 def test_sources_of_the_photos_are_compared_with_enlarged(picture, tmp_path, requests):

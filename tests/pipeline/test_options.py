@@ -3,6 +3,7 @@
 import inspect
 import json
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,7 +123,7 @@ def test_every_group_but_the_run_and_the_document_may_be_varied_in_a_benchmark()
 
 def test_functions_have_few_parameters():
     parameters = inspect.signature(gauss2svg.vectorize).parameters
-    assert len(parameters) <= 15
+    assert sum(one.kind is not one.VAR_KEYWORD for one in parameters.values()) <= 15
     goal = [field.name for field in fields_of(Goal)]
     assert list(parameters)[2 : 2 + len(goal)] == goal
     for function in (
@@ -212,3 +213,19 @@ def test_the_command_takes_what_the_classes_take(monkeypatch):
     assert seen["kind"] is Options  # which workers of a batch can be sent
     with pytest.raises(InputError, match=r"learning_rate must be a number in .*; got 0"):
         app("p.jpg -o o.svg --learning-rate 0", exit_on_error=False)
+
+
+@pytest.mark.parametrize("keyword", GROUPS)
+def test_option_without_its_class_is_refused_with_the_class(keyword):
+    taken = inspect.signature(gauss2svg.vectorize).parameters
+    call: Any = gauss2svg.vectorize
+    for field in fields_of(GROUPS[keyword]):
+        if field.name not in taken:
+            belongs = rf"belongs to {keyword}={GROUPS[keyword].__name__}\({field.name}=\.\.\.\)"
+            with pytest.raises(TypeError, match=f"{field.name} {belongs}"):
+                call("photo.png", **{field.name: 1})
+
+
+def test_keyword_that_is_no_option_is_refused():
+    with pytest.raises(TypeError, match=r"option must be one of .* got 'gausians'"):
+        gauss2svg.vectorize("photo.png", gausians=7)  # pyright: ignore[reportArgumentType]

@@ -49,6 +49,9 @@ def test_scene_does_not_share_the_arrays_it_was_given():
         ({"opacity": np.array([0.0, np.nan])}, r"opacity\[1\] must be .* got nan"),
         ({"color": np.full((2, 3), 1.5)}, r"color\[0, 0\] must be .* got 1.5"),
         ({"mean": np.zeros((2, 3))}, r"mean must be of shape \(2, 2\); got \(2, 3\)"),
+        ({"color": np.full((2, 3), 200)}, r"color\[0, 0\] must be .* Try to divide by 255"),
+        ({"color": np.full((2, 3), 1.1)}, r"color\[0, 0\] must be .* Try to clip it"),
+        ({"background": (255, 0, 0)}, r"background\[0\] must be .* Try to divide by 255"),
         ({"mean": np.full((2, 2), np.inf)}, r"mean\[0, 0\] must be finite .* got inf"),
         ({"rho": np.zeros(3)}, r"rho must be of shape \(2,\); got \(3,\)"),
         ({"background": np.array([0, 0, 2])}, r"background\[2\]"),
@@ -132,6 +135,15 @@ def test_a_matrix_that_is_no_covariance_is_refused_with_its_number(matrix, messa
 def test_what_is_no_array_of_matrices_is_refused(covariance):
     with pytest.raises(SceneError, match="covariance must be"):
         Scene.from_covariance(9, 9, np.ones((2, 2)), covariance, np.ones((2, 3)))
+
+
+def test_a_tensor_that_requires_a_gradient_is_refused_by_name():
+    torch = pytest.importorskip("torch")
+    tensor = torch.ones((2, 2), requires_grad=True)
+    with pytest.raises(SceneError, match=r"scene mean must be .* Try tensor\.detach\(\)"):
+        Scene.from_covariance(9, 9, tensor, [np.eye(2)] * 2, np.ones((2, 3)))
+    with pytest.raises(SceneError, match=r"^covariance must be .* Try tensor\.detach\(\)"):
+        Scene.from_covariance(9, 9, np.ones((2, 2)), tensor[None], np.ones((2, 3)))
 
 
 def test_axes_stay_positive_for_the_thinnest_shapes():

@@ -100,6 +100,8 @@ def run_bench(
         rows = [grid.records[task.place] | {"image": task.photo.name} for task in found]
         files = _tables(rows, [photo.name for photo in photos], absent)
         write_all_atomically({folder / name: data for name, data in files.items()})
+        for name in set(plots.NAMES) - files.keys():  # of an earlier benchmark that had this score
+            (folder / name).unlink(missing_ok=True)
         return rows
 
     for task, answer in grid.answers(_one_by_one, grid.missing(plan)):
