@@ -104,7 +104,8 @@ def batch_command(
                             say(f"Dask's dashboard: {client.dashboard_link}")
                         add(made.records(client, waiting))
                 except KeyboardInterrupt:
-                    made.finish()  # the table of what is known
+                    tables = made.finish()  # of the shards that are done
+                    say(f"see {', '.join(made.store.path(name) for name in tables)}")
                     raise
         tables = made.finish()
     if not quiet:

@@ -108,9 +108,14 @@ def placeholder_command(
                 line = str(error).replace("max_bytes must", "--max-bytes must")
                 failures.append(f"failed: {photo.name}: {line}")
             except BaseException:  # a signal, which arrives from a kernel in another exception
-                if made and output != STANDARD_STREAM:
-                    book.write(once, made)
-                    say(f"wrote what was made so far: {len(made)} of {len(once)} placeholders")
+                for line in failures:
+                    say(line)
+                try:
+                    if made and output != STANDARD_STREAM:
+                        book.write(once, made)
+                        say(f"wrote what was made so far: {len(made)} of {len(once)} placeholders")
+                except Gauss2SvgError as error:
+                    say(str(error))
                 raise
     count = len(made) + unchanged
     kept = book.write(once, made) - count if count else 0

@@ -234,11 +234,14 @@ def _check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]
     """check_svg_name of further files: option, path or None, and the suffix of what is written."""
     import mimetypes
 
+    from gauss2svg.scene.inks import PALETTE_SUFFIX
     from gauss2svg.svg.file import check_svg_name, check_type
 
     for name, path, suffix in files:
         if path is None:
             continue
+        if os.fspath(path).lower().endswith(PALETTE_SUFFIX):  # the inks may be read from it
+            raise InputError(f"{name} must be no palette file; got {brief(path)}. Try another name")
         if suffix == ".svg":
             check_svg_name(name, path)
         else:

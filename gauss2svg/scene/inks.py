@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Sequence
@@ -68,7 +69,7 @@ def check_inks(name: str, value: Any) -> int | str:
         if ink in inks[:at]:
             raise _bad(name, "different colours", f"{ink} twice")
     if not LEAST_INKS <= len(inks) <= MOST_INKS:
-        got = inks[0] if len(inks) == 1 else f"{len(inks)} of them"
+        got = inks[0] if len(inks) == 1 else len(inks)
         raise _bad(name, f"{LEAST_INKS} to {MOST_INKS} colours", got)
     return ",".join(inks)
 
@@ -137,7 +138,10 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], NDArray[np
         for before, after in ((0, 1), (1, 0)):
             beside = np.pad(step, [(before, after) if a == axis else (0, 0) for a in (0, 1)])
             np.maximum(steps, beside, out=steps)
-    every = slice(None, None, max(1, steps.size // _LOOKED_AT))
+    stride = max(1, steps.size // _LOOKED_AT)
+    while math.gcd(stride, steps.shape[1]) > 1:  # else some columns are never seen
+        stride += 1
+    every = slice(None, None, stride)
     flat = pixels.reshape(-1, pixels.shape[2])[every]
     share = 1 / (1 + np.square(steps.ravel()[every] / _AT_AN_EDGE))
     if flat.shape[1] > 3:
@@ -207,17 +211,22 @@ def _oklab(color: NDArray[np.float64]) -> NDArray[np.float64]:
 def _of_palette_file(name: str, path: str) -> list[str]:
     """Colours of a palette file of GIMP and Inkscape, each once."""
     with reading(path, "a palette file") as file:
-        text = file.read(_MOST_PALETTE_BYTES).decode("utf-8-sig", "replace")
-    head, *lines = text.splitlines() or [""]
+        content = file.read(_MOST_PALETTE_BYTES + 1)
+    if len(content) > _MOST_PALETTE_BYTES:
+        raise _bad(name, f"a file of at most {_MOST_PALETTE_BYTES:,} bytes", path)
+    head, *lines = re.split(r"\r\n?|\n", content.decode("utf-8-sig", "replace"))
     if not head.startswith(_PALETTE_HEAD):
         raise _bad(name, f"a file that begins with {_PALETTE_HEAD!r}", head)
     found: dict[str, None] = {}
-    for line in lines:
+    for number, line in enumerate(lines, 2):
         if _NO_COLOR.fullmatch(line) is None:
             match = _LEVELS.fullmatch(line)
             levels = [int(level) for level in match.groups()[:3]] if match else [256]
             if max(levels) > 255:
-                raise _bad(name, "colours in three levels of 0 to 255 a line", line)
+                raise InputError(
+                    f"{name} must be three levels of 0 to 255 a line; got {quoted(line)} in line "
+                    f"{number} of {brief(path)}. Try a palette that GIMP saved"
+                )
             found["#" + bytes(levels).hex()] = None
     return list(found)
 

@@ -47,7 +47,7 @@ def test_palette_files_are_read_as_gimp_and_inkscape_do(mark, end, tmp_path):
     ("inks", "why"),
     [
         ("#f7c306", "2 to 64 colours; got '#f7c306'"),
-        ([f"#0000{k:02x}" for k in range(65)], "2 to 64 colours; got '65 of them'"),
+        ([f"#0000{k:02x}" for k in range(65)], "2 to 64 colours; got 65. Try"),
         (1, "from 2 to 64"),
         (65, "from 2 to 64"),
         ("", "such as #c0322c"),
@@ -71,9 +71,12 @@ def test_other_inks_are_refused_in_one_line(inks, why):
     [
         ("JASC-PAL\n", "begins with"),
         ("", "begins"),
-        ("GIMP Palette\n", "2 to 64 colours; got '0 of them'"),
+        ("GIMP Palette\n", "2 to 64 colours; got 0. Try"),
         *(
-            (f"GIMP Palette\n1 1 1\n{line}\n9 9 9\n", f"0 to 255 a line; got '{line}'")
+            (
+                f"GIMP Palette\n1 1 1\n{line}\n9 9 9\n",
+                f"0 to 255 a line; got '{line}' in line 3 of ",
+            )
             for line in ("0 0 256", "1000 0 0", "-1 0 0", "10 20", "10 20 30blue", "black")
         ),
     ],
@@ -131,3 +134,20 @@ def test_a_small_accent_has_an_ink_beside_many_greys(accent):
     pixels[20:30, 40:50] = accent + noise.normal(0, 0.02, (10, 10, 3))
     inks = ink_colors(inks_of(np.clip(pixels, 0, 1).astype(np.float32), 5))
     assert np.abs(inks - accent).max(axis=1).min() < 0.05
+
+
+def test_every_column_of_a_large_picture_is_looked_at():
+    """Its pixels are sampled; a stride that divides the width would leave columns out."""
+    pixels = np.zeros((1000, 2000, 3), np.float32)
+    pixels[:, 1::8], pixels[:, 2::8] = 1, [1, 0, 0]
+    assert inks_of(pixels, 3) == "#ffffff,#ff0000,#000000"
+
+
+def test_a_palette_is_read_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "long.gpl"
+    colors = "1 2 3 a\u2028b\x0cc\n4 5 6\n"  # a name with what only some take for ends of lines
+    path.write_text(f"GIMP Palette\n{colors}", "utf-8")
+    assert check_inks("inks", path) == "#010203,#040506"
+    path.write_text("GIMP Palette\n#" + " " * 999_975 + "\n" + colors, "utf-8")
+    with pytest.raises(InputError, match="at most 1,000,000 bytes"):
+        check_inks("inks", path)

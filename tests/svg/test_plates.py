@@ -176,6 +176,7 @@ def test_opaque_shapes_that_hide_others_are_warned_of_with_outlines(photo, tmp_p
         (["--inks", "3", "--separations", "PHOTO"], "is also the photo"),
         (["--inks", "3", "--separations", ""], "cannot write .: it is a folder"),
         (["--inks", "3", "--separations", "/"], "cannot write /: it is a folder"),
+        (["--inks", "3", "--report", "inks.gpl"], "--report must be no palette file"),
         (["--inks", "1"], "--inks must be a number from 2 to 64"),
         (["--inks", "#fff"], "--inks must be 2 to 64 colours"),
         (["--inks", "#fff,#FFFFFF"], "--inks must be different colours"),
