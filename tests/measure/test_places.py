@@ -1,6 +1,7 @@
 """Laws of the rules on what breaks where: each can be broken, and says where it is from."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,9 @@ from conftest import random_scene
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
+from gauss2svg.measure.contents import Contents
 from gauss2svg.measure.places import PLACES, RULES, Finding, findings, rules_of
+from gauss2svg.measure.survey import survey
 from gauss2svg.raster.features import Feature
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.write import write_svg
@@ -108,11 +111,45 @@ def test_shapes_that_are_defined_and_not_drawn_cost_nothing():
     )
 
 
-def test_gradients_with_a_place_of_their_own_or_none_at_all_borrow_none():
-    named, placed = '<linearGradient id="{}" {}/>', '<linearGradient xlink:href="#{}" {}/>'
-    text = named.format("a", 'x1="1"') + placed.format("a", 'x2="2"')
-    text += named.format("b", "") + placed.format("b", "") + '<linearGradient x1="1"/>'
-    assert "borrowed places" not in uses(SVG.format(text), "inkscape")
+@pytest.mark.parametrize(
+    ("places", "count"),
+    [
+        (['x1="1"', 'x1="2" x2="2"'], 0), (['x1="1"', 'x2="2"'], 1), (["", 'x1="1"'], 0),
+        (['cx="1" cy="1" r="2"', 'cx="3"'], 1), (['r="2"', 'r="2"', ""], 1), (["", "", ""], 0),
+        (['r="2"', "", ""], 2), (['r="2"', "", 'r="1"', ""], 2), (['r="2"', 'cx="1"', 'r="2"'], 2),
+    ],
+)  # fmt: skip
+def test_gradients_borrow_what_a_place_before_them_has_and_theirs_has_not(places, count):
+    """Each refers to the one before it; what comes first in the file does not matter."""
+    gradient = '<radialGradient id="a{}" xlink:href="#a{}" {}/>'
+    texts = [gradient.format(k, k - 1, place) for k, place in enumerate(places)]
+    for ordered in (texts, texts[::-1]):
+        found = uses(SVG.format("".join(ordered)), "inkscape")
+        assert found.get("borrowed places", 0) == count
+
+
+def test_chains_of_references_are_followed_once():
+    """Steps are calls of functions, those of C as well."""
+
+    def steps(count, length=90):
+        chain = "".join(
+            f'<linearGradient id="g{k}" href="#g{k + 1}"/><use id="u{k}" href="#u{k + 1}"/>'
+            for k in range(length)
+        )
+        text = SOFT.replace('"a"', f'"g{length}"') + f"<defs>{chain}</defs>"
+        text += f'<path id="u{length}" fill="url(#g0)"/>' + '<use href="#u0"/>' * count
+        contents, calls = Contents(), []
+        survey(SVG.format(text), 9999, contents)
+        before = sys.getprofile()
+        sys.setprofile(lambda *_: calls.append(1))
+        try:
+            counts = contents.counts
+        finally:
+            sys.setprofile(before)
+        assert counts["soft shapes"] == count + 1
+        return len(calls)
+
+    assert steps(400) - steps(200) < 200 * 50
 
 
 def test_references_in_a_circle_end():
