@@ -11,16 +11,16 @@ from functools import lru_cache
 from typing import TypeVar
 
 from gauss2svg.svg.reader.gradient import HREFS
-from gauss2svg.svg.syntax.css import color_alpha
+from gauss2svg.svg.syntax.css import color_alpha, without_comments
 from gauss2svg.svg.syntax.values import pixels_of, reference
 
 # What is in these is drawn where something refers to it, if at all.
 _DEFINING = ("defs", "symbol", "mask", "clipPath", "pattern", "marker")
 _COLORED = ("color", "fill", "stroke", "stop-color", "flood-color", "lighting-color")
-_TRANSFORMING = re.compile(r"(?<![\w-])transform\s*:", re.IGNORECASE)
+_TRANSFORMING = re.compile(r"(?<![\w-])transform\s*:(?!\s*(?:none\s*)?(?:[;!}]|\Z))", re.IGNORECASE)
 _STOP_OPACITY = re.compile(r"stop-opacity\s*:([^;}!]*)", re.IGNORECASE)
 _PLACING = ("cx", "cy", "r", "x1", "y1", "x2", "y2")
-_NONE = ("", "none")
+_URL = re.compile(r"\s*url\(", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Contents:
         """Add an element."""
         local = tag.rpartition("}")[2]
         own = _properties(attributes)
-        self._counts["transform"] += own.get("transform", "") not in _NONE
+        self._counts["transform"] += _is_given(own, "transform")
         self._counts["currentColor"] += any(
             "currentcolor" in own.get(name, "").lower() for name in _COLORED
         )
@@ -115,10 +115,12 @@ class Contents:
                 own.get("stop-color", ""), own.get("stop-opacity", "")
             )
         else:
-            paints = (reference(own.get(name, "")) for name in ("fill", "stroke"))
+            paints = (
+                reference(_URL.sub("url(", own.get(name, ""), 1)) for name in ("fill", "stroke")
+            )
             shape = _Drawn(
                 href if local == "use" else "",
-                own.get("mask", "") not in _NONE,
+                _is_given(own, "mask"),
                 frozenset(name for name in paints if name is not None),
             )
             if shape != _PLAIN:
@@ -129,6 +131,7 @@ class Contents:
 
     def sheet(self, text: str) -> None:
         """Add a style sheet."""
+        text = without_comments(text)
         self._counts["style sheet"] += 1
         self._counts["transform"] += len(_TRANSFORMING.findall(text))
         self._counts["currentColor"] += "currentcolor" in text.lower()
@@ -172,9 +175,13 @@ def _properties(attributes: dict[str, str]) -> dict[str, str]:
     """Attributes, and the properties of the style, which win; they are split by hand, for speed."""
     if "style" not in attributes:
         return attributes
-    parts = (part.partition(":") for part in attributes["style"].split(";"))
+    parts = (part.partition(":") for part in without_comments(attributes["style"]).split(";"))
     styled = {name.strip().lower(): value.partition("!")[0].strip() for name, _, value in parts}
     return {**attributes, **styled}
+
+
+def _is_given(own: Mapping[str, str], name: str) -> bool:
+    return own.get(name, "").strip().lower() not in ("", "none")
 
 
 @lru_cache(maxsize=1024)  # gradients share their stops

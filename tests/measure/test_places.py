@@ -67,7 +67,7 @@ def test_each_rule_is_broken_by_one_more_than_its_limit_and_by_nothing_less(rule
     "shape",
     [
         '<path fill="url(#a)"/>', "<path style='fill: url(\"#a\")'/>", '<path stroke="url(#a)"/>',
-        '<path mask="url(#m)"/>', '<path style="mask:url(#m)"/>',
+        '<path mask="url(#m)"/>', '<path style="mask:url(#m)"/>', '<path fill="URL( #a )"/>',
         '<defs><path id="b" fill="url(#a)"/></defs><use xlink:href="#b"/>',
         '<defs><use id="c" href="#b"/><path id="b" mask="url(#m)"/></defs><use href="#c"/>',
         '<linearGradient id="d" href="#a"/><path fill="url(#d)"/>',
@@ -96,6 +96,8 @@ def test_a_gradient_of_opaque_stops_is_not_soft(stop):
     [
         '<stop stop-opacity="50%"/>', '<stop style="stop-opacity: .5"/>',
         '<stop stop-color="rgba(1,2,3,.5)"/>', '<stop stop-color="transparent"/>',
+        '<stop stop-color="rgb(0 0 0 / 50%)"/>', '<stop stop-color="RGBA(0,0,0,50%)"/>',
+        '<stop stop-color="hsl(0 0% 0% / .5)"/>', '<stop style="stop-color:/**/#0008"/>',
         '<stop/><style>stop{stop-opacity:.5}</style>',
     ],
 )  # fmt: skip
@@ -103,6 +105,11 @@ def test_a_gradient_with_a_stop_that_lets_something_through_is_soft(stop):
     paths = '<path fill="url(#o)"/>' * 251
     text = SVG.format(f'<radialGradient id="o"><stop/>{stop}</radialGradient>{paths}')
     assert uses(text, "pdf")["soft shapes"] == 251
+
+
+@pytest.mark.parametrize("mask", ['mask="NONE"', 'style="mask: None"', 'style="/*;mask:url(#m)*/"'])
+def test_a_mask_that_is_none_is_none(mask):
+    assert "masked shapes" not in uses(SVG.format(f"<path {mask}/>" * 101), "web")
 
 
 def test_shapes_that_are_defined_and_not_drawn_cost_nothing():
@@ -167,6 +174,8 @@ def test_references_in_a_circle_end():
         ('<g style="transform:scale(2)"/>', "email", "transform"),
         ('<g style="fill:red;Transform : rotate(9deg)"/>', "email", "transform"),
         ("<style>g{transform:scale(2)}</style>", "email", "transform"),
+        ("<style>/* transform: x */g{transform:scale(2)}</style>", "email", "transform"),
+        ('<g style="/*c*/transform:scale(2)"/>', "email", "transform"),
     ],
 )
 def test_what_attributes_say_styles_say_too(text, place, what):
@@ -179,6 +188,10 @@ def test_what_attributes_say_styles_say_too(text, place, what):
         ('<path id="currentColor"/>', "figma"), ('<g style="transform:none"/>', "email"),
         ('<g style="text-transform:uppercase;transform-origin:0 0"/>', "email"),
         ("<style>text{text-transform:uppercase}</style>", "email"),
+        ("<style>/* transform: x, currentColor */</style>", "email"),
+        ("<style>/* currentColor */</style>", "figma"),
+        ("<style>g{transform:none}path{Transform: NONE !important}</style>", "email"),
+        ('<g transform=" None"/>', "email"),
     ],
 )  # fmt: skip
 def test_names_that_only_look_so_are_not_found(text, place):
