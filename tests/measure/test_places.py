@@ -82,6 +82,7 @@ def test_a_shape_is_soft_by_its_gradient_or_its_mask_or_by_what_it_uses(shape):
     [
         '<stop/>', '<stop stop-opacity="1"/>', '<stop stop-opacity="100%"/>',
         '<stop style="stop-color:#fff;stop-opacity:1"/>', '<stop stop-color="rgba(1,2,3,1)"/>',
+        '<stop stop-color="rgb(1 2 3 / 100%)"/>', '<stop stop-color="color()"/>',
     ],
 )  # fmt: skip
 def test_a_gradient_of_opaque_stops_is_not_soft(stop):
