@@ -69,7 +69,7 @@ def color_alpha(text: str) -> float:
         color = tinycss2.color4.parse_color(token)
     except ValueError:  # of color() without a space, which is no colour
         return 1.0
-    return color.alpha if isinstance(color, tinycss2.color4.Color) else 1.0
+    return float(getattr(color, "alpha", 1.0))  # of a name such as currentcolor there is none
 
 
 def component_values(text: str) -> list[Any]:
