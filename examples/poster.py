@@ -2,7 +2,7 @@
 
 A3 at 300 dpi, with 3 mm of bleed around the trim box and an embedded sRGB profile. The picture
 covers the page. Of what is beyond it these shares are cut off at the left and at the top: 0 keeps
-that side, 1 the other, and without them both are 0.5. It needs pikepdf.
+that side, 1 the other, and each that is not given is 0.5. It needs pikepdf.
 """
 
 import sys
@@ -23,7 +23,7 @@ STRIP = 256  # rows, which bound the memory
 
 
 def strips(
-    scene: Scene, width: int, height: int, cut: tuple[float, ...] = (0.5, 0.5)
+    scene: Scene, width: int, height: int, cut: tuple[float, float] = (0.5, 0.5)
 ) -> Iterator[np.ndarray]:
     """The page in px from the top, as levels (rows, width, 3)."""
     scene = scene.scaled(max(width / scene.width, height / scene.height))
@@ -48,13 +48,13 @@ def packed(levels: Iterator[np.ndarray], width: int) -> bytes:
     return b"".join([*made, deflate.flush()])
 
 
-def write_poster(scene: Scene, path: str, *cut: float) -> None:
+def write_poster(scene: Scene, path: str, left: float = 0.5, top: float = 0.5) -> None:
     trim = TRIM_MM if scene.height >= scene.width else TRIM_MM[::-1]
     width, height = (round((side + 2 * BLEED_MM) / 25.4 * DPI) for side in trim)
     pdf = pikepdf.new()
     profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     picture = pdf.make_stream(
-        packed(strips(scene, width, height, cut or (0.5, 0.5)), width),
+        packed(strips(scene, width, height, (left, top)), width),
         Type=Name.XObject, Subtype=Name.Image, Width=width, Height=height, BitsPerComponent=8,
         ColorSpace=Array([Name.ICCBased, pdf.make_stream(profile, N=3)]), Filter=Name.FlateDecode,
         DecodeParms=Dictionary(Predictor=15, Colors=3, Columns=width),

@@ -4,6 +4,7 @@ Copy this folder into the one of Edit > Preferences > System > User extensions. 
 linked or embedded; its shapes are where it was, clipped to its edges, and as it was styled.
 """
 
+import math
 import os
 import re
 import subprocess
@@ -74,20 +75,27 @@ class PhotoToGaussians(inkex.EffectExtension):
 
     def data_of(self, photo):
         """Bytes of the photo, from the document or its file."""
-        href = photo.get("xlink:href") or photo.get("href") or ""
-        if href.startswith("data:"):
-            try:
-                with urllib.request.urlopen(href) as data:
-                    return data.read()
-            except ValueError as error:
-                raise inkex.AbortExtension(
-                    f"photo must be whole; got damaged data: {error}. Try to embed it again"
-                ) from None
-        name = urllib.request.url2pathname(urllib.parse.urlparse(href).path)
-        name = self.absolute_href(name, cwd=os.path.dirname(self.document_path() or ""))
-        if not os.path.isfile(name):
-            raise inkex.AbortExtension(f"photo must be a file; got {name!r}. Try to embed it")
-        return Path(name).read_bytes()
+        href = (photo.get("xlink:href") or photo.get("href") or "").strip()
+        try:
+            if href[:5].lower() == "data:":
+                with urllib.request.urlopen(href) as stream:
+                    data = stream.read()
+            else:
+                name = urllib.request.url2pathname(urllib.parse.urlparse(href).path)
+                name = self.absolute_href(name, cwd=os.path.dirname(self.document_path() or ""))
+                if not os.path.isfile(name):
+                    raise inkex.AbortExtension(
+                        f"photo must be a file; got {href[:80]!r}. Try to embed it"
+                    )
+                data = Path(name).read_bytes()
+            if not data:
+                raise ValueError("it is empty")
+        except (ValueError, OSError) as error:
+            raise inkex.AbortExtension(
+                f"photo must be whole; got damaged data or a damaged name: {str(error)[:200]}. Try "
+                "to embed it again"
+            ) from None
+        return data
 
     def drawn(self, source, out):
         """The drawing of gauss2svg, with ids that the document does not have."""
@@ -102,7 +110,7 @@ class PhotoToGaussians(inkex.EffectExtension):
         except OSError:
             raise inkex.AbortExtension(
                 f"program must be that of gauss2svg; got {self.options.program!r}. Try "
-                "pip install gauss2svg, and its full path as the program"
+                "to install gauss2svg from its clone or wheel, and its full path as the program"
             ) from None
         if run.returncode:
             said = run.stderr.strip().splitlines() or ["gauss2svg failed without a word"]
@@ -127,7 +135,7 @@ def placed(photo, drawing):
         width = length(drawing.get("width"), 0)  # px of the photo
     width = height * own[0] / own[1] if width is None else width
     height = width * own[1] / own[0] if height is None else height
-    if min(width, height) <= 0:
+    if not 0 < min(width, height) <= max(width, height) < math.inf:
         raise inkex.AbortExtension(f"photo must have a size; got {width:g} x {height:g}")
     align, *how = photo.get("preserveAspectRatio", "").replace("defer", "").split() or ["xMidYMid"]
     scale = [width / own[0], height / own[1]]
@@ -144,11 +152,19 @@ def placed(photo, drawing):
 
 def length(text, whole):
     """User units of a length, of which the whole is 100 %; None for auto."""
-    if not text or text == "auto":
+    text = (text or "").strip()
+    if text in ("", "auto"):
         return None
-    if text.endswith("%"):
-        return float(text[:-1]) / 100 * whole
-    return inkex.units.convert_unit(text, "px")
+    try:
+        is_share = text.endswith("%")
+        units = float(text[:-1]) / 100 * whole if is_share else inkex.units.convert_unit(text, "px")
+    except ValueError:
+        units = math.nan
+    if not math.isfinite(units):
+        raise inkex.AbortExtension(
+            f"photo must have a size of finite numbers; got {text[:80]!r}. Try another size"
+        )
+    return units
 
 
 if __name__ == "__main__":

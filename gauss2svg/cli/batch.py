@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.cli.parameters import Quiet, options_of
+from gauss2svg.cli.parameters import Quiet, options_of, refuse_unknown_options
 from gauss2svg.cli.streams import counting_bar, say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
@@ -67,7 +67,9 @@ def batch_command(
     from gauss2svg.batch.table import Summary
     from gauss2svg.files import refuse_option_like
 
-    refuse_option_like(*photos, output)
+    own = ["output", "options", "log", "quiet", *vars(batch)]
+    refuse_unknown_options(photos, own + option_names())
+    refuse_option_like(output)
     if log == "json":
         standard_stream(sys.stdout, "output")  # is refused now, not at the first record
     with Batch(photos, output, Options(**vars(given)), batch) as made:

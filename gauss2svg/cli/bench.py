@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -82,7 +83,7 @@ def bench_command(
             update("; ".join(at.now), at.done, at.total)
 
         rows = run_bench(
-            photos_given(images),
+            photos_given(images, inspect.signature(bench_command).parameters),
             output,
             axes=axes or None,
             peers=names,

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
+from gauss2svg.cli.parameters import refuse_unknown_options
 from gauss2svg.cli.streams import say, standard_stream
 from gauss2svg.errors import InputError, brief
 from gauss2svg.options import Number, OptionGroup, Place, Renderer, Whole, byte_size
@@ -125,6 +126,7 @@ def check_command(
     from gauss2svg.measure.check import check
 
     names = expanded([photo] if svg is None else [photo, svg])
+    refuse_unknown_options(names, ["for", "reference", *vars(options), *vars(output)])
     if place is not None:
         if reference is not None:
             raise InputError("reference must not be given with --for, which measures nothing")
@@ -132,7 +134,7 @@ def check_command(
     if len(names) != 2:
         raise InputError(f"photo and SVG must be one file each; got {brief(', '.join(names))}")
     photo, svg = names
-    refuse_option_like(photo, svg, *([] if reference is None else [reference]))
+    refuse_option_like(reference or "")
     if photo == svg == STANDARD_STREAM:
         raise InputError("photo and SVG must not both be -. Try a file name for one of them")
     paths = [path for path in (output.heatmap, output.preview, output.report) if path is not None]
@@ -169,7 +171,6 @@ def _check_for(place: str, names: list[str], options: CheckOptions, output: Chec
         STANDARD_STREAM,
         as_json,
         check_outputs,
-        refuse_option_like,
         write_atomically,
     )
     from gauss2svg.measure.places import findings, rules_of
@@ -187,7 +188,6 @@ def _check_for(place: str, names: list[str], options: CheckOptions, output: Chec
         if getattr(output, name) is not None:
             option = name.replace("_", "-")
             raise InputError(f"--{option} must not be given with --for, which measures nothing")
-    refuse_option_like(*names)
     check_outputs({names[0]: "the SVG"}, [] if output.report is None else [output.report])
     is_stream = names[0] == STANDARD_STREAM
     source: Any = standard_stream(sys.stdin, "input") if is_stream else Path(names[0])

@@ -55,7 +55,7 @@ def gallery_command(
     from gauss2svg.measure.perceptual import packages_missing
     from gauss2svg.processes import command_line
 
-    given = photos_given(photos)
+    given = photos_given(photos, ["output", "variants", "counts", "peers", "quiet", *vars(options)])
     check_apart(photos, os.fspath(output))
     with counting_bar(quiet) as update:
         gallery = build_gallery(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any
 
 from cyclopts import Group, Parameter
@@ -26,20 +26,24 @@ Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor s
 _NEGATED: dict[str, Any] = {"densify": {"negative_bool": "no-", "negative": None}}
 
 
-def photos_given(names: list[str]) -> list[str]:
-    """The paths that `Photos` stand for; raises InputError for what reads like an option."""
-    refuse_unknown_options(names)
+def photos_given(names: list[str], known: Iterable[str] = ()) -> list[str]:
+    """The paths that `Photos` stand for; raises InputError as refuse_unknown_options."""
+    refuse_unknown_options(names, known)
     return local_photos(names)
 
 
-def refuse_unknown_options(names: Sequence[str], known: Sequence[str] = ()) -> None:
-    """Raise InputError for a name such as --treads: what is no option ends up among the photos."""
+def refuse_unknown_options(names: Sequence[str], known: Iterable[str] = ()) -> None:
+    """Raise InputError for a name such as --treads: what is no option ends up among the photos.
+
+    known  names of the command's own options, as in Python: max_bytes
+    """
     from difflib import get_close_matches
 
+    options = [f"--{option.replace('_', '-')}" for option in known]
     for name in names:
         if name.startswith("-") and name != "-":
             # At less --colors is like --scores.
-            close = get_close_matches(name, known, 1, cutoff=0.8)
+            close = get_close_matches(name, options, 1, cutoff=0.8)
             advice = close[0] if close else f"--help, or ./{name} for a file of that name"
             raise InputError(f"{name} must be an option; got an unknown one. Try {advice}")
 

@@ -79,7 +79,7 @@ def placeholder_command(
 ) -> int:
     """Write placeholders of about a kilobyte, which a page shows until its photos have come."""
     refuse_option_like(output)
-    given = photos_given(photos)
+    given = photos_given(photos, ["output", "quiet", *vars(options)])
     once = listed_photos(given)
     copies = len(given) - len(once)
     if options.format == "picture":

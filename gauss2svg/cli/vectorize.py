@@ -119,7 +119,7 @@ def _one_photo(photos: tuple[str, ...]) -> str:
     from gauss2svg.files import expanded
 
     photos = tuple(expanded(photos))
-    refuse_unknown_options(photos, [f"--{option.replace('_', '-')}" for option in option_names()])
+    refuse_unknown_options(photos, option_names())
     if len(photos) != 1:
         got, advice = brief(", ".join(photos)), "gauss2svg batch"
         if not photos:

@@ -5,39 +5,43 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TypeVar
 
 from gauss2svg.svg.reader.gradient import HREFS
-from gauss2svg.svg.syntax.css import color_alpha
+from gauss2svg.svg.syntax.css import color_alpha, without_comments
 from gauss2svg.svg.syntax.values import pixels_of, reference
 
 # What is in these is drawn where something refers to it, if at all.
 _DEFINING = ("defs", "symbol", "mask", "clipPath", "pattern", "marker")
 _COLORED = ("color", "fill", "stroke", "stop-color", "flood-color", "lighting-color")
-_TRANSFORMING = re.compile(r"(?<![\w-])transform\s*:", re.IGNORECASE)
+_TRANSFORMING = re.compile(r"(?<![\w-])transform\s*:(?!\s*(?:none\s*)?(?:[;!}]|\Z))", re.IGNORECASE)
 _STOP_OPACITY = re.compile(r"stop-opacity\s*:([^;}!]*)", re.IGNORECASE)
 _PLACING = ("cx", "cy", "r", "x1", "y1", "x2", "y2")
-_NONE = ("", "none")
-_LONGEST_CHAIN = 100  # of elements that refer to each other, maybe in a circle
+_URL = re.compile(r"\s*url\(", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class _Drawn:
-    """How an element is drawn: under a mask, by the gradients of these ids, as the one it uses."""
+    """How an element is drawn: as the one that it names, masked, by gradients of these ids."""
 
+    named: str
     masked: bool
-    gradients: tuple[str, ...]
-    used: str
+    gradients: frozenset[str]
+
+    def only(self, gradients: set[str]) -> _Drawn:
+        """The same, of its gradients with these alone."""
+        return replace(self, gradients=self.gradients & gradients)
 
 
 @dataclass
 class _Gradient:
     """The gradient from which it takes what it does not have itself, and what it has."""
 
-    template: str
-    is_placed: bool = False
+    named: str
+    placed: frozenset[str] = frozenset()
     stops: int = 0
     translucent: bool = False
 
@@ -65,28 +69,34 @@ class Contents:
         masked shapes        shapes and groups that are drawn under a mask
         soft shapes          those, and shapes with a gradient that lets something through
         stops of a gradient  of the one with the most
-        borrowed places      gradients that take their place from another
+        borrowed places      gradients that take their place from another, or a part of it
         style sheet, transform, currentColor  sheets, and attributes or properties
         """
-        masked = soft = 0
-        for shape in self._drawn:
-            chain = self._chain(shape)
-            under = any(one.masked for one in chain)
-            masked += under
-            soft += under or any(self._is_soft(name) for one in chain for name in one.gradients)
+        gradients = _whole(self._gradients, _by_template)
+        # With such a sheet any gradient may let something through.
+        clear = {
+            name
+            for name, one in gradients.items()
+            if one.translucent or (one.stops and self._sheets_soften)
+        }
+        named = {name: shape.only(clear) for name, shape in self._named.items()}
+        used = _whole(named, _as_used)
+        drawn = [_joined(shape.only(clear), used, _as_used) for shape in self._drawn]
         return {
             **self._counts,
-            "masked shapes": masked,
-            "soft shapes": soft,
+            "masked shapes": sum(shape.masked for shape in drawn),
+            "soft shapes": sum(shape.masked or bool(shape.gradients) for shape in drawn),
             "stops of a gradient": self._most_stops,
-            "borrowed places": sum(map(self._is_borrowed, self._gradients.values())),
+            "borrowed places": sum(
+                gradients[name].placed != one.placed for name, one in self._gradients.items()
+            ),
         }
 
     def start(self, tag: str, attributes: dict[str, str], depth: int) -> None:
         """Add an element."""
         local = tag.rpartition("}")[2]
         own = _properties(attributes)
-        self._counts["transform"] += own.get("transform", "") not in _NONE
+        self._counts["transform"] += _is_given(own, "transform")
         self._counts["currentColor"] += any(
             "currentcolor" in own.get(name, "").lower() for name in _COLORED
         )
@@ -94,7 +104,7 @@ class Contents:
             self._defining = depth if local in _DEFINING else math.inf
         href = next((own[name] for name in HREFS if name in own), "").strip().removeprefix("#")
         if local.endswith("Gradient"):
-            self._gradient = _Gradient(href, any(name in own for name in _PLACING))
+            self._gradient = _Gradient(href, frozenset(name for name in _PLACING if name in own))
             if own.get("id"):  # others cannot be named
                 self._gradients[own["id"]] = self._gradient
         elif local == "stop":
@@ -105,11 +115,13 @@ class Contents:
                 own.get("stop-color", ""), own.get("stop-opacity", "")
             )
         else:
-            paints = (reference(own.get(name, "")) for name in ("fill", "stroke"))
+            paints = (
+                reference(_URL.sub("url(", own.get(name, ""), 1)) for name in ("fill", "stroke")
+            )
             shape = _Drawn(
-                own.get("mask", "") not in _NONE,
-                tuple(name for name in paints if name is not None),
                 href if local == "use" else "",
+                _is_given(own, "mask"),
+                frozenset(name for name in paints if name is not None),
             )
             if shape != _PLAIN:
                 if own.get("id"):
@@ -119,43 +131,57 @@ class Contents:
 
     def sheet(self, text: str) -> None:
         """Add a style sheet."""
+        text = without_comments(text)
         self._counts["style sheet"] += 1
         self._counts["transform"] += len(_TRANSFORMING.findall(text))
         self._counts["currentColor"] += "currentcolor" in text.lower()
         self._sheets_soften |= any(_is_translucent("", one) for one in _STOP_OPACITY.findall(text))
 
-    def _chain(self, shape: _Drawn) -> list[_Drawn]:
-        """An element, the one that it uses, and so on."""
-        chain = [shape]
-        while len(chain) < _LONGEST_CHAIN and (used := self._named.get(chain[-1].used)) is not None:
-            chain.append(used)
-        return chain
 
-    def _is_soft(self, name: str) -> bool:
-        """Whether a gradient lets something through; with such a sheet any may."""
-        gradient = self._gradients.get(name)
-        for _ in range(_LONGEST_CHAIN):
-            if gradient is None or gradient.stops:
-                break
-            gradient = self._gradients.get(gradient.template)
-        return gradient is not None and (gradient.translucent or self._sheets_soften)
-
-    def _is_borrowed(self, gradient: _Gradient) -> bool:
-        """Whether a gradient takes its place from the one that it names."""
-        template = self._gradients.get(gradient.template)
-        return template is not None and template.is_placed and not gradient.is_placed
+_PLAIN = _Drawn(named="", masked=False, gradients=frozenset())
+_One = TypeVar("_One", _Drawn, _Gradient)
 
 
-_PLAIN = _Drawn(masked=False, gradients=(), used="")
+def _whole(own: Mapping[str, _One], join: Callable[[_One, _One], _One]) -> dict[str, _One]:
+    """Each with what it takes from the one that it names, and so on; circles end somewhere."""
+    whole: dict[str, _One] = {}
+    for name in own:
+        chain: list[str] = []
+        while name in own and name not in whole:
+            whole[name] = own[name]
+            chain.append(name)
+            name = own[name].named
+        for link in reversed(chain):
+            whole[link] = _joined(own[link], whole, join)
+    return whole
+
+
+def _joined(one: _One, whole: Mapping[str, _One], join: Callable[[_One, _One], _One]) -> _One:
+    return join(one, whole[one.named]) if one.named in whole else one
+
+
+def _by_template(own: _Gradient, template: _Gradient) -> _Gradient:
+    """A gradient with the place, and without stops with the stops, of a whole one."""
+    stops = own if own.stops else template
+    return replace(stops, placed=own.placed | template.placed)
+
+
+def _as_used(own: _Drawn, used: _Drawn) -> _Drawn:
+    """An element under its mask or that of the one it uses, by the gradients of either."""
+    return _Drawn(used.named, own.masked or used.masked, own.gradients or used.gradients)
 
 
 def _properties(attributes: dict[str, str]) -> dict[str, str]:
     """Attributes, and the properties of the style, which win; they are split by hand, for speed."""
     if "style" not in attributes:
         return attributes
-    parts = (part.partition(":") for part in attributes["style"].split(";"))
+    parts = (part.partition(":") for part in without_comments(attributes["style"]).split(";"))
     styled = {name.strip().lower(): value.partition("!")[0].strip() for name, _, value in parts}
     return {**attributes, **styled}
+
+
+def _is_given(own: Mapping[str, str], name: str) -> bool:
+    return own.get(name, "").strip().lower() not in ("", "none")
 
 
 @lru_cache(maxsize=1024)  # gradients share their stops

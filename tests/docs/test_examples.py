@@ -208,7 +208,7 @@ def test_a_poster_is_the_scene_in_strips_with_boxes_and_a_profile(tmp_path):
 
     path = tmp_path / "poster.pdf"
     poster.DPI = 10
-    poster.write_poster(scene, str(path))
+    poster.write_poster(scene, str(path), 0.5)
     with pikepdf.open(path) as pdf:
         [page] = pdf.pages
         sides = np.array([list(map(float, box)) for box in (page.mediabox, page.TrimBox)])
@@ -301,6 +301,12 @@ def test_gaussians_are_as_large_as_cut_and_as_styled_as_the_photo_was(extension,
     ("old", "new", "start"),
     [
         ('..."/><text', '"/><text', "photo must be whole; got damaged data"),
+        ('href="data:[^"]*"', 'href=" DATA:image/png;base64,"', "photo must be whole; got damaged"),
+        ('href="data:[^"]*"', 'href="a%00b.png"', "photo must be "),
+        ('href="data:[^"]*"', 'href="//[bad"', "photo must be "),
+        ('href="data:[^"]*"', f'href="{"a" * 9999}"', "photo must be a file; got 'aaa"),
+        ('width="72"', 'width="x%"', "photo must have a size of finite numbers; got 'x%'"),
+        ('width="72"', 'width="1e400"', "photo must have a size of finite numbers; got '1e400'"),
         ('width="72"', 'width="0"', "photo must have a size; got 0 x 48"),
         ('href="data:[^"]*"', 'href="http://a/b.png"', "photo must be a file; got"),
     ],
@@ -310,6 +316,16 @@ def test_a_photo_that_cannot_be_taken_is_refused_in_one_line(extension, old, new
     status, after, message = converted(extension, "--id=photo")
     assert (status != 0, after, len(message.strip().splitlines())) == (True, "", 1)
     assert message.startswith(start)
+    assert len(message) < 400
+
+
+def test_space_and_case_do_not_matter_in_attributes(extension):
+    before = extension.read_text().replace(FRAME, 'x="10%" width="80%" height="50%"')
+    spaced = before.replace('="10%" width="80%"', '=" 10%" width="80% "')
+    extension.write_text(spaced.replace('href="data:', 'href=" DATA:'))
+    status, after, message = converted(extension, "--id=photo")
+    assert (status, message) == (0, "")
+    assert_looks_the_same(before, after)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 """Laws of the rules on what breaks where: each can be broken, and says where it is from."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,9 @@ from conftest import random_scene
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
+from gauss2svg.measure.contents import Contents
 from gauss2svg.measure.places import PLACES, RULES, Finding, findings, rules_of
+from gauss2svg.measure.survey import survey
 from gauss2svg.raster.features import Feature
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.write import write_svg
@@ -64,7 +67,7 @@ def test_each_rule_is_broken_by_one_more_than_its_limit_and_by_nothing_less(rule
     "shape",
     [
         '<path fill="url(#a)"/>', "<path style='fill: url(\"#a\")'/>", '<path stroke="url(#a)"/>',
-        '<path mask="url(#m)"/>', '<path style="mask:url(#m)"/>',
+        '<path mask="url(#m)"/>', '<path style="mask:url(#m)"/>', '<path fill="URL( #a )"/>',
         '<defs><path id="b" fill="url(#a)"/></defs><use xlink:href="#b"/>',
         '<defs><use id="c" href="#b"/><path id="b" mask="url(#m)"/></defs><use href="#c"/>',
         '<linearGradient id="d" href="#a"/><path fill="url(#d)"/>',
@@ -79,6 +82,7 @@ def test_a_shape_is_soft_by_its_gradient_or_its_mask_or_by_what_it_uses(shape):
     [
         '<stop/>', '<stop stop-opacity="1"/>', '<stop stop-opacity="100%"/>',
         '<stop style="stop-color:#fff;stop-opacity:1"/>', '<stop stop-color="rgba(1,2,3,1)"/>',
+        '<stop stop-color="rgb(1 2 3 / 100%)"/>', '<stop stop-color="color()"/>',
     ],
 )  # fmt: skip
 def test_a_gradient_of_opaque_stops_is_not_soft(stop):
@@ -93,6 +97,8 @@ def test_a_gradient_of_opaque_stops_is_not_soft(stop):
     [
         '<stop stop-opacity="50%"/>', '<stop style="stop-opacity: .5"/>',
         '<stop stop-color="rgba(1,2,3,.5)"/>', '<stop stop-color="transparent"/>',
+        '<stop stop-color="rgb(0 0 0 / 50%)"/>', '<stop stop-color="RGBA(0,0,0,50%)"/>',
+        '<stop stop-color="hsl(0 0% 0% / .5)"/>', '<stop style="stop-color:/**/#0008"/>',
         '<stop/><style>stop{stop-opacity:.5}</style>',
     ],
 )  # fmt: skip
@@ -102,17 +108,56 @@ def test_a_gradient_with_a_stop_that_lets_something_through_is_soft(stop):
     assert uses(text, "pdf")["soft shapes"] == 251
 
 
+@pytest.mark.parametrize("mask", ['mask="NONE"', 'style="mask: None"', 'style="/*;mask:url(#m)*/"'])
+def test_a_mask_that_is_none_is_none(mask):
+    assert "masked shapes" not in uses(SVG.format(f"<path {mask}/>" * 101), "web")
+
+
 def test_shapes_that_are_defined_and_not_drawn_cost_nothing():
     assert "masked shapes" not in uses(
         SVG.format(f"<defs>{MANY['masked shapes'](101)}</defs><path/>"), "web"
     )
 
 
-def test_gradients_with_a_place_of_their_own_or_none_at_all_borrow_none():
-    named, placed = '<linearGradient id="{}" {}/>', '<linearGradient xlink:href="#{}" {}/>'
-    text = named.format("a", 'x1="1"') + placed.format("a", 'x2="2"')
-    text += named.format("b", "") + placed.format("b", "") + '<linearGradient x1="1"/>'
-    assert "borrowed places" not in uses(SVG.format(text), "inkscape")
+@pytest.mark.parametrize(
+    ("places", "count"),
+    [
+        (['x1="1"', 'x1="2" x2="2"'], 0), (['x1="1"', 'x2="2"'], 1), (["", 'x1="1"'], 0),
+        (['cx="1" cy="1" r="2"', 'cx="3"'], 1), (['r="2"', 'r="2"', ""], 1), (["", "", ""], 0),
+        (['r="2"', "", ""], 2), (['r="2"', "", 'r="1"', ""], 2), (['r="2"', 'cx="1"', 'r="2"'], 2),
+    ],
+)  # fmt: skip
+def test_gradients_borrow_what_a_place_before_them_has_and_theirs_has_not(places, count):
+    """Each refers to the one before it; what comes first in the file does not matter."""
+    gradient = '<radialGradient id="a{}" xlink:href="#a{}" {}/>'
+    texts = [gradient.format(k, k - 1, place) for k, place in enumerate(places)]
+    for ordered in (texts, texts[::-1]):
+        found = uses(SVG.format("".join(ordered)), "inkscape")
+        assert found.get("borrowed places", 0) == count
+
+
+def test_chains_of_references_are_followed_once():
+    """Steps are calls of functions, those of C as well."""
+
+    def steps(count, length=90):
+        chain = "".join(
+            f'<linearGradient id="g{k}" href="#g{k + 1}"/><use id="u{k}" href="#u{k + 1}"/>'
+            for k in range(length)
+        )
+        text = SOFT.replace('"a"', f'"g{length}"') + f"<defs>{chain}</defs>"
+        text += f'<path id="u{length}" fill="url(#g0)"/>' + '<use href="#u0"/>' * count
+        contents, calls = Contents(), []
+        survey(SVG.format(text), 9999, contents)
+        before = sys.getprofile()
+        sys.setprofile(lambda *_: calls.append(1))
+        try:
+            counts = contents.counts
+        finally:
+            sys.setprofile(before)
+        assert counts["soft shapes"] == count + 1
+        return len(calls)
+
+    assert steps(400) - steps(200) < 200 * 50
 
 
 def test_references_in_a_circle_end():
@@ -130,6 +175,8 @@ def test_references_in_a_circle_end():
         ('<g style="transform:scale(2)"/>', "email", "transform"),
         ('<g style="fill:red;Transform : rotate(9deg)"/>', "email", "transform"),
         ("<style>g{transform:scale(2)}</style>", "email", "transform"),
+        ("<style>/* transform: x */g{transform:scale(2)}</style>", "email", "transform"),
+        ('<g style="/*c*/transform:scale(2)"/>', "email", "transform"),
     ],
 )
 def test_what_attributes_say_styles_say_too(text, place, what):
@@ -142,6 +189,10 @@ def test_what_attributes_say_styles_say_too(text, place, what):
         ('<path id="currentColor"/>', "figma"), ('<g style="transform:none"/>', "email"),
         ('<g style="text-transform:uppercase;transform-origin:0 0"/>', "email"),
         ("<style>text{text-transform:uppercase}</style>", "email"),
+        ("<style>/* transform: x, currentColor */</style>", "email"),
+        ("<style>/* currentColor */</style>", "figma"),
+        ("<style>g{transform:none}path{Transform: NONE !important}</style>", "email"),
+        ('<g transform=" None"/>', "email"),
     ],
 )  # fmt: skip
 def test_names_that_only_look_so_are_not_found(text, place):

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import tinycss2
-import tinycss2.color3
+import tinycss2.color4
 
 from gauss2svg.errors import InputError, quoted
 
@@ -44,8 +44,7 @@ def properties(style: str) -> dict[str, str]:
 
     Raises InputError for escapes in names and for what is !important.
     """
-    if "/*" in style:
-        style = _COMMENT.sub(" ", style)
+    style = without_comments(style)
     found: dict[str, str] = {}
     for name, colon, value in (part.partition(":") for part in style.split(";")):
         if "\\" in name or "!" in value:
@@ -58,10 +57,19 @@ def properties(style: str) -> dict[str, str]:
     return found
 
 
+def without_comments(text: str) -> str:
+    """CSS with a space for each comment."""
+    return _COMMENT.sub(" ", text) if "/*" in text else text
+
+
 def color_alpha(text: str) -> float:
-    """Alpha of a colour in 0..1, 1 for what CSS 3 knows as none; raises InputError as nodes_of."""
-    color = tinycss2.color3.parse_color(_parsed(tinycss2.parse_one_component_value, text))
-    return color.alpha if isinstance(color, tinycss2.color3.RGBA) else 1.0
+    """Alpha of a colour in 0..1, 1 for what CSS 4 knows as none; raises InputError as nodes_of."""
+    token = _parsed(tinycss2.parse_one_component_value, text)
+    try:
+        color = tinycss2.color4.parse_color(token)
+    except ValueError:  # of color() without a space, which is no colour
+        return 1.0
+    return float(getattr(color, "alpha", 1.0))  # of a name such as currentcolor there is none
 
 
 def component_values(text: str) -> list[Any]:
