@@ -139,7 +139,7 @@ def _colors(pixels: NDArray[np.floating]) -> tuple[NDArray[np.uint8], NDArray[np
             beside = np.pad(step, [(before, after) if a == axis else (0, 0) for a in (0, 1)])
             np.maximum(steps, beside, out=steps)
     stride = max(1, steps.size // _LOOKED_AT)
-    while math.gcd(stride, steps.shape[1]) > 1:  # else some columns are never seen
+    while math.gcd(stride, pixels.shape[1]) > 1:  # else some columns are never seen
         stride += 1
     every = slice(None, None, stride)
     flat = pixels.reshape(-1, pixels.shape[2])[every]
