@@ -44,7 +44,7 @@ def refuse_unknown_options(names: Sequence[str], known: Iterable[str] = ()) -> N
         if name.startswith("-") and name != "-":
             # At less --colors is like --scores.
             close = get_close_matches(name, options, 1, cutoff=0.8)
-            advice = close[0] if close else f"--help, or ./{name} for a file of that name"
+            advice = f"{close[0] if close else '--help'}, or ./{name} for a file of that name"
             raise InputError(f"{name} must be an option; got an unknown one. Try {advice}")
 
 
