@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import importlib
 import os
-import pickle
 import re
 import shutil
 import subprocess
@@ -188,7 +187,7 @@ def test_a_checkpoint_runs_no_code(tmp_path):
     checkpoint = importlib.import_module("checkpoint")
     path, folder = tmp_path / "bad.pt", tmp_path / "made"
     torch.save({"state_dict": Bomb(str(folder))}, path)
-    with pytest.raises(pickle.UnpicklingError, match="Weights only load failed"):
+    with pytest.raises(SystemExit, match="must have tensors and plain numbers alone"):
         checkpoint.main(str(path), 8, 8, str(tmp_path / "out.svg"))
     assert not folder.exists()
 
@@ -362,8 +361,9 @@ def test_inkscape_runs_its_extension(extension, tmp_path):
     assert_looks_the_same(extension.read_text(), out.read_text())
 
 
-def test_a_guide_shows_every_example():
+def test_a_guide_shows_or_gives_every_example():
     pages = "".join(p.read_text() for p in (EXAMPLES.parent / "docs" / "guide").glob("*.md"))
     for path in EXAMPLES.rglob("*.py"):
         name = path.relative_to(EXAMPLES).as_posix()
-        assert f"{{literalinclude}} ../../examples/{name}" in pages
+        shown, given = f"{{literalinclude}} ../../examples/{name}", f"<../../examples/{name}>`"
+        assert shown in pages or given in pages
