@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.choices import has_ssim
+from gauss2svg.fit.options import has_ssim
 
 # Weight of 1 - SSIM against the pixel term, as in "3D Gaussian Splatting for
 # Real-Time Radiance Field Rendering" (Kerbl et al., 2023).

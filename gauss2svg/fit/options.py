@@ -1,4 +1,4 @@
-"""Options, progress and result of a fit."""
+"""Options, progress and result of a fit; without NumPy, for the help of the command line."""
 
 from __future__ import annotations
 
@@ -9,17 +9,27 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from gauss2svg.errors import InputError, quoted, whole_number
 from gauss2svg.fit import schedule
-from gauss2svg.fit.choices import PERCEPTUAL, PSNR, Tune, has_ssim
 from gauss2svg.fit.schedule import steps_of, totals
 from gauss2svg.options import Number, OptionGroup, Whole
+from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import Inks, check_inks
-from gauss2svg.scene.names import ADAPTIVE, ADD, CRISP, GAUSSIAN, OVER, SKEWED
 
 if TYPE_CHECKING:
     from gauss2svg.scene import Scene
 
+Tune = Literal["perceptual", "psnr"]
+PERCEPTUAL, PSNR = "perceptual", "psnr"
+DEFAULT_LOSS = "mse"
+# Falloffs: beta = 1 everywhere, as in the paper; a learned beta for each shape; a learned beta and
+# a learned skew. Shapes in inks are crisp.
+GAUSSIAN, ADAPTIVE, SKEWED, CRISP = "gaussian", "adaptive", "skewed", "crisp"
 # 228 bytes of optimiser state each make over 2 GB.
 MOST_GAUSSIANS = 10_000_000
+
+
+def has_ssim(loss: str) -> bool:
+    """Whether a loss has an SSIM term."""
+    return loss.endswith("+ssim")
 
 
 @dataclass(frozen=True, kw_only=True)

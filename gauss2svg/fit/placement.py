@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit.blending import Blending
-from gauss2svg.fit.choices import PERCEPTUAL
 from gauss2svg.fit.components import components_of
-from gauss2svg.fit.options import FitOptions
+from gauss2svg.fit.options import PERCEPTUAL, FitOptions
 from gauss2svg.fit.target import Target
 from gauss2svg.photo.smooth import smoothed
 

@@ -15,13 +15,12 @@ from gauss2svg.errors import InputError, number_within
 from gauss2svg.fit import adam, placement, schedule
 from gauss2svg.fit.adam import Rates
 from gauss2svg.fit.blending import OPAQUE_LOGIT
-from gauss2svg.fit.choices import DEFAULT_LOSS
 from gauss2svg.fit.clock import Clock, Stopwatch
 from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
 from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.inks import EXCHANGED_EVERY
 from gauss2svg.fit.losses import psnr_of
-from gauss2svg.fit.options import FitConfig, FitProgress, FitResult
+from gauss2svg.fit.options import DEFAULT_LOSS, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population
 from gauss2svg.fit.saved import Saved, as_saved, checks, optional, part

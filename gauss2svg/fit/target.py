@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.choices import DEFAULT_LOSS
 from gauss2svg.fit.losses import image_gradient
+from gauss2svg.fit.options import DEFAULT_LOSS
 from gauss2svg.fit.weight import pixel_weight, slopes
 from gauss2svg.photo.alpha import BACKDROPS, has_alpha, shrunk
 from gauss2svg.photo.smooth import smoothed

@@ -17,7 +17,7 @@ from operator import add
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.choices import PSNR
+from gauss2svg.fit.options import PSNR
 from gauss2svg.photo.smooth import smoothed
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from gauss2svg.errors import InputError, RendererError, quoted
-from gauss2svg.fit.options import DensifyOptions
+from gauss2svg.fit.options import ADAPTIVE, GAUSSIAN, SKEWED, DensifyOptions
 from gauss2svg.measure.perceptual import require_packages
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.options import Options
 from gauss2svg.raster import DRAW_BLENDS, DRAW_MINIMAL, DRAW_ROTATED_BLURS
 from gauss2svg.scene import ADD
-from gauss2svg.scene.names import ADAPTIVE, GAUSSIAN, SKEWED
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.format import EDITABLE, MINIMAL
 

@@ -20,7 +20,7 @@ import math
 from dataclasses import dataclass, replace
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.choices import DEFAULT_LOSS, has_ssim
+from gauss2svg.fit.options import DEFAULT_LOSS, has_ssim
 from gauss2svg.measure.memory import SHARE, free_bytes, held_bytes
 from gauss2svg.options import byte_size
 from gauss2svg.photo.photo import Header

@@ -23,7 +23,7 @@ from gauss2svg.options import (
     file_name,
 )
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
-from gauss2svg.scene.names import OVER
+from gauss2svg.scene import OVER
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS, Form
 

@@ -11,8 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.choices import DEFAULT_LOSS, PSNR, Tune
-from gauss2svg.fit.options import DensifyOptions, FitConfig
+from gauss2svg.fit.options import ADAPTIVE, DEFAULT_LOSS, PSNR, DensifyOptions, FitConfig, Tune
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.checks import check_alpha, check_together, needs_editable
@@ -29,7 +28,6 @@ from gauss2svg.pipeline.presets import (
 from gauss2svg.raster import DRAW_MINIMAL, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import inks_of
-from gauss2svg.scene.names import ADAPTIVE
 from gauss2svg.svg.format import EDITABLE, INKS, MINIMAL, ROUNDS, SvgFormat
 
 Markup = Literal["editable", "minimal"]

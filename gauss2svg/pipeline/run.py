@@ -19,7 +19,7 @@ from gauss2svg.photo.reduce import SizeNeeded, reduced_size
 from gauss2svg.pipeline.kernels import COMPILED_S, compile_kernels, compile_reading
 from gauss2svg.pipeline.memory_budget import allowed, check_decoding
 from gauss2svg.pipeline.options import RunOptions
-from gauss2svg.scene.names import OVER
+from gauss2svg.scene import OVER
 
 
 @dataclass(frozen=True)

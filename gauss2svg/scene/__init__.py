@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from gauss2svg.scene.names import ADD, BLENDS, OVER
-
 if TYPE_CHECKING:
     from gauss2svg.scene.parameters import (
         BLURRED,
@@ -25,6 +23,9 @@ if TYPE_CHECKING:
         peaks_of,
         whitening_of,
     )
+
+OVER, ADD = "over", "add"
+BLENDS = (OVER, ADD)
 
 __all__ = [
     "ADD",
@@ -48,7 +49,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # Scenes load on first use, with NumPy: options need the names alone.
+    # Scenes load on first use, with NumPy: options need the names of blends alone.
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from gauss2svg.scene import parameters, scene

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from gauss2svg.scene import ADD
 from gauss2svg.scene.falloff import LEAST_BETA, MOST_BETA, MOST_SKEW
-from gauss2svg.scene.names import ADD
 
 # The largest absolute value of a signed colour: larger ones drown in the rounding of renderers.
 MOST_SIGNED = 100.0

@@ -23,8 +23,8 @@ from gauss2svg.errors import (
 )
 from gauss2svg.files import write_atomically
 from gauss2svg.options import file_name
+from gauss2svg.scene import ADD, BLENDS, OVER
 from gauss2svg.scene.falloff import MOST_BETA
-from gauss2svg.scene.names import ADD, BLENDS, OVER
 from gauss2svg.scene.parameters import (
     BLUR_BETAS,
     BLUR_TOLERANCE,

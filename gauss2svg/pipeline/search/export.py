@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.choices import PERCEPTUAL
+from gauss2svg.fit.options import PERCEPTUAL
 from gauss2svg.fit.target import Target
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
 from gauss2svg.photo.alpha import has_alpha

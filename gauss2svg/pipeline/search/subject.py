@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.choices import Tune
+from gauss2svg.fit.options import Tune
 from gauss2svg.fit.target import Target, TargetPyramid
 from gauss2svg.photo.photo import Photo
 from gauss2svg.svg.document import PHOTO_SIZE, Document
