@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import required
+from gauss2svg.errors import InputError, required, whole_number
 from gauss2svg.photo.alpha import straight
+from gauss2svg.photo.formats import MOST_PIXELS
 from gauss2svg.render.cpu import Real, render_planar, splats_of
-from gauss2svg.render.size import output_size
 from gauss2svg.scene import ADD, Scene
+
+
+class TorchMissingError(InputError, ImportError):
+    """PyTorch, which only the differentiable renderer needs, is not installed."""
 
 
 def render(
@@ -54,3 +58,22 @@ def render_rgba(
     color = render(on_black, width, height, dtype)
     covered = render(on_black.replace(color=np.ones((len(scene), 3))), width, height, dtype)
     return straight(color, covered[:, :, 0])
+
+
+def output_size(scene: Scene, width: int | None, height: int | None) -> tuple[int, int]:
+    """Size in px at which a scene is rendered; None is that of the canvas, rounded.
+
+    Raises InputError for something else than a scene, and for a size that is under one pixel, not
+    whole, or larger than any photo's.
+    """
+    scene = required(scene, "scene", Scene)
+    width = round(scene.width) if width is None else width
+    height = round(scene.height) if height is None else height
+    width = whole_number("output width", width, 1, MOST_PIXELS)
+    height = whole_number("output height", height, 1, MOST_PIXELS)
+    if width * height > MOST_PIXELS:
+        raise InputError(
+            f"output size must be at most {MOST_PIXELS} px; got {width}x{height}. Try to render "
+            "it smaller"
+        )
+    return width, height

@@ -15,15 +15,8 @@ from gauss2svg.render.cpu import (
     render_planar,
     splats_from,
 )
-from gauss2svg.render.domain import check_domain
-from gauss2svg.render.torch_extra import TorchMissingError
+from gauss2svg.render.domain import check_domain, torch
 from gauss2svg.scene import whitening_of
-
-try:
-    import torch
-    from torch.autograd.function import once_differentiable
-except ImportError as error:
-    raise TorchMissingError("the differentiable renderer") from error
 
 # At an opacity of 0 the falloff that its gradient needs is lost. At these it is not, and ten
 # thousand of them in one pixel still change less than the dtype resolves.
@@ -40,7 +33,7 @@ class _FastRender(torch.autograd.Function):
         return torch.from_numpy(np.ascontiguousarray(np.moveaxis(image, 0, -1)))
 
     @staticmethod
-    @once_differentiable
+    @torch.autograd.function.once_differentiable
     def backward(  # pyright: ignore[reportIncompatibleMethodOverride] (the decorator's type)
         ctx: Any, *grad_outputs: torch.Tensor
     ) -> tuple[Any, ...]:

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from gauss2svg.errors import InputError
-from gauss2svg.render.torch_extra import TorchMissingError
+from gauss2svg.render import TorchMissingError
 from gauss2svg.scene import MOST_SIGNED
 from gauss2svg.scene.parameters import PARAMETERS
 
-try:
+try:  # the modules beside this one take it from here, so that it is missed in one place
     import torch
 except ImportError as error:
-    raise TorchMissingError("the differentiable renderer") from error
+    raise TorchMissingError(
+        'the differentiable renderer needs PyTorch. Try pip install "gauss2svg[torch]"'
+    ) from error
 
 _DOMAIN = {parameter.name: (parameter.least, parameter.most) for parameter in PARAMETERS}
 _DISCS = {parameter.name for parameter in PARAMETERS if parameter.disc}

@@ -16,16 +16,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from gauss2svg.render.domain import below_one, check_domain
-from gauss2svg.render.size import output_size
-from gauss2svg.render.torch_extra import TorchMissingError
+from gauss2svg.render import output_size
+from gauss2svg.render.domain import below_one, check_domain, torch
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.falloff import CUT, RIM
-
-try:
-    import torch
-except ImportError as error:
-    raise TorchMissingError("the differentiable renderer") from error
 
 
 def composite(
@@ -53,27 +47,7 @@ def composite(
         mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity, background=background,
         beta=beta, skew=skew,
     )  # fmt: skip
-    return _composite(mean, sigma, rho, color, opacity, background, height, width, beta, skew)
-
-
-def _composite(
-    mean: torch.Tensor,
-    sigma: torch.Tensor,
-    rho: torch.Tensor,
-    color: torch.Tensor,
-    opacity: torch.Tensor,
-    background: torch.Tensor,
-    height: int,
-    width: int,
-    beta: torch.Tensor,
-    skew: torch.Tensor,
-) -> torch.Tensor:
-    image = background.expand(height, width, 3)
-    for k in range(len(mean)):
-        falloff = _falloff(mean[k], sigma[k], rho[k], beta[k], skew[k], height, width)
-        alpha = opacity[k] * falloff
-        image = image + alpha[:, :, None] * (color[k] - image)
-    return image
+    return _blended(mean, sigma, rho, color, opacity, background, height, width, beta, skew)
 
 
 def accumulate(
@@ -90,24 +64,30 @@ def accumulate(
     Shapes, dtype, device and domain as those of composite; the order does not matter.
     """
     check_domain(mean=mean, sigma=sigma, rho=rho, color=color, background=background)
-    return _accumulate(mean, sigma, rho, color, background, height, width)
+    one, none = torch.ones_like(rho), torch.zeros_like(mean)
+    return _blended(mean, sigma, rho, color, None, background, height, width, one, none)
 
 
-def _accumulate(
+def _blended(
     mean: torch.Tensor,
     sigma: torch.Tensor,
     rho: torch.Tensor,
     color: torch.Tensor,
+    opacity: torch.Tensor | None,
     background: torch.Tensor,
     height: int,
     width: int,
+    beta: torch.Tensor,
+    skew: torch.Tensor,
 ) -> torch.Tensor:
+    """The image of `composite`, without opacities that of `accumulate`; the domain is unchecked."""
     image = background.expand(height, width, 3)
-    one = torch.ones((), dtype=mean.dtype, device=mean.device)
-    none = torch.zeros(2, dtype=mean.dtype, device=mean.device)
     for k in range(len(mean)):
-        bell = _falloff(mean[k], sigma[k], rho[k], one, none, height, width)
-        image = image + bell[:, :, None] * color[k]
+        falloff = _falloff(mean[k], sigma[k], rho[k], beta[k], skew[k], height, width)[:, :, None]
+        if opacity is None:
+            image = image + falloff * color[k]
+        else:
+            image = image + opacity[k] * falloff * (color[k] - image)
     return image
 
 
@@ -192,7 +172,10 @@ def render_reference(
         torch.tensor(array, dtype=dtype, device=device) for array in arrays
     )
     rho = rho.clamp(-below_one(dtype), below_one(dtype))
+    additive = scene.blend == ADD
     with torch.no_grad():
-        if scene.blend == ADD:
-            return _accumulate(mean, sigma, rho, color, background, height, width).clamp(0, 1)
-        return _composite(mean, sigma, rho, color, opacity, background, height, width, beta, skew)
+        image = _blended(
+            mean, sigma, rho, color, None if additive else opacity, background, height, width,
+            beta, skew,
+        )  # fmt: skip
+    return image.clamp(0, 1) if additive else image
