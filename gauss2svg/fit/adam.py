@@ -24,7 +24,7 @@ better (docs/decisions/adam.md).
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from gauss2svg.fit.state import COLUMNS, FARTHEST, GEOMETRY, STEPS, State
 from gauss2svg.render.cpu import Splats, by_exponent
 from gauss2svg.scene.falloff import MOST_SKEW, RIM_WIDTH
-from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA, PARAMETERS, STEPPED
+from gauss2svg.scene.parameters import PARAMETERS, STEPPED
 
 _Column = NDArray[np.float64]  # (n,), one number for each Gaussian
 
@@ -71,23 +71,16 @@ TUNING = AdamTuning()
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds within which renderers draw shapes and opacities accurately.
+    """Bounds of a fit within which renderers draw shapes accurately, besides those of TUNING.
 
     least_sigma   px of the working image, of the minor axis
     most_sigma    px of the working image, of the major axis
-    most_aspect   major over minor axis
-    most_raw_beta  ln of the exponent of the falloff; the least exponent is 1, less ends worse
-                  (docs/decisions/adam.md)
-    least_rim     px of the working image in which a rim across the minor axis falls
     least_color, most_color  of each channel
     held_skew     whether skews keep their lengths, those of the file, and turn alone
     """
 
     least_sigma: float
     most_sigma: float
-    most_aspect: float = field(default_factory=lambda: TUNING.most_aspect)
-    most_raw_beta: float = MOST_RAW_BETA
-    least_rim: float = field(default_factory=lambda: TUNING.least_rim)
     least_color: float = 0.0
     most_color: float = 1.0
     held_skew: bool = False
@@ -185,8 +178,8 @@ def _step_block(
         if parameter.name == "color":
             least, most = limits.least_color, limits.most_color
         elif parameter.name == "beta":
-            sharpest = np.log(RIM_WIDTH / limits.least_rim * minor)
-            most = np.clip(sharpest, LEAST_RAW_BETA, limits.most_raw_beta)
+            sharpest = np.log(RIM_WIDTH / TUNING.least_rim * minor)
+            most = np.clip(sharpest, least, most)
         elif parameter.name == "skew":
             u1, u2 = state.raw_skew[block].T + d[steps[0] : steps[-1] + 1]
             if limits.held_skew:
@@ -268,7 +261,7 @@ def _stretched(
     major, minor = 0.5 * (far + near), 0.5 * np.abs(far - near)
     new_minor = np.clip(minor, limits.least_sigma, limits.most_sigma)
     new_major = np.clip(major, limits.least_sigma, limits.most_sigma)
-    new_major = np.minimum(new_major, limits.most_aspect * new_minor)
+    new_major = np.minimum(new_major, TUNING.most_aspect * new_minor)
     at = np.flatnonzero((new_minor != minor) | (new_major != major))
     if at.size > 0:
         angle = 0.5 * np.arctan2(2 * xy[at], xx[at] - yy[at])

@@ -35,11 +35,11 @@ TUNING = BlendingTuning()
 class Blending:
     """Learning rates, bounds and initial values for one of gauss2svg.scene.BLENDS.
 
+    additive                 whether new Gaussians have the residual's colours, not the target's
     least_color, most_color  of each channel; signed colours are bounded so that a file, whose
                              partial sums must fit into 8 bits, can hold them
     initial_opacity_logit    of a new Gaussian
     initial_sigma            of a new Gaussian, as a share of the mean spacing sqrt(area / (pi n))
-    color_from_residual      whether a new Gaussian has the residual's colour or the target's
     """
 
     additive: bool
@@ -48,7 +48,6 @@ class Blending:
     most_color: float
     initial_opacity_logit: float
     initial_sigma: float
-    color_from_residual: bool
 
 
 def in_inks(usual: Blending) -> Blending:
@@ -85,5 +84,4 @@ def blending(
             OPAQUE_LOGIT if additive or opaque else TUNING.initial_opacity_logit
         ),
         initial_sigma=TUNING.initial_sigma,
-        color_from_residual=additive,
     )

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.shared import first_better
+from gauss2svg.fit.shared import exchange
 from gauss2svg.fit.state import COLOR, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats
@@ -126,22 +126,18 @@ class Inks:
         target: Target,
         rng: np.random.Generator,
     ) -> None:
-        """Give every shape the ink of least error, or half of those that would change, or none.
+        """Give every shape the ink of least error, as gauss2svg.fit.shared.exchange does.
 
         With all others fixed half the squared error changes by g d + mass d^2 / 2 for a change d
-        of a colour, as in gauss2svg.fit.shared. splats() returns those of the state as it is.
+        of a colour, as in gauss2svg.fit.shared.
         """
-        before, moments = target.squares(splats())
-        mass = target.removal_cost(splats())[1][:, 1]
         kept = state.color
-        best = kept - moments[:, COLOR] / np.maximum(mass, _LEAST_MASS)[:, None]
-        wanted = np.where(mass[:, None] > _LEAST_MASS, self.nearest(best), kept)
-        half = np.where(rng.random(len(kept))[:, None] < 0.5, wanted, kept)
-        first_better(
-            (wanted, half, kept),
-            lambda color: setattr(state, "color", color),
-            lambda: target.squares(splats())[0] < before,
-        )
+
+        def wanted(moments: NDArray[np.float64], mass: NDArray[np.float64]) -> NDArray[np.float64]:
+            best = kept - moments[:, COLOR] / np.maximum(mass, _LEAST_MASS)[:, None]
+            return np.where(mass[:, None] > _LEAST_MASS, self.nearest(best), kept)
+
+        exchange(kept, wanted, lambda color: setattr(state, "color", color), splats, target, rng)
 
 
 def _bands(height: int, width: int) -> Iterator[slice]:

@@ -127,7 +127,7 @@ class _Placer:
             surplus = (over_white - over_black).mean(axis=0)  # of alpha, over the target's
             too_covered = surplus > TUNING.too_covered
             self._residual *= np.where(too_covered, TUNING.covered_weight, 1.0)
-        self._color = self._residual if blending.color_from_residual else target.source_color
+        self._color = self._residual if blending.additive else target.source_color
         if target.tune == PERCEPTUAL:
             self._residual = self._residual * np.sqrt(target.weight)
         self._spacing = spacing

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, number_within
+from gauss2svg.errors import InputError, number_within, quoted
 from gauss2svg.fit import adam, placement, schedule
 from gauss2svg.fit.adam import Rates
 from gauss2svg.fit.blending import OPAQUE_LOGIT
@@ -23,9 +23,8 @@ from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import DEFAULT_LOSS, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population
-from gauss2svg.fit.saved import Saved, as_saved, checks, optional, part
+from gauss2svg.fit.saved import Saved, as_saved, checks, optional, part, whole
 from gauss2svg.fit.shared import SharedColors
-from gauss2svg.fit.stage import FINISHED, GROWING, REFINING, Stage
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import LossAndGradient, TargetPyramid
 from gauss2svg.render.cpu import Splats
@@ -33,6 +32,7 @@ from gauss2svg.scene import SOFT, Scene
 from gauss2svg.scene.parameters import LEAST_RAW_BETA, PARAMETERS
 
 AsWritten = Callable[[Scene, float], Scene]
+GROWING, REFINING, FINISHED = "growing", "refining", "finished"
 
 # px; under 0.3 px every SVG renderer loses mass (docs/decisions/renderers.md).
 LEAST_SIGMA = 0.35
@@ -64,6 +64,44 @@ class SessionTuning:
 
 
 TUNING = SessionTuning()
+
+
+def _known_name(name: str, value: Any) -> str:
+    if value not in (names := (GROWING, REFINING, FINISHED)):
+        raise InputError(
+            f"stage of a checkpoint must be one of {', '.join(names)}; got {quoted(value)}. Try "
+            "a fit without --resume"
+        )
+    return value
+
+
+@dataclass
+class Stage(Saved):
+    """The stage of a fit, and what is still to be done in it.
+
+    name                    GROWING, REFINING or FINISHED
+    index, begun            the round of growth, and whether it has begun
+    adjust_at, exchange_at  progress at which counts will be adjusted, and colours exchanged
+    pruned, quantized       whether that is done
+    """
+
+    SAVED = checks(
+        name=_known_name,
+        index=whole(0, 10**6),
+        begun=as_saved,
+        adjust_at=as_saved,
+        exchange_at=as_saved,
+        pruned=as_saved,
+        quantized=as_saved,
+    )
+
+    name: str = GROWING
+    index: int = 0
+    begun: bool = False
+    adjust_at: list[float] = field(default_factory=list)
+    exchange_at: list[float] = field(default_factory=list)
+    pruned: bool = False
+    quantized: bool = False
 
 
 def _last_errors(name: str, saved: list[Any]) -> deque[float]:

@@ -7,7 +7,7 @@ win back part of what a palette costs: docs/decisions/adam.md.
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -150,19 +150,14 @@ class SharedColors:
         target: Target,
         rng: np.random.Generator,
     ) -> None:
-        """Reassign shapes to the shared colour that suits them best, if that lowers the error.
-
-        Overlapping shapes that change together may overshoot: then only half of them change, or
-        none. splats() returns those of the state as it is.
-        """
-        before, moments = target.squares(splats())
-        mass = target.removal_cost(splats())[1][:, 1]
-        kept, wanted = self.entry, self.wanted(state, moments, mass)
-        half = np.where(rng.random(len(kept)) < 0.5, wanted, kept)
-        first_better(
-            (wanted, half, kept),
+        """Reassign shapes to the shared colour that suits them best, as `exchange` does."""
+        exchange(
+            self.entry,
+            lambda moments, mass: self.wanted(state, moments, mass),
             lambda entry: self.assign(state, entry),
-            lambda: target.squares(splats())[0] < before,
+            splats,
+            target,
+            rng,
         )
 
     def wanted(
@@ -189,16 +184,29 @@ class SharedColors:
         return np.where(distance < _APART * 0.1, entry, self.entry)
 
 
-def first_better(
-    choices: Sequence[NDArray[Any]],
+def exchange(
+    kept: NDArray[Any],
+    wanted: Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[Any]],
     assign: Callable[[NDArray[Any]], None],
-    is_better: Callable[[], bool],
+    splats: Callable[[], Splats],
+    target: Target,
+    rng: np.random.Generator,
 ) -> None:
-    """Assign the first of the choices that is better, or the last one in any case."""
-    for choice in choices:
+    """Assign what shapes want in place of what they have, kept (n, ..), if that lowers the error.
+
+    Overlapping shapes that change together may overshoot: then only half of them change, or none.
+    wanted  from the moments of the squared error's gradient and the mass (n,) of each shape
+    splats  returns those of the state as it is
+    """
+    before, moments = target.squares(splats())
+    every = wanted(moments, target.removal_cost(splats())[1][:, 1])
+    chosen = rng.random(len(kept)) < 0.5
+    half = np.where(chosen if kept.ndim == 1 else chosen[:, None], every, kept)
+    for choice in (every, half):
         assign(choice)
-        if choice is choices[-1] or is_better():
-            break
+        if target.squares(splats())[0] < before:
+            return
+    assign(kept)
 
 
 def _directions(state: State) -> NDArray[np.float64]:

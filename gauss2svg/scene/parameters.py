@@ -45,7 +45,8 @@ LEAST_RAW_OPACITY, MOST_RAW_OPACITY = -8.0, 12.0
 # A raw skew u stands for f = MOST_SKEW u / sqrt(1 + u.u), so that every u is one: up to |f| = .94.
 MOST_RAW_SKEW = 5.0
 # ln beta of a shape that is a Gaussian for now: at exactly 0 the kernels leave out what the
-# gradient of the exponent needs. The most is that of fits; files have cruder ones.
+# gradient of the exponent needs, and less ends worse (docs/decisions/adam.md). The most is that of
+# fits; files have cruder ones.
 LEAST_RAW_BETA, MOST_RAW_BETA = 1e-6, math.log(128.0)
 
 _Values = NDArray[Any]

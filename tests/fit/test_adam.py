@@ -1,5 +1,6 @@
 """Adam's step of all Gaussians at once, against the same step of one after the other."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,12 +10,17 @@ from gauss2svg.fit import adam
 from gauss2svg.fit.adam import EPSILON, RATES, TUNING, Limits
 from gauss2svg.fit.state import GEOMETRY, STEPS, State
 from gauss2svg.scene.falloff import RIM_WIDTH
-from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_SKEW, STEPPED
+from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA, MOST_RAW_SKEW, STEPPED
 
-LIMITS = Limits(0.35, 40.0, most_aspect=10.0)
+LIMITS = Limits(0.35, 40.0)
 NAMES = (
     "mean", "factor", "raw_opacity", "color", "raw_beta", "raw_skew", "first", "second", "age",
 )  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def limits_are_reached_more_often(monkeypatch):
+    monkeypatch.setattr(adam, "TUNING", dataclasses.replace(TUNING, most_aspect=10.0))
 
 
 def random_state(count: int, seed: int) -> State:
@@ -58,7 +64,7 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
         u, axes, _ = np.linalg.svd(stretched)
         minor = np.clip(axes[1], limits.least_sigma, limits.most_sigma)
         major = np.clip(axes[0], limits.least_sigma, limits.most_sigma)
-        major = min(major, limits.most_aspect * minor)
+        major = min(major, adam.TUNING.most_aspect * minor)
         shape = np.linalg.cholesky(u @ np.diag([major**2, minor**2]) @ u.T)
         state.factor[i] = shape[0, 0], shape[1, 0], shape[1, 1]
         state.raw_opacity[i] = np.clip(state.raw_opacity[i] + d[5], -8, 12)
@@ -71,8 +77,8 @@ def step_one_by_one(state, gradient, rates, limits, rate) -> bool:
             raw = turn @ (state.raw_skew[i] + d[10:12])
             state.raw_skew[i] = np.clip(raw, -MOST_RAW_SKEW, MOST_RAW_SKEW)
         if rates["beta"]:
-            sharpest = math.log(max(RIM_WIDTH / limits.least_rim * minor, 1e-300))
-            sharpest = min(max(sharpest, LEAST_RAW_BETA), limits.most_raw_beta)
+            sharpest = math.log(max(RIM_WIDTH / TUNING.least_rim * minor, 1e-300))
+            sharpest = min(max(sharpest, LEAST_RAW_BETA), MOST_RAW_BETA)
             moved = max(state.raw_beta[i] + d[9], LEAST_RAW_BETA)
             state.raw_beta[i] = min(moved, sharpest)
     return finite

@@ -147,9 +147,10 @@ AT_BOUNDS = {
 
 
 @pytest.mark.parametrize("name", AT_BOUNDS)
-def test_every_bound_is_kept_and_left_at_once(name):
+def test_every_bound_is_kept_and_left_at_once(name, monkeypatch):
+    monkeypatch.setattr(adam, "TUNING", adam.AdamTuning(least_rim=0.01))
     start, column, sign, value = AT_BOUNDS[name]
-    limits = adam.Limits(LEAST_SIGMA, 40.0, least_rim=0.01)
+    limits = adam.Limits(LEAST_SIGMA, 40.0)
     outward, inward = start.copy(), start.copy()
     gradient = np.zeros((1, STEPS))
     gradient[0, column] = -sign

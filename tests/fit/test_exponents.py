@@ -19,7 +19,7 @@ from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
-from gauss2svg.scene.parameters import LEAST_RAW_BETA
+from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
 from gauss2svg.svg.write import write_svg
@@ -107,14 +107,13 @@ def test_rims_stay_as_wide_as_they_must_be_and_exponents_in_their_range():
     raw_beta = np.log(scene.beta)
     state = State.of(scene.mean, factor, 0, color=scene.color.copy(), raw_beta=raw_beta)
     gradient = np.random.default_rng(0).choice([-1.0, 1.0], (300, STEPS))
-    limits = Limits(0.35, 50.0, 10.0, most_raw_beta=np.log(20), least_rim=0.5)
     for _ in range(60):
-        adam.step(state, gradient, RATES, limits, 1.0)
+        adam.step(state, gradient, RATES, Limits(0.35, 50.0), 1.0)
     free = state.raw_beta
     minor = state.scene(np.ones(3), 80, 60).ellipse_axes[0][:, 1]
     assert (free >= LEAST_RAW_BETA).all()
-    assert (free <= np.log(20) + 1e-9).all()
-    sharpest = np.maximum(np.log(RIM_WIDTH * minor / 0.5), LEAST_RAW_BETA)
+    assert (free <= MOST_RAW_BETA).all()
+    sharpest = np.maximum(np.log(RIM_WIDTH * minor / adam.TUNING.least_rim), LEAST_RAW_BETA)
     assert (free <= sharpest + 1e-9).all()
     assert (free > 1).any()
 

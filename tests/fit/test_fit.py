@@ -317,11 +317,11 @@ def test_step_keeps_every_shape_within_its_limits(size):
     state = state_of(random_scene(200, seed=4, sigma=(size, 2 * size)))
     gradient = np.random.default_rng(1).normal(size=(200, STEPS)) * 1e6
     for _ in range(20):
-        adam.step(state, gradient, RATES, Limits(0.35, 50.0, 10.0), 5.0)
+        adam.step(state, gradient, RATES, Limits(0.35, 50.0), 5.0)
     axes = state.scene(np.ones(3), 40, 30).ellipse_axes[0]
     assert (axes[:, 1] >= 0.35 * (1 - 1e-6)).all()
     assert (axes[:, 0] <= 50 * (1 + 1e-6)).all()
-    assert (axes[:, 0] <= 10 * axes[:, 1] * (1 + 1e-6)).all()
+    assert (axes[:, 0] <= adam.TUNING.most_aspect * axes[:, 1] * (1 + 1e-6)).all()
 
 
 @pytest.mark.parametrize("placement", PLACEMENTS)
