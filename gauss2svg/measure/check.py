@@ -18,7 +18,7 @@ from gauss2svg.measure.heatmap import heatmap
 from gauss2svg.measure.isolated import draw
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.roundtrip import measure_pixels
-from gauss2svg.measure.survey import Frame, Survey, frame_of, survey
+from gauss2svg.measure.survey import MOST_ELEMENTS, Frame, Survey, frame_of, survey
 from gauss2svg.options import Number, OneOf, byte_size
 from gauss2svg.photo.alpha import WHITE, has_alpha, matte_color, over, pixels_of, shrunk
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
@@ -27,7 +27,6 @@ from gauss2svg.raster import BROWSERS, DEFAULT_RENDERER, RENDERERS, refuse, rend
 from gauss2svg.raster.features import Features, may_have_features
 from gauss2svg.svg.syntax.source import BLANKS, MOST_BYTES, SvgSource, svg_source
 
-MOST_ELEMENTS = 1_000_000  # resvg's limit
 DRAW_TIMEOUT_S = 300.0
 LONGEST_DRAW_TIMEOUT_S = 86400.0
 REFERENCE_SCALE = 4.0

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TypeVar
 
-from gauss2svg.svg.reader.gradient import HREFS
 from gauss2svg.svg.syntax.css import color_alpha, without_comments
+from gauss2svg.svg.syntax.parse import HREFS
 from gauss2svg.svg.syntax.values import pixels_of, reference
 
 # What is in these is drawn where something refers to it, if at all.

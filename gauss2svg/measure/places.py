@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from gauss2svg.measure.contents import Contents
-from gauss2svg.measure.survey import survey
+from gauss2svg.measure.survey import MOST_ELEMENTS, survey
 from gauss2svg.options import OneOf, Place, byte_size
 from gauss2svg.raster import renderer_named
 from gauss2svg.raster.features import Feature, Features
 from gauss2svg.svg.syntax.source import MOST_BYTES, SvgSource, svg_source
 
 PLACES: tuple[str, ...] = get_args(Place)
-MOST_ELEMENTS = 1_000_000  # resvg's limit
 # Places that are drawn by a renderer of ours, of which the version is that of the page.
 _DRAWN_BY = {"inkscape": "inkscape", "pdf": "cairo"}
 _MEASURED = "docs/decisions/renderers.md"

@@ -9,11 +9,19 @@ from dataclasses import dataclass
 
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.svg.syntax.css import declarations, words, written
-from gauss2svg.svg.syntax.parse import SVG, DoctypeError, Observer, ParseError, Root, parse
+from gauss2svg.svg.syntax.parse import (
+    INKSCAPE,
+    SVG,
+    DoctypeError,
+    Observer,
+    ParseError,
+    Root,
+    parse,
+)
 from gauss2svg.svg.syntax.references import References
 from gauss2svg.svg.syntax.values import pixels_of, view_box
 
-_GROUP_MODE = "{http://www.inkscape.org/namespaces/inkscape}groupmode"
+MOST_ELEMENTS = 1_000_000  # resvg's limit
 # Renderers hold numbers in 32 bits, of which the transform to pixels needs some of the range.
 _LEAST, _MOST = 1e-30, 1e30
 _SCALE = "to scale it to the size of the photo"
@@ -88,7 +96,7 @@ class _Census:
                 "--max-elements if you trust the file"
             )
         self.tags[name] += 1
-        self.layers += attributes.get(_GROUP_MODE) == "layer"
+        self.layers += attributes.get(INKSCAPE + "groupmode") == "layer"
         if depth > self._sheet:
             # Renderers disagree on which of its texts are the sheet.
             raise InputError(

@@ -43,7 +43,6 @@ from gauss2svg.raster.program import (
 # Found by Chromium 156.
 CANNOT_DRAW = {Feature.MOVING: "it shows some moment of it"}
 PROGRAM_VARIABLE = "GAUSS2SVG_CHROMIUM"
-_PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 _INSTALL = (
     "renderer chromium needs Playwright and a browser. Try to install them (pip install "
     '"gauss2svg[browser]", apt-get install chromium), or --renderer resvg'
@@ -52,16 +51,13 @@ _INSTALL = (
 # in their final state; as an option of the page it would not reach the image in it.
 _FLAGS = ("--force-color-profile=srgb", "--hide-scrollbars", "--force-prefers-reduced-motion")
 _OFFSETS = ((0, 0), (1, 0), (0, 1), (1, 1))
-_SITE = (
-    "http://gauss2svg.invalid/"  # only the page and the SVG exist there; everything else is blocked
-)
+# Only the page and the SVG exist there; everything else is blocked.
+_SITE = "http://gauss2svg.invalid/"
 _PLACE = """([x, y]) => {
     Object.assign(document.images[0].style, {position: "absolute", left: `${x}px`, top: `${y}px`});
     return true;
 }"""
 _SIZE = "() => [document.images[0].naturalWidth, document.images[0].naturalHeight]"
-_CLOSING_S = 10
-_UNKNOWN = "of unknown version"
 _LEAST_PLAYWRIGHT = (1, 58)  # earlier versions hang on images of a few pixels
 
 
@@ -85,7 +81,11 @@ def _version_beside(program: str) -> str:
         names = [path.name for path in Path(program).parent.iterdir()]
     versions = [name for name in names if re.fullmatch(r"\d+(\.\d+){3}", name)]
     # A Chromium without an installer, as Playwright's own, has no such folder, and draws as well.
-    return max(versions, key=lambda name: [int(part) for part in name.split(".")], default=_UNKNOWN)
+    return max(
+        versions,
+        key=lambda name: [int(part) for part in name.split(".")],
+        default="of unknown version",
+    )
 
 
 def draw(svg: str, width: int, height: int) -> NDArray[np.float32]:
@@ -125,7 +125,8 @@ def _program() -> str:
             f"{PROGRAM_VARIABLE} must be the path of a Chromium; got {quoted(named)}. Try to "
             "correct it, or to unset it for the one on PATH"
         )
-    return find("chromium", _PROGRAMS, "apt-get install chromium")
+    names = "chromium", "chromium-browser", "google-chrome", "google-chrome-stable"
+    return find("chromium", names, "apt-get install chromium")
 
 
 def launch(api: Any, playwright: Any, program: str, flags: Sequence[str] = _FLAGS) -> Any:
@@ -173,9 +174,9 @@ class _Worker:
         return done.result()
 
     def close(self) -> None:
-        """End the browser."""
+        """End the browser, within ten seconds."""
         self._jobs.put(None)
-        self._thread.join(_CLOSING_S)
+        self._thread.join(10)
 
     def _work(self) -> None:
         for done, job in iter(self._jobs.get, None):

@@ -15,6 +15,7 @@ from typing import Any
 from gauss2svg.errors import RendererError
 from gauss2svg.svg.syntax.affine import COUNTS, IDENTITY, Affine, affine_of, compose
 from gauss2svg.svg.syntax.css import declarations, nodes_of, words, written
+from gauss2svg.svg.syntax.parse import ANIMATIONS, HREFS
 from gauss2svg.svg.syntax.values import NUMBER
 
 _Box = tuple[float, ...]
@@ -45,16 +46,14 @@ _WORDS = (
     "filter", "blur", "shadow", "blend", "href", "mask", "animat", "discard", "starting-style",
     "<set", ":set", "\\", "&#",
 )  # fmt: skip
-_MOVING = ("animate", "animateTransform", "animateMotion", "animateColor", "set", "discard")
 _ELEMENTS = {
-    **dict.fromkeys(_MOVING, Feature.MOVING),
+    **dict.fromkeys(ANIMATIONS, Feature.MOVING),
     "feGaussianBlur": Feature.BLUR,
     "feDropShadow": Feature.BLUR,
     "mask": Feature.MASK,
 }
 _BLURRED = (Feature.BLUR, Feature.ROTATED_BLUR, Feature.SKEWED_BLUR)
 _LINKING = ("use", "image", "pattern", "filter", "linearGradient", "radialGradient")
-_XLINK_HREF = "{http://www.w3.org/1999/xlink}href"
 _UNUSED = ("none", "normal", "inherit", "initial", "unset")  # values that switch a property off
 # CSS without any of these is not parsed; an escape could hide a word.
 _CSS_WORDS = ("filter", "blend", "animation", "starting-style", "\\")
@@ -119,7 +118,7 @@ class Features:
         if tag in _ELEMENTS:
             self._used.add(_ELEMENTS[tag])
             self._uneven |= len(_NUMBER.findall(attributes.get("stdDeviation", ""))) > 1
-        elif tag in _LINKING and "href" in attributes and _XLINK_HREF not in attributes:
+        elif tag in _LINKING and HREFS[0] in attributes and HREFS[1] not in attributes:
             self._used.add(Feature.PLAIN_HREF)
         self._uneven |= "objectBoundingBox" in attributes.values()
         filtered = tag == "use"

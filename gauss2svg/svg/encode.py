@@ -67,7 +67,7 @@ from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.stops import gradient_stops
 
 _LARGE = 100  # radius of gradients of large exponents
-_NO_SKEW = 0.001  # fx of a symmetric gradient of radius 1
+_NO_SKEW = 0.001  # fx of a symmetric gradient of radius 1: resvg draws 0 less accurately
 
 
 @dataclass(frozen=True)
@@ -238,14 +238,6 @@ def turned(scene: Scene) -> NDArray[np.float64]:
     return np.where(turns[:, None, None], scene.factor @ rotation, scene.factor)
 
 
-def focus_text(steps: int, unit: int = 1) -> str:
-    """The fx of a gradient of radius `unit`, for so many times SKEW_STEP.
-
-    0 would be drawn less accurately by resvg (docs/decisions/svg.md).
-    """
-    return number(unit * (SKEW_STEP * steps or _NO_SKEW), 3)
-
-
 def _gradient(name: str, beta: float, color: NDArray[np.integer], skew: int, count: int) -> Element:
     """The gradient of an exponent, a colour and a skew of so many times SKEW_STEP."""
     shade, unit = hex_color(color), _LARGE if beta >= TUNING.large_from else 1
@@ -260,7 +252,8 @@ def _gradient(name: str, beta: float, color: NDArray[np.integer], skew: int, cou
         )
         for offset, value in zip(*gradient_stops(count, beta), strict=True)
     ]
-    return radial_gradient(name, stops, str(unit), focus_text(skew, unit))
+    focus = number(unit * (SKEW_STEP * skew or _NO_SKEW), 3)
+    return radial_gradient(name, stops, str(unit), focus)
 
 
 def _filter(name: str, blur: Blur) -> Element:

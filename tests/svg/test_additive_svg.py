@@ -18,7 +18,7 @@ from gauss2svg.raster import rasterize, resvg
 from gauss2svg.render import render
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius, profile
-from gauss2svg.svg.additive.phases import partial_sums, phases_of
+from gauss2svg.svg.additive.phases import phases_of
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.stops import gradient_stops
@@ -94,7 +94,7 @@ def test_a_file_s_numbers_sum_up_to_the_model(seed, strength):
     scene = scene_with(seed)
     scene = scene.replace(color=strength * scene.color)
     summed, least = drawn_by_numpy(write_svg(scene, EXACT), 60, 44)
-    low, high = partial_sums(scene, phases_of(scene))
+    _, low, high = phases_of(scene)
     span = np.maximum(high - low, 0.1)
     off = np.abs(np.clip(summed - BETWEEN, 0, 1) - render(scene))
     # Sixty shapes, each of stops within about half a level of the canvas; and what peaks between
@@ -120,7 +120,7 @@ def test_resvg_draws_sums_of_one_sign_and_of_both(background, sign):
 @given(seeds)
 def test_resvg_draws_what_the_model_is(seed):
     scene = scene_with(seed)
-    low, high = partial_sums(scene, phases_of(scene))
+    _, low, high = phases_of(scene)
     lost = 20 * np.log10(np.sqrt(np.mean((high - low) ** 2)))  # dB: rounding, scaled back up
     assert drawn_within(scene) > 46 - lost
 
@@ -210,7 +210,7 @@ def test_every_renderer_but_cairo_draws_a_sum(renderer):
 
 def test_each_gaussian_is_in_one_phase_and_phases_have_one_pattern_of_signs():
     scene = scene_with(8, 200)
-    phases = phases_of(scene)
+    phases, _, _ = phases_of(scene)
     order = np.concatenate([phase.index for phase in phases])
     np.testing.assert_array_equal(np.sort(order), np.arange(200))
     for phase in phases:
@@ -224,7 +224,7 @@ def test_what_cancels_is_drawn_in_turns():
         mean=np.full((100, 2), 20.0), sigma=np.full((100, 2), 5.0), rho=np.zeros(100), color=color,
         background=np.full(3, 0.5), round_index=None,
     )  # fmt: skip
-    low, high = partial_sums(scene, phases_of(scene))
+    _, low, high = phases_of(scene)
     assert (high - low < 1.3).all()  # 20 if all that adds came first
 
 
@@ -236,15 +236,14 @@ def test_many_that_cancel_at_one_place_span_no_more_than_few():
         mean=np.full((count, 2), 20.0), sigma=np.full((count, 2), 5.0), rho=np.zeros(count),
         color=color, background=np.full(3, 0.5), round_index=None,
     )  # fmt: skip
-    low, high = partial_sums(scene, phases_of(scene))
+    _, low, high = phases_of(scene)
     assert (high - low < 1.2).all()
 
 
 @pytest.mark.sweep
 def test_partial_sums_leave_the_canvas_only_where_the_picture_does():
     scene = scene_with(10)
-    phases = phases_of(scene)
-    low, high = partial_sums(scene, phases)
+    phases, low, high = phases_of(scene)
     fine = scene.scaled(5)  # between the samples that were looked at
     picture = render_sum(fine, np.arange(60))
     least, most = picture.min(axis=(0, 1)), picture.max(axis=(0, 1))

@@ -40,7 +40,7 @@ from gauss2svg.errors import InputError, quoted
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import cut_radius
 from gauss2svg.svg.additive.differences import HALF_WAY, WHITE, Transfer
-from gauss2svg.svg.additive.phases import Phase, canvas_of, partial_sums, phases_of
+from gauss2svg.svg.additive.phases import Phase, phases_of
 from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.element import Element, hex_color, number, radial_gradient, short_id
 from gauss2svg.svg.encode import matrix_text, view_of
@@ -108,9 +108,7 @@ def encode_additive(scene: Scene, svg_format: SvgFormat) -> EncodedAdditive:
             f"form must be {GRADIENT!r} for an additive scene, whose blurs cannot be added "
             f"exactly; got {quoted(svg_format.form)}"
         )
-    canvas = canvas_of(scene)
-    phases = phases_of(scene, canvas)
-    low, high = partial_sums(scene, phases, canvas)
+    phases, low, high = phases_of(scene)
     largest = np.abs(scene.color).max(axis=0, initial=0.0)
     least = np.maximum(largest, TUNING.least_span)
     span = np.maximum((1 + 2 * TUNING.margin) * (high - low), least)

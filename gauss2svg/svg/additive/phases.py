@@ -14,13 +14,12 @@ scale (docs/decisions/svg.md).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.scene import Scene
-from gauss2svg.svg.additive.headroom import Samples, add_all, order_of, range_of, samples_of
+from gauss2svg.svg.additive.headroom import add_all, order_of, range_of, samples_of
 
 _EQUAL = 1e-3
 _GRAY = np.array([k ^ (k >> 1) for k in range(8)])
@@ -47,59 +46,36 @@ class Phase:
     index: NDArray[np.intp]
 
 
-class Canvas(NamedTuple):
-    """Samples of a canvas, the image there (m, 3), and its lowest and highest value (3,).
+def phases_of(
+    scene: Scene,
+) -> tuple[tuple[Phase, ...], NDArray[np.float64], NDArray[np.float64]]:
+    """Phases of an additive scene in drawing order, and lowest and highest value (3,) of a channel.
 
-    See gauss2svg.svg.additive.headroom.range_of.
+    Each Gaussian is in one phase. The canvas must hold these values: they include the image
+    (gauss2svg.svg.additive.headroom.range_of) and all partial sums between and within phases,
+    except values of a sample that equal its image.
     """
-
-    samples: Samples
-    picture: NDArray[np.float32]
-    low: NDArray[np.float64]
-    high: NDArray[np.float64]
-
-
-def canvas_of(scene: Scene) -> Canvas:
-    """The canvas that phases_of and partial_sums need."""
     samples = samples_of(scene)
-    return Canvas(samples, *range_of(samples, scene.background))
-
-
-def phases_of(scene: Scene, canvas: Canvas | None = None) -> tuple[Phase, ...]:
-    """Phases of an additive scene in drawing order; each Gaussian is in one.
-
-    canvas  the scene's; None: computed here
-    """
+    picture, low, high = range_of(samples, scene.background)
     pattern = (scene.color < 0) @ [1, 2, 4]
     mass = np.abs(scene.color).max(axis=1) * scene.sigma.prod(axis=1)
     by_mass = np.argsort(-mass, kind="stable")
-    samples, picture, low, high = canvas or canvas_of(scene)
     order = order_of(
         samples, picture, low - TUNING.spare, high + TUNING.spare, scene.background.copy(),
         pattern, _GRAY, by_mass,
     )  # fmt: skip
     ends = np.flatnonzero(np.diff(pattern[order])) + 1
-    return tuple(
+    phases = tuple(
         _phase(int(pattern[index[0]]), index) for index in np.split(order, ends) if index.size
     )
-
-
-def partial_sums(
-    scene: Scene, phases: tuple[Phase, ...], canvas: Canvas | None = None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lowest and highest value (3,) of each channel that the phases' canvas must hold.
-
-    They include the image (gauss2svg.svg.additive.headroom.range_of) and all partial sums between
-    and within phases, except values of a sample that equal its image. canvas as in phases_of.
-    """
-    samples, picture, low, high = canvas or canvas_of(scene)
     lowest = np.tile(scene.background.astype(np.float32), (len(samples.place), 1))
     total, highest = lowest.copy(), lowest.copy()
     for phase in phases:
         add_all(samples, phase.index, total, lowest, highest)
     lowest[lowest > picture - _EQUAL] = np.inf
     highest[highest < picture + _EQUAL] = -np.inf
-    return np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
+    low, high = np.minimum(low, lowest.min(axis=0)), np.maximum(high, highest.max(axis=0))
+    return phases, low, high
 
 
 def _phase(signs: int, index: NDArray[np.intp]) -> Phase:

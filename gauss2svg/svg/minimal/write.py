@@ -34,7 +34,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -134,15 +133,13 @@ def minimal_svg(
     return Element("svg", attributes, [*named, *defs, *cover, *drawn]).text()
 
 
-def minimal_rounded(
-    scene: Scene, unit: float, digits: int = 3, *, opacity_decimals: int = OPACITY_DECIMALS
-) -> Scene:
+def minimal_rounded(scene: Scene, unit: float, digits: int = 3) -> Scene:
     """The scene as the file of minimal_svg has it, without the shapes that it leaves out.
 
     Means, extents, colours, opacities and exponents are those of the file; a plain ellipse has the
     exponent whose profile it draws best. Arguments and errors are those of minimal_svg.
     """
-    return rounded_scene(scene, shapes_of(scene, unit, digits, opacity_decimals), unit, digits)
+    return rounded_scene(scene, shapes_of(scene, unit, digits, OPACITY_DECIMALS), unit, digits)
 
 
 def refuse_layers(document: Document) -> None:
@@ -348,7 +345,7 @@ def _shared(elements: list[Element], used: int) -> tuple[list[Element], list[Ele
                 ids[key] = name
                 definitions.append(definition)
         elements = [
-            Element(e.tag, {"href": f"#{ids[key]}", **_without(e.attributes, "href", *names)})
+            Element(e.tag, {"href": f"#{ids[key]}", **e.without("href", *names).attributes})
             if key in ids
             else e
             for e, key in zip(elements, keys, strict=True)
@@ -362,12 +359,7 @@ def _grouped(elements: list[Element]) -> list[Element]:
     for fill, run in groupby(elements, key=lambda e: e.attributes.get("fill")):
         inside, group = list(run), {} if fill is None else {"fill": fill}
         if len(attributes_text(group)) * (len(inside) - 1) > len("<g></g>"):
-            bare = [Element(e.tag, _without(e.attributes, "fill")) for e in inside]
-            found.append(Element("g", group, bare))
+            found.append(Element("g", group, [e.without("fill") for e in inside]))
         else:
             found += inside
     return found
-
-
-def _without(attributes: Mapping[str, str], *names: str) -> dict[str, str]:
-    return {name: value for name, value in attributes.items() if name not in names}

@@ -28,16 +28,15 @@ from gauss2svg.scene.falloff import BETA_CLASSES, MOST_SKEW, cut_radius, profile
 from gauss2svg.svg.minimal.write import MASK_STOPS
 from gauss2svg.svg.syntax.affine import IDENTITY, Affine, compose, parse_transform
 from gauss2svg.svg.syntax.css import properties
-from gauss2svg.svg.syntax.parse import SVG
+from gauss2svg.svg.syntax.parse import HREFS, SVG
 from gauss2svg.svg.syntax.values import Color, color, length, share
 from gauss2svg.svg.whole_stops import grey_stops
 
 _STOP = SVG + "stop"
 _RADIAL, _LINEAR = SVG + "radialGradient", SVG + "linearGradient"
-HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 _GEOMETRY = ("cx", "cy", "r", "fx", "fy", "fr")
 _COMMON = ("gradientUnits", "gradientTransform", "spreadMethod")
-_SAMPLES = 512
+_RADII = (np.arange(512) + 0.5) / 512  # of the disc
 _LARGEST_ERROR = 0.02
 _LARGEST_END = 0.005  # opacity of the last stop, which extends beyond the disc
 # Inkscape makes chains of two; without a limit, reading n gradients could take n^2 steps.
@@ -210,7 +209,7 @@ def _exponent(polygon: tuple[tuple[float, float], ...]) -> tuple[float, float]:
     # An offset below the one before counts as that one, in every renderer.
     offsets = np.maximum.accumulate([offset for offset, _ in polygon])
     heights = np.array([height for _, height in polygon])
-    drawn, area = np.interp(_radii(), offsets, heights), 2 * _radii()
+    drawn, area = np.interp(_RADII, offsets, heights), 2 * _RADII
     peaks = (area * drawn * _profiles()).sum(axis=1) / (area * _profiles() ** 2).sum(axis=1)
     shapes = drawn / np.maximum(peaks, 1e-6)[:, None]
     error = np.sqrt(np.mean(area * np.square(shapes - _profiles()), axis=1))
@@ -229,14 +228,9 @@ def _exponent(polygon: tuple[tuple[float, float], ...]) -> tuple[float, float]:
 
 
 @lru_cache(maxsize=1)
-def _radii() -> NDArray[np.float64]:
-    return (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-
-
-@lru_cache(maxsize=1)
 def _profiles() -> NDArray[np.floating]:
     """(classes, samples) each exponent's profile over the disc."""
-    return np.stack([profile(_radii() * cut_radius(beta), beta) for beta in BETA_CLASSES])
+    return np.stack([profile(_RADII * cut_radius(beta), beta) for beta in BETA_CLASSES])
 
 
 def _shortened(key: str) -> str:

@@ -37,7 +37,7 @@ from gauss2svg.svg.notebook import Scene
 from gauss2svg.svg.plain_ellipse import plain_beta, plain_radius
 from gauss2svg.svg.reader.additive import Differences
 from gauss2svg.svg.reader.canvas import misplaced, read_canvas
-from gauss2svg.svg.reader.gradient import HREFS, Gradients
+from gauss2svg.svg.reader.gradient import Gradients
 from gauss2svg.svg.reader.outline import SHAPES, open_arcs, outline
 from gauss2svg.svg.reader.rules import (
     check_animation,
@@ -49,19 +49,17 @@ from gauss2svg.svg.reader.rules import (
 from gauss2svg.svg.reader.shape import Shape, read_shape
 from gauss2svg.svg.syntax.affine import Affine, compose, parse_transform
 from gauss2svg.svg.syntax.css import properties
-from gauss2svg.svg.syntax.parse import SVG
+from gauss2svg.svg.syntax.parse import ANIMATIONS, HREFS, INKSCAPE, SVG
 from gauss2svg.svg.syntax.source import MOST_BYTES
 from gauss2svg.svg.syntax.tree import MOST_ELEMENTS, parse_document
 from gauss2svg.svg.syntax.values import color, length, reference, share
 
-_LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
+_LABEL = INKSCAPE + "label"
 _ROUND_LABEL, _ROUND_ID = re.compile(r"Round (\d{1,9})\b"), re.compile(r"round-(\d{1,9})")
 # Elements that draw nothing themselves; check_smil makes sure that animation ends as written.
 _SILENT = {"title", "desc", "metadata", "defs", "linearGradient", "radialGradient", "filter"}
-_SILENT |= {"mask"}
-_ANIMATIONS = {"animate", "animateTransform", "animateMotion", "animateColor", "set", "discard"}
-_SILENT |= _ANIMATIONS | {"style"}  # all of which are checked before anything else
-_EVERYWHERE = {SVG + tag for tag in (*_ANIMATIONS, "style")}
+_SILENT |= {"mask", "style", *ANIMATIONS}  # the last two are checked before anything else
+_EVERYWHERE = {SVG + tag for tag in (*ANIMATIONS, "style")}
 _INHERITED = {"fill": "fill", "fill-opacity": "fill_opacity", "visibility": "visibility"}
 _ADVICE = {
     "use": ", or to unlink the clone",

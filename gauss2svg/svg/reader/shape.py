@@ -51,12 +51,12 @@ def read_shape(
     fill: str,
     onto: Affine,
     gradients: Gradients,
-    blur: Any | None = None,
-    mask: Any | None = None,
+    blur: Any | None,
+    mask: Any | None,
 ) -> Shape:
     """The shape of an ellipse, the map `edge` of the unit circle, that `onto` maps to canvas px.
 
-    blur and mask are the elements that it refers to.
+    blur and mask are the elements that it refers to, or None.
     Raises InputError for a shape that write_svg would not write.
     """
     key = reference(fill)
@@ -192,10 +192,8 @@ def check_cover(edge: Affine, disc: Affine) -> None:
         return  # draws nothing; the reader refuses its extent
     # The larger axis and the centre of the gradient's disc, in units where the ellipse is a circle.
     p, q, r, s, t, u = disc
-    back = d / determinant, -b / determinant, -c / determinant, a / determinant
-    x, y = back[0] * (t - e) + back[2] * (u - f), back[1] * (t - e) + back[3] * (u - f)
-    k, m = back[0] * p + back[2] * q, back[1] * p + back[3] * q
-    n, o = back[0] * r + back[2] * s, back[1] * r + back[3] * s
+    back = d / determinant, -b / determinant, -c / determinant, a / determinant, 0.0, 0.0
+    k, m, n, o, x, y = compose(back, (p, q, r, s, t - e, u - f))
     larger = 0.5 * (math.hypot(k + o, m - n) + math.hypot(k - o, m + n))
     beyond = larger + math.hypot(x, y) - 1
     minor = abs(0.5 * (math.hypot(a + d, b - c) - math.hypot(a - d, b + c)))

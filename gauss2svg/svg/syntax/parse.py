@@ -13,6 +13,9 @@ from typing import Literal, Protocol
 from xml.parsers import expat
 
 SVG = "{http://www.w3.org/2000/svg}"
+INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
+HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
+ANIMATIONS = ("animate", "animateTransform", "animateMotion", "animateColor", "set", "discard")
 # Bytes after which a refusal ends the pass: what Python hands to expat at once in any case.
 _PIECE = 1 << 20
 _XML_DECLARATION = re.compile(rb"(?:\s|\xef\xbb\xbf)*+<\?xml\s.*?\?>", re.DOTALL)
