@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.options import FitConfig, FitOptions
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
@@ -71,7 +70,7 @@ def pictures() -> dict[str, Picture]:
 def psnr(picture: Picture, config: FitConfig, dtype: Any = np.float32) -> tuple[float, int]:
     """PSNR of a fit in dB, whose kernels compute in dtype, and how often it was rolled back."""
     targets = TargetPyramid(picture, config.fit.tuned, dtype)
-    session = FitSession(picture, config, fixed_count(config), targets=targets)
+    session = FitSession(picture, config, targets=targets)
     session.fit()
     fitted = session.result()
     model = np.clip(render(fitted.scene, picture.shape[1], picture.shape[0]), 0, 1)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.options import FitConfig, FitProgress
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure import metrics
@@ -107,8 +106,7 @@ def fit(
         if progress.iteration in watched:
             snapshots[progress.iteration] = scene
 
-    policy = FixedCount(schedule, gaussians, iterations, config.densify.per_round)
-    session = FitSession(pixels, config, policy, progress=look)
+    session = FitSession(pixels, config, progress=look)
     begun = time.perf_counter()
     session.fit()
     seconds = time.perf_counter() - begun

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol
 
+from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.saved import Saved, as_saved, checks, optional
-from gauss2svg.fit.schedule import totals
 from gauss2svg.scene import Scene
 
 # Why a fit ended. iterations: all steps are done; gaussians: the count is 0; gain: another round
@@ -131,18 +131,12 @@ class DensificationPolicy(Protocol):
 
 
 class FixedCount(Saved):
-    """A given number of Gaussians, reached by a schedule of gauss2svg.fit.schedule."""
+    """The number of Gaussians of a config, reached by its schedule."""
 
-    def __init__(
-        self,
-        schedule: str,
-        gaussians: int,
-        iterations: int | None,
-        per_round: int | None = None,
-    ) -> None:
-        self._totals = totals(schedule, gaussians, iterations, per_round)
+    def __init__(self, config: FitConfig) -> None:
+        self._totals = config.totals
         self.rounds = len(self._totals)
-        self.stop_reason = "iterations" if gaussians else "gaussians"
+        self.stop_reason = "iterations" if config.gaussians else "gaussians"
 
     def grow(self, now: Snapshot) -> int:
         """The smallest total of the schedule that exceeds the present count."""

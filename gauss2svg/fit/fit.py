@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError, quoted
-from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.render import render
@@ -34,7 +33,7 @@ def fit(
     """
     config = config or FitConfig()
     with kernel_lock:
-        session = FitSession(pixels, config, fixed_count(config), progress=progress)
+        session = FitSession(pixels, config, progress=progress)
         session.fit()
         return session.result()
 
@@ -61,13 +60,7 @@ def convert_additive(
     if pixels is None:
         pixels = render(scene)
     with kernel_lock:
-        session = FitSession(pixels, config, fixed_count(config), progress=progress)
+        session = FitSession(pixels, config, progress=progress)
         session.adopt(scene, len(scene))
         session.fit()
         return session.result()
-
-
-def fixed_count(config: FitConfig) -> FixedCount:
-    """The policy of a given number of Gaussians."""
-    densify = config.densify
-    return FixedCount(densify.schedule, config.gaussians, config.iterations, densify.per_round)

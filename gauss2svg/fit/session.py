@@ -16,7 +16,7 @@ from gauss2svg.fit import adam, placement, schedule
 from gauss2svg.fit.adam import Rates
 from gauss2svg.fit.blending import OPAQUE_LOGIT
 from gauss2svg.fit.clock import Clock, Stopwatch
-from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, Snapshot
+from gauss2svg.fit.densification import ADJUST_AT, DensificationPolicy, FixedCount, Snapshot
 from gauss2svg.fit.divergence import EXACT, NEGLIGIBLE, DivergenceGuard
 from gauss2svg.fit.inks import EXCHANGED_EVERY
 from gauss2svg.fit.losses import psnr_of
@@ -112,7 +112,7 @@ class FitSession(Saved):
     """One fit, which can be saved and continued between any two steps.
 
     pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
-    policy      decides the number of Gaussians
+    policy      decides the number of Gaussians; None: it is that of config
     deadline    in s of time.perf_counter(), or None
     progress    called after every iteration, from this thread
     as_written  maps a scene and its PSNR in dB to the scene with the exponents and colours of its
@@ -138,7 +138,7 @@ class FitSession(Saved):
         self,
         pixels: NDArray[np.float32],
         config: FitConfig,
-        policy: DensificationPolicy,
+        policy: DensificationPolicy | None = None,
         deadline: float | None = None,
         progress: Callable[[FitProgress], None] | None = None,
         as_written: AsWritten | None = None,
@@ -147,9 +147,11 @@ class FitSession(Saved):
         targets: TargetPyramid | None = None,
     ) -> None:
         self.config = config
-        self.policy = policy
+        self.policy = policy or FixedCount(config)
         steps = config.steps(pixels.shape[1], pixels.shape[0])
-        self.clock = Clock(steps, policy.rounds, deadline, config.densify.round_iterations, stop)
+        self.clock = Clock(
+            steps, self.policy.rounds, deadline, config.densify.round_iterations, stop
+        )
         self.population = Population(pixels, config, segment_at, targets)
         self.guard = DivergenceGuard(config.fit.learning_rate)
         self.pixel_pairs = 0

@@ -136,7 +136,7 @@ def test_refinement_corrects_the_count_by_the_slope():
 
 
 def test_fixed_count_follows_its_schedule_and_keeps_all():
-    policy = FixedCount("linear", 60, 300)
+    policy = FixedCount(fit_config(60, 300, schedule="linear"))
     counts = [0]
     while (total := policy.grow(Snapshot(counts[-1], 0.1, lambda: 0.0, lambda: None))) > counts[-1]:
         counts.append(total)
@@ -228,8 +228,7 @@ def test_fit_takes_the_time_until_its_deadline_and_no_more(photo, monkeypatch):
 
     def steps(limit: int) -> int:
         begun = next(ticks)
-        policy = FixedCount("exponential", 60, None)
-        session = FitSession(photo, fit_config(60, None), policy, deadline=float(begun + limit))
+        session = FitSession(photo, fit_config(60, None), deadline=float(begun + limit))
         session.fit()
         assert session.result().stop_reason == "time_limit"
         assert len(session.state) == 60

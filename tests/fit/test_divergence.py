@@ -5,7 +5,6 @@ import pytest
 from flat import fit_config, vectorize
 
 from gauss2svg.fit import adam
-from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.session import LEAST_SIGMA, FitSession
@@ -34,7 +33,6 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate, lost):
     session = FitSession(
         photo,
         fit_config(150, 80, blend=blend, learning_rate=rate),
-        FixedCount("exponential", 150, 80),
         progress=lambda now: seen.append(
             (now.psnr, all(np.isfinite(a).all() for a in vars(session.state).values()))
         ),

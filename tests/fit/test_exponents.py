@@ -8,7 +8,7 @@ from flat import fit_config, vectorize
 
 from gauss2svg.fit import adam, session
 from gauss2svg.fit.adam import RATES, Limits
-from gauss2svg.fit.fit import fit, fixed_count
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import STEPS, State
 from gauss2svg.measure import metrics
@@ -200,7 +200,7 @@ def test_exponents_stay_and_colours_stay_shared_once_they_are_quantized(photo):
         return seen[-1]
 
     config = fit_config(60, 80)
-    session = FitSession(photo, config, fixed_count(config), as_written=as_written)
+    session = FitSession(photo, config, as_written=as_written)
     session.fit()
     assert len(seen) == 1
     last = session.scene()

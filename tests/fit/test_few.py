@@ -18,8 +18,8 @@ def large(count, iterations=60, config=None, **given):
     y, x = np.mgrid[:256, :320] / 256
     stripes = 0.5 + 0.3 * np.sin(17 * x * (1 + y)) * np.cos(9 * y)
     pixels = np.stack([stripes, x / 1.25, 1 - y], axis=-1).astype(np.float32)
+    policy = FixedCount(fit_config(count, iterations))
     config = config or fit_config(count, iterations, **given)
-    policy = FixedCount("exponential", count, iterations)
     sizes: list[tuple[float, int]] = []
     session = FitSession(
         pixels, config, policy,

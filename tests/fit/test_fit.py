@@ -15,7 +15,6 @@ from gauss2svg.fit import population as population_module
 from gauss2svg.fit import session as session_module
 from gauss2svg.fit.adam import RATES, Limits, gradients
 from gauss2svg.fit.blending import blending
-from gauss2svg.fit.densification import FixedCount
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.population import LEAST_OPACITY, PopulationTuning
@@ -175,7 +174,7 @@ def test_background_is_a_colour_that_can_be_written(photo):
 
 
 def test_what_renderers_would_not_draw_is_pruned(photo):
-    session = FitSession(photo, fit_config(4), FixedCount("exponential", 4, 300))
+    session = FitSession(photo, fit_config(4))
     session.population.state = state_of(
         Scene(
             128, 128, np.array([[60, 60], [60, 60], [-500, 60]]), np.full((3, 2), 5.0),

@@ -9,7 +9,7 @@ from flat import fit_config, vectorize
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from gauss2svg.errors import InputError
-from gauss2svg.fit.fit import fit, fixed_count
+from gauss2svg.fit.fit import fit
 from gauss2svg.fit.inks import Inks
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
@@ -99,7 +99,7 @@ def test_progress_has_decibels_against_the_picture_not_against_its_inks(picture)
         seen.append((now.psnr, 10 * np.log10(1 / np.mean((raster - picture) ** 2))))
 
     config = fit_config(gaussians=30, iterations=30, inks=inks)
-    FitSession(picture, config, fixed_count(config), progress=look).fit()
+    FitSession(picture, config, progress=look).fit()
     said, true = np.array(seen[-10:]).T
     assert said.max() < 12  # 20 and more against the picture in these inks
     np.testing.assert_allclose(said, true, atol=0.2)
@@ -181,9 +181,9 @@ def test_fit_continues_from_a_checkpoint_to_the_same_bits(picture):
         if progress.iteration == 35:
             saved.append(packed({"fit": first.state_dict()}))
 
-    first = FitSession(picture, config, fixed_count(config), progress=keep)
+    first = FitSession(picture, config, progress=keep)
     first.fit()
-    again = FitSession(picture, config, fixed_count(config))
+    again = FitSession(picture, config)
     again.load_state_dict(unpacked(io.BytesIO(saved[0]))["fit"])
     again.fit()
     for name, array in vars(first.state).items():

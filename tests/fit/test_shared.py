@@ -7,7 +7,6 @@ from flat import fit_config
 
 from gauss2svg.fit.adam import gradients
 from gauss2svg.fit.blending import blending
-from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import COLOR, STEPS, State
@@ -100,7 +99,7 @@ def test_wanted_colour_leaves_the_least_error_if_the_others_stay(shared_state, t
 def test_exchange_never_makes_the_picture_worse_and_helps_this_one(shared_state, target):
     pixels = np.ascontiguousarray(np.moveaxis(target, 0, -1))
     config = fit_config(COUNT, 10)
-    session = FitSession(pixels, config, fixed_count(config))
+    session = FitSession(pixels, config)
     session.population.state = shared_state
     shared = SharedColors.of(session.state, blending("over"))
     errors = [squared_error(session.state.splats(session.population.background), target)[1]]
@@ -120,7 +119,7 @@ def test_nearly_opaque_shapes_become_opaque_at_quantization(photo):
         return quantize(scene, palette=50)
 
     config = fit_config(150, 60)
-    FitSession(photo, config, fixed_count(config), as_written=as_written).fit()
+    FitSession(photo, config, as_written=as_written).fit()
     opacity = seen[0]
     assert not ((opacity > 0.954) & (opacity < 0.9999)).any()
     assert (opacity > 0.9999).any()

@@ -9,7 +9,7 @@ from flat import choices, fit_config
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit.blending import blending
-from gauss2svg.fit.fit import convert_additive, fit, fixed_count
+from gauss2svg.fit.fit import convert_additive, fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.schedule import totals
 from gauss2svg.fit.session import FitSession
@@ -74,7 +74,7 @@ def test_new_additive_gaussians_share_the_residual():
     pixels = np.zeros((64, 64, 3), np.float32)
     pixels[28:36, 28:36] = 1.0
     config = fit_config(60, 10, blend="add", init="error")
-    population = FitSession(pixels, config, fixed_count(config)).population
+    population = FitSession(pixels, config).population
     population.background = np.zeros(3)
     population._add(np.zeros((3, 64, 64), np.float32), 60, 60)
     assert 0.7 < population.rendered().max() < 1.5
@@ -229,7 +229,6 @@ def test_without_relocation_no_gaussian_is_replaced(photo):
         session = FitSession(
             photo,
             config,
-            fixed_count(config),
             progress=lambda _: ages.append(session.state.age.copy()),
         )
         session.fit()
@@ -247,7 +246,6 @@ def test_rounds_run_at_full_size_without_reduce(photo):
         session = FitSession(
             photo,
             config,
-            fixed_count(config),
             progress=lambda _: seen.add(session.population.target.width),
         )
         session.fit()

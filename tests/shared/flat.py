@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.compare.pages.options import GalleryOptions
-from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
@@ -38,7 +37,7 @@ def fit_config(gaussians: int = 5000, iterations: int | None = 200, **given: Any
 def fit_in(dtype: Any, pixels: NDArray[np.float32], config: FitConfig) -> FitResult:
     """`fit` by kernels that compute in dtype, float32 as a run does or float64."""
     targets = TargetPyramid(pixels, config.fit.tuned, dtype)
-    session = FitSession(pixels, config, fixed_count(config), targets=targets)
+    session = FitSession(pixels, config, targets=targets)
     session.fit()
     return session.result()
 

@@ -29,7 +29,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import round_trip
@@ -317,7 +316,6 @@ class ByBytes:
         session = FitSession(
             subject.working,
             config,
-            fixed_count(config),
             progress=progress,
             as_written=lambda scene, _: _with_few_exponents(
                 scene, recipe.exponents, self.is_drawing

@@ -12,11 +12,11 @@ from gauss2svg.fit import densification, schedule
 from gauss2svg.fit.densification import (
     AdaptiveCount,
     DensificationPolicy,
+    FixedCount,
     GrowthLimits,
     Revise,
     Snapshot,
 )
-from gauss2svg.fit.fit import fixed_count
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.session import FitSession
 from gauss2svg.pipeline import bytes_each
@@ -97,7 +97,7 @@ class Growth:
     def policy(self, revise: Revise) -> DensificationPolicy:
         """The policy of a fit that begins."""
         if self._first is None:
-            return fixed_count(self._plan.fit_config)
+            return FixedCount(self._plan.fit_config)
         if self.expected is None:
             return AdaptiveCount(self._first, revise)
         last_round = self.expected >> (schedule.TUNING.rounds - 1)
