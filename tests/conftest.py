@@ -279,9 +279,9 @@ def visit(headless):
         one.close()
 
 
-def random_sum(count: int, width: int, height: int, seed: int) -> Scene:
+def random_sum(count: int, width: int, height: int, seed: int, **shape: tuple) -> Scene:
     """A random scene whose Gaussians have signed colours and are summed."""
-    scene = random_scene(count, width, height, seed)
+    scene = random_scene(count, width, height, seed, **shape)
     color = np.random.default_rng(seed).uniform(-0.6, 0.6, (count, 3))
     one = {"opacity": np.ones(count), "beta": np.ones(count), "skew": np.zeros((count, 2))}
     return scene.replace(blend="add", color=color, **one)

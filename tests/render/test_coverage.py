@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from both_renderers import in_both
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,7 +13,6 @@ from gauss2svg.svg.plain_ellipse import plain_radius
 
 WIDTH, HEIGHT = 45, 34
 OFF = {np.float32: 2e-6, np.float64: 1e-13}
-in_both = pytest.mark.parametrize("dtype", [np.float32, np.float64], ids=["float32", "float64"])
 
 
 def ellipses(count: int, seed: int, least: float = 0.3, **changes) -> Scene:

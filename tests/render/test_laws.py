@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import pytest
 import torch
+from both_renderers import TORCH, drawn, in_both, tensors_of
 from extreme_scenes import extreme_scenes, rounding_of, whitened
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -15,18 +16,14 @@ from numpy.typing import NDArray
 
 from gauss2svg.errors import SceneError
 from gauss2svg.render import render
-from gauss2svg.render.autograd import fast_accumulate, fast_composite
 from gauss2svg.render.cpu import render_planar, splats_of, squared_error
 from gauss2svg.render.domain import below_one
-from gauss2svg.render.reference import accumulate, composite, render_reference
+from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import ADD, OVER, Scene
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 
-DTYPES = (np.float32, np.float64)
-TORCH = {np.float32: torch.float32, np.float64: torch.float64}
-in_both = pytest.mark.parametrize("dtype", DTYPES, ids=["float32", "float64"])
 blends = st.sampled_from([OVER, ADD])
 ROUNDING = {np.float32: 3e-5, np.float64: 0.0}  # on top of rounding_of
 REACHES, NUMBERS = 8e6, 1e8  # px and user units that a file may have
@@ -47,27 +44,17 @@ def allowed(scene: Scene, dtype: type) -> float:
 @given(st.data(), blends)
 def test_pictures_and_gradients_are_finite(dtype, data, blend):
     scene = data.draw(extreme_scenes(blend))
-    names = ["mean", "sigma", "rho", "color", "opacity", "background"]
-    draws = (composite, fast_composite)
-    if blend == ADD:
-        names.remove("opacity")
-        draws = (accumulate, fast_accumulate)
-    size = round(scene.height), round(scene.width)
-    for draw in draws:
-        tensors = {n: torch.tensor(getattr(scene, n), dtype=TORCH[dtype]) for n in names}
-        most = below_one(TORCH[dtype])
-        tensors["rho"] = tensors["rho"].clamp(-most, most)
-        more = (torch.tensor(scene.beta, dtype=TORCH[dtype]),) if blend == OVER else ()
-        inputs = [*tensors.values(), *more]
-        for one in inputs:
-            one.requires_grad_()
-        image = draw(*inputs[: len(names)], *size, *more)
+    most = below_one(TORCH[dtype])
+    for fast in (False, True):
+        inputs = tensors_of(scene, TORCH[dtype])
+        inputs[2] = inputs[2].detach().clamp(-most, most).requires_grad_()  # rho
+        image = drawn(scene, inputs, fast)
         assert torch.isfinite(image).all()
         found = torch.autograd.grad(
             (image**2).sum(), inputs, allow_unused=True, materialize_grads=True
         )
         assert all(torch.isfinite(gradient).all() for gradient in found)
-    target = np.zeros((3, *size), dtype)
+    target = np.zeros((3, round(scene.height), round(scene.width)), dtype)
     _, loss, moments, _ = squared_error(splats_of(scene), target)
     assert np.isfinite(loss)
     assert np.isfinite(moments).all()
@@ -189,7 +176,7 @@ def test_both_renderers_draw_the_same(data, blend):
     exact = render_reference(scene).numpy()
     # A peak of beta < 1 has no slope: there the fast falloff differs by up to (1e-14)^beta.
     peak = float((1e-14 ** scene.beta[scene.beta < 1]).sum())
-    for dtype in DTYPES:
+    for dtype in TORCH:
         off = allowed(scene, dtype) + peak
         np.testing.assert_allclose(render(scene, dtype=dtype), exact, atol=off)
 

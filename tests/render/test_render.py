@@ -7,37 +7,37 @@ import numba
 import numpy as np
 import pytest
 import torch
+from both_renderers import (
+    GRADIENT_OFF,
+    OFF,
+    TORCH,
+    by_numpy,
+    drawn,
+    in_both,
+    of_either_blend,
+    planar,
+    tensors_of,
+)
 from conftest import random_scene
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from gauss2svg.errors import InputError
 from gauss2svg.render import render
-from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.cpu import moments_of_gradient, removal_cost, splats_of, squared_error
-from gauss2svg.render.reference import composite, render_reference
+from gauss2svg.render.reference import render_reference
 from gauss2svg.render.tiles import LEAST_STEPPED, TILE_HEIGHT, TILE_WIDTH, find_pairs
-from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import RADIUS, cut_radius, focal_radius, profile
+from gauss2svg.scene import OVER, Scene
+from gauss2svg.scene.falloff import RADIUS, cut_radius, profile
 
 seeds = st.integers(0, 2**32 - 1)
 
-# What the fast renderer computes in, and how far pictures and scaled gradients may be off:
-# three and more times what is seen with exponents at the ends of their range.
-in_both = pytest.mark.parametrize("dtype", [np.float32, np.float64], ids=["float32", "float64"])
-OFF = {np.float32: 3e-5, np.float64: 1e-13}
-GRADIENT_OFF = {np.float32: 1e-3, np.float64: 1e-12}
-TORCH = {np.float32: torch.float32, np.float64: torch.float64}
+
+weighted_or_not = pytest.mark.parametrize("weighted", [False, True])
 
 
-def tensors_of(scene: Scene, dtype: torch.dtype = torch.float64) -> list[torch.Tensor]:
-    names = ("mean", "sigma", "rho", "color", "opacity", "background", "beta", "skew")
-    return [torch.tensor(getattr(scene, n), dtype=dtype).requires_grad_() for n in names]
-
-
-def drawn(renderer, tensors, height: int, width: int) -> torch.Tensor:
-    *others, beta, skew = tensors
-    return renderer(*others, height, width, beta, skew)
+def weight_of(weighted: bool, rng: np.random.Generator, size: tuple[int, int]):
+    return rng.uniform(0.1, 2.0, size) if weighted else None
 
 
 def pairs_of_scene(scene: Scene, radius: np.ndarray, height: int, width: int):
@@ -48,33 +48,21 @@ def pairs_of_scene(scene: Scene, radius: np.ndarray, height: int, width: int):
     return find_pairs(*shape, radius, height, width)
 
 
-def composite_by_numpy(scene: Scene) -> np.ndarray:
-    """The formula once more, front to back in float64, from the conic: an oracle of its own."""
-    y, x = np.mgrid[: int(scene.height), : int(scene.width)] + 0.5
-    image = np.zeros((*x.shape, 3))
-    transmittance = np.ones(x.shape)
-    for k in range(len(scene) - 1, -1, -1):
-        u = np.stack([x - scene.mean[k, 0], y - scene.mean[k, 1]], axis=-1)
-        r = np.sqrt(np.einsum("yxi,ij,yxj->yx", u, scene.conic[k], u))
-        if scene.skew[k].any():
-            r = focal_radius(
-                np.linalg.solve(scene.factor[k], u[..., None])[..., 0], scene.skew[k], scene.beta[k]
-            )
-        alpha = scene.opacity[k] * profile(r, scene.beta[k])
-        image += (alpha * transmittance)[..., None] * scene.color[k]
-        transmittance *= 1 - alpha
-    return image + transmittance[..., None] * scene.background
-
-
+@of_either_blend
 @in_both
 @given(seeds, st.integers(0, 30), st.integers(1, 50), st.integers(1, 40))
-def test_reference_and_fast_renderer_draw_the_oracle(dtype, seed, count, width, height):
-    scene = random_scene(count, width, height, seed)
-    oracle = composite_by_numpy(scene)
-    np.testing.assert_allclose(render_reference(scene).numpy(), oracle, atol=1e-9)
+@example(5, 40, 30, 20)  # a sum of which parts are under 0 and over 1
+def test_reference_and_fast_renderer_draw_the_oracle(scene_of, dtype, seed, count, width, height):
+    scene = scene_of(count, width, height, seed)
+    oracle, off = by_numpy(scene), OFF[scene.blend][dtype]
+    exact = drawn(scene, tensors_of(scene)).detach().numpy()
+    np.testing.assert_allclose(exact, oracle, atol=1e-9)
+    np.testing.assert_allclose(planar(scene, dtype), oracle, atol=off)
+    clipped = np.clip(oracle, 0, 1)
+    np.testing.assert_allclose(render_reference(scene).numpy(), clipped, atol=1e-9)
     image = render(scene, dtype=dtype)
     assert image.dtype == dtype
-    np.testing.assert_allclose(image, oracle, atol=OFF[dtype])
+    np.testing.assert_allclose(image, clipped, atol=off)
 
 
 @in_both
@@ -84,22 +72,23 @@ def test_one_gaussian_is_drawn_as_its_profile_and_not_beyond_its_cut(dtype):
     y, x = np.mgrid[:160, :200] + 0.5
     r = np.hypot((x - 100.3) / 31, (y - 80.1) / 24)
     image = render(scene, dtype=dtype)[:, :, 0]
-    np.testing.assert_allclose(image, profile(r), atol=0.1 * OFF[dtype])
+    np.testing.assert_allclose(image, profile(r), atol=0.1 * OFF[OVER][dtype])
     assert (image[r > RADIUS + 1e-9] == 0).all()
 
 
+@of_either_blend
 @in_both
 @given(seeds, st.integers(1, 12))
-def test_gradients_of_both_renderers_agree_for_any_loss(dtype, seed, count):
-    scene = random_scene(count, 37, 21, seed)
+def test_gradients_of_both_renderers_agree_for_any_loss(scene_of, dtype, seed, count):
+    scene = scene_of(count, 37, 21, seed)
     weights = torch.tensor(np.random.default_rng(seed).normal(size=(21, 37, 3)))
 
     def loss(image):
         return (weights * image.double()).sum() + (image.double() ** 3).sum()
 
     slow, fast = tensors_of(scene), tensors_of(scene, TORCH[dtype])
-    loss(drawn(composite, slow, 21, 37)).backward()
-    image = drawn(fast_composite, fast, 21, 37)
+    loss(drawn(scene, slow)).backward()
+    image = drawn(scene, fast, fast=True)
     assert image.dtype == TORCH[dtype]
     loss(image).backward()
     assert_same_gradients(fast, slow, dtype)
@@ -118,27 +107,27 @@ def test_gradients_are_exact_at_every_opacity(opacity, dtype):
     # the division by 1 - alpha that is not made would show at opacity 1
     scene = random_scene(6, 20, 20, 11).replace(opacity=np.full(6, opacity))
     slow, fast = tensors_of(scene), tensors_of(scene, TORCH[dtype])
-    (drawn(composite, slow, 20, 20) ** 2).sum().backward()
-    (drawn(fast_composite, fast, 20, 20).double() ** 2).sum().backward()
+    (drawn(scene, slow) ** 2).sum().backward()
+    (drawn(scene, fast, fast=True).double() ** 2).sum().backward()
     assert_same_gradients(fast, slow, dtype)
 
 
 @pytest.mark.sweep
-def test_reference_gradients_match_finite_differences():
+@of_either_blend
+def test_reference_gradients_match_finite_differences(scene_of):
     # sigma large enough that no pixel centre crosses the cut within the difference
-    scene = random_scene(4, 9, 7, 2, sigma=(4.0, 9.0))
+    scene = scene_of(4, 9, 7, 2, sigma=(4.0, 9.0))
     inputs = tensors_of(scene)
-    assert torch.autograd.gradcheck(
-        lambda *t: drawn(composite, t, 7, 9), inputs, atol=1e-5, eps=1e-7
-    )
+    assert torch.autograd.gradcheck(lambda *t: drawn(scene, t), inputs, atol=1e-5, eps=1e-7)
 
 
+@of_either_blend
 @pytest.mark.parametrize(("dtype", "off"), [(np.float32, 1e-3), (np.float64, 1e-8)])
-def test_fast_gradients_match_float64_finite_differences(dtype, off):
-    scene = random_scene(5, 24, 18, 4, sigma=(2.0, 7.0))
+def test_fast_gradients_match_float64_finite_differences(scene_of, dtype, off):
+    scene = scene_of(5, 24, 18, 4, sigma=(2.0, 7.0))
     target = torch.tensor(np.random.default_rng(1).random((18, 24, 3)))
     fast, exact = tensors_of(scene, TORCH[dtype]), tensors_of(scene)
-    ((drawn(fast_composite, fast, 18, 24).double() - target) ** 2).sum().backward()
+    ((drawn(scene, fast, fast=True).double() - target) ** 2).sum().backward()
     for which, tensor in enumerate(fast):
         difference = np.zeros(tensor.shape)
         for place in np.ndindex(*tensor.shape):
@@ -146,42 +135,46 @@ def test_fast_gradients_match_float64_finite_differences(dtype, off):
             for step in (1e-5, -1e-5):
                 moved = [t.detach().clone() for t in exact]
                 moved[which][place] += step
-                values.append(((drawn(composite, moved, 18, 24) - target) ** 2).sum().item())
+                values.append(((drawn(scene, moved) - target) ** 2).sum().item())
             difference[place] = (values[0] - values[1]) / 2e-5
         scale = np.abs(difference).max()
         np.testing.assert_allclose(tensor.grad.numpy() / scale, difference / scale, atol=off)
 
 
+@of_either_blend
+@weighted_or_not
 @in_both
-def test_fused_squared_error_equals_the_torch_loss(dtype):
-    scene = random_scene(15, 45, 33, 8)
-    target = np.random.default_rng(2).random((3, 33, 45)).astype(dtype)
-    image, loss, moments, rows = squared_error(splats_of(scene), target)
+def test_fused_squared_error_equals_the_torch_loss(scene_of, weighted, dtype):
+    scene, rng = scene_of(15, 45, 33, 8), np.random.default_rng(2)
+    target, weight = rng.random((3, 33, 45)).astype(dtype), weight_of(weighted, rng, (33, 45))
+    image, loss, moments, rows = squared_error(splats_of(scene), target, weight)
     inputs = tensors_of(scene)
-    rendered = drawn(composite, inputs, 33, 45)
-    expected = ((rendered - torch.tensor(np.moveaxis(target, 0, -1))) ** 2).sum()
-    (0.5 * expected).backward()
-    np.testing.assert_allclose(np.moveaxis(image, 0, -1), rendered.detach(), atol=OFF[dtype])
-    assert loss == pytest.approx(expected.item(), rel=3 * OFF[dtype])
+    rendered = drawn(scene, inputs)
+    squares = (rendered - torch.tensor(np.moveaxis(target, 0, -1))) ** 2
+    (0.5 * squares * (1 if weight is None else torch.tensor(weight)[:, :, None])).sum().backward()
+    off = OFF[scene.blend][dtype]
+    np.testing.assert_allclose(np.moveaxis(image, 0, -1), rendered.detach(), atol=off)
+    assert loss == pytest.approx(squares.sum().item(), rel=3 * off)
     color_gradient = inputs[3].grad.numpy()
     scale = np.abs(color_gradient).max()
-    off = np.abs(moments[:, 6:9] - color_gradient).max() / scale
-    assert off < GRADIENT_OFF[dtype]
+    assert np.abs(moments[:, 6:9] - color_gradient).max() / scale < GRADIENT_OFF[dtype]
     assert rows > 0
 
 
-@pytest.mark.parametrize("weighted", [False, True])
+@of_either_blend
+@weighted_or_not
 @in_both
-def test_removal_cost_is_what_removal_costs(dtype, weighted):
-    scene, rng = random_scene(12, 40, 30, 9), np.random.default_rng(3)
+def test_removal_cost_is_what_removal_costs(scene_of, weighted, dtype):
+    scene, rng = scene_of(12, 40, 30, 9), np.random.default_rng(3)
     target = rng.random((30, 40, 3))
-    weight = rng.uniform(0.1, 2.0, (30, 40)) if weighted else np.ones((30, 40))
+    weight = weight_of(weighted, rng, (30, 40))
     planar = np.ascontiguousarray(np.moveaxis(target, -1, 0), dtype)
-    given = weight.astype(dtype) if weighted else None
+    given = None if weight is None else weight.astype(dtype)
     _, cost = removal_cost(splats_of(scene), planar, given)
 
     def error(one):
-        return (weight[:, :, None] * np.square(composite_by_numpy(one) - target)).sum()
+        squares = np.square(by_numpy(one) - target)
+        return (squares if weight is None else weight[:, :, None] * squares).sum()
 
     whole = error(scene)
     for k in range(12):
@@ -189,18 +182,20 @@ def test_removal_cost_is_what_removal_costs(dtype, weighted):
         assert cost[k, 0] == pytest.approx(expected, abs=GRADIENT_OFF[dtype] * whole)
 
 
+@of_either_blend
 @in_both
-def test_removal_mass_is_the_curvature_of_the_error_in_the_colour(dtype):
-    scene = random_scene(5, 40, 30, 10)
+def test_removal_mass_is_the_curvature_of_the_error_in_the_colour(scene_of, dtype):
+    scene = scene_of(5, 40, 30, 10)
     blank = np.zeros((3, 30, 40), dtype)
     weight = np.random.default_rng(4).uniform(0.1, 2.0, (30, 40)).astype(dtype)
     mass = removal_cost(splats_of(scene), blank, weight)[1][:, 1]
     for k in range(5):
         color = np.zeros((5, 3))
         color[k] = 1
-        alone = composite_by_numpy(scene.replace(color=color, background=np.zeros(3)))
+        alone = by_numpy(scene.replace(color=color, background=np.zeros(3)))
         expected = (weight * np.square(alone[:, :, 0])).sum()
-        assert mass[k] == pytest.approx(expected, rel=GRADIENT_OFF[dtype], abs=0.1 * OFF[dtype])
+        off = 0.1 * OFF[scene.blend][dtype]
+        assert mass[k] == pytest.approx(expected, rel=GRADIENT_OFF[dtype], abs=off)
 
 
 @given(seeds, st.integers(1, 20), st.integers(1, 70), st.integers(1, 70))
@@ -265,8 +260,9 @@ def test_translation_by_whole_tiles_translates_every_bit():
 
 
 def test_second_derivatives_are_refused_not_wrong():
-    inputs = tensors_of(random_scene(3, 20, 16, 1))
-    loss = (drawn(fast_composite, inputs, 16, 20) ** 2).sum()
+    scene = random_scene(3, 20, 16, 1)
+    inputs = tensors_of(scene)
+    loss = (drawn(scene, inputs, fast=True) ** 2).sum()
     first = torch.autograd.grad(loss, inputs[1], create_graph=True)[0]
     with pytest.raises(RuntimeError, match="once_differentiable"):
         first.sum().backward()
@@ -294,11 +290,12 @@ def test_later_gaussians_cover_earlier_ones():
     np.testing.assert_allclose(render(scene), np.broadcast_to([0, 0, 1], (3, 3, 3)), atol=1e-6)
 
 
+@of_either_blend
 @in_both
 @pytest.mark.usefixtures("threads_given_back")
 @pytest.mark.parametrize("threads", [1, 2])
-def test_thread_count_changes_no_bit(threads, dtype):
-    splats = splats_of(random_scene(300, 150, 90, 14))
+def test_thread_count_changes_no_bit(scene_of, threads, dtype):
+    splats = splats_of(scene_of(300, 150, 90, 14))
     target = np.random.default_rng(4).random((3, 90, 150)).astype(dtype)
     numba.set_num_threads(1)
     image, loss, moments, _ = squared_error(splats, target)

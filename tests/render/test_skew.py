@@ -1,10 +1,11 @@
-"""Laws of skewed shapes: the formula, both renderers and their gradients, files and fits."""
+"""Laws of skewed shapes beside those of all (test_render.py): the formula, files and fits."""
 
 import re
 
 import numpy as np
 import pytest
 import torch
+from both_renderers import drawn, tensors_of
 from conftest import random_scene, random_skews
 from flat import vectorize
 
@@ -12,8 +13,7 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
-from gauss2svg.render.autograd import fast_composite
-from gauss2svg.render.reference import composite, render_reference
+from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import LEAST_SIGMA, MOST_SIGMA, Scene
 from gauss2svg.scene.falloff import (
     LEAST_BETA,
@@ -28,16 +28,6 @@ from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.snap import half_centers, snapped, with_falloffs
 from gauss2svg.svg.write import outline_svg, write_svg
-
-NAMES = ("mean", "sigma", "rho", "color", "opacity", "background", "beta", "skew")
-
-
-def tensors(scene: Scene, dtype: torch.dtype) -> list[torch.Tensor]:
-    return [torch.tensor(getattr(scene, n), dtype=dtype, requires_grad=True) for n in NAMES]
-
-
-def drawn(renderer, parts: list[torch.Tensor], scene: Scene) -> torch.Tensor:
-    return renderer(*parts[:6], int(scene.height), int(scene.width), *parts[6:])
 
 
 def test_radius_solves_the_equation_of_a_focal_gradient():
@@ -69,49 +59,6 @@ def test_no_skew_is_the_symmetric_shape_to_the_bit_in_the_kernels_and_the_refere
     np.testing.assert_array_equal(render_reference(near).numpy(), render_reference(even).numpy())
 
 
-@pytest.mark.parametrize(("dtype", "within"), [(np.float32, 5e-5), (np.float64, 1e-12)])
-@pytest.mark.parametrize("seed", range(3))
-def test_kernels_draw_what_the_reference_draws(seed, dtype, within):
-    scene = random_scene(40, seed=seed, beta=(0.5, 12))
-    expected = render_reference(scene).numpy()
-    np.testing.assert_allclose(render(scene, dtype=dtype), expected, atol=within)
-
-
-@pytest.mark.parametrize(("dtype", "within"), [(torch.float32, 2e-4), (torch.float64, 1e-9)])
-def test_gradients_of_both_renderers_agree(dtype, within):
-    scene = random_scene(24, seed=4, sigma=(1.5, 8.0), beta=(0.8, 8))
-    weight = torch.tensor(np.random.default_rng(1).normal(size=(30, 40, 3)))
-    slow, fast = (
-        torch.autograd.grad((drawn(f, parts := tensors(scene, d), scene) * weight).sum(), parts)
-        for f, d in ((composite, torch.float64), (fast_composite, dtype))
-    )
-    for name, exact, found in zip(NAMES, slow, fast, strict=True):
-        assert (found.double() - exact).abs().max() <= within * exact.abs().max(), name
-
-
-def test_gradients_are_those_of_finite_differences():
-    scene = random_scene(9, 24, 20, 6, sigma=(2.0, 6.0), beta=(1.2, 4), skew=0.9)
-    weight = torch.tensor(np.random.default_rng(1).normal(size=(20, 24, 3)))
-    parts = tensors(scene, torch.float64)
-    found = torch.autograd.grad((drawn(fast_composite, parts, scene) * weight).sum(), parts)
-    rng, step = np.random.default_rng(2), 1e-6
-    for k, name in enumerate(NAMES):
-        if name == "background":
-            continue
-        way = torch.tensor(rng.normal(size=parts[k].shape))
-        with torch.no_grad():
-            ends = []
-            for sign in (1, -1):
-                moved = [p + sign * step * way if i == k else p for i, p in enumerate(parts)]
-                if name == "color" or name == "opacity":
-                    moved[k] = moved[k].clamp(0, 1)
-                ends.append(float((drawn(composite, moved, scene) * weight).sum()))
-        expected = (ends[0] - ends[1]) / (2 * step)
-        slope = float((found[k] * way).sum())
-        # Pixels that cross the cut, where the falloff ends with a slope, add a little.
-        assert slope == pytest.approx(expected, rel=2e-4, abs=1e-4), name
-
-
 @pytest.mark.parametrize("beta", [LEAST_BETA, 1.0, 3.0, MOST_BETA])
 @pytest.mark.parametrize("sigma", [LEAST_SIGMA, 1e-3, 0.3, 30.0, MOST_SIGMA])
 @pytest.mark.parametrize("length", [1e-12, MOST_SKEW])
@@ -124,9 +71,9 @@ def test_pictures_and_gradients_are_finite_at_the_ends(beta, sigma, length):
         9, 7, mean, np.array([[sigma, sigma], [sigma, 0.3], [sigma, sigma]]), [0, 0.999, 0],
         np.eye(3), np.full(3, 0.9), beta=np.full(3, beta), skew=skew,
     )  # fmt: skip
-    for renderer, dtype in ((composite, torch.float64), (fast_composite, torch.float32)):
-        parts = tensors(scene, dtype)
-        image = drawn(renderer, parts, scene)
+    for fast, dtype in ((False, torch.float64), (True, torch.float32)):
+        parts = tensors_of(scene, dtype)
+        image = drawn(scene, parts, fast)
         (image**2).sum().backward()
         assert torch.isfinite(image).all()
         assert all(torch.isfinite(p.grad).all() for p in parts if p.grad is not None)

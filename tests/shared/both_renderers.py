@@ -1,0 +1,62 @@
+"""Both renderers of a scene, of either blend and in both precisions, and an oracle of their own."""
+
+import numpy as np
+import pytest
+import torch
+from conftest import random_scene, random_sum
+from numpy.typing import NDArray
+
+from gauss2svg.render.autograd import fast_accumulate, fast_composite
+from gauss2svg.render.cpu import render_planar, splats_of
+from gauss2svg.render.reference import accumulate, composite
+from gauss2svg.scene import ADD, OVER, Scene
+from gauss2svg.scene.falloff import focal_radius, profile
+
+TORCH = {np.float32: torch.float32, np.float64: torch.float64}
+in_both = pytest.mark.parametrize("dtype", TORCH, ids=["float32", "float64"])
+of_either_blend = pytest.mark.parametrize("scene_of", [random_scene, random_sum], ids=[OVER, ADD])
+# How far pictures and scaled gradients of the fast renderer may be off: three and more times what
+# is seen with exponents at the ends of their range. Sums of parts are a few times 1.
+OFF = {OVER: {np.float32: 3e-5, np.float64: 1e-13}, ADD: {np.float32: 1e-4, np.float64: 1e-12}}
+GRADIENT_OFF = {np.float32: 1e-3, np.float64: 1e-12}
+
+
+def tensors_of(scene: Scene, dtype: torch.dtype = torch.float64) -> list[torch.Tensor]:
+    """What `drawn` takes of a scene, in the order of the renderers' arguments."""
+    names = ["mean", "sigma", "rho", "color", "background"]
+    if scene.blend == OVER:
+        names[4:] = ["opacity", "background", "beta", "skew"]
+    return [torch.tensor(getattr(scene, n), dtype=dtype).requires_grad_() for n in names]
+
+
+def drawn(scene: Scene, tensors: list[torch.Tensor], fast: bool = False) -> torch.Tensor:
+    """The picture of tensors in place of a scene's parameters, by one of the two renderers."""
+    size = round(scene.height), round(scene.width)
+    if scene.blend == ADD:
+        return (fast_accumulate if fast else accumulate)(*tensors, *size)
+    *others, beta, skew = tensors
+    return (fast_composite if fast else composite)(*others, *size, beta, skew)
+
+
+def planar(scene: Scene, dtype: type) -> NDArray:
+    """The picture of the kernels, which is not clipped."""
+    image = render_planar(splats_of(scene), round(scene.height), round(scene.width), dtype)
+    return np.moveaxis(image, 0, -1)
+
+
+def by_numpy(scene: Scene) -> NDArray:
+    """The formula once more, front to back in float64, from the conic; sums are not clipped."""
+    y, x = np.mgrid[: int(scene.height), : int(scene.width)] + 0.5
+    image = np.zeros((*x.shape, 3))
+    transmittance = np.ones(x.shape)
+    for k in range(len(scene) - 1, -1, -1):
+        u = np.stack([x - scene.mean[k, 0], y - scene.mean[k, 1]], axis=-1)
+        r = np.sqrt(np.einsum("yxi,ij,yxj->yx", u, scene.conic[k], u))
+        if scene.skew[k].any():
+            z = np.linalg.solve(scene.factor[k], u[..., None])[..., 0]
+            r = focal_radius(z, scene.skew[k], scene.beta[k])
+        alpha = scene.opacity[k] * profile(r, scene.beta[k])
+        image += (alpha * transmittance)[..., None] * scene.color[k]
+        if scene.blend == OVER:
+            transmittance *= 1 - alpha
+    return image + transmittance[..., None] * scene.background
