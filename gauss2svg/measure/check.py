@@ -28,9 +28,7 @@ from gauss2svg.raster.features import Features, may_have_features
 from gauss2svg.svg.syntax.source import BLANKS, MOST_BYTES, SvgSource, svg_source
 
 DRAW_TIMEOUT_S = 300.0
-LONGEST_DRAW_TIMEOUT_S = 86400.0
 REFERENCE_SCALE = 4.0
-_SVG_SUFFIXES = (".svg", ".svgz")
 # Elements that have an effect in a web page and none on the raster. Browsers never draw animation
 # here, because gauss2svg.raster refuses it.
 _LEFT_OUT = ("script", "animate", "animateTransform", "animateMotion", "animateColor", "set")
@@ -176,7 +174,7 @@ def check(
     """
     most_bytes = byte_size("max_svg_bytes", max_svg_bytes)
     whole_number("max_elements", max_elements, 1, 2**31)
-    draw_timeout = Number(0, LONGEST_DRAW_TIMEOUT_S, above=True)("draw_timeout", draw_timeout)
+    draw_timeout = Number(0, 86400.0, above=True)("draw_timeout", draw_timeout)  # a day
     drawn_by = renderer_version(OneOf(RENDERERS)("renderer", renderer))
     matted = None if matte is None else matte_color(matte)
     if reference_scale is not None:
@@ -302,7 +300,7 @@ def _is_svg(source: ImageSource | SvgSource) -> bool:
         return False
     name = os.fspath(source)
     is_text = isinstance(source, str) and source.lstrip(BLANKS).startswith("<")
-    return is_text or str(name).lower().endswith(_SVG_SUFFIXES)
+    return is_text or str(name).lower().endswith((".svg", ".svgz"))
 
 
 def sized_svg(

@@ -21,7 +21,6 @@ _COLORS = np.array(
     ]
 )[:, None] >> (16, 8, 0) & 0xFF  # fmt: skip
 _BAR, _TEXT = 10, 12  # px of height: the legend's colours, its labels
-_LEGEND_COLORS = 9
 _SCALE = f"largest difference of any channel, black 0 to pale yellow {MOST} or more levels of 255"
 
 
@@ -48,7 +47,7 @@ def colors_of(levels: NDArray[np.floating]) -> NDArray[np.uint8]:
 
 def legend() -> list[str]:
     """Colours as #rrggbb at even steps, from no error to the largest."""
-    return ["#" + bytes(color).hex() for color in colors_of(np.linspace(0, MOST, _LEGEND_COLORS))]
+    return ["#" + bytes(color).hex() for color in colors_of(np.linspace(0, MOST, 9))]
 
 
 def heatmap(image: NDArray[np.floating], other: NDArray[np.floating]) -> bytes:

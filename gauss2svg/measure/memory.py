@@ -7,7 +7,6 @@ from pathlib import Path
 import psutil
 
 SHARE = 0.8  # of the free memory, which work may take by default
-_CGROUPS = Path("/sys/fs/cgroup")
 
 
 def held_bytes() -> int:
@@ -15,7 +14,7 @@ def held_bytes() -> int:
     return psutil.Process().memory_info().rss
 
 
-def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = _CGROUPS) -> int:
+def free_bytes(process: Path = Path("/proc/self"), cgroups: Path = Path("/sys/fs/cgroup")) -> int:
     """Memory that is left to this process by the machine, its container and its own limits."""
     bounds = [psutil.virtual_memory().available, *_cgroup_rooms(process, cgroups), *_rlimit_rooms()]
     return max(0, min(bounds))

@@ -22,7 +22,6 @@ _BAND = 256  # rows of windows at a time
 _BAND_VALUES = 65536  # of differences at a time, which stay in the processor's cache
 _FLAT = 0.02  # of 0..1, the largest step to the next pixel of a flat area: five levels
 _AWAY = 4  # px from a flat pixel to any steeper step
-_WORST = 1000  # flat_error takes one in so many of the flat pixels
 
 
 def check_shapes(image: NDArray[np.floating], other: NDArray[np.floating]) -> None:
@@ -208,5 +207,5 @@ def flat_error(image: NDArray[np.floating], reference: NDArray[np.floating]) -> 
     errors = np.abs(np.subtract(image[flat], reference[flat], dtype=np.float64)).max(axis=1)
     if not errors.size:
         return math.nan
-    worst = math.ceil(errors.size / _WORST)
+    worst = math.ceil(errors.size / 1000)
     return float(np.partition(errors, -worst)[-worst:].mean()) * LEVELS

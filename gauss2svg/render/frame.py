@@ -13,7 +13,6 @@ from gauss2svg.render import render
 from gauss2svg.scene import Scene
 
 MOST_SIDE = 768  # px, of a frame
-_QUALITY = 80  # of JPEG
 # docs/decisions/studio.md has what a frame costs, and why it is a raster.
 _MOST_A_SECOND = 15
 _SHARE = 0.06  # of the CPU time of a fit that its frames may take
@@ -45,5 +44,5 @@ def as_jpeg(scene: Scene, most_side: int = MOST_SIDE) -> bytes:
     width, height = (max(1, round(side * share)) for side in (scene.width, scene.height))
     levels = np.clip(render(scene, width, height) * 255 + 0.5, 0, 255).astype(np.uint8)
     stream = io.BytesIO()
-    Image.fromarray(levels).save(stream, "JPEG", quality=_QUALITY)
+    Image.fromarray(levels).save(stream, "JPEG", quality=80)
     return stream.getvalue()

@@ -185,8 +185,3 @@ def nearest_class(beta: NDArray[np.float64]) -> NDArray[np.intp]:
     """Index into BETA_CLASSES of the nearest, as ratios go; any shape."""
     logs = np.log(BETA_CLASSES)
     return np.searchsorted(0.5 * (logs[1:] + logs[:-1]), np.log(beta))
-
-
-def widening(beta: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Factor of sigma by which a shape keeps its radius of half height under another beta."""
-    return half_radius(beta) / half_radius(other)

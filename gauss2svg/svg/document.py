@@ -26,7 +26,6 @@ _ASPECT = re.compile(r"none|x(Min|Mid|Max)Y(Min|Mid|Max)( (meet|slice))?")
 _COUNT = re.compile("[0-9]{1,18}")  # of segments
 _DECIMALS = 4  # of a size: a millionth of a metre where the unit is a centimetre
 _LARGEST_LABEL = 2**31 - 1
-LONGEST_ANIMATION_S = 3600.0
 MOST_SEGMENTS = 10_000
 # It selects groups under the root alone: with a segment for its fragment a file shows the whole
 # picture, and not a round without some of its segments under all later rounds.
@@ -119,7 +118,7 @@ class Document(OptionGroup):
     """Layers inside the rounds: an approximate number of superpixels, or a label image of the
     photo's size."""
 
-    animate: Annotated[float | None, Number(0, LONGEST_ANIMATION_S, above=True)] = None
+    animate: Annotated[float | None, Number(0, 3600.0, above=True)] = None
     """Seconds in which the rounds fade in, unless the viewer prefers reduced motion; the last frame
     is the still picture."""
 

@@ -11,7 +11,6 @@ from gauss2svg.scene.falloff import (
     cut_radius,
     half_radius,
     nearest_class,
-    widening,
     with_length,
     written_skew,
 )
@@ -53,7 +52,7 @@ def with_falloffs(
     mean + (cut_radius(beta) - half_radius(beta)) L f, with L its covariance's Cholesky factor.
     """
     skew = scene.skew if skew is None else skew
-    sigma = scene.sigma * widening(scene.beta, beta)[:, None]
+    sigma = scene.sigma * (half_radius(scene.beta) / half_radius(beta))[:, None]
     changed = scene.replace(beta=beta, skew=skew, sigma=np.clip(sigma, LEAST_SIGMA, MOST_SIGMA))
     moved = half_centers(scene) - half_centers(changed)
     # A shape at the end of the domain stays within it.

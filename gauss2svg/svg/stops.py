@@ -59,22 +59,17 @@ def gradient_stops(count: int, beta: float = 1.0) -> Stops:
     if beta not in BETA_CLASSES:
         needed = ", ".join(f"{known:g}" for known in BETA_CLASSES)
         raise InputError(f"beta of a gradient must be one of {needed}; got {quoted(beta)}")
-    return _fewest(count, float(beta))
+    if beta != 1:
+        allowed = TUNING.lenience * _best(count, 1.0)[1]
+        for fewer in range(FEWEST_STOPS, count):
+            stops, error = _best(fewer, float(beta))
+            if error <= allowed:
+                return stops
+    return best_stops(count, float(beta))
 
 
 def best_stops(count: int, beta: float) -> Stops:
     """Offsets and opacities of exactly so many stops, 3 or more, of the least error."""
-    return _best(count, beta)[0]
-
-
-def _fewest(count: int, beta: float) -> Stops:
-    if beta == 1:
-        return _best(count, beta)[0]
-    allowed = TUNING.lenience * _best(count, 1.0)[1]
-    for fewer in range(FEWEST_STOPS, count):
-        stops, error = _best(fewer, beta)
-        if error <= allowed:
-            return stops
     return _best(count, beta)[0]
 
 

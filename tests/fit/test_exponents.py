@@ -18,7 +18,7 @@ from gauss2svg.render import render
 from gauss2svg.render.autograd import fast_composite
 from gauss2svg.render.reference import composite, render_reference
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, widening
+from gauss2svg.scene.falloff import BETA_CLASSES, LEAST_BETA, MOST_BETA, RIM_WIDTH, half_radius
 from gauss2svg.scene.parameters import LEAST_RAW_BETA, MOST_RAW_BETA
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.plain_ellipse import is_plain, plain_radius
@@ -145,7 +145,7 @@ def test_quantization_changes_nothing_but_exponents_extents_and_colours():
         assert (getattr(once, name) == getattr(scene, name)).all()
     shaded = ~is_plain(scene)
     assert (once.beta[~shaded] == scene.beta[~shaded]).all()
-    expected = scene.sigma * widening(scene.beta, once.beta)[:, None]
+    expected = scene.sigma * (half_radius(scene.beta) / half_radius(once.beta))[:, None]
     np.testing.assert_allclose(once.sigma, expected)
     assert len(np.unique(np.column_stack([once.beta, once.color])[shaded], axis=0)) <= 12
     assert metrics.psnr(render(once), render(scene)) > 25

@@ -1,13 +1,11 @@
 """Colours of any kind arrive as sRGB: by ICC profile, by gamma and primaries, by ink, by Lab."""
 
-import io
 import struct
 import zlib
 
 import numpy as np
 import pytest
-import tifffile
-from pictures import chunk, encoded, png, srgb_curve
+from pictures import chunk, encoded, png, srgb_curve, tiff
 from PIL import Image, ImageCms
 
 from gauss2svg.photo.load import load_image
@@ -258,9 +256,7 @@ def test_lab_is_converted():
     lab = np.array([[100, 0, 0], [0, 0, 0], [54.29, 80.81, 69.89], [87.82, -79.27, 80.99],
                     [29.57, 68.3, -112.03]])  # fmt: skip
     stored = np.round(lab * [2.55, 1, 1]).astype(np.int16) % 256
-    stream = io.BytesIO()
-    tifffile.imwrite(stream, stored.astype(np.uint8)[None], photometric="cielab")
-    photo = load_image(stream.getvalue())
+    photo = load_image(tiff(stored.astype(np.uint8)[None], photometric="cielab"))
     expected = [[1, 1, 1], [0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
     np.testing.assert_allclose(photo.pixels[0], expected, atol=10 / 255)
     assert photo.notes == ("converted from CIELAB to sRGB",)

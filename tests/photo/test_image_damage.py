@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 import tifffile
-from pictures import chunk, encoded, png
+from pictures import chunk, encoded, png, tiff
 from PIL import Image, features
 
 from gauss2svg.errors import InputError
@@ -163,9 +163,7 @@ TIFFS = {
 def test_tiff_without_some_of_its_parts_says_how_many(name, parts, planar):
     array, options = TIFFS[name]
     array = np.moveaxis(array, 2, 0).copy() if planar == "separate" else array
-    stream = io.BytesIO()
-    tifffile.imwrite(stream, array, photometric="rgb", planarconfig=planar, **parts, **options)
-    whole = stream.getvalue()
+    whole = tiff(array, photometric="rgb", planarconfig=planar, **parts, **options)
     load_image(whole)
     offsets, counts = (324, 325) if "tile" in parts else (273, 279)
     number = (6 if "rowsperstrip" in parts else 12) * (array.shape[0] if planar != "contig" else 1)
@@ -180,11 +178,9 @@ def test_tiff_without_some_of_its_parts_says_how_many(name, parts, planar):
 def test_tiff_that_claims_more_rows_than_it_has_is_refused():
     for name in ("bytes", "floats"):
         array, _ = TIFFS[name]
-        stream = io.BytesIO()
-        tifffile.imwrite(stream, array, photometric="rgb", rowsperstrip=8)
-        file = stream.getvalue()
-        with tifffile.TiffFile(io.BytesIO(file)) as tiff:
-            tag = tiff.pages[0].tags[257]
+        file = tiff(array, photometric="rgb", rowsperstrip=8)
+        with tifffile.TiffFile(io.BytesIO(file)) as pages:
+            tag = pages.pages[0].tags[257]
         at, size = tag.valueoffset, {3: 2, 4: 4}[int(tag.dtype)]
         with pytest.raises(InputError, match="812 of its 818 strips or tiles have no data"):
             load_image(file[:at] + (6544).to_bytes(size, "little") + file[at + size :])

@@ -1,13 +1,11 @@
 """What each format can hold arrives as it was stored."""
 
-import io
 import struct
 
 import numpy as np
 import pytest
-import tifffile
 from flat import vectorize
-from pictures import chunk, encoded, png
+from pictures import chunk, encoded, png, tiff
 from PIL import Image, features
 
 from gauss2svg.photo.load import load_image
@@ -16,12 +14,6 @@ RNG = np.random.default_rng(0)
 BYTES = RNG.integers(0, 256, (6, 9, 3), dtype=np.uint8)
 WIDE = RNG.integers(0, 65536, (11, 13, 4), dtype=np.uint16)
 SMOOTH = np.uint8(np.mgrid[:24, :40].sum(0)[:, :, None] * [3, 2, 1] + [20, 60, 100])
-
-
-def tiff(array, **options) -> bytes:
-    stream = io.BytesIO()
-    tifffile.imwrite(stream, array, **options)
-    return stream.getvalue()
 
 
 @pytest.mark.parametrize("name", ["PNG", "BMP", "TIFF", "GIF", "WEBP"])

@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 import pytest
 import tifffile
-from pictures import encoded, tiff_file
+from pictures import encoded, tiff, tiff_file
 from PIL import Image
 
 from gauss2svg.errors import InputError
@@ -31,13 +31,9 @@ LAYOUTS = {"one strip": {}, "strips": {"rowsperstrip": 8}, "tiles": {"tile": (16
 def planes(array, kind: str, **options) -> bytes:
     """A TIFF of (h, w, n) samples in planes."""
     photometric, _, extra = KINDS[kind]
-    stream = io.BytesIO()
     extras = {"extrasamples": [extra]} if extra else {}
     stored = np.ascontiguousarray(np.moveaxis(array, -1, 0))
-    tifffile.imwrite(
-        stream, stored, photometric=photometric, planarconfig="separate", **extras, **options
-    )
-    return stream.getvalue()
+    return tiff(stored, photometric=photometric, planarconfig="separate", **extras, **options)
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -118,10 +114,9 @@ def test_compressed_grey_of_the_other_byte_order_is_the_same(kind):
     values = (VALUES[:, :, 0] * (1 if kind == "F" else 30000)).astype(
         {"F": ">f4", "I": ">i4", "I;16": ">i2"}[kind]
     )
-    stream = io.BytesIO()
-    tifffile.imwrite(stream, values, byteorder=">", compression="zlib", photometric="minisblack")
     top = 1 if kind == "F" else 65535
-    photo = load_image(stream.getvalue())
+    file = tiff(values, byteorder=">", compression="zlib", photometric="minisblack")
+    photo = load_image(file)
     np.testing.assert_allclose(photo.pixels[:, :, 0], values / top, atol=1e-6)
 
 

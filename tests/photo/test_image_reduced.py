@@ -1,13 +1,11 @@
 """A photo that is reduced while it is decoded is the whole one, reduced after it."""
 
-import io
 import tracemalloc
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
-import tifffile
-from pictures import chunk, encoded, png
+from pictures import chunk, encoded, png, tiff
 from PIL import Image, ImageCms
 
 from gauss2svg.errors import InputError
@@ -28,10 +26,7 @@ WIDE = np.dstack([NOISY, ALPHA]).astype(np.uint16) * 257
 P3 = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
 
-def tiff(array, **options) -> bytes:
-    stream = io.BytesIO()
-    tifffile.imwrite(stream, array, photometric="rgb", **options)
-    return stream.getvalue()
+rgb_tiff = partial(tiff, photometric="rgb")
 
 
 LOSSLESS = {
@@ -48,12 +43,14 @@ LOSSLESS = {
     "GIF": lambda: encoded(RGB.quantize(64), "GIF"),
     "BMP": lambda: encoded(RGB, "BMP"),
     "TIFF": lambda: encoded(RGB, "TIFF", compression="tiff_lzw"),
-    "16-bit TIFF": lambda: tiff(WIDE[:, :, :3].copy(), rowsperstrip=16),
-    "float TIFF in tiles": lambda: tiff(np.float32(WIDE / 65535), tile=(64, 48), extrasamples=[2]),
-    "TIFF in planes": lambda: tiff(
+    "16-bit TIFF": lambda: rgb_tiff(WIDE[:, :, :3].copy(), rowsperstrip=16),
+    "float TIFF in tiles": lambda: rgb_tiff(
+        np.float32(WIDE / 65535), tile=(64, 48), extrasamples=[2]
+    ),
+    "TIFF in planes": lambda: rgb_tiff(
         np.moveaxis(WIDE[:, :, :3], -1, 0).copy(), planarconfig="separate", rowsperstrip=7
     ),
-    "premultiplied": lambda: tiff(WIDE, extrasamples=[1], planarconfig="contig"),
+    "premultiplied": lambda: rgb_tiff(WIDE, extrasamples=[1], planarconfig="contig"),
 }
 
 
@@ -132,7 +129,7 @@ def test_orientation_is_applied_after_reducing(name, orientation):
     if name == "planes":
         stack = np.moveaxis(WIDE[:, :, :3], -1, 0).copy()
         extra = [(274, "H", 1, orientation, True)]
-        file = tiff(stack, planarconfig="separate", extratags=extra)
+        file = rgb_tiff(stack, planarconfig="separate", extratags=extra)
     else:
         file = encoded(Image.fromarray(SMOOTH.astype(np.uint8)), name, exif=exif)
     whole, photo = load_image(file), load_image(file, needed=60)
@@ -158,7 +155,7 @@ def test_matte_is_the_same_before_and_after():
 
 
 def test_a_tiff_is_never_whole_in_memory():
-    file = tiff(np.zeros((3000, 1000, 3), np.float32), rowsperstrip=30, compression="zlib")
+    file = rgb_tiff(np.zeros((3000, 1000, 3), np.float32), rowsperstrip=30, compression="zlib")
     load_image(file, needed=50)  # what is loaded on first use
     tracemalloc.start()
     load_image(file, needed=50)

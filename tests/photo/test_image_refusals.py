@@ -9,9 +9,8 @@ from pkgutil import resolve_name
 
 import numpy as np
 import pytest
-import tifffile
 from flat import vectorize
-from pictures import chunk, encoded, png
+from pictures import chunk, encoded, png, tiff
 from PIL import Image, features
 
 from gauss2svg.batch.inputs import is_picture
@@ -50,9 +49,7 @@ def tiff_of(*entries: tuple[int, int, int]) -> bytes:
 
 
 def float_tiff(array) -> bytes:
-    stream = io.BytesIO()
-    tifffile.imwrite(stream, array, photometric="rgb" if array.ndim == 3 else "minisblack")
-    return stream.getvalue()
+    return tiff(array, photometric="rgb" if array.ndim == 3 else "minisblack")
 
 
 def png_head(width: int, height: int) -> bytes:

@@ -7,6 +7,7 @@ import struct
 import zlib
 
 import numpy as np
+import tifffile
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -27,6 +28,13 @@ def encoded(picture: Image.Image, name: str, **options) -> bytes:
     """The file that Pillow makes of it."""
     stream = io.BytesIO()
     picture.save(stream, name, **options)
+    return stream.getvalue()
+
+
+def tiff(array: NDArray, **options) -> bytes:
+    """The file that tifffile makes of it."""
+    stream = io.BytesIO()
+    tifffile.imwrite(stream, array, **options)
     return stream.getvalue()
 
 

@@ -4,7 +4,7 @@ import gzip
 import io
 import json
 import re
-from xml.etree import ElementTree
+from xml.etree.ElementTree import fromstring as parse
 
 import numpy as np
 import pytest
@@ -28,10 +28,6 @@ SVG = "{http://www.w3.org/2000/svg}"
 QUICK = {"gaussians": 60, "iterations": 30}
 QUICK_OPTIONS = ["--gaussians", "60", "--iterations", "30", "--quiet"]
 SCENE = random_scene(30, 60, 45, 7)
-
-
-def parse(svg: str) -> ElementTree.Element:
-    return ElementTree.fromstring(svg.encode())
 
 
 @pytest.fixture

@@ -2,35 +2,24 @@
 
 import gzip
 import re
-from xml.etree import ElementTree
+from xml.etree.ElementTree import fromstring as parse
 
 import numpy as np
 import pytest
 from conftest import random_scene
 from flat import vectorize
-from hypothesis import given
-from hypothesis import strategies as st
 from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.errors import InputError
 from gauss2svg.raster import rasterize
 from gauss2svg.scene import Scene
-from gauss2svg.scene.falloff import half_radius, profile
+from gauss2svg.scene.falloff import half_radius
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.syntax.values import color
 from gauss2svg.svg.write import outline_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
-
-
-def parse(svg: str) -> ElementTree.Element:
-    return ElementTree.fromstring(svg.encode())
-
-
-@given(st.floats(0.5, 256))
-def test_contour_is_at_half_height(beta):
-    assert profile(half_radius(beta), beta) == pytest.approx(0.5, abs=1e-9)
 
 
 def test_every_shape_is_one_stroke_in_its_colour_and_nothing_is_filled():

@@ -3,7 +3,7 @@
 import math
 import re
 from functools import partial
-from xml.etree import ElementTree
+from xml.etree.ElementTree import fromstring as parse
 
 import numpy as np
 import pytest
@@ -34,10 +34,6 @@ QUICK = {"gaussians": 200, "iterations": 60}
 # Left and right of a slanted border, and a disc of a third label.
 Y, X = np.mgrid[:128, :128]
 LABELS = np.where((X - 60) ** 2 + (Y - 50) ** 2 < 900, 7, np.where(X + Y > 140, 2, 0))
-
-
-def parse(svg: str) -> ElementTree.Element:
-    return ElementTree.fromstring(svg.encode())
 
 
 def groups_of(svg: str) -> list[tuple[int, int, list[tuple[float, float]]]]:

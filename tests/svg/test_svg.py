@@ -1,7 +1,7 @@
 """Laws of the written file; read back by the standard library's own XML parser."""
 
 import re
-from xml.etree import ElementTree
+from xml.etree.ElementTree import fromstring as parse
 
 import numpy as np
 import pytest
@@ -23,10 +23,6 @@ from gauss2svg.svg.write import write_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 INKSCAPE = "{http://www.inkscape.org/namespaces/inkscape}"
-
-
-def parse(svg: str) -> ElementTree.Element:
-    return ElementTree.fromstring(svg.encode())
 
 
 def test_size_background_title_and_layers_are_there():
