@@ -1,8 +1,12 @@
 """What a page looks like: screenshots on a busy machine, and faults of access."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
+
+from gauss2svg.raster import chromium
 
 _REFUSED = "Unable to capture screenshot"
 _TRIES, _PAUSE_MS = 5, 200
@@ -16,6 +20,16 @@ def expect(what: Any) -> Any:
     from playwright.sync_api import expect as waiting
 
     return waiting(what)
+
+
+@contextmanager
+def opened_page(motion: str, width: int, height: int) -> Iterator[Any]:
+    """A page of Chromium, without the flags by which a renderer starts it."""
+    api = chromium._playwright()
+    with api.sync_playwright() as playwright:
+        browser = chromium.launch(api, playwright, chromium._program(), flags=())
+        yield browser.new_page(reduced_motion=motion, viewport={"width": width, "height": height})
+        browser.close()
 
 
 def captured(page, **options) -> bytes:

@@ -7,21 +7,19 @@ import numpy as np
 import pytest
 from conftest import random_scene
 from PIL import Image
-from screens import captured
+from screens import captured, opened_page
 
 from gauss2svg.errors import RendererError
-from gauss2svg.raster import chromium, rasterize, refuse_unsupported
+from gauss2svg.raster import rasterize, refuse_unsupported
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import write_svg
 
 pytestmark = pytest.mark.browser
 
 SCENE = random_scene(30, 60, 45, 7, (2, 9))
-OPTIONS = SvgFormat()
-STILL = write_svg(SCENE, OPTIONS)
-MOVING = write_svg(SCENE, OPTIONS, Document(animate=6))
+STILL = write_svg(SCENE)
+MOVING = write_svg(SCENE, document=Document(animate=6))
 # Played, paused at a time in ms, or finished; and what the root then looks like.
 # Two frames later, as a busy browser may show an earlier one until then.
 AT = """async (ms) => {
@@ -71,29 +69,15 @@ def test_style_sheet_without_filters_filters_nothing():
         refuse_unsupported(blurred.format("<style>circle{filter:url(#f)}</style>"), 9, 9, "resvg")
 
 
-class _Page:
-    """A page of the browser, by calls into its thread."""
-
-    def __init__(self, motion: str) -> None:
-        self._motion = motion
-
-    def screenshots(self, svg: str, times: list[float | None]) -> list[bytes]:
-        api = chromium._playwright()
-        with api.sync_playwright() as playwright:
-            browser = chromium.launch(api, playwright, chromium._program(), flags=())
-            page = browser.new_page(
-                reduced_motion=self._motion, viewport={"width": 60, "height": 45}
-            )
-            page.set_content(
-                f'<!doctype html><body style="margin:0">{svg[svg.index("<svg") :]}</body>'
-            )
-            taken = []
-            for time in times:
-                if time != 0:
-                    page.evaluate(AT, time)
-                taken.append(captured(page))
-            browser.close()
-        return taken
+def screenshots(motion: str, svg: str, times: list[float | None]) -> list[bytes]:
+    taken = []
+    with opened_page(motion, 60, 45) as page:
+        page.set_content(f'<!doctype html><body style="margin:0">{svg[svg.index("<svg") :]}</body>')
+        for time in times:
+            if time != 0:
+                page.evaluate(AT, time)
+            taken.append(captured(page))
+    return taken
 
 
 def pixels_of(png: bytes) -> np.ndarray:
@@ -102,8 +86,8 @@ def pixels_of(png: bytes) -> np.ndarray:
 
 
 def test_browser_fades_rounds_in_and_ends_with_the_still_picture(browser):
-    still = _Page("no-preference").screenshots(STILL, [0])[0]
-    begin, middle, end = _Page("no-preference").screenshots(MOVING, [1e-3, 3000, None])
+    still = screenshots("no-preference", STILL, [0])[0]
+    begin, middle, end = screenshots("no-preference", MOVING, [1e-3, 3000, None])
     assert end == still
     background, begun, halfway, ended = (
         np.round(SCENE.background * 255), *(pixels_of(png) for png in (begin, middle, end))
@@ -114,5 +98,5 @@ def test_browser_fades_rounds_in_and_ends_with_the_still_picture(browser):
 
 
 def test_reduced_motion_shows_the_end_at_once(browser):
-    still = _Page("reduce").screenshots(STILL, [0])[0]
-    assert _Page("reduce").screenshots(MOVING, [0])[0] == still
+    still = screenshots("reduce", STILL, [0])[0]
+    assert screenshots("reduce", MOVING, [0])[0] == still

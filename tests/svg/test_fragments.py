@@ -5,21 +5,19 @@ import re
 import numpy as np
 import pytest
 from conftest import needs, random_scene
-from screens import captured
+from screens import captured, opened_page
 from svg_texts import assert_same
 
 from gauss2svg import check
 from gauss2svg.errors import InputError
-from gauss2svg.raster import BROWSERS, chromium, rasterize
+from gauss2svg.raster import BROWSERS, rasterize
 from gauss2svg.svg.document import Document
-from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.reader.read import read_svg
 from gauss2svg.svg.write import outline_svg, write_svg
 
 pytestmark = pytest.mark.browser
 
 SCENE = random_scene(30, 60, 45, 7, (2, 9))
-OPTIONS = SvgFormat()
 LABELS = np.arange(12).reshape(3, 4)
 KINDS = {
     "plain": {},
@@ -32,23 +30,19 @@ SHEET = re.compile("<style.*?</style>", re.DOTALL)
 def written(kind: str, rounds: int | None = None, fragments: bool = False) -> str:
     """The file of the first rounds, or of all."""
     scene = SCENE if rounds is None else SCENE.select(SCENE.round_index < rounds)
-    return write_svg(scene, OPTIONS, Document(**KINDS[kind], fragments=fragments))
+    return write_svg(scene, document=Document(**KINDS[kind], fragments=fragments))
 
 
 def screenshots(folder, motion: str, files: dict[str, str], addresses: list[str]) -> list[bytes]:
     """What Chromium shows of files, as documents of their own, once all animation is over."""
     for name, svg in files.items():
         (folder / name).write_text(svg, encoding="utf-8")
-    api = chromium._playwright()
     taken = []
-    with api.sync_playwright() as playwright:
-        browser = chromium.launch(api, playwright, chromium._program(), flags=())
-        page = browser.new_page(reduced_motion=motion, viewport={"width": 60, "height": 45})
+    with opened_page(motion, 60, 45) as page:
         for address in addresses:
             page.goto(f"{folder.as_uri()}/{address}")
             page.evaluate("() => document.getAnimations().forEach(a => a.finish())")
             taken.append(captured(page))
-        browser.close()
     return taken
 
 
