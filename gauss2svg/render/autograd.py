@@ -15,7 +15,7 @@ from gauss2svg.render.cpu import (
     render_planar,
     splats_from,
 )
-from gauss2svg.render.domain import check_domain, torch
+from gauss2svg.render.domain import shapes_of, torch
 from gauss2svg.scene import whitening_of
 
 # At an opacity of 0 the falloff that its gradient needs is lost. At these it is not, and ten
@@ -128,16 +128,8 @@ def fast_composite(
     gradients of beta < 1; they grow with r^(2 beta - 1) or faster. Raises InputError outside the
     domain (gauss2svg.render.domain).
     """
-    beta = torch.ones_like(rho) if beta is None else beta
-    skew = torch.zeros_like(mean) if skew is None else skew
-    check_domain(
-        mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity, background=background,
-        beta=beta, skew=skew,
-    )  # fmt: skip
-    arguments = (mean, sigma, rho, color, opacity, background, beta, skew, height, width, False)
-    image = _FastRender.apply(*arguments)
-    assert isinstance(image, torch.Tensor)
-    return image
+    shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta, skew)
+    return _drawn(shapes, height, width, additive=False)
 
 
 def fast_accumulate(
@@ -153,10 +145,13 @@ def fast_accumulate(
 
     Tensors and gradients as those of fast_composite.
     """
-    check_domain(mean=mean, sigma=sigma, rho=rho, color=color, background=background)
-    one = torch.ones_like(rho)
-    none = torch.zeros_like(mean)
-    arguments = (mean, sigma, rho, color, one, background, one, none, height, width, True)
-    image = _FastRender.apply(*arguments)
+    shapes = shapes_of(mean, sigma, rho, color, background)
+    return _drawn(shapes, height, width, additive=True)
+
+
+def _drawn(
+    shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
+) -> torch.Tensor:
+    image = _FastRender.apply(*shapes, height, width, additive)
     assert isinstance(image, torch.Tensor)
     return image

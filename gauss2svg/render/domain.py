@@ -21,39 +21,61 @@ _DISCS = {parameter.name for parameter in PARAMETERS if parameter.disc}
 _DOMAIN |= dict.fromkeys(("color", "background"), (-MOST_SIGNED, MOST_SIGNED))
 
 
-def check_domain(**tensors: torch.Tensor) -> None:
-    """Raise InputError for an element that is not finite or leaves the domain of its parameter.
+def shapes_of(
+    mean: torch.Tensor,
+    sigma: torch.Tensor,
+    rho: torch.Tensor,
+    color: torch.Tensor,
+    background: torch.Tensor,
+    opacity: torch.Tensor | None = None,
+    beta: torch.Tensor | None = None,
+    skew: torch.Tensor | None = None,
+) -> tuple[torch.Tensor, ...]:
+    """Mean, sigma, rho, color, opacity, background, beta, skew; of opaque Gaussians if not given.
 
-    The domain is that of gauss2svg.scene.scene.Scene, but colours may be signed with both blends,
-    and rho may go up to the last number before 1 of its own dtype.
+    Raises InputError for an element that is not finite or leaves the domain of its parameter: that
+    of gauss2svg.scene.scene.Scene, but colours may be signed with both blends, and rho may go up to
+    the last number before 1 of its own dtype.
     """
-    for name, tensor in tensors.items():
-        least, most = _DOMAIN[name]
-        # The ends as numbers of the tensor's dtype: float32 rounds 1e-9 down, and 1e-9 and 1e9 lie
-        # outside the normal numbers of float16.
-        kind = torch.finfo(tensor.dtype)
-        least = max(least, kind.tiny) if least > 0 else max(least, kind.min)
-        ends = torch.tensor([least, min(most, kind.max)], dtype=tensor.dtype)
-        least, most = ends.double().tolist()
-        if name == "rho":
-            least, most = -below_one(tensor.dtype), below_one(tensor.dtype)
-        values = tensor.detach().to("cpu", torch.float64).numpy()
-        bad = ~((values >= least) & (values <= most))
-        if bad.any():
-            at = tuple(int(i) for i in np.argwhere(bad)[0])
+    opacity = torch.ones_like(rho) if opacity is None else opacity
+    beta = torch.ones_like(rho) if beta is None else beta
+    skew = torch.zeros_like(mean) if skew is None else skew
+    shapes = {
+        "mean": mean, "sigma": sigma, "rho": rho, "color": color, "opacity": opacity,
+        "background": background, "beta": beta, "skew": skew,
+    }  # fmt: skip
+    for name, tensor in shapes.items():
+        _check(name, tensor)
+    return tuple(shapes.values())
+
+
+def _check(name: str, tensor: torch.Tensor) -> None:
+    least, most = _DOMAIN[name]
+    # The ends as numbers of the tensor's dtype: float32 rounds 1e-9 down, and 1e-9 and 1e9 lie
+    # outside the normal numbers of float16.
+    kind = torch.finfo(tensor.dtype)
+    least = max(least, kind.tiny) if least > 0 else max(least, kind.min)
+    ends = torch.tensor([least, min(most, kind.max)], dtype=tensor.dtype)
+    least, most = ends.double().tolist()
+    if name == "rho":
+        least, most = -below_one(tensor.dtype), below_one(tensor.dtype)
+    values = tensor.detach().to("cpu", torch.float64).numpy()
+    bad = ~((values >= least) & (values <= most))
+    if bad.any():
+        at = tuple(int(i) for i in np.argwhere(bad)[0])
+        raise InputError(
+            f"{name}{list(at)} must be finite and in {least!r}..{most!r}; got "
+            f"{values[at]!s}. Try clamping it"
+        )
+    if name in _DISCS:
+        length = np.sqrt(np.square(values).sum(axis=1))
+        long = length > most * (1 + 2 * kind.eps)  # as a scaled vector may be
+        if long.any():
+            at = int(long.argmax())
             raise InputError(
-                f"{name}{list(at)} must be finite and in {least!r}..{most!r}; got "
-                f"{values[at]!s}. Try clamping it"
+                f"{name}[{at}] must be of a length in 0..{most!r}; got {length[at]!s}. Try "
+                "shortening it"
             )
-        if name in _DISCS:
-            length = np.sqrt(np.square(values).sum(axis=1))
-            long = length > most * (1 + 2 * kind.eps)  # as a scaled vector may be
-            if long.any():
-                at = int(long.argmax())
-                raise InputError(
-                    f"{name}[{at}] must be of a length in 0..{most!r}; got {length[at]!s}. Try "
-                    "shortening it"
-                )
 
 
 def below_one(dtype: torch.dtype) -> float:

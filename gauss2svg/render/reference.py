@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from gauss2svg.render import output_size
-from gauss2svg.render.domain import below_one, check_domain, torch
+from gauss2svg.render.domain import below_one, shapes_of, torch
 from gauss2svg.scene import ADD, Scene
 from gauss2svg.scene.falloff import CUT, RIM
 
@@ -41,13 +41,8 @@ def composite(
     of one dtype and device, which the image shares. Raises InputError outside of the domain
     (gauss2svg.render.domain).
     """
-    beta = torch.ones_like(rho) if beta is None else beta
-    skew = torch.zeros_like(mean) if skew is None else skew
-    check_domain(
-        mean=mean, sigma=sigma, rho=rho, color=color, opacity=opacity, background=background,
-        beta=beta, skew=skew,
-    )  # fmt: skip
-    return _blended(mean, sigma, rho, color, opacity, background, height, width, beta, skew)
+    shapes = shapes_of(mean, sigma, rho, color, background, opacity, beta, skew)
+    return _blended(shapes, height, width, additive=False)
 
 
 def accumulate(
@@ -63,28 +58,19 @@ def accumulate(
 
     Shapes, dtype, device and domain as those of composite; the order does not matter.
     """
-    check_domain(mean=mean, sigma=sigma, rho=rho, color=color, background=background)
-    one, none = torch.ones_like(rho), torch.zeros_like(mean)
-    return _blended(mean, sigma, rho, color, None, background, height, width, one, none)
+    shapes = shapes_of(mean, sigma, rho, color, background)
+    return _blended(shapes, height, width, additive=True)
 
 
 def _blended(
-    mean: torch.Tensor,
-    sigma: torch.Tensor,
-    rho: torch.Tensor,
-    color: torch.Tensor,
-    opacity: torch.Tensor | None,
-    background: torch.Tensor,
-    height: int,
-    width: int,
-    beta: torch.Tensor,
-    skew: torch.Tensor,
+    shapes: tuple[torch.Tensor, ...], height: int, width: int, additive: bool
 ) -> torch.Tensor:
-    """The image of `composite`, without opacities that of `accumulate`; the domain is unchecked."""
+    """The image of `accumulate` or of `composite`, of what shapes_of returns."""
+    mean, sigma, rho, color, opacity, background, beta, skew = shapes
     image = background.expand(height, width, 3)
     for k in range(len(mean)):
         falloff = _falloff(mean[k], sigma[k], rho[k], beta[k], skew[k], height, width)[:, :, None]
-        if opacity is None:
+        if additive:
             image = image + falloff * color[k]
         else:
             image = image + opacity[k] * falloff * (color[k] - image)
@@ -162,20 +148,17 @@ def render_reference(
     Raises InputError where gauss2svg.render.render does.
     """
     width, height = output_size(scene, width, height)
-    # Not Scene.scaled: shapes scaled to some sizes leave the domain of scenes.
+    # Not Scene.scaled, and unchecked: shapes scaled to some sizes leave the domain of scenes.
     scale = np.array([width / scene.width, height / scene.height])
     arrays = (
         scene.mean * scale, scene.sigma * scale, scene.rho, scene.color, scene.opacity,
         scene.background, scene.beta, scene.skew,
     )  # fmt: skip
-    mean, sigma, rho, color, opacity, background, beta, skew = (
+    mean, sigma, rho, *others = (
         torch.tensor(array, dtype=dtype, device=device) for array in arrays
     )
     rho = rho.clamp(-below_one(dtype), below_one(dtype))
     additive = scene.blend == ADD
     with torch.no_grad():
-        image = _blended(
-            mean, sigma, rho, color, None if additive else opacity, background, height, width,
-            beta, skew,
-        )  # fmt: skip
+        image = _blended((mean, sigma, rho, *others), height, width, additive)
     return image.clamp(0, 1) if additive else image
