@@ -18,7 +18,7 @@ from both_renderers import (
     planar,
     tensors_of,
 )
-from conftest import random_scene
+from conftest import random_scene, random_sum
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -63,6 +63,13 @@ def test_reference_and_fast_renderer_draw_the_oracle(scene_of, dtype, seed, coun
     image = render(scene, dtype=dtype)
     assert image.dtype == dtype
     np.testing.assert_allclose(image, clipped, atol=off)
+
+
+@given(seeds)
+def test_order_does_not_matter_in_additive_blending(seed):
+    scene = random_sum(20, 33, 17, seed).replace(round_index=None)
+    turned = scene.select(np.random.default_rng(seed).permutation(20))
+    np.testing.assert_allclose(planar(turned, np.float64), planar(scene, np.float64), atol=1e-12)
 
 
 @in_both

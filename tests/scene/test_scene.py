@@ -1,15 +1,16 @@
 import copy
 import dataclasses
 import io
+import math
 import pickle
 
 import numpy as np
 import pytest
-from conftest import random_scene
+from conftest import random_scene, random_sum
 
 from gauss2svg.errors import InputError, SceneError
 from gauss2svg.render import render
-from gauss2svg.scene import RHO_LIMIT, Scene
+from gauss2svg.scene import MOST_SIGNED, RHO_LIMIT, Scene, peaks_of
 
 ARRAYS = ("mean", "sigma", "rho", "color", "opacity", "background", "beta", "round_index")
 
@@ -146,6 +147,30 @@ def test_a_tensor_that_requires_a_gradient_is_refused_by_name():
         Scene.from_covariance(9, 9, np.ones((2, 2)), tensor[None], np.ones((2, 3)))
 
 
+def test_densities_are_the_papers_coefficients():
+    scene = random_sum(6, 30, 30, 1)
+    for k in range(6):
+        determinant = float(np.linalg.det(scene.covariance[k]))
+        phi = 1 / (2 * math.pi * math.sqrt(determinant))  # the normal density at its mean
+        np.testing.assert_allclose(scene.densities[k] * phi, scene.color[k], rtol=1e-9)
+    back = peaks_of(scene.densities, scene.sigma, scene.rho)
+    np.testing.assert_allclose(back, scene.color, rtol=1e-12)
+
+
+def test_bad_additive_scenes_are_refused():
+    scene = random_sum(3, 20, 20, 2)
+    with pytest.raises(SceneError, match=r"opacity.* additive"):
+        scene.replace(opacity=np.array([1.0, 0.5, 1.0]))
+    with pytest.raises(SceneError, match=r"beta.* additive"):
+        scene.replace(beta=np.full(3, 2.0))
+    with pytest.raises(SceneError, match="color"):
+        scene.replace(color=np.full((3, 3), 1.01 * MOST_SIGNED))
+    with pytest.raises(SceneError, match=r"color.*0\.\.1"):
+        scene.replace(color=np.full((3, 3), -0.1), blend="over")
+    with pytest.raises(SceneError, match=r"blend (as|of)"):
+        scene.concatenate(Scene(20, 20))
+
+
 def test_axes_stay_positive_for_the_thinnest_shapes():
     scene = Scene(
         4, 4, np.zeros((2, 2)), np.array([[1e-6, 1e6], [1, 1]]), np.array([0.5, RHO_LIMIT]),
@@ -155,8 +180,8 @@ def test_axes_stay_positive_for_the_thinnest_shapes():
     assert np.isfinite(scene.conic).all()
 
 
-def test_saved_scene_comes_back_to_the_last_bit(tmp_path):
-    scene = random_scene(20, seed=5)
+@pytest.mark.parametrize("scene", [random_scene(20, seed=5), random_sum(9, 20, 10, 3)], ids=repr)
+def test_saved_scene_comes_back_to_the_last_bit(scene, tmp_path):
     stream = io.BytesIO()
     scene.save(stream)
     stream.seek(0)
