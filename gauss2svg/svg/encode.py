@@ -67,7 +67,8 @@ from gauss2svg.svg.snap import snapped
 from gauss2svg.svg.stops import gradient_stops
 
 _LARGE = 100  # radius of gradients of large exponents
-_NO_SKEW = 0.001  # fx of a symmetric gradient of radius 1: resvg draws 0 less accurately
+# fx of a symmetric gradient of radius 1: resvg draws 0 less accurately (docs/decisions/svg.md).
+_NO_SKEW = 0.001
 
 
 @dataclass(frozen=True)
