@@ -15,6 +15,7 @@ from gauss2svg.fit.options import ADAPTIVE, DEFAULT_LOSS, PSNR, DensifyOptions, 
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.checks import check_alpha, check_together, needs_editable
+from gauss2svg.pipeline.drawings import is_drawing
 from gauss2svg.pipeline.options import AUTO, Options
 from gauss2svg.pipeline.presets import (
     DEFAULT_PRESET,
@@ -28,6 +29,7 @@ from gauss2svg.pipeline.presets import (
 from gauss2svg.raster import DRAW_MINIMAL, renderer_version
 from gauss2svg.scene import ADD, OVER
 from gauss2svg.scene.inks import inks_of
+from gauss2svg.svg.blur import GRADIENT
 from gauss2svg.svg.format import EDITABLE, INKS, MINIMAL, ROUNDS, SvgFormat
 
 Markup = Literal["editable", "minimal"]
@@ -99,12 +101,15 @@ class Plan:
 
     fit_side  longest side in px of the image that the fit runs on, None before the photo is read
     by_bytes  whether the search plans every byte, else it is one by count
+    covering  whether crisp shapes are fitted by how much of each pixel they cover, as those of a
+              drawing are; False before the photo is read
     Raises InputError or RendererError for options that exclude each other.
     """
 
     options: Options
     fit_side: int | None = None
     by_bytes: bool = False
+    covering: bool = False
 
     def __post_init__(self) -> None:
         check_together(self.options)
@@ -115,12 +120,17 @@ class Plan:
         """Whether shapes are opaque ellipses of a few inks."""
         return self.options.fit.inks is not None
 
-    def in_inks_of(self, pixels: NDArray[np.float32]) -> Plan:
-        """The plan with the inks that are chosen for a photo where their number is given."""
+    def for_picture(self, pixels: NDArray[np.float32]) -> Plan:
+        """The plan for a photo: how a drawing is fitted, and inks where their number is given."""
         given: Any = self.options.fit.inks
-        if not isinstance(given, int):
-            return self
-        return dataclasses.replace(self, options=self.options.changed(inks=inks_of(pixels, given)))
+        if isinstance(given, int):
+            options = self.options.changed(inks=inks_of(pixels, given))
+            return dataclasses.replace(self, options=options)
+        # A given number, a target and a limit are of the picture at its size: there soft rims are
+        # as close, and sometimes closer.
+        by_preset = self.count_adapts and self.aim is None and not self.options.goal.is_budget
+        usual = self.options.fit.learned_falloff and self.options.svg.form == GRADIENT
+        return dataclasses.replace(self, covering=by_preset and usual and is_drawing(pixels))
 
     def check_renderer(self) -> None:
         """Raise RendererError if the measuring renderer is not installed."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +11,27 @@ from numpy.typing import NDArray
 from gauss2svg.errors import InputError, quoted, required
 from gauss2svg.pipeline.palette import best_palette, quantize_signed
 from gauss2svg.render.cpu import removal_cost, splats_of
-from gauss2svg.scene import ADD, Scene
-from gauss2svg.scene.falloff import with_length
+from gauss2svg.scene import ADD, PLAIN, Scene
+from gauss2svg.scene.falloff import RIM_WIDTH, covered_radius, with_length
 from gauss2svg.svg.blur import GRADIENT, drawn_blurs
-from gauss2svg.svg.plain_ellipse import is_plain
+from gauss2svg.svg.plain_ellipse import drawn_beta, is_plain
 from gauss2svg.svg.snap import snapped, with_falloffs
+
+
+@dataclass(frozen=True)
+class EdgesTuning:
+    """Which shapes of a drawing are edges (docs/decisions/enlarged.md).
+
+    rim   px across the minor axis, from .9 to .1, at most
+    half  px from the middle to the edge at least: what is thinner cannot be seen to be crisp, and
+          is closer as it was fitted
+    """
+
+    rim: float = 1.5
+    half: float = 1.0
+
+
+TUNING = EdgesTuning()
 
 
 def quantize(
@@ -57,6 +74,19 @@ def quantize(
     length[shaded] = found.skew[found.entry]
     skew = with_length(exact.skew, length)
     return with_falloffs(exact, beta, skew).replace(color=color, drawn=scene.drawn)
+
+
+def with_plain_edges(scene: Scene) -> Scene:
+    """The scene whose crisp shapes are plain ellipses, of the same area, whatever their size.
+
+    In a fit that goes on such a shape counts by how much of each pixel it covers.
+    """
+    minor = scene.ellipse_axes[0][:, 1]
+    crisp = RIM_WIDTH * minor < TUNING.rim * scene.beta
+    plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > TUNING.half))
+    beta = scene.beta.copy()
+    beta[plain] = drawn_beta(scene, plain)
+    return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, scene.drawn))
 
 
 def _quantize_additive(

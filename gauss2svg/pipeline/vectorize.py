@@ -119,7 +119,7 @@ def vectorize_by(
     photo, sizes = _read(plan, run, image, may_reduce)
     plan = dataclasses.replace(plan, fit_side=max(sizes.fit))
     photo, subject = _subject(photo, sizes, options.document)
-    plan = plan.in_inks_of(subject.photo)
+    plan = plan.for_picture(subject.photo)
     checkpoint, saved = _checkpoints(options, subject)
     with run.compiled(options.fit.blend):
         outcome = best_of(_searches(plan, run, subject, checkpoint, saved))

@@ -127,7 +127,8 @@ class Corrections:
         given = self._plan.is_budget or self._plan.count is not None
         if given or -TUNING.far_more <= missing <= TUNING.less_than_enough:
             return Correction(count, stop_reason)
-        if missing > 0 and stop_reason != "enough":
+        # Growth knew soft shapes; what is lost as ellipses, more shapes hardly regain.
+        if missing > 0 and (stop_reason != "enough" or self._plan.covering):
             return Correction(count, stop_reason)
         needed = count * 2 ** max(min(missing / slope, 2.0), TUNING.most_reduced)
         if missing < 0:

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from gauss2svg.fit.options import PERCEPTUAL
 from gauss2svg.fit.target import Target
+from gauss2svg.measure.metrics import psnr as psnr_of
 from gauss2svg.measure.roundtrip import RoundTrip, model_psnr, round_trip
-from gauss2svg.photo.alpha import has_alpha
+from gauss2svg.photo.alpha import has_alpha, stacked
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.quantize import quantize
+from gauss2svg.pipeline.quantize import quantize, with_plain_edges
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import splats_of
@@ -99,7 +100,12 @@ class Exporter:
         self.seen = -math.inf  # highest PSNR in dB so far, by which the format is chosen
 
     def quantized(self, scene: Scene, psnr: float | None) -> Scene:
-        """The scene on the file's canvas, with the colours and exponents of its file."""
+        """The scene on the file's canvas, with the colours and exponents of its file.
+
+        psnr  of the scene in dB, None where it has been quantised before
+        """
+        if psnr is not None and self._plan.covering:
+            scene = with_plain_edges(scene)
         error = None if psnr is None else 10 ** (-psnr / 10)
         quantization = self._plan.quantization(len(scene), error)
         return quantize(
@@ -156,15 +162,18 @@ class Exporter:
     def export(self, scene: Scene) -> Export:
         """A scene of the working canvas as it would be written, rasterised if there is an aim."""
         working, document = self._subject.working, self._subject.document
-        model = model_psnr(scene, working)
         # Colours are in the palette already, except those of ellipses that are no longer plain.
         written = self._format_at(self.seen)
         exact = in_file_order(self.quantized(scene, None), written, document)
         svg = ordered_svg(exact, written, document)
-        aim, score = self._plan.aim, math.nan
-        if aim is not None:
+        aim, score, model = self._plan.aim, math.nan, None
+        if aim is not None or self._plan.covering:
             raster = rasterize_like(svg, working, self._plan.options.run.renderer)
-            score = aim.score(raster, working)
+            score = math.nan if aim is None else aim.score(raster, working)
+            if self._plan.covering:  # the model's falloffs are not what was fitted
+                model = psnr_of(stacked(raster), stacked(working))
+        if model is None:
+            model = model_psnr(scene, working)
         return Export(exact, svg, written, document, self._gzipped, model, score)
 
     def measured(self, best: Export, small: bool = False) -> RoundTrip:
