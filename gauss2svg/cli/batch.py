@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import tomllib
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,6 +16,7 @@ from gauss2svg.batch.options import BatchOptions
 from gauss2svg.cli.parameters import Quiet, options_of, refuse_unknown_options
 from gauss2svg.cli.streams import counting_bar, say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted
+from gauss2svg.files import reading, refuse_option_like
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
 
 STATUS_SOME_FAILED = 1
@@ -65,7 +67,6 @@ def batch_command(
     """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
     from gauss2svg.batch.many import Batch
     from gauss2svg.batch.table import Summary
-    from gauss2svg.files import refuse_option_like
 
     own = ["output", "options", "log", "quiet", *vars(batch)]
     refuse_unknown_options(photos, own + option_names())
@@ -133,11 +134,7 @@ def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None
 
     A hook of the parser's. Raises InputError for a file that is no TOML, and for unknown keys.
     """
-    import tomllib
-
     from cyclopts.config import Toml
-
-    from gauss2svg.files import reading
 
     given = [a.tokens for a in arguments if _OPTIONS_FILE in a.names and a.tokens]
     if not given:
