@@ -13,13 +13,17 @@ from typing import Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.cli.parameters import Quiet, options_of, refuse_unknown_options
+from gauss2svg.cli.parameters import (
+    STATUS_SOME_FAILED,
+    Quiet,
+    options_of,
+    refuse_unknown_options,
+)
 from gauss2svg.cli.streams import counting_bar, say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted
 from gauss2svg.files import reading, refuse_option_like
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
 
-STATUS_SOME_FAILED = 1
 _SHOW_S = 0.2  # between two states of the bar
 _OPTIONS_FILE = "--options"
 _TITLES = GROUP_TITLES | {"run": "Resources"}  # there is one checkpoint for all photos: the folder

@@ -41,7 +41,6 @@ _EXAMPLES = (
 HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
-MAKERS_TITLE = "Plates and pens"
 _OURS = b"written by gauss2svg"  # of the description of every file
 _HEAD = 65536  # bytes within which it stands
 _ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
@@ -106,7 +105,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
         for order, key in enumerate(_ORDER[:1] if short else _ORDER)
     }
-    makers_group = Group(MAKERS_TITLE, sort_key=0.6, show=everything)
+    makers_group = Group("Plates and pens", sort_key=0.6, show=everything)
     parsed = options_of(groups)
     defaults = parsed()
 
