@@ -104,32 +104,6 @@ def test_table_is_also_parquet(run, photos, tmp_path):
     assert table.column("width").to_pylist() == [12] * 4
 
 
-def test_second_run_does_nothing_again(run, photos, tmp_path):
-    done = run(photos)["done"]
-    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*.svg")}
-    records = {path.name: path.read_bytes() for path in (tmp_path / "out" / RECORDS).iterdir()}
-    assert run(photos) == {"done": [], "skipped": done, "failed": []}
-    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*.svg")} == before
-    after = {path.name: path.read_bytes() for path in (tmp_path / "out" / RECORDS).iterdir()}
-    assert after == records
-
-
-def test_second_run_redoes_what_changed_alone(run, photos, tmp_path):
-    run(photos)
-    save_photo(photos / "a.png", 77)
-    os.utime(photos / "b/a.jpg", ns=(1, 1))  # touched, with the same bytes
-    (tmp_path / "out/b/c d.svg").unlink()
-    save_photo(photos / "new.png", 78)
-    found = run(photos)
-    assert found["done"] == ["a.svg", "b/c d.svg", "new.svg"]
-    assert found["skipped"] == ["b/a.svg", "e.svg"]
-    assert run(photos)["done"] == []
-    assert len(run(photos, seed=5)["done"]) == 5  # other options
-    assert run(photos, seed=5, threads=1)["done"] == []  # which change no file
-    (tmp_path / "out/e.svg").write_text("cut")
-    assert run(photos, seed=5)["done"] == ["e.svg"]
-
-
 def test_another_photo_of_the_same_size_and_date_is_no_photo_that_is_done(run, photos, tmp_path):
     other = tmp_path / "other"
     for folder, seed in ((photos, 0), (other, 50)):
@@ -171,17 +145,6 @@ def test_photo_of_which_a_server_says_no_date_is_read(
     assert run(url)["skipped"] == ["a.svg"]
     fs.pipe_file(f"/{tmp_path.name}/a.bmp", save_photo(tmp_path / "a.bmp", 1).read_bytes())
     assert run(url)["done"] == ["a.svg"]
-
-
-def test_failed_photos_are_taken_up_on_request_or_where_they_changed(run, photos):
-    (photos / "bad.png").write_bytes(b"no picture")
-    assert run(photos)["failed"] == ["bad.svg"]
-    assert run(photos) == {
-        "done": [], "failed": ["bad.svg"], "skipped": ["a.svg", "b/a.svg", "b/c d.svg", "e.svg"],
-    }  # fmt: skip
-    assert run(photos, retry_failed=True)["failed"] == ["bad.svg"]
-    save_photo(photos / "bad.png", 9)
-    assert run(photos)["done"] == ["bad.svg"]
 
 
 def test_photo_that_failed_at_a_limit_is_taken_up_at_another(run, photos):

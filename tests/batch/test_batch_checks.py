@@ -10,8 +10,8 @@ import distributed
 import fsspec
 import numpy as np
 import pytest
-from batches import lines, outputs, save_photos, tiny
-from clusters import batch_here, under_way
+from batches import outputs, save_photos, tiny
+from clusters import under_way
 from fsspec.implementations.local import LocalFileSystem
 from fsspec.implementations.memory import MemoryFileSystem
 
@@ -22,7 +22,6 @@ from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.records import (
     FOLDER,
     PARTS,
-    RECORDS,
     PhotoRecord,
     identity_of,
     record_of,
@@ -234,15 +233,7 @@ def test_line_of_a_record_whose_entries_are_of_other_types_is_none(edited):
     for whole in (RECORD, RECORD | {"input": "/\udcff.png"}):  # a name that is no valid Unicode
         assert record_of(json.dumps(whole)) is not None
         assert record_of(json.dumps(whole | edited)) is None
-
-
-def test_edited_records_are_ignored(dask_client, photos, tmp_path):
-    run = [photos], tmp_path / "out", tiny()
-    assert len(list(vectorize_many(*run, client=dask_client))) == 2
-    edited = [json.dumps(json.loads(line) | {"width": []}) for line in lines(tmp_path / "out")]
-    for path in (tmp_path / "out" / RECORDS).iterdir():
-        path.write_text("\n".join([*edited, "[" * 100_000]))
-    assert [one.skipped for one in vectorize_many(*run, client=dask_client)] == [False, False]
+    assert record_of("[" * 100_000) is None
 
 
 def test_index_on_a_full_disk_is_told_in_a_line():
@@ -311,15 +302,6 @@ def test_list_at_a_url_is_not_held_whole(tmp_path, monkeypatch):
     assert [one.path for one in photos_of([url])] == ["x.png", "y.png"]
     with pytest.raises(InputError, match=r"cannot read memory://none.txt: .*Try"):
         list(photos_of(["memory://none.txt"]))
-
-
-def test_command_without_a_shared_folder_ends_in_a_line(
-    dask_client, photos, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setattr(worker, "FOLDER", "gauss2svg-batch/another")
-    address = dask_client.scheduler.address
-    assert batch_here(photos, "-o", tmp_path / "out", "--scheduler", address) == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("gauss2svg: output must be a folder")
 
 
 def test_an_interrupt_that_was_lost_is_raised_again(dask_client, monkeypatch):

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 from flat import build_gallery
-from galleries import BLANK, Page, Table, primitive, save
+from galleries import BLANK, Page, Table, program, save
 
 import gauss2svg
 from gauss2svg.cli.main import main
@@ -64,8 +64,8 @@ def test_peer_is_measured_or_fails_or_is_stopped_on_one_line(
     photo, tmp_path, monkeypatch, capsys, asked
 ):
     monkeypatch.setattr("galleries.canned", answer_to)
-    primitive(
-        tmp_path / "bin",
+    program(
+        tmp_path / "bin" / "primitive",
         f"[ -e {tmp_path}/slow ] && exec sleep 600\n"
         f"[ $6 = 100 ] && echo '{BLANK}' > \"$4\" && exit\n"
         "echo no luck >&2; exit 3\n",

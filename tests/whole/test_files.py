@@ -371,6 +371,7 @@ def test_closed_and_broken_streams_are_one_line_and_status_two(picture, tmp_path
     for command, said in {
         f"GAUSS2SVG {photo} -o - {tiny} --report {report} >&-": "standard output must be open",
         f"GAUSS2SVG check {photo} - --report {report} <&-": "standard input must be open",
+        f"GAUSS2SVG {photo} -o - {tiny} --report {report} > /dev/full": "No space left on device",
         # Its reader is gone long before it writes.
         f"set -o pipefail; GAUSS2SVG {photo} -o - {tiny} --report {report} | true": "Broken pipe",
     }.items():

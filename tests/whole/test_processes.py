@@ -9,6 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 from conftest import has_ended
+from galleries import program
 
 from gauss2svg import processes
 from gauss2svg.compare.worker import in_own_process
@@ -147,9 +148,7 @@ def test_what_a_process_that_ends_when_it_is_asked_leaves_in_its_group_ends(tmp_
 
 
 def test_a_worker_that_is_dead_before_it_reads_is_told_by_its_status(tmp_path, monkeypatch):
-    worker = tmp_path / "worker"
-    worker.write_text("#!/bin/sh\necho no memory >&2\nexit 3\n")
-    worker.chmod(0o700)
+    worker = program(tmp_path / "worker", "echo no memory >&2\nexit 3")
     monkeypatch.setattr(sys, "executable", str(worker))
     assert in_own_process({}, 60) == {"error": "ended with status 3: no memory"}
 

@@ -10,6 +10,8 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+import galleries
+import psutil
 import pytest
 from conftest import has_ended
 from PIL import Image
@@ -107,9 +109,8 @@ worker.wait()
 
 @pytest.mark.process
 def test_a_run_of_the_benchmark_ends_with_its_parent(tmp_path):
-    script = tmp_path / "primitive"
-    script.write_text(f"#!/bin/sh\nread line < /dev/stdin\necho $$ > {tmp_path}/pid\nsleep 600\n")
-    script.chmod(0o700)
+    said = f"read line < /dev/stdin\necho $$ > {tmp_path}/pid\nsleep 600"
+    galleries.program(tmp_path / "primitive", said)
     Image.new("RGB", (4, 4)).save(tmp_path / "a.png")
     request = {"tool": "primitive", "settings": {"shapes": 3}}
     request |= {"png": str(tmp_path / "a.png"), "output": str(tmp_path / "a.svg")}
@@ -125,18 +126,10 @@ def test_a_run_of_the_benchmark_ends_with_its_parent(tmp_path):
             assert time.monotonic() < until
             time.sleep(0.05)
         peer = int((tmp_path / "pid").read_text())
-        assert not has_ended_now(worker)
+        assert psutil.pid_exists(worker)
         parent.kill()
     assert has_ended(worker)
     assert has_ended(peer)
-
-
-def has_ended_now(process_id):
-    try:
-        os.kill(process_id, 0)
-    except ProcessLookupError:
-        return True
-    return False
 
 
 @pytest.mark.parametrize(
@@ -184,8 +177,7 @@ def test_on_linux_programs_are_looked_for_on_path_alone():
 def test_a_program_off_path_is_found_and_one_on_path_comes_first(tmp_path, monkeypatch):
     app = tmp_path / "Applications" / "Inkscape.app" / "Contents" / "MacOS" / "inkscape"
     app.parent.mkdir(parents=True)
-    app.write_text("#!/bin/sh\n")
-    app.chmod(0o700)
+    galleries.program(app, "")
     places = program.places("inkscape", "darwin", {"HOME": str(tmp_path)})
     monkeypatch.setattr(program, "places", lambda _: places)
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
@@ -193,10 +185,8 @@ def test_a_program_off_path_is_found_and_one_on_path_comes_first(tmp_path, monke
     monkeypatch.setattr(program, "places", lambda _: [str(tmp_path / "none")])
     with pytest.raises(RendererError, match="got none on PATH or where it is usually installed"):
         program.find("inkscape", ["inkscape"], "it")
-    (tmp_path / "bin").mkdir()
-    (tmp_path / "bin" / "inkscape").write_text("#!/bin/sh\n")
-    (tmp_path / "bin" / "inkscape").chmod(0o700)
-    assert program.find("inkscape", ["inkscape"], "it") == str(tmp_path / "bin" / "inkscape")
+    own = galleries.program(tmp_path / "bin" / "inkscape", "")
+    assert program.find("inkscape", ["inkscape"], "it") == str(own)
 
 
 def test_the_version_of_a_chromium_on_windows_is_that_of_its_folder(tmp_path, monkeypatch):
