@@ -268,15 +268,8 @@ def headless(request, tmp_path_factory):
 @pytest.fixture
 def visit(headless):
     """Opens visits, each of which must end without errors."""
-    visits = []
-
-    def open_one(**options):
-        visits.append(headless.visit(**options))
-        return visits[-1]
-
-    yield open_one
-    for one in visits:
-        one.close()
+    with gallery_site.closed_after(headless.visit) as open_one:
+        yield open_one
 
 
 def random_sum(count: int, width: int, height: int, seed: int) -> Scene:

@@ -10,7 +10,6 @@ from datetime import datetime, timedelta
 import pytest
 from batches import TINY_COMMAND, left_parts, lines, outputs, save_photo, save_photos, tiny
 
-import gauss2svg
 from gauss2svg.batch import driver, worker
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.options import BatchOptions
@@ -361,17 +360,3 @@ def test_a_summary_names_at_most_five_failed_photos():
     assert list(summary.lines())[-1] == (
         "failed photos: 0.jpg, 1.jpg, 2.jpg, 3.jpg, 4.jpg and 3 more"
     )
-
-
-@pytest.mark.process
-def test_importing_and_vectorising_load_neither_dask_nor_fsspec():
-    import subprocess
-    import sys
-
-    code = (
-        "import gauss2svg, sys; gauss2svg.vectorize; gauss2svg.vectorize_many\n"
-        "print(sorted({'dask', 'distributed', 'fsspec'} & set(sys.modules)))"
-    )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "[]"
-    assert gauss2svg.vectorize_many is vectorize_many

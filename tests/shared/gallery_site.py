@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +110,20 @@ class Visit:
     def _refuse(self, dialog: Any) -> None:
         self.complaints.append(dialog.message)
         dialog.dismiss()
+
+
+@contextmanager
+def closed_after(make: Callable[..., Visit]) -> Iterator[Callable[..., Visit]]:
+    """Makes visits, each of which must end without errors."""
+    visits: list[Visit] = []
+
+    def open_one(**options: Any) -> Visit:
+        visits.append(make(**options))
+        return visits[-1]
+
+    yield open_one
+    for one in visits:
+        one.close()
 
 
 class Headless:

@@ -1,18 +1,16 @@
 """What the page is told of options, and the lines that make the same file."""
 
-import asyncio
 import io
 import re
 import shlex
-import subprocess
 import sys
 import types
 from contextlib import suppress
 
-import httpx
 import pytest
 from conftest import random_scene
 from PIL import Image
+from studio_server import answer_of
 
 import gauss2svg
 from gauss2svg.cli import vectorize as command
@@ -231,25 +229,9 @@ def test_frames_come_at_once_and_then_as_their_share_of_the_cpu_allows(cost, mad
     assert sum(found) == pytest.approx(made, rel=0.1)
 
 
-def test_importing_gauss2svg_and_its_command_loads_no_server():
-    code = (
-        "import sys, gauss2svg, gauss2svg.studio, gauss2svg.cli.main as m; m.build_app(); "
-        "print([n for n in ('fastapi', 'uvicorn', 'starlette') if n in sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "[]"
-
-
 @pytest.mark.parametrize("is_local", [True, False])
 def test_the_page_says_where_photos_go(is_local):
-    async def page():
-        transport = httpx.ASGITransport(create_app(is_local=is_local))
-        async with httpx.AsyncClient(transport=transport, base_url="http://studio") as client:
-            return (await client.get("/")).text
-
-    text = asyncio.run(page())
+    text = answer_of(create_app(is_local=is_local), "GET", "/").text
     assert ("Photos stay on this machine" in text) == is_local
     assert ("Photos go to this server only" in text) != is_local
     # Files that are refused may be chosen too, so that the page says why.
@@ -257,20 +239,15 @@ def test_the_page_says_where_photos_go(is_local):
 
 
 def test_a_full_queue_refuses_before_a_photo_is_read():
-    async def post():
-        studio = create_app()
-        studio.jobs.most_waiting = 0
-        transport = httpx.ASGITransport(studio)
+    studio = create_app()
+    studio.jobs.most_waiting = 0
 
-        async def photo():
-            pytest.fail("the photo was read")
-            yield b""
+    async def photo():
+        pytest.fail("the photo was read")
+        yield b""
 
-        async with httpx.AsyncClient(transport=transport, base_url="http://studio") as client:
-            form = {"Content-Type": "multipart/form-data; boundary=b"}
-            return await client.post("/api/jobs", content=photo(), headers=form)
-
-    answer = asyncio.run(post())
+    form = {"Content-Type": "multipart/form-data; boundary=b"}
+    answer = answer_of(studio, "POST", "/api/jobs", content=photo(), headers=form)
     assert answer.status_code == 429
     assert "Retry-After" in answer.headers
 
