@@ -236,6 +236,21 @@ def drawn_here(monkeypatch, unscored) -> None:
     monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *given: rasterize(*given[:4]))
 
 
+@pytest.fixture
+def refusal(capsys):
+    """The line of a command that is refused: status 2, one line, and nothing else is said."""
+    from gauss2svg.cli.main import main
+
+    def refused(*words) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 2
+        out, line = capsys.readouterr()
+        assert (out, line.count("\n")) == ("", 1)
+        return line
+
+    return refused
+
+
 def has_ended(process_id: int) -> bool:
     """Whether a process has, at the latest in 5 s; what init has yet to reap has ended too."""
     for _ in range(100):

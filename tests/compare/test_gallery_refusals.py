@@ -115,17 +115,17 @@ def test_absent_peer_is_named_on_the_page_and_in_the_summary(
 
 @pytest.mark.parametrize("name", ["index.html", "how.html", "gallery.json", "gallery.csv"])
 @pytest.mark.parametrize("content", ["mine", '{"rows": []}'])
-def test_file_of_no_gallery_is_kept_untouched(name, content, two, tmp_path, asked, capsys):
+def test_file_of_no_gallery_is_kept_untouched(name, content, two, tmp_path, asked, refusal):
     path = tmp_path / "out" / name
     path.parent.mkdir()
     path.write_text(content)
-    assert main(["gallery", str(two[0]), "-o", str(path.parent)]) == 2
-    assert capsys.readouterr().err.endswith("so it is kept. Try another folder\n")
+    line = refusal("gallery", two[0], "-o", path.parent)
+    assert line.endswith("so it is kept. Try another folder\n")
     assert path.read_text() == content
     assert (asked, list(path.parent.iterdir())) == ([], [path])
 
 
-def test_what_cannot_be_written_is_an_error_before_any_work(two, tmp_path, asked, capsys):
+def test_what_cannot_be_written_is_an_error_before_any_work(two, tmp_path, asked, refusal):
     out = tmp_path / "out"
     build_gallery(two, out, counts=[5])
     arguments = ["gallery", str(two[0]), "-o", str(out), "--counts", "6"]
@@ -135,29 +135,29 @@ def test_what_cannot_be_written_is_an_error_before_any_work(two, tmp_path, asked
         path = out / name
         moved = path.rename(tmp_path / "moved")
         path.mkdir() if name == "how.html" else path.write_text("mine")
-        assert main(arguments) == 2
-        assert (asked, capsys.readouterr().err.count("\n")) == ([], 1)
+        assert refusal(*arguments)
+        assert asked == []
         path.rmdir() if name == "how.html" else path.unlink()
         moved.rename(path)
     assert (out / "gallery.json").read_bytes() == before
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="the superuser can write to a read-only folder")
-def test_read_only_folder_is_an_error_before_any_work(two, tmp_path, asked, capsys):
+def test_read_only_folder_is_an_error_before_any_work(two, tmp_path, asked, refusal):
     (tmp_path / "out").mkdir(mode=0o500)
-    assert main(["gallery", str(two[0]), "-o", str(tmp_path / "out")]) == 2
-    assert (asked, capsys.readouterr().err.count("\n")) == ([], 1)
+    assert refusal("gallery", two[0], "-o", tmp_path / "out")
+    assert asked == []
 
 
-def test_photo_among_the_images_of_the_gallery_is_refused(two, tmp_path, asked, capsys):
+def test_photo_among_the_images_of_the_gallery_is_refused(two, tmp_path, asked, refusal):
     out = tmp_path / "out"
     build_gallery(two, out, counts=[5])
     asked.clear()
     link = tmp_path / "link.png"
     link.symlink_to(out / "photos" / "a" / "thumbnail.png")
     for path in (out / "photos" / "a" / "thumbnail.png", link):
-        assert main(["gallery", str(path), "-o", str(out), "--counts", "5"]) == 2
-        assert "must not be among the gallery's own images" in capsys.readouterr().err
+        line = refusal("gallery", path, "-o", out, "--counts", "5")
+        assert "must not be among the gallery's own images" in line
     assert asked == []
 
 
@@ -216,11 +216,11 @@ def test_exact_svgs_are_charted_and_shown_as_equal(two, tmp_path, asked):
 
 
 @pytest.mark.parametrize("name", ["photos/holidays/a.jpg", "photos/a.jpg", "assets/gallery.css"])
-def test_folder_of_somebody_else_is_kept(name, two, tmp_path, asked, capsys):
+def test_folder_of_somebody_else_is_kept(name, two, tmp_path, asked, refusal):
     path = tmp_path / "out" / name
     path.parent.mkdir(parents=True)
     path.write_text("mine")
-    assert main(["gallery", str(two[0]), "-o", str(tmp_path / "out"), "--counts", "5"]) == 2
-    assert (asked, capsys.readouterr().err.count("\n")) == ([], 1)
+    assert refusal("gallery", two[0], "-o", tmp_path / "out", "--counts", "5")
+    assert asked == []
     assert path.read_text() == "mine"
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [name.split("/")[0]]
