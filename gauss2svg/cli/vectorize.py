@@ -1,6 +1,5 @@
 """The command `gauss2svg PHOTO -o OUT.svg`."""
 
-import io
 import os
 import sys
 import time
@@ -23,6 +22,7 @@ from gauss2svg.files import (
     check_writable,
     expanded,
     refuse_option_like,
+    saved,
     write_all_atomically,
 )
 from gauss2svg.photo.formats import TITLES
@@ -302,9 +302,7 @@ def _write(result: Any, output: str, files: Files) -> list[str]:
     if files.preview is not None:
         written[files.preview] = as_png(result.raster)
     if files.save_scene is not None:
-        stream = io.BytesIO()
-        result.scene.save(stream)
-        written[files.save_scene] = stream.getvalue()
+        written[files.save_scene] = saved(result.scene.save)
     if files.report is not None:
         written[files.report] = as_json(result.report)
     write_all_atomically(written)

@@ -5,7 +5,6 @@ A folder is finished once it has its record, which is written last.
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
@@ -26,7 +25,7 @@ from gauss2svg.compare.peer_run import peer_file
 from gauss2svg.compare.records import TOOL, answered, finite
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
-from gauss2svg.files import as_json, as_png, make_folder, write_all_atomically
+from gauss2svg.files import as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.memory import held_bytes
@@ -161,11 +160,9 @@ def _own(source: str, request: Request) -> _Made:
     watch = Stopwatch()
     result = vectorize_by(options, source)
     clocks = watch.read()
-    scene = io.BytesIO()
-    result.scene.save(scene)
     files = {
         PICTURE: result.svg.encode(),
-        SCENE: scene.getvalue(),
+        SCENE: saved(result.scene.save),
         OUTLINES: result.outline().encode(),
     }
     scores = perceptual_scores(result.raster, result.photo, request["max_memory"] - held_bytes())
@@ -241,9 +238,7 @@ def thumbnail_size(width: int, height: int) -> tuple[int, int]:
 
 
 def _encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
-    stream = io.BytesIO()
-    picture.save(stream, form, **options)
-    return stream.getvalue()
+    return saved(lambda stream: picture.save(stream, form, **options))
 
 
 def _finish(
