@@ -9,6 +9,7 @@ from contextlib import suppress
 
 import pytest
 from conftest import random_scene
+from flat import BESIDE
 from PIL import Image
 from studio_server import answer_of
 
@@ -34,12 +35,6 @@ CHANGED = {
     "alt": "-starts like an option", "size": "120mm", "aspect": "xMidYMid slice", "segments": 8,
     "animate": 2.5, "fragments": True, "renderer": "cairo", "scores": True, "max_size": 200,
     "full_size": True,
-}  # fmt: skip
-# What an option needs beside it.
-WITH = {
-    "ssim_weight": {"loss": "l1+ssim"}, "portable": {"blend": "add"},
-    "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
-    "schedule": {"gaussians": 100}, "count_gzipped": {"max_bytes": 40_000},
 }  # fmt: skip
 
 
@@ -131,7 +126,7 @@ def together() -> list[dict]:
     """All options, each once, in as few sets as can be, for a command takes long to be parsed."""
     sets: list[dict] = []
     for name, value in CHANGED.items():
-        given = {name: value, **WITH.get(name, {})}
+        given = {name: value, **BESIDE.get(name, {})}
         for one in sets:
             with suppress(InputError):
                 if all(one.get(key, value) == value for key, value in given.items()):
