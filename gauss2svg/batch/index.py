@@ -12,8 +12,8 @@ from typing import Any
 from msgspec.structs import asdict, replace
 
 from gauss2svg.batch.inputs import Source
-from gauss2svg.batch.records import STATE, BatchPhoto, PhotoRecord, record_of
-from gauss2svg.batch.stores import is_contained, is_url
+from gauss2svg.batch.records import BatchPhoto, PhotoRecord, record_of
+from gauss2svg.batch.stores import STATE, is_contained, is_url
 from gauss2svg.errors import InputError, OutputError
 
 _TABLES = """

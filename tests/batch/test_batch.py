@@ -8,12 +8,13 @@ from collections import Counter
 from datetime import datetime, timedelta
 
 import pytest
-from batches import TINY_COMMAND, left_parts, lines, outputs, save_photo, save_photos, tiny
+from batches import TINY_COMMAND, left_parts, lines, outputs, save_photo, save_photos, spec_of, tiny
 
 from gauss2svg.batch import driver, worker
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.batch.records import RECORDS, STATE, PhotoRecord
+from gauss2svg.batch.records import RECORDS, PhotoRecord
+from gauss2svg.batch.stores import STATE
 from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
@@ -226,7 +227,7 @@ def test_disk_that_cannot_be_written_ends_the_batch(number, photos, tmp_path, mo
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr("gauss2svg.files.os.replace", failing)
-    spec = worker.BatchSpec(tiny(), worker.Store(str(tmp_path / "out"), f"{STATE}/parts"), {}, "")
+    spec = spec_of(tmp_path / "out")
     with pytest.raises(OutputError, match=os.strerror(number)):
         worker.vectorize_photo(
             spec, spec.options, worker.BatchPhoto(str(photos / "a.png"), "a.svg")
@@ -267,7 +268,6 @@ def test_output_that_is_refused_for_a_while_is_no_death_and_keeps_all_lines(
 def test_record_that_cannot_be_written_does_not_hide_why(
     dask_client, photos, tmp_path, monkeypatch
 ):
-    store = worker.Store(str(tmp_path / "out"), f"{STATE}/parts")
     write, calls = worker.Store.write, Counter()
 
     def full(store, name, data):
@@ -278,7 +278,7 @@ def test_record_that_cannot_be_written_does_not_hide_why(
 
     monkeypatch.setattr(worker.Store, "write", full)
     shard = worker.Shard("run-1", (worker.BatchPhoto(str(photos / "a.png"), "a.svg"),))
-    spec = worker.BatchSpec(tiny(), store, {}, "")
+    spec = spec_of(tmp_path / "out")
     answer = dask_client.submit(worker.work, spec, shard, pure=False).result()
     assert answer == worker.ShardResult((), refused="cannot write a.svg")
 
@@ -296,10 +296,9 @@ def test_worker_of_another_version_is_reported_before_anything_is_done(
 
 
 def test_shard_whose_worker_died_is_not_begun_again(dask_client, photos, tmp_path):
-    store = worker.Store(str(tmp_path / "out"), f"{STATE}/parts")
+    spec = spec_of(tmp_path / "out")
     shard = worker.Shard("run-1", (worker.BatchPhoto(str(photos / "a.png"), "a.svg"),))
-    driver.ShardRecord(store, "run-1").write(working=True)
-    spec = worker.BatchSpec(tiny(), store, {}, "")
+    driver.ShardRecord(spec.store, "run-1").write(working=True)
     answer = dask_client.submit(worker.work, spec, shard, pure=False).result()
     assert answer == worker.ShardResult((), has_died=True)
     assert outputs(tmp_path / "out") == {}

@@ -21,12 +21,11 @@ from gauss2svg.batch.inputs import photos_of
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.records import (
     FOLDER,
-    PARTS,
     PhotoRecord,
     identity_of,
     record_of,
 )
-from gauss2svg.batch.stores import Store
+from gauss2svg.batch.stores import PARTS, Store
 from gauss2svg.errors import ClusterError, InputError, OutputError
 from gauss2svg.pipeline import checkpoint
 
@@ -207,7 +206,7 @@ def test_store_that_does_not_answer_is_told_in_a_line(error, photos, monkeypatch
 
 
 def test_what_a_store_cannot_read_is_told_with_advice(tmp_path):
-    store = Store(str(tmp_path), "parts")
+    store = Store(str(tmp_path))
     (tmp_path / "x").mkdir()
     for call in (lambda: store.read("x"), lambda: store.names("x\0"), lambda: store.size("x\0")):
         with pytest.raises(OutputError, match=r"cannot read .*Try the same"):
@@ -250,7 +249,7 @@ def test_table_that_cannot_be_written_is_told_in_a_line(error, tmp_path, monkeyp
     def fail(*_):
         raise error
 
-    store = Store(str(tmp_path), PARTS)
+    store = Store(str(tmp_path))
     store.prepare()
     monkeypatch.setattr(table, "_csv", fail)
     with pytest.raises(OutputError, match=r"cannot write .*table\.csv: full\. Try"):
@@ -325,7 +324,7 @@ def test_no_cell_of_a_table_begins_a_formula(tmp_path):
             PhotoRecord(input=text, output=text, options="x", psnr_svg=-1.5, error=text)
         )
     made.add_record(PhotoRecord(input="b", output="b", options="x", unreached=["=1", "a"]))
-    store = Store(str(tmp_path), PARTS)
+    store = Store(str(tmp_path))
     store.prepare()
     table.write_table(store, made)
     made.close()

@@ -160,7 +160,7 @@ def test_outputs_outside_of_the_folder_or_among_its_records_are_refused(name, tm
     PhotoIndex().add([inputs.Source("/a/x.png", "gauss2svg-batch", 1)], ".svg")
     if "gauss2svg" not in name:
         with pytest.raises(OutputError, match="it is not in"):
-            Store(str(tmp_path / "out"), "parts").write(name, b"")
+            Store(str(tmp_path / "out")).write(name, b"")
         assert list(tmp_path.iterdir()) == []
 
 

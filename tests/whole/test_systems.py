@@ -299,7 +299,7 @@ def test_no_file_is_written_to_a_device_on_windows(tmp_path, monkeypatch):
     files.check_writable(tmp_path / "nul", "nt")
     refuse = files._refuse_device
     monkeypatch.setattr(files, "_refuse_device", lambda path: refuse(path, "nt"))
-    store = Store(str(tmp_path), "parts")
+    store = Store(str(tmp_path))
     with pytest.raises(OutputError, match="device") as caught:
         store.write("con.svg", b"")
     # By this a batch knows that it is the fault of one photo's name.
