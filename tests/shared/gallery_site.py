@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from flat import build_gallery
 from numpy.typing import NDArray
 from PIL import Image
@@ -159,6 +160,13 @@ class Headless:
 def box(page: Any, selector: str) -> Box:
     """x, y, width and height of an element on the screen, in px."""
     return page.locator(selector).first.evaluate(_BOX)
+
+
+def zoomed(page: Any, width: float) -> float:
+    """Pixels of the screen for one of a photo of that width; both sides must lie in step."""
+    place = box(page, "#photo")
+    assert box(page, "#svg") == pytest.approx(place, abs=0.01)
+    return place["width"] / width
 
 
 def shot(page: Any, part: Box) -> NDArray[np.float64]:

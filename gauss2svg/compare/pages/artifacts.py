@@ -77,7 +77,6 @@ def with_kept_slugs(photos: Iterable[ListedPhoto], folder: Path) -> list[ListedP
 
 
 def _holds(folder: Path, digest: str | None) -> bool:
-    """Whether a folder holds the photo with this digest."""
     try:
         record = json.loads((folder / RECORD).read_bytes())
     except (OSError, ValueError):

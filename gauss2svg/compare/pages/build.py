@@ -208,7 +208,6 @@ class _Build:
         return Gallery(self._root, rows, summary, failures, self._grid.kept, absent)
 
     def _task_of_photo(self, photo: ListedPhoto) -> Task:
-        """The task of preparing a photo for the pages."""
         request = self._request(photo, None) | {"kind": "photo", "digest": photo.digest}
         return Task(photo, None, request, (self._options.photo_size,))
 
