@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import tomllib
 from collections.abc import Iterable
 from importlib.util import find_spec
 from pathlib import Path
@@ -138,6 +137,8 @@ def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None
 
     A hook of the parser's. Raises InputError for a file that is no TOML, and for unknown keys.
     """
+    import tomllib
+
     from cyclopts.config import Toml
 
     given = [a.tokens for a in arguments if _OPTIONS_FILE in a.names and a.tokens]
