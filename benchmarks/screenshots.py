@@ -16,7 +16,7 @@ from common import eight_bits
 from panels import coffee
 from PIL import Image
 
-_SCREEN: Any = {"width": 1200, "height": 860}  # px
+_SCREEN: Any = {"width": 1200, "height": 960}  # px
 _PATIENCE_MS = 900_000  # of a fit on a busy machine
 
 
