@@ -21,7 +21,7 @@ from guide_figures import FIGURES as OF_THE_GUIDE
 from matplotlib.figure import Figure
 from panels import COFFEE, WIDTH_IN, coffee, tiles
 from PIL import Image
-from screenshots import studio
+from screenshots import inkscape, studio
 from skimage import data
 
 from gauss2svg import FitOptions, Scene, SvgOptions, quantize, vectorize, write_svg
@@ -251,6 +251,7 @@ def inks() -> Figure:
 FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
     **OF_THE_GUIDE,
     "studio": studio,
+    "inkscape": inkscape,
     "model": model,
     "skew": skew,
     "progressive-fit": progressive_fit,

@@ -193,31 +193,6 @@ def layers() -> Figure:
     return tiles([render(s, 480, 320) for s in (*alone, *upto)], titles, columns=4)
 
 
-def inkscape() -> Figure:
-    """A file in which the upper layers are hidden, and its layers as an editor lists them."""
-    scene = vectorize(coffee(300), gaussians=600).scene
-    rounds = np.unique(scene.round_index)
-    hidden = rounds[-2:]
-    figure, (left, right) = plt.subplots(
-        1, 2, figsize=(WIDTH_IN, 3.1), layout="constrained", width_ratios=(1.15, 1)
-    )
-    left.imshow(render(scene.select(scene.round_index < hidden[0]), 720, 480))
-    left.axis("off")
-    names = [f"Round {k + 1}: {np.sum(scene.round_index == k)} Gaussians" for k in rounds]
-    lines = [(name, k not in hidden) for name, k in zip(names, rounds, strict=True)][::-1]
-    lines.append(("background", True))
-    right.set(xlim=(0, 10), ylim=(len(lines), -1))
-    right.set_title("Layers and Objects", fontsize=12, loc="left")
-    right.set_xticks([])
-    right.set_yticks([])
-    for k, (name, shown) in enumerate(lines):
-        face = "black" if shown else "none"
-        right.plot([0.7], [k], "o", markersize=6, markerfacecolor=face, markeredgecolor="black")
-        right.text(1.6, k, name, fontsize=12, va="center", color="black" if shown else "#767676")
-        right.axhline(k + 0.5, color="#ddd", linewidth=0.6)
-    return figure
-
-
 def forming() -> str:
     """A file whose rounds fade in."""
     scene = vectorize(coffee(300), gaussians=190).scene
@@ -387,7 +362,6 @@ FIGURES: dict[str, Callable[[], Figure | str]] = {
     "webp": webp,
     "drawings": drawings,
     "layers": layers,
-    "inkscape": inkscape,
     "forming": forming,
     "scenes": scenes,
     "printed": printed,
