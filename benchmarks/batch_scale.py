@@ -26,7 +26,7 @@ from pathlib import Path
 
 import psutil
 
-from gauss2svg.batch.records import STATE
+from gauss2svg.batch.stores import STATE
 
 _STAND_IN = '''
 """Loaded by workers: in place of vectorising a photo and writing its SVG."""

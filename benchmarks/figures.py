@@ -21,7 +21,7 @@ from guide_figures import FIGURES as OF_THE_GUIDE
 from matplotlib.figure import Figure
 from panels import COFFEE, WIDTH_IN, coffee, tiles
 from PIL import Image
-from screenshots import studio
+from screenshots import inkscape, studio
 from skimage import data
 
 from gauss2svg import FitOptions, Scene, SvgOptions, quantize, vectorize, write_svg
@@ -231,7 +231,7 @@ def logos() -> Figure:
     results = [vectorize(logo, max_bytes=limit) for limit in (5000, 20_000)] + [vectorize(logo)]
     figures = [(r.report["svg_bytes"] / 1000, r.report["psnr_svg"]) for r in results]
     titles = [f"{size:.0f} kB: {match:.1f} dB" for size, match in figures]
-    return tiles([*(r.raster for r in results), logo], [*titles, "the picture"])
+    return tiles([*(r.raster for r in results), logo], [*titles, "the picture"], columns=2)
 
 
 def inks() -> Figure:
@@ -245,12 +245,13 @@ def inks() -> Figure:
     titles = [
         f"{k} inks: {r.report['psnr_svg']:.1f} dB" for k, r in zip(counts, results, strict=True)
     ]
-    return tiles([*(r.raster for r in results), picture], [*titles, "the picture"])
+    return tiles([*(r.raster for r in results), picture], [*titles, "the picture"], columns=2)
 
 
 FIGURES: dict[str, Callable[[], Figure | Image.Image | str]] = {
     **OF_THE_GUIDE,
     "studio": studio,
+    "inkscape": inkscape,
     "model": model,
     "skew": skew,
     "progressive-fit": progressive_fit,

@@ -26,6 +26,7 @@ from gauss2svg import (
     Progress,
     Result,
     Scene,
+    SvgOptions,
     outline_svg,
     placeholder,
     vectorize,
@@ -36,6 +37,7 @@ from gauss2svg.measure.heatmap import colors_of, errors
 from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.alpha import over
 from gauss2svg.raster import rasterize, rasterize_rgba
+from gauss2svg.raster.inkscape import draw as inkscape_drawn
 from gauss2svg.render import render
 
 _DOCS = Path(__file__).parents[1] / "docs"
@@ -61,6 +63,26 @@ def sizes() -> Figure:
     """One photo in files of four sizes."""
     found = [vectorize(data.chelsea(), max_bytes=n) for n in (5000, 20_000, 60_000, 150_000)]
     return tiles([r.raster for r in found], [_match(r) for r in found], columns=2)
+
+
+def decibels() -> Figure:
+    """One photo at four PSNRs."""
+    found = [vectorize(coffee(360), target_psnr=target) for target in (25, 30, 35, 40)]
+    titles = [f"{r.report['psnr_svg']:.0f} dB, {_kilobytes(r)}" for r in found]
+    return tiles([r.raster for r in found], titles, columns=2)
+
+
+def editors() -> Figure:
+    """A file in minimal markup as resvg and as Inkscape draw it, and an editable one."""
+    photo = coffee(480)
+    small, plain = (
+        vectorize(photo, max_bytes=20_000, svg=SvgOptions(markup=markup))
+        for markup in ("minimal", "editable")
+    )
+    height, width = photo.shape[:2]
+    drawn = [over(inkscape_drawn(one.svg, width, height)) for one in (small, plain)]
+    titles = ["minimal, by resvg", "minimal, by Inkscape", "editable, by Inkscape", "the photo"]
+    return tiles([small.raster, *drawn, photo], titles, columns=2)
 
 
 def presets() -> Figure:
@@ -130,7 +152,7 @@ def drawings() -> Figure:
     ][2:]
     names = dict.fromkeys(row[0] for row in rows)
     whole = [name for name in names if all(row[6] != "-" for row in rows if row[0] == name)]
-    figure, axis = plt.subplots(figsize=(WIDTH_IN, 2.6), layout="constrained")
+    figure, axis = plt.subplots(figsize=(WIDTH_IN, 3.4), layout="constrained")
     for column, label, colour in ((3, "gauss2svg", "#1668c1"), (6, "vtracer", "#c8501e")):
         for name in whole:
             mine = [row for row in rows if row[0] == name]
@@ -144,10 +166,13 @@ def drawings() -> Figure:
             for n in steps
         ]
         axis.plot([n / 1000 for n in steps], means, "o-", color=colour, label=label)
-    axis.set(xscale="log", xlabel="kB", ylabel="FLIP, lower is better", ylim=(0, 0.45))
+    axis.set(xscale="log", ylim=(0, 0.45))
+    axis.set_xlabel("kB", fontsize=12)
+    axis.set_ylabel("FLIP, lower is better", fontsize=12)
+    axis.tick_params(labelsize=12)
     axis.set_xticks([2, 5, 10, 20, 50], ["2", "5", "10", "20", "50"])
     axis.minorticks_off()
-    axis.legend()
+    axis.legend(fontsize=12)
     return figure
 
 
@@ -166,31 +191,6 @@ def layers() -> Figure:
     titles = [f"round {k + 1}: {len(s)}" for k, s in zip(chosen, alone, strict=True)]
     titles += [f"up to {k + 1}: {len(s)}" for k, s in zip(chosen, upto, strict=True)]
     return tiles([render(s, 480, 320) for s in (*alone, *upto)], titles, columns=4)
-
-
-def inkscape() -> Figure:
-    """A file in which the upper layers are hidden, and its layers as an editor lists them."""
-    scene = vectorize(coffee(300), gaussians=600).scene
-    rounds = np.unique(scene.round_index)
-    hidden = rounds[-2:]
-    figure, (left, right) = plt.subplots(
-        1, 2, figsize=(WIDTH_IN, 2.9), layout="constrained", width_ratios=(1.6, 1)
-    )
-    left.imshow(render(scene.select(scene.round_index < hidden[0]), 720, 480))
-    left.axis("off")
-    names = [f"Round {k + 1}: {np.sum(scene.round_index == k)} Gaussians" for k in rounds]
-    lines = [(name, k not in hidden) for name, k in zip(names, rounds, strict=True)][::-1]
-    lines.append(("background", True))
-    right.set(xlim=(0, 10), ylim=(len(lines), -1))
-    right.set_title("Layers and Objects", fontsize=9, loc="left")
-    right.set_xticks([])
-    right.set_yticks([])
-    for k, (name, shown) in enumerate(lines):
-        face = "black" if shown else "none"
-        right.plot([0.7], [k], "o", markersize=6, markerfacecolor=face, markeredgecolor="black")
-        right.text(1.6, k, name, fontsize=9, va="center", color="black" if shown else "#767676")
-        right.axhline(k + 0.5, color="#ddd", linewidth=0.6)
-    return figure
 
 
 def forming() -> str:
@@ -308,20 +308,21 @@ def interrupted() -> Figure:
 
 def batch() -> Figure:
     """Who does what in a batch: command, scheduler, workers, and what they leave."""
-    figure, axis = plt.subplots(figsize=(WIDTH_IN, 2.6), layout="constrained")
+    figure, axis = plt.subplots(figsize=(WIDTH_IN, 3.4), layout="constrained")
     axis.set(xlim=(0, 100), ylim=(0, 36))
     axis.axis("off")
     boxes = {
-        "photos\na folder, a bucket": (12, 28), "the command\nshards of up to 500": (12, 8),
-        "scheduler": (38, 8), "worker\none photo at a time": (66, 28),
-        "worker\non any machine": (66, 18), "worker\n...": (66, 8),
-        "SVGs": (92, 28), "records\na line a photo": (92, 8),
+        "photos\na folder, a bucket": (14, 28), "the command\nshards of up to 500": (14, 8),
+        "scheduler": (38, 8), "worker\none photo at a time": (65, 28),
+        "worker\non any machine": (65, 18), "worker\n...": (65, 8),
+        "SVGs": (91, 28), "records\na line a photo": (91, 8),
     }  # fmt: skip
-    frame = {"boxstyle": "round,pad=0.5", "facecolor": "#eef3f9", "edgecolor": "#345"}
+    frame = {"boxstyle": "round,pad=0.4", "facecolor": "#eef3f9", "edgecolor": "#345"}
     for text, place in boxes.items():
-        axis.text(*place, text, ha="center", va="center", fontsize=9, bbox=frame)
-    arrows = [(12, 24, 12, 12), (24, 8, 33, 8), *[(43, 8, 54, y) for y in (27, 18, 8)]]
-    arrows += [(78, y, 88, 28) for y in (28, 18, 9)] + [(78, y, 83, 8) for y in (27, 17, 8)]
+        axis.text(*place, text, ha="center", va="center", fontsize=11, bbox=frame)
+    arrows = [(14, 24, 14, 12), (26, 8, 31, 8), (45, 9, 52, 26), (45, 9, 54, 18), (45, 8, 60, 8)]
+    arrows += [(78, 28, 87, 28), (76, 18, 87, 27), (70, 8, 87, 26)]
+    arrows += [(78, 27, 82, 12), (76, 18, 82, 10), (70, 8, 81, 8)]
     for x, y, to_x, to_y in arrows:
         axis.annotate("", (to_x, to_y), (x, y), arrowprops={"arrowstyle": "->", "color": "#345"})
     return figure
@@ -332,7 +333,7 @@ def counts() -> Figure:
     lines = (_DOCS / "benchmarks/peers.md").read_text(encoding="utf-8").splitlines()
     head = next(k for k, line in enumerate(lines) if line.startswith("| method |"))
     numbers = [int(cell.replace(" ", "")) for cell in lines[head].strip("| ").split("|")[1:]]
-    figure, axis = plt.subplots(figsize=(WIDTH_IN, 3.2), layout="constrained")
+    figure, axis = plt.subplots(figsize=(WIDTH_IN, 5), layout="constrained")
     for line in lines[head + 2 :]:
         if not line.startswith("|"):
             break
@@ -342,21 +343,25 @@ def counts() -> Figure:
         ours = name.startswith("gauss2svg")
         axis.plot(*zip(*points, strict=True), style, label=name, linewidth=2 if ours else 1,
                   markersize=4, zorder=3 if ours else 2)  # fmt: skip
-    axis.set(xscale="log", xlabel="shapes", ylabel="PSNR on Kodak-24, dB")
+    axis.set(xscale="log", ylim=(22, 52))
+    axis.set_xlabel("shapes", fontsize=12)
+    axis.set_ylabel("PSNR on Kodak-24, dB", fontsize=12)
+    axis.tick_params(labelsize=11)
     axis.set_xticks([256, 1000, 5000, 10_000, 50_000], ["256", "1000", "5000", "10 000", "50 000"])
     axis.minorticks_off()
-    axis.legend(fontsize=7, loc="upper left", ncols=2)
+    axis.legend(fontsize=10.5, loc="upper left", ncols=2)
     return figure
 
 
 FIGURES: dict[str, Callable[[], Figure | str]] = {
     "sizes": sizes,
+    "decibels": decibels,
+    "editors": editors,
     "presets": presets,
     "placeholders": placeholders,
     "webp": webp,
     "drawings": drawings,
     "layers": layers,
-    "inkscape": inkscape,
     "forming": forming,
     "scenes": scenes,
     "printed": printed,

@@ -49,6 +49,11 @@ def on_one_line(text: str) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in plain)
 
 
+def error_line(text: str) -> str:
+    """The text of an error in a record: on one line, at most 400 characters of it."""
+    return " ".join(text.split())[:400]
+
+
 def quoted(value: Any) -> str:
     """A value in the sentence of an error: as Python writes it, on one line, not at length."""
     try:

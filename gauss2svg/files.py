@@ -14,7 +14,7 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -335,14 +335,20 @@ def as_cell(value: Any) -> Any:
     return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA) else value
 
 
+def saved(save: Callable[[BinaryIO], object]) -> bytes:
+    """What a function writes to a stream."""
+    stream = io.BytesIO()
+    save(stream)
+    return stream.getvalue()
+
+
 def as_png(pixels: NDArray[np.floating]) -> bytes:
     """PNG of 8 bits per channel of an image (h, w, 3) or (h, w, 4) in 0..1."""
     import numpy as np
     from PIL import Image
 
-    stream = io.BytesIO()
-    Image.fromarray(np.round(pixels * 255).astype(np.uint8)).save(stream, "PNG")
-    return stream.getvalue()
+    picture = Image.fromarray(np.round(pixels * 255).astype(np.uint8))
+    return saved(lambda stream: picture.save(stream, "PNG"))
 
 
 def as_json(report: Mapping[str, Any]) -> bytes:

@@ -72,7 +72,6 @@ def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
 
 @lru_cache
 def _digest(room: Path) -> str:
-    """A digest of the Python files of a folder."""
     digest = hashlib.sha256()
     for path in sorted(room.glob("*.py")):
         digest.update(path.read_bytes())

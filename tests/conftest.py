@@ -236,6 +236,21 @@ def drawn_here(monkeypatch, unscored) -> None:
     monkeypatch.setattr("gauss2svg.measure.check.draw", lambda *given: rasterize(*given[:4]))
 
 
+@pytest.fixture
+def refusal(capsys):
+    """The line of a command that is refused: status 2, one line, and nothing else is said."""
+    from gauss2svg.cli.main import main
+
+    def refused(*words) -> str:
+        capsys.readouterr()
+        assert main([str(word) for word in words]) == 2
+        out, line = capsys.readouterr()
+        assert (out, line.count("\n")) == ("", 1)
+        return line
+
+    return refused
+
+
 def has_ended(process_id: int) -> bool:
     """Whether a process has, at the latest in 5 s; what init has yet to reap has ended too."""
     for _ in range(100):
@@ -268,15 +283,8 @@ def headless(request, tmp_path_factory):
 @pytest.fixture
 def visit(headless):
     """Opens visits, each of which must end without errors."""
-    visits = []
-
-    def open_one(**options):
-        visits.append(headless.visit(**options))
-        return visits[-1]
-
-    yield open_one
-    for one in visits:
-        one.close()
+    with gallery_site.closed_after(headless.visit) as open_one:
+        yield open_one
 
 
 def random_sum(count: int, width: int, height: int, seed: int, **shape: tuple) -> Scene:

@@ -202,10 +202,13 @@ def places_table() -> str:
         uses = _markdown(rule.uses) + (f" (over {rule.over:,})" if rule.over else "")
         source = rule.source
         if source.startswith("https://"):
-            source = f"[{source.split('/')[2]}]({source})"
-        how = rule.evidence + ("" if rule.breaks else ", slow")
-        rows.append(f"| {rule.place} | {uses} | {_markdown(rule.reason)} | {how} | {source} |")
-    return _table("| for | what a file has | what happens | | source |", rows)
+            source = f"[{source.split('/')[2].removeprefix('www.')}]({source})"
+        elif source:  # a page of this documentation
+            page = source.removeprefix("docs/")
+            source = f"[{page.rsplit('/', 1)[-1].removesuffix('.md')}](../{page})"
+        how = rule.evidence + ("" if rule.breaks else ", slow") + (": " if source else "")
+        rows.append(f"| {rule.place} | {uses} | {_markdown(rule.reason)} | {how}{source} |")
+    return _table("| for | what a file has | what happens | source |", rows)
 
 
 def record_table() -> str:

@@ -31,7 +31,6 @@ _CONNECT_S = 10.0  # a scheduler on a busy machine or far away answers in less
 _COUNT_S = 1.0  # for which a number of workers is taken as known
 _CLOSE_S = 5.0  # by then the workers are killed, and nothing is lost with the rest
 _POLL_S = 1.0
-_DASHBOARD = 8787
 _PRELOAD = "distributed.worker.preload"
 _LOCAL = {
     # A task whose worker died is reported at once.
@@ -81,7 +80,7 @@ def local_client(
                 threads_per_worker=1,
                 memory_limit=memory or 0,
                 host="127.0.0.1",
-                dashboard_address=f"127.0.0.1:{_DASHBOARD if dashboard else 0}",
+                dashboard_address=f"127.0.0.1:{8787 if dashboard else 0}",
                 scheduler_kwargs={"dashboard": dashboard},
                 security=Security.temporary(),
                 silence_logs=logging.CRITICAL,

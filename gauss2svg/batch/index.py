@@ -12,11 +12,10 @@ from typing import Any
 from msgspec.structs import asdict, replace
 
 from gauss2svg.batch.inputs import Source
-from gauss2svg.batch.records import STATE, BatchPhoto, PhotoRecord, record_of
-from gauss2svg.batch.stores import is_contained, is_url
+from gauss2svg.batch.records import BatchPhoto, PhotoRecord, record_of
+from gauss2svg.batch.stores import STATE, is_contained, is_url
 from gauss2svg.errors import InputError, OutputError
 
-_CACHE_KIB = 16_384  # little beside a worker; pages of the index beyond it are on the disk
 _TABLES = """
 CREATE TABLE photo (
     key BLOB PRIMARY KEY, path BLOB, output BLOB, size INTEGER, prior BLOB
@@ -24,8 +23,6 @@ CREATE TABLE photo (
 CREATE TABLE record (key BLOB PRIMARY KEY, line TEXT) WITHOUT ROWID;
 """
 _LEFT = "WHERE key NOT IN (SELECT key FROM record)"
-# Without a line of its own a record is the earlier one.
-_RECORDS = "SELECT line, prior FROM record LEFT JOIN photo USING (key) ORDER BY record.key"
 
 
 @contextmanager
@@ -51,7 +48,8 @@ class PhotoIndex:
         with _on_disk():
             # The empty name is that of a database which sqlite itself deletes.
             self._base = sqlite3.connect("", check_same_thread=False, isolation_level=None)
-            self._base.execute(f"PRAGMA cache_size = -{_CACHE_KIB}")
+            # KiB: little beside a worker; pages of the index beyond it are on the disk.
+            self._base.execute("PRAGMA cache_size = -16384")
             self._base.execute("PRAGMA journal_mode = OFF")
             self._base.executescript(_TABLES)
             self._base.execute("BEGIN")  # for ever: nobody else reads it, and a commit writes
@@ -132,7 +130,9 @@ class PhotoIndex:
 
     def records(self) -> Iterator[PhotoRecord]:
         """What became of every photo, by output."""
-        for line, prior in self._rows(_RECORDS):
+        # Without a line of its own a record is the earlier one.
+        select = "SELECT line, prior FROM record LEFT JOIN photo USING (key) ORDER BY record.key"
+        for line, prior in self._rows(select):
             record = record_of(prior if line is None else line)
             assert record is not None
             yield replace(record, skipped=True) if line is None else record

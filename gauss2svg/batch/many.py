@@ -16,16 +16,14 @@ from gauss2svg.batch.inputs import check_apart, photos_of
 from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import (
     FOLDER,
-    PARTS,
     RECORDS,
-    STATE,
     BatchSpec,
     PhotoRecord,
     identity_of,
     unchanged,
     versions,
 )
-from gauss2svg.batch.stores import Store, opened, without_file_protocol
+from gauss2svg.batch.stores import STATE, Store, opened, without_file_protocol
 from gauss2svg.errors import InputError, brief, instance, quoted
 from gauss2svg.files import STANDARD_STREAM, as_json, folds_case
 from gauss2svg.measure.memory import free_bytes
@@ -107,7 +105,7 @@ class Batch:
         root = without_file_protocol(root)
         if root == STANDARD_STREAM:
             raise InputError(f"output must be a folder; got {quoted(root)}. Try -o out/")
-        self.store = Store(root, PARTS)
+        self.store = Store(root)
         check_apart(named, self.store.root)
         self.index = PhotoIndex(self._folds_case())
         try:

@@ -14,14 +14,13 @@ from typing import Annotated, Any
 
 import msgspec
 
-from gauss2svg.batch.stores import Store, is_url, stamp_of
+from gauss2svg.batch.stores import STATE, Store, is_url, stamp_of
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pipeline.options import NOT_OF_PICTURE, Options
 from gauss2svg.version import __version__
 
-STATE = "gauss2svg-batch"  # the folder, beside the outputs, of all that is not an output
 FOLDER = f"{STATE}/folder"  # tells this output folder from another of its name on other machines
-RECORDS, PARTS = f"{STATE}/records", f"{STATE}/parts"
+RECORDS = f"{STATE}/records"
 _WORKING = {"working": True}  # the last line of a shard that is worked on, or whose worker died
 WORKER_DIED = "WorkerDied"  # the code of a photo at which workers died, who raise nothing
 _SHARE = 0.05  # of a worker's time, for writing records

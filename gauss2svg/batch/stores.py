@@ -18,6 +18,8 @@ from typing import Any, BinaryIO
 from gauss2svg.errors import InputError, OutputError, brief, on_one_line
 from gauss2svg.files import check_writable, make_folder, reading, replace, write_whole
 
+STATE = "gauss2svg-batch"  # the folder, beside the outputs, of all that is not an output
+PARTS = f"{STATE}/parts"  # for unfinished files, which are renamed once they are whole
 PARTS_OF = re.compile(r"[/\\]" if os.sep == "\\" else "/")  # what separates parts of a name
 _ADVICE = "the path or the URL of a photo"
 _AGAIN = "Try the same command again"
@@ -134,12 +136,10 @@ def _protocols(fs: Any) -> set[str]:
 class Store:
     """A folder that is written: a path of this machine, or a URL.
 
-    parts  folder in it for unfinished files, which are renamed once they are whole
     Raises OutputError for what cannot be written.
     """
 
     root: str
-    parts: str
 
     def __post_init__(self) -> None:
         root = self.root.rstrip("/") if is_url(self.root) else os.path.abspath(self.root)
@@ -159,7 +159,7 @@ class Store:
         if not is_contained(name):
             raise OutputError(f"cannot write {name}: it is not in {self.root}. Try another name")
         if self.is_local:
-            path, parts = Path(self.root, name), Path(self.root, self.parts)
+            path, parts = Path(self.root, name), Path(self.root, PARTS)
             make_folder(parts)
             make_folder(path.parent)
             write_whole(path, data, parts / secrets.token_hex(8))
@@ -210,16 +210,16 @@ class Store:
                     f"{', '.join(sorted(_WHOLE_PUT | _RENAMING))}; got {brief(self.root)}. Try a "
                     "mounted folder"
                 )
-            self.write(f"{self.parts}/writable", b"")
+            self.write(f"{PARTS}/writable", b"")
             return
-        parts = Path(self.root, self.parts)
+        parts = Path(self.root, PARTS)
         make_folder(parts)
         check_writable(parts / "writable")
 
     def sweep(self, older_than: float) -> None:
         """Remove unfinished files, which a process that was killed has left on this machine."""
         if self.is_local:
-            for part in Path(self.root, self.parts).iterdir():
+            for part in Path(self.root, PARTS).iterdir():
                 with suppress(FileNotFoundError):
                     if part.stat().st_mtime < older_than:
                         part.unlink()
@@ -243,7 +243,7 @@ class Store:
                 yield fs, path
                 return
             root = path.removesuffix(f"/{name}")
-            part = f"{root}/{self.parts}/{secrets.token_hex(8)}"
+            part = f"{root}/{PARTS}/{secrets.token_hex(8)}"
             for file in (part, path):
                 fs.makedirs(file.rpartition("/")[0], exist_ok=True)
             try:

@@ -32,6 +32,7 @@ from gauss2svg.errors import (
     InputError,
     OutputError,
     RendererError,
+    error_line,
 )
 from gauss2svg.measure.memory import SHARE
 from gauss2svg.photo.stderr import own_standard_error
@@ -41,7 +42,6 @@ from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.svg.file import file_bytes
 
-_LONGEST_ERROR = 400  # characters
 _OF_REPORT = (
     "width", "height", "gaussians", "psnr_svg", "ssim_svg", "paint_ms", "stop_reason",
 )  # fmt: skip
@@ -210,7 +210,7 @@ def vectorize_photo(
 
 
 def _failure(error: Exception, line: str) -> dict[str, Any]:
-    return {"error": " ".join(line.split())[:_LONGEST_ERROR], "error_code": type(error).__name__}
+    return {"error": error_line(line), "error_code": type(error).__name__}
 
 
 def _digest(path: str) -> str:

@@ -12,12 +12,17 @@ from typing import Annotated, Any, Literal
 from cyclopts import Group, Parameter
 
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.cli.parameters import Quiet, options_of, refuse_unknown_options
+from gauss2svg.cli.parameters import (
+    STATUS_SOME_FAILED,
+    Quiet,
+    options_of,
+    refuse_unknown_options,
+)
 from gauss2svg.cli.streams import counting_bar, say, standard_stream, write_output
 from gauss2svg.errors import InputError, brief, quoted
+from gauss2svg.files import reading, refuse_option_like
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
 
-STATUS_SOME_FAILED = 1
 _SHOW_S = 0.2  # between two states of the bar
 _OPTIONS_FILE = "--options"
 _TITLES = GROUP_TITLES | {"run": "Resources"}  # there is one checkpoint for all photos: the folder
@@ -65,7 +70,6 @@ def batch_command(
     """Vectorise many photos, by the cores of this machine or the workers of a Dask cluster."""
     from gauss2svg.batch.many import Batch
     from gauss2svg.batch.table import Summary
-    from gauss2svg.files import refuse_option_like
 
     own = ["output", "options", "log", "quiet", *vars(batch)]
     refuse_unknown_options(photos, own + option_names())
@@ -136,8 +140,6 @@ def options_of_file(app: Any, commands: tuple[str, ...], arguments: Any) -> None
     import tomllib
 
     from cyclopts.config import Toml
-
-    from gauss2svg.files import reading
 
     given = [a.tokens for a in arguments if _OPTIONS_FILE in a.names and a.tokens]
     if not given:

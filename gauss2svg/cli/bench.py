@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import Photos, Quiet, photos_given, words
+from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, photos_given, words
 from gauss2svg.cli.streams import counting_bar, say
 
 if TYPE_CHECKING:
     from gauss2svg.compare.grid import Progress
-
-STATUS_RUN_FAILED = 1
 
 
 def bench_command(
@@ -100,4 +98,4 @@ def bench_command(
         say(f"{len(rows)} runs{kept}; {len(failed)} failed; see {output / 'summary.md'}")
     for row in failed:
         say(f"failed: {row['label']} on {row['image']}: {row['error']}")
-    return STATUS_RUN_FAILED if failed else 0
+    return STATUS_SOME_FAILED if failed else 0

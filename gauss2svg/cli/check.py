@@ -12,6 +12,16 @@ from cyclopts import Parameter
 from gauss2svg.cli.parameters import refuse_unknown_options
 from gauss2svg.cli.streams import say, standard_stream
 from gauss2svg.errors import InputError, brief
+from gauss2svg.files import (
+    STANDARD_STREAM,
+    as_json,
+    as_png,
+    check_outputs,
+    expanded,
+    refuse_option_like,
+    write_all_atomically,
+    write_atomically,
+)
 from gauss2svg.options import Number, OptionGroup, Place, Renderer, Whole, byte_size
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.pipeline.options import color_name
@@ -114,15 +124,6 @@ def check_command(
 ) -> int:
     """Measure how closely any SVG matches a photo, or say what breaks where it is taken to."""
     from gauss2svg.cli.summary import print_check
-    from gauss2svg.files import (
-        STANDARD_STREAM,
-        as_json,
-        as_png,
-        check_outputs,
-        expanded,
-        refuse_option_like,
-        write_all_atomically,
-    )
     from gauss2svg.measure.check import check
 
     names = expanded([photo] if svg is None else [photo, svg])
@@ -167,12 +168,6 @@ def check_command(
 
 def _check_for(place: str, names: list[str], options: CheckOptions, output: CheckOutput) -> int:
     """Say what breaks where an SVG is taken to; returns the exit status."""
-    from gauss2svg.files import (
-        STANDARD_STREAM,
-        as_json,
-        check_outputs,
-        write_atomically,
-    )
     from gauss2svg.measure.places import findings, rules_of
 
     if len(names) != 1:

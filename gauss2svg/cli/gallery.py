@@ -8,12 +8,13 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import Photos, Quiet, photos_given, words
+from gauss2svg.batch.inputs import check_apart
+from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, photos_given, words
 from gauss2svg.cli.streams import counting_bar, say
 from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.errors import InputError, quoted
+from gauss2svg.processes import command_line
 
-STATUS_SOME_FAILED = 1
 _DEFAULTS = GalleryOptions()
 
 
@@ -50,10 +51,8 @@ def gallery_command(
     quiet: Quiet = False,
 ) -> int:
     """Write web pages that compare the results for photos; they open from the disk."""
-    from gauss2svg.batch.inputs import check_apart
     from gauss2svg.compare.pages.build import build_gallery
     from gauss2svg.measure.perceptual import packages_missing
-    from gauss2svg.processes import command_line
 
     given = photos_given(photos, ["output", "variants", "counts", "peers", "quiet", *vars(options)])
     check_apart(photos, os.fspath(output))
@@ -86,7 +85,6 @@ def gallery_command(
 
 
 def _whole(word: str) -> int:
-
     if not re.fullmatch("[0-9]{1,18}", word):
         raise InputError(
             f"counts must be whole numbers separated by commas; got {quoted(word)}. Try 500,2000"

@@ -21,13 +21,8 @@ from gauss2svg.pipeline.options import GROUPS
 from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
-STATUS_INTERRUPTED = status_of(signal.SIGINT)
-STATUS_TERMINATED = status_of(signal.SIGTERM)
 
-_USAGE = "Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all of them)"
 _HELP_ALL = "--help-all"
-
-
 # Of which the options that the short help leaves out need not be read.
 _SHORT = ([], ["--help"], ["-h"], ["--version"])
 
@@ -45,7 +40,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
         help=HELP,
         help_format="markdown",
         version_format="plaintext",
-        usage=_USAGE,
+        usage="Usage: gauss2svg PHOTO [-o OUT.svg] [OPTIONS]   (--help-all lists all of them)",
         default_parameter=Parameter(negative=()),
         group_commands=Group("Commands, each with its own --help", sort_key=9),
         suppress_keyboard_interrupt=False,  # main says what became of the files
@@ -105,7 +100,7 @@ def main(arguments: list[str] | None = None) -> int:
         if not isinstance(cause, KeyboardInterrupt):
             raise
         say("interrupted; every file is whole or untouched")
-        return STATUS_TERMINATED if isinstance(cause, Terminated) else STATUS_INTERRUPTED
+        return status_of(signal.SIGTERM if isinstance(cause, Terminated) else signal.SIGINT)
     return status if isinstance(status, int) else 0
 
 

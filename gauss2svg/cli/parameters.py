@@ -22,6 +22,7 @@ Photos = Annotated[
     ),
 ]
 Quiet = Annotated[bool, Parameter(negative="", help="Show neither progress nor summary.")]
+STATUS_SOME_FAILED = 1
 # Groups with a flag that is on by default, which --no-NAME turns off.
 _NEGATED: dict[str, Any] = {"densify": {"negative_bool": "no-", "negative": None}}
 

@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from cyclopts import Parameter
 
-from gauss2svg.cli.parameters import Photos, Quiet, photos_given
+from gauss2svg.cli.parameters import STATUS_SOME_FAILED, Photos, Quiet, photos_given
 from gauss2svg.cli.streams import counting_bar, say, write_output
 from gauss2svg.errors import Gauss2SvgError, InputError, OutputError, quoted
 from gauss2svg.files import (
@@ -32,7 +32,6 @@ from gauss2svg.pipeline.placeholder import (
 )
 from gauss2svg.version import __version__
 
-STATUS_SOME_FAILED = 1
 # With which a line of HTML begins, and the address in it.
 _LINE = re.compile(r'(?:<picture>(?:<source [^>]*>)*)?<img src="([^"]*)"')
 # Files of these suffixes beside a photo are what a <picture> offers first, in this order.

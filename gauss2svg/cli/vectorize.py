@@ -13,10 +13,23 @@ from cyclopts import Group, Parameter
 from gauss2svg.cli.parameters import options_of, refuse_unknown_options
 from gauss2svg.cli.signals import interruptible
 from gauss2svg.cli.streams import say, standard_stream, write_output
-from gauss2svg.errors import InputError, brief, quoted
+from gauss2svg.errors import InputError, brief, quoted, whole_number
+from gauss2svg.files import (
+    STANDARD_STREAM,
+    as_json,
+    as_png,
+    check_outputs,
+    check_writable,
+    expanded,
+    refuse_option_like,
+    saved,
+    write_all_atomically,
+)
 from gauss2svg.photo.formats import TITLES
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
+from gauss2svg.processes import command_line
 from gauss2svg.scene import ADD
+from gauss2svg.scene.inks import PALETTE_SUFFIX
 
 _BEGUN = time.perf_counter()
 
@@ -28,7 +41,6 @@ _EXAMPLES = (
 HELP = "Turn a photo into an SVG of Gaussians, and measure how closely it matches.\n\n" + (
     "  \n".join(_EXAMPLES)  # a line each, as Markdown has it
 )
-MAKERS_TITLE = "Plates and pens"
 _OURS = b"written by gauss2svg"  # of the description of every file
 _HEAD = 65536  # bytes within which it stands
 _ORDER = ("goal", "svg", "document", "fit", "densify", "run")  # of the help
@@ -93,7 +105,7 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
         key: Group(GROUP_TITLES[key], sort_key=order, show=everything or order == 0)
         for order, key in enumerate(_ORDER[:1] if short else _ORDER)
     }
-    makers_group = Group(MAKERS_TITLE, sort_key=0.6, show=everything)
+    makers_group = Group("Plates and pens", sort_key=0.6, show=everything)
     parsed = options_of(groups)
     defaults = parsed()
 
@@ -116,8 +128,6 @@ def vectorize_command(everything: bool, short: bool = False) -> Callable[..., in
 
 
 def _one_photo(photos: tuple[str, ...]) -> str:
-    from gauss2svg.files import expanded
-
     photos = tuple(expanded(photos))
     refuse_unknown_options(photos, option_names())
     if len(photos) != 1:
@@ -129,7 +139,6 @@ def _one_photo(photos: tuple[str, ...]) -> str:
 
 
 def _run(photo: str, output: str | None, options: Any, files: Files) -> int:
-
     with interruptible() as interruption:
         output, options = _checked(photo, output, options, files)
         result = _result(photo, output, options, files, interruption)
@@ -140,7 +149,6 @@ def _run(photo: str, output: str | None, options: Any, files: Files) -> int:
 
 def _checked(photo: str, output: str | None, options: Any, files: Files) -> tuple[str, Any]:
     """The name of the SVG and the options that follow from it, once all names are checked."""
-    from gauss2svg.files import STANDARD_STREAM, refuse_option_like
     from gauss2svg.svg.file import check_svg_name, is_svgz
 
     refuse_option_like(photo, output or "")
@@ -171,8 +179,6 @@ def _checked(photo: str, output: str | None, options: Any, files: Files) -> tupl
 
 def _check_pens(options: Any, files: Files) -> None:
     """Refuse pens without outlines, and plates without inks."""
-    from gauss2svg.errors import whole_number
-    from gauss2svg.files import check_writable
     from gauss2svg.svg.outlines import MOST_PENS
 
     if files.separations is not None:
@@ -204,8 +210,6 @@ def _default_output(photo: str, overwrite: bool) -> str:
     Raises InputError where that is the photo itself or, unless overwrite is True, an existing file
     that gauss2svg did not write.
     """
-    from gauss2svg.files import STANDARD_STREAM
-
     if photo == STANDARD_STREAM:
         raise InputError(
             "--output must be given where the photo is standard input. Try -o out.svg, or -o - for "
@@ -234,7 +238,6 @@ def _check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]
     """check_svg_name of further files: option, path or None, and the suffix of what is written."""
     import mimetypes
 
-    from gauss2svg.scene.inks import PALETTE_SUFFIX
     from gauss2svg.svg.file import check_svg_name, check_type
 
     for name, path, suffix in files:
@@ -251,7 +254,6 @@ def _check_names(files: Iterable[tuple[str, str | os.PathLike[str] | None, str]]
 
 
 def _result(photo: str, output: str, options: Any, files: Files, interruption: Any) -> Any:
-    from gauss2svg.files import STANDARD_STREAM
     from gauss2svg.pipeline.shown import watched
     from gauss2svg.pipeline.vectorize import vectorize_by
 
@@ -279,9 +281,6 @@ def _result(photo: str, output: str, options: Any, files: Files, interruption: A
 
 def _write(result: Any, output: str, files: Files) -> list[str]:
     """Write all files; a line for each plate that is left out."""
-    import io
-
-    from gauss2svg.files import STANDARD_STREAM, as_json, as_png, write_all_atomically
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])
@@ -303,9 +302,7 @@ def _write(result: Any, output: str, files: Files) -> list[str]:
     if files.preview is not None:
         written[files.preview] = as_png(result.raster)
     if files.save_scene is not None:
-        stream = io.BytesIO()
-        result.scene.save(stream)
-        written[files.save_scene] = stream.getvalue()
+        written[files.save_scene] = saved(result.scene.save)
     if files.report is not None:
         written[files.report] = as_json(result.report)
     write_all_atomically(written)
@@ -315,8 +312,6 @@ def _write(result: Any, output: str, files: Files) -> list[str]:
 def _report(result: Any, output: str, files: Files, interruption: Any, left_out: list[str]) -> None:
     """What a person reads at the end, on standard error."""
     from gauss2svg.cli.summary import print_summary
-    from gauss2svg.files import STANDARD_STREAM
-    from gauss2svg.processes import command_line
 
     report, where = result.report, "standard output" if output == STANDARD_STREAM else output
     if files.quiet:
@@ -347,8 +342,6 @@ def _report(result: Any, output: str, files: Files, interruption: Any, left_out:
 
 def _check_files(photo: str, output: str, options: Any, files: Files) -> None:
     """Refuse outputs that could not be written, or would overwrite an input or each other."""
-    from gauss2svg.files import STANDARD_STREAM, check_outputs
-
     further = (files.outline, files.report, files.preview, files.save_scene)
     outputs = [path for path in further if path is not None]
     inks = options.fit.inks

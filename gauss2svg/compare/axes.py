@@ -23,14 +23,13 @@ from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import PRESETS
 
-_VARIED = ("goal", "fit", "densify", "svg")  # groups whose options are all axes
-_ALSO = ("renderer", "max_size")  # of the other groups
-_OWN_OPTIONS = ("seed",)  # these are options of the command itself
+# All options of four groups but the seed, which is one of the command itself, and two of others.
 AXES: dict[str, Field] = {
     field.name: field
     for key, group in GROUPS.items()
     for field in fields_of(group)
-    if (key in _VARIED or field.name in _ALSO) and field.name not in _OWN_OPTIONS
+    if (key in ("goal", "fit", "densify", "svg") and field.name != "seed")
+    or field.name in ("renderer", "max_size")
 }
 # Default values of axes other than those with a few choices.
 VALUES: dict[str, tuple[Any, ...]] = {

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from gauss2svg.errors import Gauss2SvgError, OutputError
+from gauss2svg.errors import Gauss2SvgError, OutputError, error_line
 from gauss2svg.files import as_cell
 
 Row = dict[str, Any]
@@ -31,13 +31,13 @@ def answered(
     try:
         return make(request)
     except OutputError as error:  # of the others as well: a full disk, a deleted folder
-        return {"error": one_line(str(error)), "fatal": True}
+        return {"error": error_line(str(error)), "fatal": True}
     except Gauss2SvgError as error:
-        return {"error": one_line(str(error))}
+        return {"error": error_line(str(error))}
     except MemoryError as error:
         return {"error": f"out of memory ({error}). Try smaller photos or fewer Gaussians"}
     except Exception as error:  # a peer may raise anything; a bug of ours is shown with its type
-        return {"error": one_line(f"{type(error).__name__}: {error}")}
+        return {"error": error_line(f"{type(error).__name__}: {error}")}
 
 
 def rows_in(path: Path) -> dict[str, Row]:
@@ -93,11 +93,6 @@ def csv_text(rows: Iterable[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows({name: as_cell(value) for name, value in row.items()} for row in flattened)
     return stream.getvalue()
-
-
-def one_line(text: str) -> str:
-    """Text on one line, truncated to 400 characters."""
-    return " ".join(text.split())[:400]
 
 
 def finite(value: Any) -> Any:

@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.compare.machine import Stopwatch, peak_bytes
-from gauss2svg.compare.records import TOOL, Row, answered, finite, one_line
+from gauss2svg.compare.records import TOOL, Row, answered, finite
+from gauss2svg.errors import error_line
 from gauss2svg.measure.scores import SCORES
 
 _FROM_REPORT = (
@@ -41,7 +42,7 @@ def in_own_process(request: Mapping[str, Any], timeout: float | None) -> Row:
         return {"error": f"timed out after {timeout:g} s. Try a longer --peer-timeout"}
     if ended.status == 0:
         return json.loads(ended.output)
-    return {"error": one_line(f"{end_of(ended.status)}: {ended.complaint or 'no message'}")}
+    return {"error": error_line(f"{end_of(ended.status)}: {ended.complaint or 'no message'}")}
 
 
 def _run(request: Mapping[str, Any]) -> dict[str, Any]:

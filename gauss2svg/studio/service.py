@@ -32,7 +32,7 @@ class Studio(Bounded):
 
     def __init__(self, app: FastAPI, jobs: Jobs) -> None:
         super().__init__(app)
-        self.api, self.jobs = app, jobs
+        self.jobs = jobs
 
 
 def create_app(

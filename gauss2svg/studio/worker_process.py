@@ -16,7 +16,6 @@ in the midst of a fit as well.
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import os
 import shutil
@@ -31,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from gauss2svg.errors import Gauss2SvgError, on_one_line
-from gauss2svg.files import as_json, as_png, write_whole
+from gauss2svg.files import as_json, as_png, saved, write_whole
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.photo.alpha import over
 from gauss2svg.photo.stderr import own_standard_error
@@ -167,18 +166,15 @@ class _Worker:
 def _rest(result: Result, options: Options) -> Iterator[tuple[str, bytes]]:
     """Names and bytes of what is looked at afterwards."""
     yield "photo.png", as_png(result.photo)
-    stream = io.BytesIO()
-    error_map(over(result.raster), over(result.photo)).save(stream, "PNG")
-    yield "errors.png", stream.getvalue()
+    errors = error_map(over(result.raster), over(result.photo))
+    yield "errors.png", saved(lambda stream: errors.save(stream, "PNG"))
     with contextlib.suppress(Gauss2SvgError):  # an additive picture has none
         yield "outlines.svg", result.outline().encode()
     other = MINIMAL if result.report["markup"] == EDITABLE else EDITABLE
     with contextlib.suppress(Gauss2SvgError):  # options that only one of them has
         form = Plan(options.changed(markup=other)).svg_format
         yield f"picture-{other}.svg", write_svg(result.scene, form, result.document).encode()
-    stream = io.BytesIO()
-    result.scene.save(stream)
-    yield "scene.npz", stream.getvalue()
+    yield "scene.npz", saved(result.scene.save)
 
 
 if __name__ == "__main__":

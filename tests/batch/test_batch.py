@@ -8,13 +8,13 @@ from collections import Counter
 from datetime import datetime, timedelta
 
 import pytest
-from batches import TINY_COMMAND, left_parts, lines, outputs, save_photo, save_photos, tiny
+from batches import TINY_COMMAND, left_parts, lines, outputs, save_photo, save_photos, spec_of, tiny
 
-import gauss2svg
 from gauss2svg.batch import driver, worker
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.options import BatchOptions
-from gauss2svg.batch.records import RECORDS, STATE, PhotoRecord
+from gauss2svg.batch.records import RECORDS, PhotoRecord
+from gauss2svg.batch.stores import STATE
 from gauss2svg.batch.table import PARQUET, TABLE, Summary, write_table
 from gauss2svg.cli.main import main
 from gauss2svg.errors import ClusterError, OutputError
@@ -104,32 +104,6 @@ def test_table_is_also_parquet(run, photos, tmp_path):
     assert table.column("width").to_pylist() == [12] * 4
 
 
-def test_second_run_does_nothing_again(run, photos, tmp_path):
-    done = run(photos)["done"]
-    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*.svg")}
-    records = {path.name: path.read_bytes() for path in (tmp_path / "out" / RECORDS).iterdir()}
-    assert run(photos) == {"done": [], "skipped": done, "failed": []}
-    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out").rglob("*.svg")} == before
-    after = {path.name: path.read_bytes() for path in (tmp_path / "out" / RECORDS).iterdir()}
-    assert after == records
-
-
-def test_second_run_redoes_what_changed_alone(run, photos, tmp_path):
-    run(photos)
-    save_photo(photos / "a.png", 77)
-    os.utime(photos / "b/a.jpg", ns=(1, 1))  # touched, with the same bytes
-    (tmp_path / "out/b/c d.svg").unlink()
-    save_photo(photos / "new.png", 78)
-    found = run(photos)
-    assert found["done"] == ["a.svg", "b/c d.svg", "new.svg"]
-    assert found["skipped"] == ["b/a.svg", "e.svg"]
-    assert run(photos)["done"] == []
-    assert len(run(photos, seed=5)["done"]) == 5  # other options
-    assert run(photos, seed=5, threads=1)["done"] == []  # which change no file
-    (tmp_path / "out/e.svg").write_text("cut")
-    assert run(photos, seed=5)["done"] == ["e.svg"]
-
-
 def test_another_photo_of_the_same_size_and_date_is_no_photo_that_is_done(run, photos, tmp_path):
     other = tmp_path / "other"
     for folder, seed in ((photos, 0), (other, 50)):
@@ -171,17 +145,6 @@ def test_photo_of_which_a_server_says_no_date_is_read(
     assert run(url)["skipped"] == ["a.svg"]
     fs.pipe_file(f"/{tmp_path.name}/a.bmp", save_photo(tmp_path / "a.bmp", 1).read_bytes())
     assert run(url)["done"] == ["a.svg"]
-
-
-def test_failed_photos_are_taken_up_on_request_or_where_they_changed(run, photos):
-    (photos / "bad.png").write_bytes(b"no picture")
-    assert run(photos)["failed"] == ["bad.svg"]
-    assert run(photos) == {
-        "done": [], "failed": ["bad.svg"], "skipped": ["a.svg", "b/a.svg", "b/c d.svg", "e.svg"],
-    }  # fmt: skip
-    assert run(photos, retry_failed=True)["failed"] == ["bad.svg"]
-    save_photo(photos / "bad.png", 9)
-    assert run(photos)["done"] == ["bad.svg"]
 
 
 def test_photo_that_failed_at_a_limit_is_taken_up_at_another(run, photos):
@@ -264,7 +227,7 @@ def test_disk_that_cannot_be_written_ends_the_batch(number, photos, tmp_path, mo
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr("gauss2svg.files.os.replace", failing)
-    spec = worker.BatchSpec(tiny(), worker.Store(str(tmp_path / "out"), f"{STATE}/parts"), {}, "")
+    spec = spec_of(tmp_path / "out")
     with pytest.raises(OutputError, match=os.strerror(number)):
         worker.vectorize_photo(
             spec, spec.options, worker.BatchPhoto(str(photos / "a.png"), "a.svg")
@@ -305,7 +268,6 @@ def test_output_that_is_refused_for_a_while_is_no_death_and_keeps_all_lines(
 def test_record_that_cannot_be_written_does_not_hide_why(
     dask_client, photos, tmp_path, monkeypatch
 ):
-    store = worker.Store(str(tmp_path / "out"), f"{STATE}/parts")
     write, calls = worker.Store.write, Counter()
 
     def full(store, name, data):
@@ -316,7 +278,7 @@ def test_record_that_cannot_be_written_does_not_hide_why(
 
     monkeypatch.setattr(worker.Store, "write", full)
     shard = worker.Shard("run-1", (worker.BatchPhoto(str(photos / "a.png"), "a.svg"),))
-    spec = worker.BatchSpec(tiny(), store, {}, "")
+    spec = spec_of(tmp_path / "out")
     answer = dask_client.submit(worker.work, spec, shard, pure=False).result()
     assert answer == worker.ShardResult((), refused="cannot write a.svg")
 
@@ -334,10 +296,9 @@ def test_worker_of_another_version_is_reported_before_anything_is_done(
 
 
 def test_shard_whose_worker_died_is_not_begun_again(dask_client, photos, tmp_path):
-    store = worker.Store(str(tmp_path / "out"), f"{STATE}/parts")
+    spec = spec_of(tmp_path / "out")
     shard = worker.Shard("run-1", (worker.BatchPhoto(str(photos / "a.png"), "a.svg"),))
-    driver.ShardRecord(store, "run-1").write(working=True)
-    spec = worker.BatchSpec(tiny(), store, {}, "")
+    driver.ShardRecord(spec.store, "run-1").write(working=True)
     answer = dask_client.submit(worker.work, spec, shard, pure=False).result()
     assert answer == worker.ShardResult((), has_died=True)
     assert outputs(tmp_path / "out") == {}
@@ -398,17 +359,3 @@ def test_a_summary_names_at_most_five_failed_photos():
     assert list(summary.lines())[-1] == (
         "failed photos: 0.jpg, 1.jpg, 2.jpg, 3.jpg, 4.jpg and 3 more"
     )
-
-
-@pytest.mark.process
-def test_importing_and_vectorising_load_neither_dask_nor_fsspec():
-    import subprocess
-    import sys
-
-    code = (
-        "import gauss2svg, sys; gauss2svg.vectorize; gauss2svg.vectorize_many\n"
-        "print(sorted({'dask', 'distributed', 'fsspec'} & set(sys.modules)))"
-    )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "[]"
-    assert gauss2svg.vectorize_many is vectorize_many

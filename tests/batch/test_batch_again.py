@@ -16,7 +16,6 @@ from gauss2svg.batch.options import BatchOptions
 from gauss2svg.batch.records import (
     NOT_OF_LIMITS,
     RECORDS,
-    STATE,
     PhotoRecord,
     identity_of,
     record_of,
@@ -173,7 +172,7 @@ def test_rule_of_the_driver_is_that_of_workers_in_all_cases(tmp_path, monkeypatc
     path = str(save_photo(tmp_path / "a.png", 0))
     stamp, options = worker.stamp_of(path), tiny()
     same_limits = identity_of(options, NOT_OF_LIMITS)
-    store = worker.Store(str(tmp_path), f"{STATE}/parts")
+    store = worker.Store(str(tmp_path))
     for size in (1, 2):
         (tmp_path / f"{size}.svg").write_bytes(bytes(size))
     (tmp_path / "file").write_bytes(b"")

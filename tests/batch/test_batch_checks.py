@@ -10,8 +10,8 @@ import distributed
 import fsspec
 import numpy as np
 import pytest
-from batches import lines, outputs, save_photos, tiny
-from clusters import batch_here, under_way
+from batches import outputs, save_photos, tiny
+from clusters import under_way
 from fsspec.implementations.local import LocalFileSystem
 from fsspec.implementations.memory import MemoryFileSystem
 
@@ -21,13 +21,11 @@ from gauss2svg.batch.inputs import photos_of
 from gauss2svg.batch.many import Batch, vectorize_many
 from gauss2svg.batch.records import (
     FOLDER,
-    PARTS,
-    RECORDS,
     PhotoRecord,
     identity_of,
     record_of,
 )
-from gauss2svg.batch.stores import Store
+from gauss2svg.batch.stores import PARTS, Store
 from gauss2svg.errors import ClusterError, InputError, OutputError
 from gauss2svg.pipeline import checkpoint
 
@@ -208,7 +206,7 @@ def test_store_that_does_not_answer_is_told_in_a_line(error, photos, monkeypatch
 
 
 def test_what_a_store_cannot_read_is_told_with_advice(tmp_path):
-    store = Store(str(tmp_path), "parts")
+    store = Store(str(tmp_path))
     (tmp_path / "x").mkdir()
     for call in (lambda: store.read("x"), lambda: store.names("x\0"), lambda: store.size("x\0")):
         with pytest.raises(OutputError, match=r"cannot read .*Try the same"):
@@ -234,15 +232,7 @@ def test_line_of_a_record_whose_entries_are_of_other_types_is_none(edited):
     for whole in (RECORD, RECORD | {"input": "/\udcff.png"}):  # a name that is no valid Unicode
         assert record_of(json.dumps(whole)) is not None
         assert record_of(json.dumps(whole | edited)) is None
-
-
-def test_edited_records_are_ignored(dask_client, photos, tmp_path):
-    run = [photos], tmp_path / "out", tiny()
-    assert len(list(vectorize_many(*run, client=dask_client))) == 2
-    edited = [json.dumps(json.loads(line) | {"width": []}) for line in lines(tmp_path / "out")]
-    for path in (tmp_path / "out" / RECORDS).iterdir():
-        path.write_text("\n".join([*edited, "[" * 100_000]))
-    assert [one.skipped for one in vectorize_many(*run, client=dask_client)] == [False, False]
+    assert record_of("[" * 100_000) is None
 
 
 def test_index_on_a_full_disk_is_told_in_a_line():
@@ -259,7 +249,7 @@ def test_table_that_cannot_be_written_is_told_in_a_line(error, tmp_path, monkeyp
     def fail(*_):
         raise error
 
-    store = Store(str(tmp_path), PARTS)
+    store = Store(str(tmp_path))
     store.prepare()
     monkeypatch.setattr(table, "_csv", fail)
     with pytest.raises(OutputError, match=r"cannot write .*table\.csv: full\. Try"):
@@ -313,15 +303,6 @@ def test_list_at_a_url_is_not_held_whole(tmp_path, monkeypatch):
         list(photos_of(["memory://none.txt"]))
 
 
-def test_command_without_a_shared_folder_ends_in_a_line(
-    dask_client, photos, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.setattr(worker, "FOLDER", "gauss2svg-batch/another")
-    address = dask_client.scheduler.address
-    assert batch_here(photos, "-o", tmp_path / "out", "--scheduler", address) == 2
-    assert capsys.readouterr().err.splitlines()[-1].startswith("gauss2svg: output must be a folder")
-
-
 def test_an_interrupt_that_was_lost_is_raised_again(dask_client, monkeypatch):
     def lost():
         raise KeyboardInterrupt
@@ -343,7 +324,7 @@ def test_no_cell_of_a_table_begins_a_formula(tmp_path):
             PhotoRecord(input=text, output=text, options="x", psnr_svg=-1.5, error=text)
         )
     made.add_record(PhotoRecord(input="b", output="b", options="x", unreached=["=1", "a"]))
-    store = Store(str(tmp_path), PARTS)
+    store = Store(str(tmp_path))
     store.prepare()
     table.write_table(store, made)
     made.close()

@@ -4,6 +4,7 @@ import io
 import itertools
 import os
 import sys
+from functools import partial
 from pathlib import PurePosixPath
 
 import pytest
@@ -45,7 +46,7 @@ def test_source_without_photos_is_refused_beside_others(folder):
             names("in", source)
 
 
-def test_other_commands_take_what_a_batch_takes(folder, monkeypatch, tmp_path):
+def test_other_commands_take_what_a_batch_takes(folder, tmp_path, refusal):
     sources = [str(folder), f"{folder}/**/*.jpg", f"{folder}/a*"]
     for source in sources:
         paths = local_photos([source])
@@ -58,7 +59,7 @@ def test_other_commands_take_what_a_batch_takes(folder, monkeypatch, tmp_path):
     stay = [f"{folder}/none*.jpg", str(folder / "none.jpg"), "s3://bucket/*.jpg"]
     assert local_photos(stay) == stay
     # A gallery's own pictures would be photos of its next run.
-    assert main(["gallery", str(folder), "-o", str(folder / "site")]) == 2
+    assert refusal("gallery", folder, "-o", folder / "site")
     assert not (folder / "site").exists()
 
 
@@ -159,7 +160,7 @@ def test_outputs_outside_of_the_folder_or_among_its_records_are_refused(name, tm
     PhotoIndex().add([inputs.Source("/a/x.png", "gauss2svg-batch", 1)], ".svg")
     if "gauss2svg" not in name:
         with pytest.raises(OutputError, match="it is not in"):
-            Store(str(tmp_path / "out"), "parts").write(name, b"")
+            Store(str(tmp_path / "out")).write(name, b"")
         assert list(tmp_path.iterdir()) == []
 
 
@@ -185,19 +186,12 @@ def test_case_is_asked_about_before_the_output_folder_exists(tmp_path, monkeypat
 
 
 @pytest.fixture
-def refused(tmp_path, monkeypatch, capsys):
+def refused(tmp_path, monkeypatch, refusal):
     """The line of a command that is refused before any worker is started."""
     monkeypatch.chdir(tmp_path)
     save_photos(tmp_path / "in", ["a.png", "b/c.png"])
-
-    def run(*command):
-        monkeypatch.setattr(many.Batch, "connected", None)
-        assert main(["batch", *map(str, command)]) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith("gauss2svg: ")
-        return line
-
-    return run
+    monkeypatch.setattr(many.Batch, "connected", None)
+    return partial(refusal, "batch")
 
 
 @pytest.mark.parametrize(
@@ -238,7 +232,7 @@ def test_what_cannot_work_is_refused_in_one_line(command, line, refused, tmp_pat
     assert not (tmp_path / "out").exists()
 
 
-def test_folder_that_is_read_only_is_refused(refused, tmp_path, monkeypatch):
+def test_folder_that_is_read_only_is_refused(refused, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out/gauss2svg-batch").write_text("")
     assert "cannot create " in refused("in", "-o", "out")
@@ -286,12 +280,11 @@ def test_a_client_that_cannot_connect_is_not_heard_of_again(monkeypatch):
     assert [client.status for client in made] == ["closed"]
 
 
-def test_scheduler_that_does_not_answer_is_reported(tmp_path, monkeypatch, capsys):
+def test_scheduler_that_does_not_answer_is_reported(tmp_path, monkeypatch, refusal):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("gauss2svg.batch.cluster._CONNECT_S", 0.3)
     save_photos(tmp_path / "in", ["a.png"])
-    assert main(["batch", "in", "-o", "out", "--scheduler", "tcp://127.0.0.1:9"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
+    line = refusal("batch", "in", "-o", "out", "--scheduler", "tcp://127.0.0.1:9")
     assert "scheduler must be the address of a running Dask scheduler; got 'tcp://127.0" in line
 
 

@@ -7,7 +7,7 @@ import pytest
 from batches import save_photo, tiny
 
 from gauss2svg.batch.many import vectorize_many
-from gauss2svg.batch.records import STATE
+from gauss2svg.batch.stores import STATE
 from gauss2svg.batch.table import TABLE
 from gauss2svg.errors import InputError, OutputError
 from gauss2svg.pipeline.vectorize import vectorize_by

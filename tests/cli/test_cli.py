@@ -26,9 +26,7 @@ def picture(photo, tmp_path):
 
 def run(*arguments, **options):
     command = [sys.executable, "-m", "gauss2svg", *map(str, arguments)]
-    if "stdout" not in options:
-        options["capture_output"] = True
-    return subprocess.run(command, check=False, **options)
+    return subprocess.run(command, check=False, capture_output=True, **options)
 
 
 def test_photo_becomes_svg_with_all_that_was_asked_for(picture, tmp_path):
@@ -135,28 +133,22 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
         (["-"], "--output must be given where the photo is standard input"),
     ],
 )  # fmt: skip
-def test_mistake_is_one_line_status_two_and_no_file(arguments, message, picture, tmp_path, capsys):
+def test_mistake_is_one_line_status_two_and_no_file(arguments, message, picture, tmp_path, refusal):
     before = sorted(tmp_path.iterdir())
     names = {"PHOTO": str(picture), "OUT": str(tmp_path / "o.svg")}
     given = [names.get(a, a.replace("FOLDER", str(tmp_path))) for a in arguments]
-    assert main(given) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert message.lower() in err.lower()
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
+    assert message.lower() in refusal(*given).lower()
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_without_a_name_the_svg_goes_beside_the_photo(picture, capsys):
+def test_without_a_name_the_svg_goes_beside_the_photo(picture, refusal):
     beside = picture.with_suffix(".svg")
     assert main([str(picture), *QUICK, "--quiet"]) == 0
     ours = beside.read_bytes()
     assert ours.startswith(b"<?xml")
     assert main([str(picture), *QUICK, "--quiet", "--seed", "1"]) == 0  # it is ours
     beside.write_text("<svg/>")
-    assert main([str(picture), *QUICK, "--quiet"]) == 2
-    assert "gauss2svg did not write it" in capsys.readouterr().err
+    assert "gauss2svg did not write it" in refusal(picture, *QUICK, "--quiet")
     assert beside.read_text() == "<svg/>"
     assert main([str(picture), *QUICK, "--quiet", "--overwrite"]) == 0
     assert beside.read_bytes() == ours
@@ -194,17 +186,6 @@ def test_any_file_name_is_written_and_shown_as_it_is(name, picture, tmp_path, mo
     assert main([str(picture), "-o", name, *QUICK]) == 0
     assert out.exists()
     assert name in capsys.readouterr().err
-
-
-@pytest.mark.process
-def test_broken_streams_are_one_line_and_status_two(picture):
-    with open("/dev/full", "wb") as full:
-        done = run(picture, "-o", "-", *QUICK, "--quiet", stdout=full, stderr=subprocess.PIPE)
-    assert done.returncode == 2
-    assert done.stderr.count(b"\n") == 1
-    closed = run("-", "-o", "x.svg", preexec_fn=lambda: os.close(0))
-    assert closed.returncode == 2
-    assert b"standard input must be open" in closed.stderr
 
 
 def test_full_help_names_every_option(capsys):

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from conftest import has_ended
-from galleries import BLANK, cells_expected, cells_of, primitive, save
+from galleries import BLANK, cells_expected, cells_of, program, save
 from PIL import Image
 
 from gauss2svg.cli.main import main
@@ -176,19 +176,19 @@ def test_peer_writes_an_svg_that_is_scored_or_fails_or_times_out(picture, tmp_pa
         given = {"tool": "primitive", "settings": {"shapes": 3}, "image": str(picture)}
         return answered(peer_record, given | {"peer_timeout": seconds})
 
-    primitive(tmp_path, f"echo '{BLANK}' > \"$4\"")
+    program(tmp_path / "primitive", f"echo '{BLANK}' > \"$4\"")
     row = record()
     with Image.open(picture) as white:
         error = np.mean((1 - np.asarray(white, np.float64) / 255) ** 2)
     assert row["psnr_svg"] == pytest.approx(-10 * math.log10(error), abs=1e-4)
     assert row["svg_bytes"] == len(BLANK) + 1
 
-    primitive(tmp_path, "echo no luck >&2; exit 3")
+    program(tmp_path / "primitive", "echo no luck >&2; exit 3")
     assert "status 3: no luck" in record()["error"]
-    primitive(tmp_path, "exit 0")
+    program(tmp_path / "primitive", "exit 0")
     assert record() == {"error": "primitive wrote no file. Try running it by hand"}
 
-    primitive(tmp_path, f"echo $$ > {tmp_path}/pid; exec sleep 600")
+    program(tmp_path / "primitive", f"echo $$ > {tmp_path}/pid; exec sleep 600")
     for seconds in (2, 8, 32):  # more where the machine is too busy for it to begin
         assert f"timed out after {seconds} s" in record(seconds)["error"]
         if (tmp_path / "pid").exists():

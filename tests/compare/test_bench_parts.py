@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from flat import BESIDE
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -65,11 +66,7 @@ def test_default_grid_is_the_presets_and_counts_by_iterations():
 
 WITHOUT_VALUES = {"time_limit", "matte", "inks"}
 # Axes that are valid only beside another option.
-WITH = {
-    "ssim_weight": {"loss": ("mse+ssim",)}, "portable": {"blend": ("add",)},
-    "per_round": {"gaussians": (200,)}, "round_iterations": {"gaussians": (200,)},
-    "schedule": {"gaussians": (200,)}, "count_gzipped": {"max_bytes": (50_000,)},
-}  # fmt: skip
+WITH = {name: {k: (v,) for k, v in beside.items()} for name, beside in BESIDE.items()}
 
 
 @pytest.mark.parametrize("name", sorted(AXES.keys() - WITHOUT_VALUES))
@@ -86,11 +83,6 @@ def test_default_values_of_an_axis_are_values_of_it(name):
 def test_axis_without_default_values_is_refused_unless_they_are_given(name):
     with pytest.raises(InputError, match=f"axis {name} must be given with values.*Try --axis"):
         parse_axes([name])
-
-
-def test_axes_are_the_options_that_change_the_file():
-    assert AXES.keys() >= {"gaussians", "quality", "loss", "blend", "init", "relocate", "form"}
-    assert not AXES.keys() & {"seed", "threads", "checkpoint", "max_memory", "title"}
 
 
 FULL = "pipeline.search.correction.full"

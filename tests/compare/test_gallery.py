@@ -4,6 +4,7 @@ import dataclasses
 import json
 import statistics
 import sys
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 import pytest
@@ -159,10 +160,17 @@ def test_every_page_names_the_renderer_and_links_to_what_is_there(site):
     (renderer,) = {row["renderer"] for row in site.document["rows"]}
     for path in pages:
         assert renderer in path.read_text()
-        for _, attributes in Page(path).parts:
-            for name, value in attributes:
-                if name in ("href", "src") and not value.startswith(("#", "data:")):
-                    assert (path.parent / value.partition("#")[0]).is_file(), value
+        parts = [pair for _, attributes in Page(path).parts for pair in attributes]
+        addresses = [urlsplit(value) for name, value in parts if name in ("href", "src")]
+        assert len(addresses) > 5
+        for address in addresses:
+            if address.scheme == "data":
+                continue
+            assert not address.scheme + address.netloc + address.query
+            if address.path:
+                target = (path.parent / unquote(address.path)).resolve()
+                assert target.is_file(), address
+                assert target.is_relative_to(site.out.resolve())
 
 
 @pytest.mark.parametrize("name", ["nasty", "clear"])

@@ -96,23 +96,17 @@ def test_no_request_starts_no_worker():
 
 
 @pytest.mark.parametrize(
-    ("error", "line"),
+    ("error", "line", "more"),
     [
-        (InputError("two\nlines.  Try one"), "two lines. Try one"),
-        (MemoryError("5 GiB"), "out of memory (5 GiB). Try smaller photos or fewer Gaussians"),
-        (ZeroDivisionError("a\nfault"), "ZeroDivisionError: a fault"),
+        (InputError("two\nlines.  Try one"), "two lines. Try one", {}),
+        (MemoryError("5 GiB"), "out of memory (5 GiB). Try smaller photos or fewer Gaussians", {}),
+        (ZeroDivisionError("a\nfault"), "ZeroDivisionError: a fault", {}),
+        (OutputError("the disk is full"), "the disk is full", {"fatal": True}),  # for all others
     ],
 )
-def test_every_error_of_a_request_is_one_line(error, line):
+def test_every_error_of_a_request_is_one_line(error, line, more):
     def fail(_):
         raise error
 
-    assert answered(fail, {}) == {"error": line}
+    assert answered(fail, {}) == {"error": line, **more}
     assert "KeyError" in answer_to({"kind": "nothing"})["error"]
-
-
-def test_error_that_no_other_request_escapes_is_fatal():
-    def fail(_):
-        raise OutputError("the disk is full")
-
-    assert answered(fail, {}) == {"error": "the disk is full", "fatal": True}

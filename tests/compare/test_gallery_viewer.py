@@ -2,10 +2,11 @@
 
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
-from gallery_site import COUNTS, PHONE, WIDE, box, shot
+from gallery_site import COUNTS, PHONE, WIDE, box, shot, zoomed
 from PIL import Image
 from scipy.ndimage import binary_dilation
 
@@ -25,6 +26,7 @@ PAGE = "photos/cat-9"
 TIMES = "\N{MULTIPLICATION SIGN}"
 ZOOMS = {1: "1:1", 2: f"2{TIMES}", 4: f"4{TIMES}", 8: f"8{TIMES}"}
 SIZE = {"x": 120, "y": 90}
+zoom_of = partial(zoomed, width=SIZE["x"])
 SCREEN = {"width": 600, "height": 900}  # with a stage of 552 x 414 px
 SAME = 9.0  # levels of 255: a layer of its own is dithered otherwise, by fractions of a pixel
 # Overlays are hidden, so that the image can be compared.
@@ -239,13 +241,6 @@ def test_enlarged_the_svg_stays_sharp(visit):
     part = np.asarray(blown_up, float)[top : top + len(screen), left : left + screen.shape[1]]
     assert np.abs(part - screen).max() >= 2 * SAME
     assert np.abs(part - screen).mean() < 6  # and is the same part of the same picture
-
-
-def zoom_of(page):
-    """Pixels of the screen for one of the photo; both sides are checked to lie in step."""
-    place = box(page, "#photo")
-    assert box(page, "#svg") == pytest.approx(place, abs=0.01)
-    return place["width"] / SIZE["x"]
 
 
 def zoom_told(page):

@@ -4,8 +4,6 @@ import shutil
 
 import pytest
 
-from gauss2svg.cli.main import main
-
 BENCH = [
     (["--axis", "speed"], "axis must be one of quality, gaussians"),
     (
@@ -66,14 +64,11 @@ GALLERY = [
     [("bench", *row) for row in BENCH] + [("gallery", *row) for row in GALLERY],
 )
 def test_mistake_is_one_line_and_status_two_before_any_work(
-    command, arguments, message, two, tmp_path, capsys
+    command, arguments, message, two, tmp_path, refusal
 ):
     copy = str(shutil.copy(two[1], tmp_path / "copy.png"))
     given = [word.replace("PHOTO", str(two[0])).replace("COPY", copy) for word in arguments]
     target = [] if "-o" in given else ["-o", str(tmp_path / "out")]
     before = sorted(tmp_path.rglob("*"))
-    assert main([command, str(two[1]), *given, *target]) == 2
-    out, err = capsys.readouterr()
-    assert (out, err.count("\n")) == ("", 1)
-    assert message in err
+    assert message in refusal(command, two[1], *given, *target)
     assert sorted(tmp_path.rglob("*")) == before

@@ -12,7 +12,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 from conftest import needs
-from gallery_site import PHONE, WIDE, Headless
+from gallery_site import PHONE, WIDE, Headless, closed_after
 
 from gauss2svg.raster import chromium
 
@@ -111,16 +111,14 @@ def open_page(site, tmp_path_factory):
     needs("chromium")
     with chromium._playwright().sync_playwright() as playwright:
         browser = Headless(playwright, site, tmp_path_factory.mktemp("alone"))
-        visits = []
+        with closed_after(browser.visit) as visit:  # fails on errors and on requests to elsewhere
 
-        def opened(name: str, **options):
-            visits.append(browser.visit(**options))
-            visits[-1].page.set_default_timeout(30_000)
-            return visits[-1].go(f"{name}.html")
+            def opened(name: str, **options):
+                one = visit(**options)
+                one.page.set_default_timeout(30_000)
+                return one.go(f"{name}.html")
 
-        yield opened
-        for visit in visits:
-            visit.close()  # fails on errors and on requests to elsewhere
+            yield opened
         browser.close()
 
 

@@ -44,15 +44,6 @@ def test_dearer_preset_is_not_worse(smile):
 
 
 @pytest.mark.sweep
-def test_larger_limit_of_bytes_is_not_worse(smile):
-    limits = "5k", "20k", "40k"
-    few = {"quality": "fast", "iterations": 30}
-    found = [vectorize(smile, max_bytes=limit, **few).report["psnr_svg"] for limit in limits]
-    assert found == sorted(found)
-    assert found[-1] > found[0] + 5
-
-
-@pytest.mark.sweep
 def test_plain_drawing_does_not_diverge(smile):
     assert vectorize(smile, gaussians=256).report["rollbacks"] == 0
 

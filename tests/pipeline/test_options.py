@@ -182,7 +182,19 @@ def test_the_report_has_every_option(photo):
             InputError,
             "falloff must be gaussian or adaptive with form blur.*got 'skewed'",
         ),
-        ({"blend": "add", "animate": 2}, InputError, "animate must not be given with additive"),
+        (
+            {"blend": "add", "animate": 2},
+            InputError,
+            "animate must not be given with additive blending.*--portable",
+        ),
+        ({"blend": "add", "fragments": True}, InputError, "fragments must not be given with add"),
+        ({"blend": "add", "segments": 20}, InputError, "segments must not be given with additive"),
+        ({"blend": "add", "form": "blur"}, InputError, "form blur must not be given with add"),
+        (
+            {"target_psnr": 20, "round_iterations": 4},
+            InputError,
+            "round_iterations must not be given",
+        ),
     ],
 )
 def test_options_that_exclude_each_other_are_refused_with_a_way_out(given, error, match):

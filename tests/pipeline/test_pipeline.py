@@ -206,20 +206,3 @@ def test_saved_scene_writes_the_same_file(result, tmp_path):
     text = write_svg(quantize(again, palette=result.report["palette"]))
     assert len(text.encode()) == result.report["svg_bytes"]
     assert text == result.svg
-
-
-def test_import_is_light():
-    code = "import gauss2svg, sys; print(sorted({'torch', 'numba', 'numpy'} & set(sys.modules)))"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "[]"
-
-
-@pytest.mark.process
-def test_default_fit_needs_no_torch():
-    code = (
-        "import sys, numpy as np; from gauss2svg import FitOptions, vectorize; "
-        "vectorize(np.zeros((8, 8, 3)), gaussians=2, fit=FitOptions(iterations=2)); "
-        "print('torch' in sys.modules)"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "False"

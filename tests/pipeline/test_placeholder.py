@@ -12,6 +12,7 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 from PIL import Image, ImageColor
+from screens import drawn_in_pages
 
 import gauss2svg
 from gauss2svg.cli.main import main
@@ -355,8 +356,6 @@ def test_sizes_that_no_placeholder_has_are_refused(photos, size):
 
 
 def test_a_browser_draws_every_form_as_it_draws_the_svg_inline(photos, browser):
-    from gauss2svg.raster import chromium
-
     found = gauss2svg.placeholder(photos[0], 700)
     size = f"width:{found.width}px;height:{found.height}px"
     css = f'url("{found.data_uri}") 0 0/100% 100%'
@@ -369,39 +368,22 @@ def test_a_browser_draws_every_form_as_it_draws_the_svg_inline(photos, browser):
         "css": f"<style>div{{{size};background:{css}}}</style><div>",
         "snippet": found.snippet(clear),
     }
-    api = chromium._playwright()
-    taken = {}
-    with api.sync_playwright() as playwright:
-        program = chromium.launch(api, playwright, chromium._program(), flags=())
-        for name, body in bodies.items():
-            page = program.new_page(viewport={"width": found.width, "height": found.height})
-            page.set_content(f'<!doctype html><body style="margin:0">{body}</body>')
-            with Image.open(io.BytesIO(page.screenshot())) as picture:
-                taken[name] = np.asarray(picture.convert("RGB"), np.float64)
-        program.close()
-    assert taken["inline"].std() > 10
-    for name, picture in taken.items():
-        assert np.abs(picture - taken["inline"]).mean() < 3, name
+    inline, *others = drawn_in_pages(bodies.values(), found.width, found.height)
+    assert inline.std() > 10
+    for name, picture in zip([*bodies][1:], others, strict=True):
+        assert np.abs(picture - inline).mean() < 3, name
 
 
 def test_files_inline_in_one_page_keep_their_own_shapes(photos, browser):
-    from gauss2svg.raster import chromium
-
     first, second = (gauss2svg.placeholder(photos[0], size) for size in (1000, 2500))
     assert first.svg.count('id="a"') == second.svg.count('id="a"') == 1
     box = '<div style="width:72px;height:48px{}">{}</div>'
-    api = chromium._playwright()
-    taken = []
-    with api.sync_playwright() as playwright:
-        program = chromium.launch(api, playwright, chromium._program(), flags=())
-        for before in ("", box.format(";overflow:hidden;height:0", first.inline)):
-            page = program.new_page(viewport={"width": 72, "height": 48})
-            body = before + box.format("", second.inline)
-            page.set_content(f'<!doctype html><body style="margin:0">{body}')
-            with Image.open(io.BytesIO(page.screenshot())) as picture:
-                taken.append(np.asarray(picture.convert("RGB"), np.float64))
-        program.close()
-    assert np.abs(taken[0] - taken[1]).max() <= 1
+    bodies = [
+        before + box.format("", second.inline)
+        for before in ("", box.format(";overflow:hidden;height:0", first.inline))
+    ]
+    alone, together = drawn_in_pages(bodies, 72, 48)
+    assert np.abs(alone - together).max() <= 1
 
 
 def test_a_large_photo_has_the_placeholder_of_its_reduction_at_its_own_size():

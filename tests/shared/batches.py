@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from gauss2svg.batch.records import PARTS, RECORDS, STATE
+from gauss2svg.batch.records import RECORDS, BatchSpec
+from gauss2svg.batch.stores import PARTS, STATE, Store
 from gauss2svg.pipeline.options import Options
 
 # The least work that still gives a file of its own for each photo.
@@ -19,6 +20,11 @@ TINY_COMMAND = [part for name, value in TINY.items() for part in (f"--{name}", s
 def tiny(**given) -> Options:
     """Options of the least work."""
     return Options.from_flat(TINY | given)
+
+
+def spec_of(folder: Path) -> BatchSpec:
+    """What the photos of a batch into a folder share."""
+    return BatchSpec(tiny(), Store(str(folder)), {}, "")
 
 
 def save_photo(path: Path, seed: int, side: int = 12) -> Path:

@@ -16,6 +16,12 @@ from gauss2svg.pipeline.options import GROUPS, Options
 from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.vectorize import vectorize_by
 
+# Options that are valid only beside another one of this value.
+BESIDE = {
+    "ssim_weight": {"loss": "l1+ssim"}, "portable": {"blend": "add"},
+    "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
+    "schedule": {"gaussians": 100}, "count_gzipped": {"max_bytes": 40_000},
+}  # fmt: skip
 _CALLBACKS = ("progress", "stop", "started")
 
 

@@ -18,6 +18,7 @@ from random import Random
 
 import numpy as np
 import PIL
+from pictures import chunk
 from PIL import Image, ImageCms
 from svg_fuzzing import mutated_svg, svg_seeds
 
@@ -151,11 +152,7 @@ def chunks(png: bytes) -> list[tuple[bytes, bytes]]:
 
 def png_of(parts: list[tuple[bytes, bytes]]) -> bytes:
     """A PNG of chunks, with lengths and checksums that are right."""
-    rows = [_PNG]
-    for kind, content in parts:
-        sum32 = zlib.crc32(kind + content)
-        rows += [struct.pack(">I4s", len(content), kind), content, struct.pack(">I", sum32)]
-    return b"".join(rows)
+    return _PNG + b"".join(chunk(*part) for part in parts)
 
 
 def mutated_png(rng: Random, seed: bytes, other: bytes) -> bytes:

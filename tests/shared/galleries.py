@@ -29,11 +29,12 @@ def save(pixels, path, **options):
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" width="64" height="48"/>'
 
 
-def primitive(folder, body):
-    """A program of that name: a script of the shell."""
-    folder.mkdir(exist_ok=True)
-    (folder / "primitive").write_text(f"#!/bin/sh\n{body}\n")
-    (folder / "primitive").chmod(0o700)
+def program(path, body):
+    """A program: a script of the shell."""
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(f"#!/bin/sh\n{body}\n")
+    path.chmod(0o700)
+    return path
 
 
 def cells_of(path):

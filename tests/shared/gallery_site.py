@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from flat import build_gallery
 from numpy.typing import NDArray
 from PIL import Image
@@ -110,6 +113,20 @@ class Visit:
         dialog.dismiss()
 
 
+@contextmanager
+def closed_after(make: Callable[..., Visit]) -> Iterator[Callable[..., Visit]]:
+    """Makes visits, each of which must end without errors."""
+    visits: list[Visit] = []
+
+    def open_one(**options: Any) -> Visit:
+        visits.append(make(**options))
+        return visits[-1]
+
+    yield open_one
+    for one in visits:
+        one.close()
+
+
 class Headless:
     """The browser of the renderer chromium, for visits to a site."""
 
@@ -143,6 +160,13 @@ class Headless:
 def box(page: Any, selector: str) -> Box:
     """x, y, width and height of an element on the screen, in px."""
     return page.locator(selector).first.evaluate(_BOX)
+
+
+def zoomed(page: Any, width: float) -> float:
+    """Pixels of the screen for one of a photo of that width; both sides must lie in step."""
+    place = box(page, "#photo")
+    assert box(page, "#svg") == pytest.approx(place, abs=0.01)
+    return place["width"] / width
 
 
 def shot(page: Any, part: Box) -> NDArray[np.float64]:

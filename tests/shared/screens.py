@@ -1,10 +1,14 @@
 """What a page looks like: screenshots on a busy machine, and faults of access."""
 
-from collections.abc import Iterator
+import io
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
+from PIL import Image
 
 from gauss2svg.raster import chromium
 
@@ -42,6 +46,20 @@ def captured(page, **options) -> bytes:
                 raise
             page.wait_for_timeout(_PAUSE_MS)
     return page.screenshot(**options)
+
+
+def drawn_in_pages(bodies: Iterable[str], width: int, height: int) -> list[NDArray[np.float64]]:
+    """Pixels (h, w, 3), 0..255, of pages of these bodies, each a page without margins."""
+    api, found = chromium._playwright(), []
+    with api.sync_playwright() as playwright:
+        browser = chromium.launch(api, playwright, chromium._program(), flags=())
+        for body in bodies:
+            page = browser.new_page(viewport={"width": width, "height": height})
+            page.set_content(f'<!doctype html><body style="margin:0">{body}</body>')
+            with Image.open(io.BytesIO(page.screenshot())) as picture:
+                found.append(np.asarray(picture.convert("RGB"), np.float64))
+        browser.close()
+    return found
 
 
 def grave_faults(page, **options) -> list[tuple[str, str]]:

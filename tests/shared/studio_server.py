@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -12,9 +13,23 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import psutil
+
+
+def answer_of(
+    app: Any, method: str, path: str, base: str = "http://studio", raises: bool = True, **more
+) -> httpx.Response:
+    """The answer of an application in this process, whose errors are raised here if `raises`."""
+
+    async def one() -> httpx.Response:
+        transport = httpx.ASGITransport(app, raise_app_exceptions=raises)
+        async with httpx.AsyncClient(transport=transport, base_url=base) as client:
+            return await client.request(method, path, **more)
+
+    return asyncio.run(one())
 
 
 class Server:
@@ -22,6 +37,7 @@ class Server:
 
     def __init__(self, process: subprocess.Popen, address: str, scratch: Path) -> None:
         self.process, self.scratch = process, scratch
+        self.address = address
         self.home, _, self.token = address.partition("/?token=")
         self.client = httpx.Client(
             base_url=self.home, headers={"Authorization": f"Bearer {self.token}"}, timeout=60
@@ -36,6 +52,10 @@ class Server:
             answer = self.client.post("/api/jobs", data=data, files={"photo": ("p.png", photo)})
         assert answer.status_code == 201, answer.text
         return answer.json()
+
+    def get(self, path: str) -> bytes:
+        """What the service answers to a page."""
+        return self.client.get(path).raise_for_status().content
 
     def state(self, job: dict) -> dict:
         """Of a job now."""
@@ -90,7 +110,6 @@ def running(*arguments: str) -> Iterator[Server]:
             address = re.search(r"http://\S+", said)
             assert address is not None
             server = Server(process, address[0], Path(scratch))
-            server.said = said
             with server.client:
                 yield server
         finally:

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import re
-import signal
-import subprocess
-import sys
-import threading
-import urllib.request
+from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from gallery_site import Visit
+from gallery_site import Visit, closed_after
 from PIL import Image
 from skimage import data
+from studio_server import Server, running
 
 from gauss2svg.raster import chromium
 
 HOSTILE = "<img src=x onerror=alert(1)>&\"'.png"
 PLAIN, UPRIGHT = "cat.png", "cup.png"
-_ENDS_S = 20
 # The page ends streams and requests that it no longer needs.
 _ENDED = re.compile(r"/(events|estimate|chart|frame\?n=\d+): net::ERR_ABORTED$")
 
@@ -42,53 +38,6 @@ def write_photos(folder: Path) -> dict[str, Path]:
     return {name: folder / name for name in made}
 
 
-class Server:
-    """The command, until `close`."""
-
-    def __init__(self, folder: Path) -> None:
-        words = ["studio", str(folder), "--no-browser", "--port", "0", "--jobs", "1"]
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "gauss2svg", *words, "--threads", "1"],
-            stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
-        assert self._process.stderr is not None
-        found, self.said = None, ""
-        for line in self._process.stderr:
-            self.said += line
-            found = re.search(r"(http://\S+/)\?token=(\S+)", line)
-            if found:
-                break
-        assert found, self.said
-        self.address, self.root, self.token = found[0], found[1], found[2]
-        self._rest = threading.Thread(target=self._process.stderr.read, daemon=True)
-        self._rest.start()
-
-    def get(self, path: str) -> bytes:
-        """What the service answers, without the page."""
-        headers = {"Authorization": f"Bearer {self.token}"}
-        with urllib.request.urlopen(
-            urllib.request.Request(self.root + path, headers=headers)
-        ) as got:
-            return got.read()
-
-    def post(self, path: str, body: Any) -> Any:
-        """The JSON that the service answers to JSON."""
-        headers = {"Authorization": f"Bearer {self.token}", "Content-Type": "application/json"}
-        request = urllib.request.Request(self.root + path, json.dumps(body).encode(), headers)
-        with urllib.request.urlopen(request) as got:
-            return json.load(got)
-
-    def close(self) -> None:
-        """End it as Ctrl-C does."""
-        self._process.send_signal(signal.SIGINT)
-        try:
-            self._process.wait(_ENDS_S)
-        finally:
-            self._process.kill()
-            self._rest.join(_ENDS_S)
-            self._process.stderr.close()  # pyright: ignore[reportOptionalMemberAccess]
-
-
 class StudioVisit(Visit):
     """A browser tab on the studio."""
 
@@ -106,7 +55,7 @@ class StudioVisit(Visit):
 
     def strays(self) -> list[str]:
         """Requests for anything but the server itself."""
-        own = (self.server.root, "data:", f"blob:{self.server.root}")
+        own = (f"{self.server.home}/", "data:", f"blob:{self.server.home}/")
         return [url for url in self.requests if not url.startswith(own)]
 
     def close(self) -> None:
@@ -118,22 +67,6 @@ class StudioVisit(Visit):
             if not _ENDED.search(line) and not any(part in line for part in self.expected)
         ]
         super().close()
-
-
-class StudioBrowser:
-    """The browser of the renderer chromium, for visits to a studio."""
-
-    def __init__(self, playwright: Any, server: Server) -> None:
-        self._server = server
-        self._browser = chromium.launch(chromium._playwright(), playwright, chromium._program())
-
-    def visit(self, **options: Any) -> StudioVisit:
-        """A visit in a browser context with these options."""
-        return StudioVisit(self._browser, self._server, **options)
-
-    def close(self) -> None:
-        """End the browser."""
-        self._browser.close()
 
 
 _photos: dict[str, Path] = {}
@@ -152,32 +85,27 @@ def photos(tmp_path_factory) -> dict[str, Path]:
 def server(photos: dict[str, Path], pytestconfig) -> Server:
     """The studio of those photos, which takes seconds to start; one for all modules."""
     if not _servers:
-        _servers.append(Server(photos[PLAIN].parent))
-        pytestconfig.add_cleanup(_servers[0].close)
+        stack = ExitStack()
+        pytestconfig.add_cleanup(stack.close)
+        options = ("--jobs", "1", "--threads", "1")
+        _servers.append(stack.enter_context(running(str(photos[PLAIN].parent), *options)))
     return _servers[0]
 
 
 @pytest.fixture(scope="module")
-def tabs(server: Server):
-    """A browser for that studio."""
+def tabs():
+    """The browser of the renderer chromium."""
     with chromium._playwright().sync_playwright() as playwright:
-        browser = StudioBrowser(playwright, server)
+        browser = chromium.launch(chromium._playwright(), playwright, chromium._program())
         yield browser
         browser.close()
 
 
 @pytest.fixture
-def visit(browser, tabs: StudioBrowser):
+def visit(browser, tabs: Any, server: Server):
     """Opens visits, each of which must end without errors."""
-    visits: list[StudioVisit] = []
-
-    def open_one(**options):
-        visits.append(tabs.visit(**options))
-        return visits[-1]
-
-    yield open_one
-    for one in visits:
-        one.close()
+    with closed_after(partial(StudioVisit, tabs, server)) as open_one:
+        yield open_one
 
 
 def draft(page: Any) -> None:

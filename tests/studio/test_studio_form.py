@@ -1,22 +1,21 @@
 """What the page is told of options, and the lines that make the same file."""
 
-import asyncio
 import io
 import re
 import shlex
-import subprocess
 import sys
 import types
 from contextlib import suppress
 
-import httpx
 import pytest
 from conftest import random_scene
+from flat import BESIDE
 from PIL import Image
+from studio_server import answer_of
 
 import gauss2svg
 from gauss2svg.cli import vectorize as command
-from gauss2svg.cli.main import build_app, main
+from gauss2svg.cli.main import build_app
 from gauss2svg.errors import InputError
 from gauss2svg.pipeline.options import Options, option_names
 from gauss2svg.render import frame
@@ -36,12 +35,6 @@ CHANGED = {
     "alt": "-starts like an option", "size": "120mm", "aspect": "xMidYMid slice", "segments": 8,
     "animate": 2.5, "fragments": True, "renderer": "cairo", "scores": True, "max_size": 200,
     "full_size": True,
-}  # fmt: skip
-# What an option needs beside it.
-WITH = {
-    "ssim_weight": {"loss": "l1+ssim"}, "portable": {"blend": "add"},
-    "per_round": {"gaussians": 100}, "round_iterations": {"gaussians": 100},
-    "schedule": {"gaussians": 100}, "count_gzipped": {"max_bytes": 40_000},
 }  # fmt: skip
 
 
@@ -133,7 +126,7 @@ def together() -> list[dict]:
     """All options, each once, in as few sets as can be, for a command takes long to be parsed."""
     sets: list[dict] = []
     for name, value in CHANGED.items():
-        given = {name: value, **WITH.get(name, {})}
+        given = {name: value, **BESIDE.get(name, {})}
         for one in sets:
             with suppress(InputError):
                 if all(one.get(key, value) == value for key, value in given.items()):
@@ -231,25 +224,9 @@ def test_frames_come_at_once_and_then_as_their_share_of_the_cpu_allows(cost, mad
     assert sum(found) == pytest.approx(made, rel=0.1)
 
 
-def test_importing_gauss2svg_and_its_command_loads_no_server():
-    code = (
-        "import sys, gauss2svg, gauss2svg.studio, gauss2svg.cli.main as m; m.build_app(); "
-        "print([n for n in ('fastapi', 'uvicorn', 'starlette') if n in sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "[]"
-
-
 @pytest.mark.parametrize("is_local", [True, False])
 def test_the_page_says_where_photos_go(is_local):
-    async def page():
-        transport = httpx.ASGITransport(create_app(is_local=is_local))
-        async with httpx.AsyncClient(transport=transport, base_url="http://studio") as client:
-            return (await client.get("/")).text
-
-    text = asyncio.run(page())
+    text = answer_of(create_app(is_local=is_local), "GET", "/").text
     assert ("Photos stay on this machine" in text) == is_local
     assert ("Photos go to this server only" in text) != is_local
     # Files that are refused may be chosen too, so that the page says why.
@@ -257,31 +234,23 @@ def test_the_page_says_where_photos_go(is_local):
 
 
 def test_a_full_queue_refuses_before_a_photo_is_read():
-    async def post():
-        studio = create_app()
-        studio.jobs.most_waiting = 0
-        transport = httpx.ASGITransport(studio)
+    studio = create_app()
+    studio.jobs.most_waiting = 0
 
-        async def photo():
-            pytest.fail("the photo was read")
-            yield b""
+    async def photo():
+        pytest.fail("the photo was read")
+        yield b""
 
-        async with httpx.AsyncClient(transport=transport, base_url="http://studio") as client:
-            form = {"Content-Type": "multipart/form-data; boundary=b"}
-            return await client.post("/api/jobs", content=photo(), headers=form)
-
-    answer = asyncio.run(post())
+    form = {"Content-Type": "multipart/form-data; boundary=b"}
+    answer = answer_of(studio, "POST", "/api/jobs", content=photo(), headers=form)
     assert answer.status_code == 429
     assert "Retry-After" in answer.headers
 
 
 @pytest.mark.parametrize("package", ["fastapi", "uvicorn", "python_multipart"])
-def test_without_its_packages_the_command_says_how_to_get_them(package, monkeypatch, capsys):
+def test_without_its_packages_the_command_says_how_to_get_them(package, monkeypatch, refusal):
     monkeypatch.setitem(sys.modules, package, None)
-    assert main(["studio"]) == 2
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1
-    assert 'pip install "gauss2svg[studio]"' in line
+    assert 'pip install "gauss2svg[studio]"' in refusal("studio")
 
 
 @pytest.mark.parametrize(
@@ -293,8 +262,5 @@ def test_without_its_packages_the_command_says_how_to_get_them(package, monkeypa
         (["--host", "300.1.1.1"], "host and port"),
     ],
 )
-def test_arguments_that_cannot_be_are_refused_in_a_line(words, said, capsys):
-    assert main(["studio", "--no-browser", *words]) == 2
-    line = capsys.readouterr().err
-    assert line.count("\n") == 1
-    assert said in line
+def test_arguments_that_cannot_be_are_refused_in_a_line(words, said, refusal):
+    assert said in refusal("studio", "--no-browser", *words)

@@ -2,13 +2,13 @@
 
 import asyncio
 import json
-import sys
 import types
 from pathlib import Path
 from typing import ClassVar
 
 import psutil
 import pytest
+from galleries import program
 
 from gauss2svg.studio import jobs as module
 from gauss2svg.studio import pool
@@ -333,31 +333,21 @@ def test_a_reader_that_does_not_read_stops_no_fit_and_then_gets_the_newest():
     with_queue(story)
 
 
-def test_a_worker_that_cannot_start_fails_the_fit_in_a_line(monkeypatch):
+@pytest.mark.parametrize("at_first", [True, False])
+def test_workers_that_cannot_start_fail_every_fit_in_a_line(at_first, monkeypatch):
     async def broken(folder):
         raise WorkerDiedError("ended with status 1")
 
-    monkeypatch.setattr(Pretender, "started", broken)
-
     async def story(queue):
+        if not at_first:
+            first = new_job(queue)
+            await until(lambda: first.state == RUNNING)
+        monkeypatch.setattr(Pretender, "started", broken)
         job = new_job(queue)
+        if not at_first:
+            Pretender.made[0].kill()
         await job.when()
         assert "no worker could be started: one ended with status 1" in job.error
-
-    with_queue(story)
-
-
-def test_workers_that_can_no_longer_start_fail_every_fit(monkeypatch):
-    async def broken(folder):
-        raise WorkerDiedError("ended with status 1")
-
-    async def story(queue):
-        first, second = new_job(queue), new_job(queue)
-        await until(lambda: first.state == RUNNING)
-        monkeypatch.setattr(Pretender, "started", broken)
-        Pretender.made[0].kill()
-        await second.when()
-        assert "no worker could be started" in second.error
 
     with_queue(story)
 
@@ -417,14 +407,14 @@ def test_what_fails_after_a_fit_is_done_costs_no_fit(way):
 
 
 @pytest.mark.parametrize("said", ["rubbish\\n", "x" * 99])
-def test_a_worker_that_sends_no_messages_is_one_that_died(monkeypatch, said, tmp_path):
+def test_a_worker_that_sends_no_messages_is_ended_as_one_that_died(monkeypatch, said, tmp_path):
     monkeypatch.setattr(pool, "_LONGEST_LINE", 20)
-    program = tmp_path / "python"
-    program.write_text(f"#!/bin/sh\nprintf '{said}'; exec sleep 99\n")
-    program.chmod(0o700)
-    monkeypatch.setattr("sys.executable", str(program))
+    noted = tmp_path / "pid"
+    python = program(tmp_path / "python", f"echo $$ > {noted}; printf '{said}'; exec sleep 99")
+    monkeypatch.setattr("sys.executable", str(python))
     with pytest.raises(WorkerDiedError, match="no message"):
         asyncio.run(pool.Worker.started(tmp_path))
+    assert not psutil.pid_exists(int(noted.read_text()))
 
 
 def test_a_worker_that_cannot_begin_is_one_that_died(monkeypatch, tmp_path):
@@ -438,13 +428,3 @@ def test_the_folder_is_private():
         assert Path(queue.folder).stat().st_mode & 0o077 == 0
 
     with_queue(story)
-
-
-def test_a_process_that_is_no_worker_is_ended(monkeypatch, tmp_path):
-    program, noted = tmp_path / "python", tmp_path / "pid"
-    program.write_text(f"#!/bin/sh\necho $$ > {noted}; echo rubbish; exec sleep 99\n")
-    program.chmod(0o700)
-    monkeypatch.setattr(sys, "executable", str(program))
-    with pytest.raises(WorkerDiedError):
-        asyncio.run(pool.Worker.started(tmp_path))
-    assert not psutil.pid_exists(int(noted.read_text()))

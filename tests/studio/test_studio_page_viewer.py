@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 import studio_site
-from gallery_site import PHONE, WIDE, box, shot
+from gallery_site import PHONE, WIDE, box, shot, zoomed
 from screens import CONTROLS, OVERFLOW, expect, grave_faults
 from studio_site import HOSTILE, PLAIN, aim, await_run, difference, draft, job_of, pick
 
@@ -56,13 +56,6 @@ def run(page, number, count):
     await_run(page, number)
 
 
-def zoom(page):
-    """Pixels of the screen for one of the photo; both sides are checked to lie in step."""
-    place = box(page, "#photo")
-    assert box(page, "#svg") == pytest.approx(place, abs=0.01)
-    return place["width"] / 96
-
-
 def test_divider_shows_the_photo_on_its_left_and_the_svg_on_its_right(done):
     page = done().page
     stage = box(page, "#stage")
@@ -82,14 +75,14 @@ def test_divider_shows_the_photo_on_its_left_and_the_svg_on_its_right(done):
 
 def test_zoom_is_set_and_told_by_buttons(done):
     page = done().page
-    fit = zoom(page)
+    fit = zoomed(page, 96)
     for button, wanted, pressed in (
         ("closer", 1.5 * fit, ""), ("closer", 2.25 * fit, ""), ("farther", 1.5 * fit, ""),
         ("actual", 1, "actual"), ("fit", fit, "fit"),
     ):  # fmt: skip
         page.locator(f"#{button}").click()
-        assert zoom(page) == pytest.approx(wanted, rel=0.01)
-        expect(page.locator("#zoom")).to_have_text(f"{round(100 * zoom(page))} %")
+        assert zoomed(page, 96) == pytest.approx(wanted, rel=0.01)
+        expect(page.locator("#zoom")).to_have_text(f"{round(100 * zoomed(page, 96))} %")
         for one in ("actual", "fit"):
             told = page.locator(f"#{one}").get_attribute("aria-pressed")
             assert told == str(one == pressed).lower()

@@ -210,18 +210,6 @@ def test_twenty_clients_at_once_lose_nothing(server, photo):
     assert answers[7].text == expected
 
 
-def test_past_the_bound_a_client_is_told_when_to_come_again(server, png):
-    jobs = [server.submit(png, **LONG)]
-    server.wait(jobs[0], "running")
-    jobs += [server.submit(png, **LONG) for _ in range(32)]
-    assert [job["place"] for job in jobs[1:]] == list(range(1, 33))
-    answer = server.client.post("/api/jobs", data={}, files={"photo": ("p.png", png)})
-    assert answer.status_code == 429
-    assert int(answer.headers["Retry-After"]) >= 1
-    for job in reversed(jobs):
-        server.client.delete(f"/api/jobs/{job['id']}")
-
-
 def test_a_reader_that_never_reads_stops_no_fit_and_is_told_its_end_at_last(server, png):
     job = server.submit(png, quality="draft", iterations=2000, gaussians=100)
     with socket.socket() as reader:

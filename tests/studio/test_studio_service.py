@@ -7,16 +7,15 @@ import os
 import socket
 import time
 
-import httpx
 import pytest
 from PIL import Image
+from studio_server import answer_of
 
 from gauss2svg.batch.inputs import photos_of
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio import pool, server, uploads
 from gauss2svg.studio.service import create_app
 
-HOME = "http://127.0.0.1:8137"
 ASK = b"GET / HTTP/1.1\r\nHost: here\r\n\r\n"
 
 
@@ -105,16 +104,8 @@ def test_a_sample_whose_name_is_no_utf_8_is_listed_and_served(tmp_path):
     for name in names:
         (tmp_path / os.fsdecode(name)).write_bytes(picture.getvalue())
     studio = create_app(folder=tmp_path)
-
-    async def listed():
-        transport = httpx.ASGITransport(studio)
-        async with httpx.AsyncClient(transport=transport, base_url=HOME) as client:
-            samples = (await client.get("/api/samples")).json()
-            files = [await client.get(f"/{sample['url']}") for sample in samples]
-        await studio.jobs.close()
-        return samples, files
-
-    samples, files = asyncio.run(listed())
+    samples = answer_of(studio, "GET", "/api/samples").json()
+    files = [answer_of(studio, "GET", f"/{sample['url']}") for sample in samples]
     assert {sample["name"] for sample in samples} == {"caf%E9.png", "plain.png", "größe.JFIF"}
     assert {file.content for file in files} == {picture.getvalue()}
 

@@ -51,15 +51,6 @@ def shell(command, **options):
     )  # fmt: skip
 
 
-def refused(arguments, capsys):
-    """The one line of a command that ends with status 2."""
-    assert main([str(argument) for argument in arguments]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    return err
-
-
 WRITERS = ["write_atomically", "Scene.save", "vectorize", "check"]
 
 
@@ -209,7 +200,7 @@ def test_an_interruption_between_two_renames_leaves_every_old_file(calls, tmp_pa
     assert content(tmp_path) == before
 
 
-def test_full_report_leaves_every_output_as_it_was(picture, svg, tmp_path, capsys):
+def test_full_report_leaves_every_output_as_it_was(picture, svg, tmp_path, refusal):
     before = content(tmp_path)
     names = [tmp_path / name for name in ("o.svg", "p.png", "s.npz", "l.svg")]
     options = zip(("-o", "--preview", "--save-scene", "--outline"), names, strict=True)
@@ -220,9 +211,9 @@ def test_full_report_leaves_every_output_as_it_was(picture, svg, tmp_path, capsy
         "/dev/full",
         *(word for pair in options for word in pair),
     ]
-    assert "cannot write /dev/full: No space left" in refused(command, capsys)
+    assert "cannot write /dev/full: No space left" in refusal(*command)
     command = ["check", picture, svg, "--heatmap", names[1], "--report", "/dev/full"]
-    assert "cannot write /dev/full: No space left" in refused(command, capsys)
+    assert "cannot write /dev/full: No space left" in refusal(*command)
     assert content(tmp_path) == before
 
 
@@ -232,7 +223,7 @@ NAMES = [
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_any_name_is_read_and_written(name, picture, tmp_path, monkeypatch, capsys):
+def test_any_name_is_read_and_written(name, picture, tmp_path, monkeypatch, refusal):
     monkeypatch.chdir(tmp_path)
     photo, out = f"./{name}.png", f"./{name}.svg"
     picture.rename(photo)
@@ -241,8 +232,8 @@ def test_any_name_is_read_and_written(name, picture, tmp_path, monkeypatch, caps
     assert {path.suffix for path in tmp_path.iterdir()} == {".png", ".svg", ".json", ".map"}
     assert {path.stem for path in tmp_path.iterdir()} == {name}
     if name.startswith("-"):
-        assert f"./{name}.png for a file" in refused([f"{name}.png", "-o", out, *TINY], capsys)
-        assert f"./{name}.svg" in refused(["check", photo, f"{name}.svg"], capsys)
+        assert f"./{name}.png for a file" in refusal(f"{name}.png", "-o", out, *TINY)
+        assert f"./{name}.svg" in refusal("check", photo, f"{name}.svg")
 
 
 @pytest.mark.parametrize(
@@ -256,7 +247,7 @@ def test_any_name_is_read_and_written(name, picture, tmp_path, monkeypatch, caps
     ],
 )
 def test_output_that_is_the_photo_or_another_output_is_refused(
-    option, link, picture, svg, tmp_path, capsys
+    option, link, picture, svg, tmp_path, refusal
 ):
     def other_name(path):
         other = tmp_path / f"other-{path.name}"
@@ -276,15 +267,15 @@ def test_output_that_is_the_photo_or_another_output_is_refused(
     before = content(tmp_path)
     out = [] if option == "-o" else ["-o", tmp_path / "o.svg"]
     same = other_name(picture)
-    err = refused([picture, *out, option, same, *TINY], capsys)
+    err = refusal(picture, *out, option, same, *TINY)
     assert "which is also the photo. Try another name" in err
     if option in ("--report", "--preview"):
-        err = refused(["check", picture, svg, option, same], capsys)
+        err = refusal("check", picture, svg, option, same)
         assert "which is also the photo. Try another name" in err
     if option != "-o":
         target = tmp_path / "target"
         target.write_bytes(b"old")
-        err = refused([picture, "-o", target, option, target, *TINY], capsys)
+        err = refusal(picture, "-o", target, option, target, *TINY)
         assert "which is also another output. Try another name" in err
         target.unlink()
     for path in (tmp_path / f"other-{picture.name}", tmp_path / "there"):
@@ -293,7 +284,7 @@ def test_output_that_is_the_photo_or_another_output_is_refused(
 
 
 @pytest.mark.parametrize("link", [False, True])
-def test_output_that_standard_input_reads_is_refused(link, picture, svg, tmp_path, capsys):
+def test_output_that_standard_input_reads_is_refused(link, picture, svg, tmp_path, refusal):
     read, other = tmp_path / "read", tmp_path / "other"
     given = {"the photo": picture, "the SVG": svg}
     commands = [("the photo", ["-", "-o", "NAME"])]
@@ -310,7 +301,7 @@ def test_output_that_standard_input_reads_is_refused(link, picture, svg, tmp_pat
         before = content(tmp_path)
         with read.open() as stdin, pytest.MonkeyPatch.context() as patch:
             patch.setattr("sys.stdin", stdin)
-            err = refused([name if word == "NAME" else word for word in command], capsys)
+            err = refusal(*(name if word == "NAME" else word for word in command))
         assert f"{name}, which is also {what}. Try another name" in err
         assert content(tmp_path) == before
         other.unlink(missing_ok=True)
@@ -322,10 +313,10 @@ def test_another_file_than_standard_input_reads_is_written(picture, tmp_path, mo
         assert main(["-", "-o", str(tmp_path / "o.svg"), *TINY]) == 0
 
 
-def test_links_in_a_circle_are_refused_before_the_photo_is_read(tmp_path, capsys):
+def test_links_in_a_circle_are_refused_before_the_photo_is_read(tmp_path, refusal):
     (tmp_path / "a.svg").symlink_to("b.svg")
     (tmp_path / "b.svg").symlink_to("a.svg")
-    err = refused([tmp_path / "missing.png", "-o", tmp_path / "a.svg"], capsys)
+    err = refusal(tmp_path / "missing.png", "-o", tmp_path / "a.svg")
     assert "a.svg: Too many levels of symbolic links" in err
 
 
@@ -336,12 +327,12 @@ def test_the_name_of_no_file_clashes_with_no_output(name, tmp_path):
 
 
 def test_names_that_differ_by_case_are_one_where_the_file_system_says_so(
-    picture, tmp_path, monkeypatch, capsys
+    picture, tmp_path, monkeypatch, refusal
 ):
     command = [picture, "-o", tmp_path / "o.svg", "--outline", tmp_path / "O.SVG", *TINY]
     folds = files.folds_case(tmp_path)
     monkeypatch.setattr(files, "folds_case", lambda folder: True)
-    assert "O.SVG, which is also another output" in refused(command, capsys)
+    assert "O.SVG, which is also another output" in refusal(*command)
     monkeypatch.undo()
     if not folds:
         assert main([str(word) for word in command]) == 0
@@ -349,7 +340,7 @@ def test_names_that_differ_by_case_are_one_where_the_file_system_says_so(
 
 
 @pytest.mark.process
-def test_svg_may_come_through_a_pipe_and_a_photo_says_how_to(picture, svg, tmp_path):
+def test_svg_may_come_through_a_pipe_and_a_photo_says_how_to(picture, svg, tmp_path, refusal):
     photo = shlex.quote(str(picture))
     done = shell(
         f"GAUSS2SVG - -o - {' '.join(TINY)} < {photo} | "
@@ -360,7 +351,7 @@ def test_svg_may_come_through_a_pipe_and_a_photo_says_how_to(picture, svg, tmp_p
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)  # without a writer: whoever opens it waits for ever
     for command in (["check", pipe, svg], [pipe, "-o", tmp_path / "o.svg"]):
-        assert main([str(word) for word in command]) == 2
+        assert refusal(*command)
 
 
 @pytest.mark.process
@@ -371,6 +362,7 @@ def test_closed_and_broken_streams_are_one_line_and_status_two(picture, tmp_path
     for command, said in {
         f"GAUSS2SVG {photo} -o - {tiny} --report {report} >&-": "standard output must be open",
         f"GAUSS2SVG check {photo} - --report {report} <&-": "standard input must be open",
+        f"GAUSS2SVG {photo} -o - {tiny} --report {report} > /dev/full": "No space left on device",
         # Its reader is gone long before it writes.
         f"set -o pipefail; GAUSS2SVG {photo} -o - {tiny} --report {report} | true": "Broken pipe",
     }.items():

@@ -18,12 +18,14 @@ pytestmark = [
 
 # A signal that comes while text is executed, as numba does where it compiles.
 LOST_IN_EXEC = """
+import signal
 from gauss2svg.cli import main
+from gauss2svg.cli.signals import status_of
 def interrupted():
     try:
         exec("raise KeyboardInterrupt")
     except KeyboardInterrupt:
-        return main.STATUS_INTERRUPTED
+        return status_of(signal.SIGINT)
 main.main = interrupted
 main.run()
 """

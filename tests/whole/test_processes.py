@@ -4,11 +4,13 @@ import os
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 from conftest import has_ended
+from galleries import program
 
 from gauss2svg import processes
 from gauss2svg.compare.worker import in_own_process
@@ -19,6 +21,16 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="a shell stands in fo
 
 def shell(script, data=None, **options):
     return run(["sh", "-c", script], data, **options)
+
+
+def noted_in_time(noted, seconds, call):
+    """The ids that a process writes to a file before its time is up; `call` runs it for seconds."""
+    for timeout_s in seconds:  # more where the machine is too busy for it to begin
+        with pytest.raises(TimeoutError, match=f"not done in {timeout_s:g} s"):
+            call(timeout_s=timeout_s)
+        if noted.exists() and noted.read_text():
+            break
+    return map(int, noted.read_text().split())
 
 
 @pytest.mark.parametrize(
@@ -64,12 +76,8 @@ def test_without_data_input_is_empty_and_of_a_tied_process_open_until_it_ends():
 def test_after_its_time_a_process_and_its_children_end(options, tmp_path):
     pids = tmp_path / "pids"
     script = f"trap '' TERM; sleep 600 & echo $$ $! > {pids}; wait; wait"
-    for seconds in (0.5, 4, 32):  # more where the machine is too busy for it to begin
-        with pytest.raises(TimeoutError, match=f"not done in {seconds:g} s"):
-            shell(script, timeout_s=seconds, **options)
-        if pids.exists() and pids.read_text():
-            break
-    assert all(has_ended(int(pid)) for pid in pids.read_text().split())
+    found = noted_in_time(pids, (0.5, 4, 32), partial(shell, script, **options))
+    assert all(map(has_ended, found))
 
 
 def test_a_process_that_is_asked_to_end_may_end_what_leads_another_group(tmp_path):
@@ -81,12 +89,8 @@ def test_a_process_that_is_asked_to_end_may_end_what_leads_another_group(tmp_pat
         "try: time.sleep(600)\n"
         "finally: child.kill()\n"
     )
-    for seconds in (2, 8, 32):  # more where the machine is too busy for it to begin
-        with pytest.raises(TimeoutError):
-            run([sys.executable, "-c", script], timeout_s=seconds, ending_s=30)
-        if child.exists():
-            break
-    assert has_ended(int(child.read_text()))
+    call = partial(run, [sys.executable, "-c", script], ending_s=30)
+    assert all(map(has_ended, noted_in_time(child, (2, 8, 32), call)))
 
 
 @pytest.mark.parametrize("apart", [True, False])
@@ -138,18 +142,12 @@ def test_an_exception_ends_the_group_of_a_process_that_has_ended(ending_s, tmp_p
 def test_what_a_process_that_ends_when_it_is_asked_leaves_in_its_group_ends(tmp_path):
     pids = tmp_path / "pid"
     script = f"trap 'exit 2' TERM; (trap '' TERM; exec sleep 60) & echo $! > {pids}; wait"
-    for seconds in (0.5, 4, 32):  # more where the machine is too busy for it to begin
-        with pytest.raises(TimeoutError):
-            shell(script, timeout_s=seconds, ending_s=30)
-        if pids.exists() and pids.read_text():
-            break
-    assert has_ended(int(pids.read_text()))
+    found = noted_in_time(pids, (0.5, 4, 32), partial(shell, script, ending_s=30))
+    assert all(map(has_ended, found))
 
 
 def test_a_worker_that_is_dead_before_it_reads_is_told_by_its_status(tmp_path, monkeypatch):
-    worker = tmp_path / "worker"
-    worker.write_text("#!/bin/sh\necho no memory >&2\nexit 3\n")
-    worker.chmod(0o700)
+    worker = program(tmp_path / "worker", "echo no memory >&2\nexit 3")
     monkeypatch.setattr(sys, "executable", str(worker))
     assert in_own_process({}, 60) == {"error": "ended with status 3: no memory"}
 

@@ -20,19 +20,36 @@ from gauss2svg.scene import nearest
 from gauss2svg.scene.nearest import by_tree, nearest_entry
 
 
-def loaded_by(arguments, names):
-    """Which of these packages a command in a process of its own has loaded at its end."""
-    code = (
-        "import sys; from gauss2svg.cli.main import main; main(sys.argv[2:]); "
-        "print(*sorted(set(sys.argv[1].split()) & set(sys.modules)), file=sys.stderr)"
-    )
-    command = [sys.executable, "-c", code, " ".join(names), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stderr.split()
+def loaded_by(code, names, *arguments):
+    """Which of these packages a process of its own has loaded once it has run the code."""
+    code += "; import sys; print(*sorted(set(sys.argv[1].split()) & set(sys.modules)))"
+    command = [sys.executable, "-P", "-c", code, " ".join(names), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()[-1].split()
+
+
+COMMAND = "import sys; from gauss2svg.cli.main import main; main(sys.argv[2:])"
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], []])
 def test_help_and_version_load_neither_numpy_nor_numba(arguments):
-    assert loaded_by(arguments, ["numpy", "numba", "scipy", "PIL"]) == []
+    assert loaded_by(COMMAND, ["numpy", "numba", "scipy", "PIL"], *arguments) == []
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("code", "names"),
+    [
+        ("import gauss2svg", "torch numba numpy"),
+        ("import gauss2svg as g; g.vectorize; g.vectorize_many", "dask distributed fsspec"),
+        ("import gauss2svg.studio, gauss2svg.cli.main as m; m.build_app()", "fastapi starlette"),
+        (COMMAND, "jinja2 uvicorn gauss2svg.compare"),
+        ("import gauss2svg.compare.pages.artifacts", "jinja2 gauss2svg.compare.pages.pages"),
+    ],
+    ids=["package", "its names", "studio", "command", "worker of a gallery"],
+)
+def test_what_is_of_another_part_is_not_loaded(code, names):
+    assert loaded_by(code, names.split(), "no.png", "-o", "x.svg") == []
 
 
 def test_the_short_help_is_the_same_without_the_options_that_it_leaves_out(capsys):
@@ -45,13 +62,15 @@ def test_the_short_help_is_the_same_without_the_options_that_it_leaves_out(capsy
 
 
 @pytest.mark.process
-def test_a_default_run_on_a_small_photo_loads_neither_scikit_image_nor_scipys_packages(tmp_path):
+def test_a_default_run_on_a_small_photo_loads_no_torch_scikit_image_and_scipy(tmp_path):
     photo = tmp_path / "photo.png"
     photo.write_bytes(as_png(np.random.default_rng(0).random((40, 60, 3)).astype(np.float32)))
     command = [str(photo), "-o", str(tmp_path / "photo.svg"), "--quality", "draft", "--quiet"]
-    slow = ["skimage", "scipy.linalg", "scipy.ndimage", "scipy.spatial", "scipy.special"]
+    slow = ["torch", "skimage"] + [
+        f"scipy.{n}" for n in ("linalg", "ndimage", "spatial", "special")
+    ]
     # The first compiles the kernels where none are kept, for which numba loads some.
-    assert [] in (loaded_by(command, slow) for _ in range(2))
+    assert [] in (loaded_by(COMMAND, slow, *command) for _ in range(2))
 
 
 SIDES = st.integers(1, 60)

@@ -13,16 +13,11 @@ from gauss2svg.fit.blending import blending
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.placement import place
 from gauss2svg.fit.target import target_of
-from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.alpha import BACKDROPS, from_views, matte_color, over, shrunk, straight
 from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.render.reference import render_reference
 from gauss2svg.scene import Scene
-from gauss2svg.svg.blur import GRADIENT
-from gauss2svg.svg.reader.read import read_svg
-from gauss2svg.svg.snap import snapped
-from gauss2svg.svg.write import write_svg
 
 FIELDS = ("mean", "sigma", "rho", "color", "opacity", "beta", "background", "round_index")
 
@@ -48,27 +43,6 @@ def with_alpha(photo, shape="disc"):
 def small(photo):
     """48 px of a face, cut out by a disc."""
     return with_alpha(shrunk(photo, 48, 48))
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_backdrop_shows_through_where_alpha_is_below_one(seed):
-    scene, backdrop = clear_scene(seed=seed), np.random.default_rng(seed).random(3)
-    rgba = render_rgba(scene, dtype=np.float64)
-    color, alpha = rgba[:, :, :3], rgba[:, :, 3:]
-    shown = render(scene.replace(background=backdrop), dtype=np.float64)
-    np.testing.assert_allclose(shown, color * alpha + (1 - alpha) * backdrop, atol=1e-6)
-
-
-def test_alpha_is_what_the_oracle_covers():
-    scene = clear_scene(seed=4)
-    white, black = (
-        render_reference(scene.replace(background=np.full(3, b))).numpy() for b in BACKDROPS
-    )
-    expected = from_views(white, black)
-    rgba = render_rgba(scene, dtype=np.float64)
-    np.testing.assert_allclose(rgba[:, :, 3], expected[:, :, 3], atol=1e-6)
-    np.testing.assert_allclose(over(rgba, 0.0), black, atol=1e-6)
-    assert 0.05 < rgba[:, :, 3].mean() < 0.95
 
 
 def test_opaque_scene_has_an_alpha_of_one():
@@ -251,22 +225,6 @@ def test_additive_scene_cannot_be_transparent():
         random_sum(3, 20, 20, 0).replace(transparent=True)
     with pytest.raises(SceneError, match=r"transparent must be .*got 1"):
         random_scene(1).replace(transparent=1)
-
-
-def test_file_of_a_transparent_scene_has_no_background_and_reads_as_one():
-    scene = clear_scene(9, sigma=(2.0, 8.0))
-    text = write_svg(scene)
-    assert "<rect" not in text
-    back = read_svg(text)
-    assert back.transparent
-    for backdrop in BACKDROPS:
-        shown, again = (
-            render(one.replace(background=np.full(3, backdrop)))
-            for one in (snapped(scene, GRADIENT), back)
-        )
-        assert psnr(again, shown) > 42
-    assert write_svg(back) == write_svg(read_svg(write_svg(back)))
-    assert "<rect" in write_svg(scene.replace(transparent=False))
 
 
 @pytest.mark.parametrize(

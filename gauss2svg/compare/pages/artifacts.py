@@ -1,15 +1,15 @@
-"""The images, SVGs and reports of a photo, in folders of their own.
+"""The images, SVGs and reports of a photo, in folders that stay when other photos come or go.
 
 A folder is finished once it has its record, which is written last.
 """
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -23,13 +23,15 @@ from gauss2svg.compare.machine import Stopwatch, machine
 from gauss2svg.compare.pages.crops import worst_and_typical
 from gauss2svg.compare.peer_run import peer_file
 from gauss2svg.compare.records import TOOL, answered, finite
+from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError
-from gauss2svg.files import as_json, as_png, make_folder, write_all_atomically
+from gauss2svg.files import as_json, as_png, make_folder, saved, write_all_atomically
 from gauss2svg.measure.check import check
 from gauss2svg.measure.heatmap import error_map
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.perceptual import packages, packages_missing, perceptual_scores
 from gauss2svg.photo.alpha import over, pixels_of, shrunk
+from gauss2svg.photo.listing import ListedPhoto, slug_of
 from gauss2svg.photo.load import WHITE, header_of, load_image, load_reduced
 from gauss2svg.photo.stderr import own_standard_error
 from gauss2svg.pipeline.options import Options
@@ -37,6 +39,7 @@ from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.pipeline.warm_up import warm_up
 from gauss2svg.svg.syntax.tree import parse_document
 
+PHOTOS = "photos"  # the folder of the photos' folders
 RECORD = "record.json"
 PHOTO, THUMBNAIL = "photo.webp", "thumbnail.png"
 PICTURE, SCENE, REPORT = "picture.svg", "scene.npz", "report.json"
@@ -47,6 +50,38 @@ _PNG_PHOTO = "photo.png"
 
 Request = Mapping[str, Any]
 _ROUND = re.compile(r"round-([0-9]+)")
+
+
+def folder_of(photo: ListedPhoto, variant: Variant | None = None) -> str:
+    """The folder of a photo, or of an SVG of it, relative to the gallery, with /."""
+    return f"{PHOTOS}/{photo.slug}" + (f"/{variant.slug}" if variant else "")
+
+
+def with_kept_slugs(photos: Iterable[ListedPhoto], folder: Path) -> list[ListedPhoto]:
+    """The photos with the slugs of folders that already hold their results.
+
+    Without this, adding or removing a photo of the same name would change the folder of another,
+    and all its SVGs would be made again.
+    """
+    listed = list(photos)
+    taken = {photo.slug for photo in listed}
+    found = []
+    for photo in listed:
+        plain = slug_of(Path(photo.path).stem)
+        others = [plain, f"{plain}-{photo.digest[:8]}"] if photo.digest else []
+        slugs = [photo.slug, *(slug for slug in others if slug not in taken)]
+        slug = next((s for s in slugs if _holds(folder / s, photo.digest)), photo.slug)
+        taken.add(slug)
+        found.append(replace(photo, slug=slug))
+    return found
+
+
+def _holds(folder: Path, digest: str | None) -> bool:
+    try:
+        record = json.loads((folder / RECORD).read_bytes())
+    except (OSError, ValueError):
+        return False
+    return isinstance(record, dict) and digest is not None and record.get("digest") == digest
 
 
 def answer_to(request: Request) -> dict[str, Any]:
@@ -124,11 +159,9 @@ def _own(source: str, request: Request) -> _Made:
     watch = Stopwatch()
     result = vectorize_by(options, source)
     clocks = watch.read()
-    scene = io.BytesIO()
-    result.scene.save(scene)
     files = {
         PICTURE: result.svg.encode(),
-        SCENE: scene.getvalue(),
+        SCENE: saved(result.scene.save),
         OUTLINES: result.outline().encode(),
     }
     scores = perceptual_scores(result.raster, result.photo, request["max_memory"] - held_bytes())
@@ -204,9 +237,7 @@ def thumbnail_size(width: int, height: int) -> tuple[int, int]:
 
 
 def _encoded(picture: Image.Image, form: str, **options: Any) -> bytes:
-    stream = io.BytesIO()
-    picture.save(stream, form, **options)
-    return stream.getvalue()
+    return saved(lambda stream: picture.save(stream, form, **options))
 
 
 def _finish(

@@ -10,11 +10,18 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.compare.grid import Grid, Place, Progress, Record, Task
-from gauss2svg.compare.pages.artifacts import RECORD, answer_to, finished, is_scored
+from gauss2svg.compare.pages.artifacts import (
+    PHOTOS,
+    RECORD,
+    answer_to,
+    finished,
+    folder_of,
+    is_scored,
+    with_kept_slugs,
+)
 from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.compare.pages.pages import ASSETS, DATA, INDEX, OUTPUTS, is_gallery, write_pages
 from gauss2svg.compare.pages.results import Failure, Row, results_of, rows_of, summary_of
-from gauss2svg.compare.pages.tasks import PHOTOS, Tasks, folder_of, with_kept_slugs
 from gauss2svg.compare.pool import WorkerPool
 from gauss2svg.compare.variants import Variant, variants_of
 from gauss2svg.errors import InputError, OutputError, on_one_line
@@ -93,8 +100,7 @@ def build_gallery(
         threads = thread_count(options.threads)
     root = _folder(directory, listed)
     listed = with_kept_slugs(listed, root / PHOTOS)
-    # The processes share the free memory: each would take most of it otherwise.
-    tasks = Tasks(root, options, threads, allowed(None) // options.jobs)
+    build = _Build(root, listed, wanted, options, threads, progress)
     made = {
         "gauss2svg": __version__,
         "title": options.title,
@@ -105,7 +111,6 @@ def build_gallery(
         "seed": options.seed,
         "photo_size": options.photo_size,
     }
-    build = _Build(listed, wanted, tasks, progress)
     try:
         build.run()
     except KeyboardInterrupt:
@@ -116,16 +121,21 @@ def build_gallery(
 
 
 class _Build:
-    """A gallery in progress: its grid and its failures."""
+    """A gallery in progress: its tasks, its grid and its failures; threads: of each process."""
 
     def __init__(
         self,
+        root: Path,
         photos: list[ListedPhoto],
         variants: list[Variant],
-        tasks: Tasks,
+        options: GalleryOptions,
+        threads: int,
         progress: Callable[[GalleryProgress], None] | None,
     ) -> None:
-        self._photos, self._variants, self._tasks = photos, variants, tasks
+        self._root, self._photos, self._variants = root, photos, variants
+        self._options, self._threads = options, threads
+        # The processes share the free memory: each would take most of it otherwise.
+        self._max_memory = allowed(None) // options.jobs
         self._failures: dict[Place, str] = {}
 
         def report(at: Progress) -> None:
@@ -136,7 +146,7 @@ class _Build:
 
     def run(self) -> None:
         """Prepare the photos, so that bad ones are known early; then make the SVGs."""
-        jobs = self._tasks.options.jobs
+        jobs = self._options.jobs
         with WorkerPool(jobs, answer_to) as pool:
             for photo in self._photos:
                 if photo.problem is not None:
@@ -145,7 +155,7 @@ class _Build:
                 # Once, by one process: workers that start together would each compile them.
                 compile_kernels()
             readable = [photo for photo in self._photos if photo.problem is None]
-            missing = self._grid.missing(map(self._tasks.prepare, readable))
+            missing = self._grid.missing(map(self._task_of_photo, readable))
             self.look_up_finished()
             self._make(pool, missing)
             self._make(pool, self.look_up_finished())
@@ -156,7 +166,7 @@ class _Build:
         A photo that is not prepared has none yet.
         """
         return self._grid.missing(
-            self._tasks.make(photo, variant, prepared)
+            self._task_of_svg(photo, variant, prepared)
             for photo in self._photos
             if (prepared := self._grid.records.get((photo, None))) is not None
             for variant in self._variants
@@ -164,8 +174,8 @@ class _Build:
 
     def write(self, made: Mapping[str, Any], absent: list[str]) -> Gallery:
         """Write the pages of all that is finished."""
-        root, records = self._tasks.root, self._grid.records
-        results = results_of(root, self._photos, self._variants, records)
+        records = self._grid.records
+        results = results_of(self._root, self._photos, self._variants, records)
         rows = rows_of(results)
         summary = summary_of(rows, self._variants)
         places = [(photo, one) for photo in self._photos for one in (None, *self._variants)]
@@ -194,11 +204,41 @@ class _Build:
                 for failure in failures
             ],
         }
-        write_pages(root, document, self._variants, results)
-        return Gallery(root, rows, summary, failures, self._grid.kept, absent)
+        write_pages(self._root, document, self._variants, results)
+        return Gallery(self._root, rows, summary, failures, self._grid.kept, absent)
+
+    def _task_of_photo(self, photo: ListedPhoto) -> Task:
+        request = self._request(photo, None) | {"kind": "photo", "digest": photo.digest}
+        return Task(photo, None, request, (self._options.photo_size,))
+
+    def _task_of_svg(self, photo: ListedPhoto, variant: Variant, prepared: Record) -> Task:
+        """The task of making an SVG of a photo; prepared: the record of the photo."""
+        options = self._options
+        request = self._request(photo, variant) | {
+            "kind": "variant",
+            "shown": str(self._root / folder_of(photo) / prepared["photo"]),
+            "tool": variant.tool,
+            "settings": dict(variant.settings),
+            "seed": options.seed,
+            "jobs": options.jobs,
+            "threads": self._threads,
+            "max_memory": self._max_memory,
+            "peer_timeout": options.peer_timeout,
+        }
+        # Processes, threads, memory and time limits change no image.
+        seed = options.seed if variant.is_own else None  # which other tools are not given
+        return Task(photo, variant, request, (options.photo_size, seed))
+
+    def _request(self, photo: ListedPhoto, variant: Variant | None) -> dict[str, Any]:
+        return {
+            "path": photo.path,
+            "folder": str(self._root / folder_of(photo, variant)),
+            "photo_size": self._options.photo_size,
+            "max_pixels": self._options.max_pixels,
+        }
 
     def _finished(self, task: Task) -> Record | None:
-        record = finished(self._tasks.root / folder_of(*task.place), task.key)
+        record = finished(self._root / folder_of(*task.place), task.key)
         return record if record is not None and is_scored(record) else None
 
     def _make(self, pool: WorkerPool, tasks: list[Task]) -> None:

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gauss2svg.compare.grid import Place, Record
-from gauss2svg.compare.pages.artifacts import OUTLINES, PICTURE, REPORT, SCENE
-from gauss2svg.compare.pages.tasks import folder_of
+from gauss2svg.compare.pages.artifacts import OUTLINES, PICTURE, REPORT, SCENE, folder_of
 from gauss2svg.compare.records import Row
 from gauss2svg.compare.variants import Variant
 from gauss2svg.errors import OutputError

@@ -29,8 +29,6 @@ from gauss2svg.photo.load import load_image
 from gauss2svg.pipeline.run import thread_count
 from gauss2svg.version import __version__
 
-_LONGEST_TIMEOUT = 1e6  # s; the system's calls take no more than 24 days
-_LARGEST_SCALE = 1000.0
 _ROWS = "rows.jsonl"
 _OUTPUTS = (_ROWS, "bench.json", "bench.csv", "summary.md", *plots.NAMES)
 
@@ -68,11 +66,12 @@ def run_bench(
     """
     whole_number("seed", seed, 0, 2**63 - 1)
     thread_count(threads)
-    number_within("peer_timeout", peer_timeout, 1e-3, _LONGEST_TIMEOUT)
+    # The system's calls take no more than 24 days.
+    number_within("peer_timeout", peer_timeout, 1e-3, 1e6)
     present, absent = check_peers(peers)
     variants = [Variant(settings) for settings in settings_of(axes)]
     variants += [of_peer(peer, settings) for peer in present for settings in PEERS[peer].settings]
-    number_within("reference_scale", reference_scale, 1e-3, _LARGEST_SCALE)
+    number_within("reference_scale", reference_scale, 1e-3, 1000.0)
     photos = _photos(images)
     sources = {} if references is None else _sources(photos, references)
     given = {"seed": seed, "threads": threads, "peer_timeout": peer_timeout}
