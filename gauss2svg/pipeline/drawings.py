@@ -36,10 +36,14 @@ TUNING = DrawingsTuning()
 
 def is_drawing(photo: NDArray[np.float32]) -> bool:
     """Whether a few colours make up much of a picture, as the flat ones of a drawing do."""
-    weights = 256 ** np.arange(photo.shape[2])
-    colors = (np.round(photo * 255).astype(np.int64) * weights).sum(axis=2)
+    colors = _colors(photo)
     shares = np.sort(np.unique(colors, return_counts=True)[1])[-TUNING.flat_colors :] / colors.size
     return bool(shares.sum() >= TUNING.flat_share)
+
+
+def has_edges(photo: NDArray[np.float32]) -> bool:
+    """Whether a picture is a drawing with more colours than one of whole pixels, as edges have."""
+    return is_drawing(photo) and not _has_few_colors(_colors(photo))
 
 
 def is_shaded(photo: NDArray[np.float32]) -> bool:
@@ -65,12 +69,22 @@ def outline_bytes(pixels: NDArray[np.float32]) -> int | None:
     None for more than four colours, as antialiased edges and photos have. The bytes are those of
     the corners of outlines: blocks of 2 x 2 px with different pixels along both axes.
     """
-    levels = np.round(pixels * 255).astype(np.uint8)
-    colors = (levels * 256 ** np.arange(levels.shape[2])).sum(axis=2).ravel()
-    # A few pixels tell for most photos.
-    if any(len(np.unique(some)) > TUNING.most_colors for some in (colors[::97], colors)):
+    colors = _colors(pixels)
+    if not _has_few_colors(colors):
         return None
-    right = (levels[:, 1:] != levels[:, :-1]).any(axis=2)
-    down = (levels[1:] != levels[:-1]).any(axis=2)
+    right = colors[:, 1:] != colors[:, :-1]
+    down = colors[1:] != colors[:-1]
     corners = (right[1:] | right[:-1]) & (down[:, 1:] | down[:, :-1])
     return TUNING.bytes_a_corner * int(np.count_nonzero(corners))
+
+
+def _colors(pixels: NDArray[np.float32]) -> NDArray[np.int64]:
+    """(h, w) a number for each colour of 8 bits."""
+    weights = 256 ** np.arange(pixels.shape[2])
+    return (np.round(pixels * 255).astype(np.int64) * weights).sum(axis=2)
+
+
+def _has_few_colors(colors: NDArray[np.int64]) -> bool:
+    # A few pixels tell for most photos.
+    some = colors.ravel()[::97], colors
+    return all(len(np.unique(each)) <= TUNING.most_colors for each in some)

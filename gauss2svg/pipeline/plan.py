@@ -15,7 +15,7 @@ from gauss2svg.fit.options import ADAPTIVE, DEFAULT_LOSS, PSNR, DensifyOptions, 
 from gauss2svg.photo.photo import Photo
 from gauss2svg.pipeline.aims import Aim, aim_of
 from gauss2svg.pipeline.checks import check_alpha, check_together, needs_editable
-from gauss2svg.pipeline.drawings import is_drawing
+from gauss2svg.pipeline.drawings import has_edges
 from gauss2svg.pipeline.options import AUTO, Options
 from gauss2svg.pipeline.presets import (
     DEFAULT_PRESET,
@@ -127,10 +127,10 @@ class Plan:
             options = self.options.changed(inks=inks_of(pixels, given))
             return dataclasses.replace(self, options=options)
         # A given number, a target and a limit are of the picture at its size: there soft rims are
-        # as close, and sometimes closer.
+        # as close, and sometimes closer. So they are where no edge is antialiased.
         by_preset = self.count_adapts and self.aim is None and not self.options.goal.is_budget
         usual = self.options.fit.learned_falloff and self.options.svg.form == GRADIENT
-        return dataclasses.replace(self, covering=by_preset and usual and is_drawing(pixels))
+        return dataclasses.replace(self, covering=by_preset and usual and has_edges(pixels))
 
     def check_renderer(self) -> None:
         """Raise RendererError if the measuring renderer is not installed."""

@@ -35,6 +35,8 @@ class CorrectionTuning:
     telling           doublings between two exports from which a slope is derived
     most_reduced      doublings of a reduction at most: many at once end worse than a few after one
                       another
+    for_edges         times the count of the first fit, up to which one of a drawing grows whose
+                      edges are ellipses (docs/decisions/enlarged.md)
     flattest          dB per doubling, below which a slope is clipped
     steepest          dB per doubling, above which a slope is clipped
     """
@@ -49,6 +51,7 @@ class CorrectionTuning:
     same: float = 0.004
     telling: float = 0.25
     most_reduced: float = -0.5
+    for_edges: float = 1.4
     flattest: float = 1.5
     steepest: float = 12.0
 
@@ -127,10 +130,11 @@ class Corrections:
         given = self._plan.is_budget or self._plan.count is not None
         if given or -TUNING.far_more <= missing <= TUNING.less_than_enough:
             return Correction(count, stop_reason)
-        # Growth knew soft shapes; what is lost as ellipses, more shapes hardly regain.
-        if missing > 0 and (stop_reason != "enough" or self._plan.covering):
+        if missing > 0 and stop_reason != "enough":
             return Correction(count, stop_reason)
         needed = count * 2 ** max(min(missing / slope, 2.0), TUNING.most_reduced)
+        if self._plan.covering:  # what a fit loses where soft shapes become edges, few regain
+            needed = min(needed, TUNING.for_edges * len(self.made[0].scene))
         if missing < 0:
             needed = max(needed, min(count, TUNING.few))
         stop_reason = "enough" if needed < cap.gaussians else cap.name
