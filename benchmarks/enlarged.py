@@ -1,7 +1,7 @@
 """Drawings fitted at 256 px and drawn at four times the size, where their sources tell the truth.
 
-    python benchmarks/enlarged.py [--bytes 10000] [--only NAME,...] [--svgs FOLDER]
-        [--tree LABEL=FOLDER ...] [--peers FILE] [--keep FOLDER] [--sheet FILE]
+    python benchmarks/enlarged.py [--bytes 10000 | --quality balanced] [--only NAME,...]
+        [--svgs FOLDER] [--tree LABEL=FOLDER ...] [--peers FILE] [--keep FOLDER] [--sheet FILE]
 
 The script rasterises each source at 256 px, fits that with the package of each tree, this one if
 none is given, and compares the rasters at 256 and at 1024 px with the source's. Each line has PSNR
@@ -43,27 +43,28 @@ _ROOT = Path(__file__).parents[1]
 
 
 def made(
-    picture: Pixels, name: str, limit: int, label: str, tree: str, keep: Path | None
+    picture: Pixels, name: str, wanted: int | str, label: str, tree: str, keep: Path | None
 ) -> tuple[str, float]:
     """The SVG that a tree's command makes of a picture, and its CPU seconds."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(keep or folder, label, f"{name}-{limit}.svg")
+        path = Path(keep or folder, label, f"{name}-{wanted}.svg")
         seconds = path.with_suffix(".txt")
         if not seconds.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            seconds.write_text(str(_fitted(picture, limit, tree, path)))
+            seconds.write_text(str(_fitted(picture, wanted, tree, path)))
         return path.read_text(), float(seconds.read_text())
 
 
-def _fitted(picture: Pixels, limit: int, tree: str, svg: Path) -> float:
-    """Write the SVG; returns CPU seconds."""
+def _fitted(picture: Pixels, wanted: int | str, tree: str, svg: Path) -> float:
+    """Write the SVG of so many bytes, or of a preset; returns CPU seconds."""
     with tempfile.TemporaryDirectory() as folder:
         photo = Path(folder, "photo.png")
         photo.write_bytes(as_png(picture))
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         subprocess.run(
-            [sys.executable, "-m", "gauss2svg", photo, "-o", svg.resolve(), "--max-bytes",
-             str(limit), "--threads", "1", "--quiet", "--overwrite"],
+            [sys.executable, "-m", "gauss2svg", photo, "-o", svg.resolve(),
+             "--quality" if isinstance(wanted, str) else "--max-bytes", str(wanted),
+             "--threads", "1", "--quiet", "--overwrite"],
             check=True,
             cwd=tree,  # from which -m takes the package
         )  # fmt: skip
@@ -111,6 +112,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--bytes", default="10000")
+    parser.add_argument("--quality", help="presets, between commas, instead of bytes; no --peers")
     parser.add_argument("--only", help="names, between commas")
     parser.add_argument("--svgs", type=Path)
     parser.add_argument("--tree", action="append", metavar="LABEL=FOLDER")
@@ -123,6 +125,7 @@ def main() -> None:
         sources = {path.stem: path.read_text() for path in sorted(given.svgs.glob("*.svg"))}
     names = given.only.split(",") if given.only else list(sources)
     limits = [int(limit) for limit in given.bytes.split(",")]
+    wanted: list[int] | list[str] = given.quality.split(",") if given.quality else limits
     trees = dict(tree.split("=", 1) for tree in given.tree or [f"now={_ROOT}"])
     known: dict[str, Any] = {}
     if given.peers and given.peers.exists():
@@ -130,7 +133,7 @@ def main() -> None:
     heads = ["Lanczos", *(["vtracer"] if given.peers else []), *trees]
     print("| drawing | bytes |", " | ".join(f"{head} 1x | 4x" for head in heads), "| CPU s |")
     print("|---" * (3 + 2 * len(heads)) + "|")
-    rows: dict[int, list[list[float]]] = {limit: [] for limit in limits}
+    rows: dict[int | str, list[list[float]]] = {one: [] for one in wanted}
     lines = []
     for name in names:
         picture, truth = (rasterize(sources[name], s, s) for s in (_SIDE, _SIDE * _UP))
@@ -138,7 +141,7 @@ def main() -> None:
         if given.peers and not {str(limit) for limit in limits} <= set(known.get(name, {})):
             known[name] = traced(picture, limits)
             given.peers.write_text(json.dumps(known))
-        for limit in limits:
+        for limit in wanted:
             found = [made(picture, name, limit, *tree, given.keep) for tree in trees.items()]
             svgs = [svg for svg, _ in found]
             scores = [best([svg], picture, truth) for svg in svgs]
