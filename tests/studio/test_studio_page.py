@@ -318,10 +318,16 @@ def test_a_bad_option_is_told_at_its_field(visit):
     expect(error).to_contain_text("matte must be")
     page.locator("#option-matte").fill("")
     expect(error).to_be_hidden()
-    aim(page, "Shapes", -3)
+    held = []
+    page.route("**/api/estimate", lambda route: held.append(route))
+    with page.expect_request("**/api/estimate"):
+        aim(page, "Shapes", -3)
     page.locator("#run").click()
     expect(page.locator("#goal-error")).not_to_be_empty()
     assert page.evaluate("document.activeElement.id") == "exact"
+    held[0].continue_()  # an estimate of the value before does not take the message away
+    expect(page.locator("#estimate")).to_contain_text("About 3 000 shapes")
+    expect(page.locator("#goal-error")).not_to_be_empty()
 
 
 def test_files_are_those_of_the_service(visit, server):

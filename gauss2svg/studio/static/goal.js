@@ -86,6 +86,12 @@ export class Goal {
     return { [this.kind]: KINDS[this.kind].toOption(this.values[this.kind]) };
   }
 
+  /** What is wrong with the exact value, or "". */
+  fault() {
+    if (this.kind === "quality" || (this.number.validity.valid && this.number.value !== "")) return "";
+    return this.number.validationMessage || "A number is missing.";
+  }
+
   text() {
     return this.kind === "quality" ? this.preset.value : KINDS[this.kind].text(this.values[this.kind]);
   }

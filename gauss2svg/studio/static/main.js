@@ -99,10 +99,10 @@ class Studio {
    * @returns {Options | null}
    */
   asked() {
-    const field = by("exact", HTMLInputElement);
-    if (this.goal.kind !== "quality" && (!field.validity.valid || field.value === "")) {
-      complain("goal-error", field.validationMessage || "A number is missing.");
-      field.focus();
+    const fault = this.goal.fault();
+    if (fault) {
+      complain("goal-error", fault);
+      this.goal.number.focus();
       return null;
     }
     return this.more.check() ? { ...this.more.chosen(this.goal.kind), ...this.goal.chosen() } : null;
@@ -369,7 +369,8 @@ class Studio {
       const of = this.runs.findLast((run) => hasPicture(run) && run.photo === this.photo)?.id;
       const found = await getEstimate({ width: place.width, height: place.height, options, of }, this.asking.signal);
       by("estimate").textContent = `About ${about(found)}${place === TYPICAL ? `, for a photo of ${TYPICAL.width} \u00d7 ${TYPICAL.height} px` : ""}`;
-      complain("goal-error", "");
+      // It may answer what was asked before the field was filled in wrongly.
+      if (!this.goal.fault()) complain("goal-error", "");
     } catch (error) {
       if (error.name === "AbortError") return;
       if (!(error instanceof ApiError)) throw error;
