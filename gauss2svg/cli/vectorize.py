@@ -29,7 +29,7 @@ from gauss2svg.photo.formats import TITLES
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
 from gauss2svg.processes import command_line
 from gauss2svg.scene import ADD
-from gauss2svg.scene.inks import PALETTE_SUFFIX
+from gauss2svg.scene.inks import MOST_INKS, PALETTE_SUFFIX
 
 _BEGUN = time.perf_counter()
 
@@ -280,7 +280,7 @@ def _result(photo: str, output: str, options: Any, files: Files, interruption: A
 
 
 def _write(result: Any, output: str, files: Files) -> list[str]:
-    """Write all files; a line for each plate that is left out."""
+    """Write all files; a line for each plate that is left out or of an earlier run."""
     from gauss2svg.svg.file import file_bytes, is_svgz
 
     svg = file_bytes(result.svg, result.report["gzip"])
@@ -299,6 +299,9 @@ def _write(result: Any, output: str, files: Files) -> list[str]:
                 written[path] = file_bytes(plates[ink], is_svgz(path))
             else:
                 left_out.append(f"{path} is not written: no shape of {ink} is seen")
+        older = (path for path in _plates(files, MOST_INKS) if path not in written)
+        said = "is of an earlier run, and not a plate of this picture"
+        left_out += [f"{path} {said}" for path in older if path.exists()]
     if files.preview is not None:
         written[files.preview] = as_png(result.raster)
     if files.save_scene is not None:
