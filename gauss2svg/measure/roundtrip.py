@@ -55,22 +55,28 @@ class RoundTrip:
 
 
 def round_trip(
-    svg: str, scene: Scene, photo: NDArray[np.float32], renderer: str = DEFAULT_RENDERER
+    svg: str,
+    scene: Scene,
+    photo: NDArray[np.float32],
+    renderer: str = DEFAULT_RENDERER,
+    covering: bool = False,
 ) -> RoundTrip:
     """Rasterise the SVG of a scene and compare it with the photo (h, w, 3 or 4) and the scene.
 
-    Both are compared at the size of these pixels, whatever the canvas of the scene is. Raises
-    RendererError if the renderer cannot draw.
+    covering is as in `gauss2svg.render.render`. Both are compared at the size of these pixels,
+    whatever the canvas of the scene is. Raises RendererError if the renderer cannot draw.
     """
     height, width = photo.shape[:2]
     raster = rasterize_like(svg, photo, renderer)
     shown = over(raster)
     # The exact composite lies in 0..1; float32 may pass the ends by a rounding.
-    model = render(scene, width, height)
+    model = render(scene, width, height, covering=covering)
     np.clip(model, 0, 1, out=model)
     model_black, model_alpha = None, None
     if has_alpha(photo):
-        model_black, model_alpha = _psnr_with_alpha(render_rgba(scene, width, height), photo)
+        model_black, model_alpha = _psnr_with_alpha(
+            render_rgba(scene, width, height, covering=covering), photo
+        )
     return RoundTrip(
         raster=raster,
         renderer=renderer_version(renderer),

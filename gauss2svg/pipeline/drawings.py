@@ -1,4 +1,4 @@
-"""Flat drawings: whether a picture is one, what is shaded, and what a tracer would take."""
+"""Flat drawings: whether a picture is one, what is shaded or texture, what a tracer would take."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from gauss2svg.photo.alpha import views
 
@@ -21,6 +22,10 @@ class DrawingsTuning:
     bytes_a_corner  of a tracer; vtracer takes 9.3 for one of scikit-image's horse
     gentle          change for each px, in 0..1, up to which a picture is shaded
     shaded_share    of the pixels that are shaded in a drawing with shading
+    even            second difference between neighbours, in 0..1, up to which a picture is flat or
+                    evenly shaded: one level of 255, and roundings (docs/decisions/enlarged.md)
+    rim             px from an edge up to which a picture is uneven for the edge's sake
+    textured_share  of uneven pixels that are farther from even ones, as in a photo on white
     """
 
     flat_share: float = 0.4
@@ -29,6 +34,9 @@ class DrawingsTuning:
     bytes_a_corner: int = 10
     gentle: float = 0.03
     shaded_share: float = 0.01
+    even: float = 1.5 / 255
+    rim: int = 2
+    textured_share: float = 0.5
 
 
 TUNING = DrawingsTuning()
@@ -36,14 +44,20 @@ TUNING = DrawingsTuning()
 
 def is_drawing(photo: NDArray[np.float32]) -> bool:
     """Whether a few colours make up much of a picture, as the flat ones of a drawing do."""
-    colors = _colors(photo)
-    shares = np.sort(np.unique(colors, return_counts=True)[1])[-TUNING.flat_colors :] / colors.size
-    return bool(shares.sum() >= TUNING.flat_share)
+    return _flat_share(_colors(photo)) >= TUNING.flat_share
 
 
 def has_edges(photo: NDArray[np.float32]) -> bool:
-    """Whether a picture is a drawing with more colours than one of whole pixels, as edges have."""
-    return is_drawing(photo) and not _has_few_colors(_colors(photo))
+    """Whether what is not flat or evenly shaded in a drawing is mostly its antialiased edges.
+
+    photo  (h, w, 3) or (h, w, 4) float32 in 0..1
+    Not so of drawings of whole pixels, and of photos on a flat ground.
+    """
+    if _flat_share(_colors(photo[::7, ::13])) < TUNING.flat_share / 2:  # most photos
+        return False
+    colors = _colors(photo)
+    is_flat = _flat_share(colors) >= TUNING.flat_share
+    return is_flat and not _has_few_colors(colors) and not _is_textured(photo)
 
 
 def is_shaded(photo: NDArray[np.float32]) -> bool:
@@ -62,6 +76,17 @@ def is_shaded(photo: NDArray[np.float32]) -> bool:
     return bool(shaded.mean() >= TUNING.shaded_share)
 
 
+def _is_textured(photo: NDArray[np.float32]) -> bool:
+    """Whether much that is uneven lies away from what is flat or evenly shaded."""
+    pixels, uneven = np.concatenate(views(photo), axis=2), np.zeros(photo.shape[:2], bool)
+    for axis, inner in enumerate((uneven[1:-1], uneven[:, 1:-1])):
+        if photo.shape[axis] > 2:
+            inner |= np.abs(np.diff(pixels, 2, axis)).max(axis=2) > TUNING.even
+    uneven = maximum_filter(uneven, 3)
+    texture = minimum_filter(uneven, 2 * TUNING.rim + 1)
+    return bool(texture.sum() > TUNING.textured_share * uneven.sum())
+
+
 def outline_bytes(pixels: NDArray[np.float32]) -> int | None:
     """About the bytes of an SVG of the outlines of a drawing's flat regions.
 
@@ -76,6 +101,12 @@ def outline_bytes(pixels: NDArray[np.float32]) -> int | None:
     down = colors[1:] != colors[:-1]
     corners = (right[1:] | right[:-1]) & (down[:, 1:] | down[:, :-1])
     return TUNING.bytes_a_corner * int(np.count_nonzero(corners))
+
+
+def _flat_share(colors: NDArray[np.int64]) -> float:
+    """Share of the pixels that have one of the most frequent colours."""
+    counts = np.sort(np.unique(colors, return_counts=True)[1])
+    return counts[-TUNING.flat_colors :].sum() / colors.size
 
 
 def _colors(pixels: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -126,10 +126,11 @@ class Plan:
         if isinstance(given, int):
             options = self.options.changed(inks=inks_of(pixels, given))
             return dataclasses.replace(self, options=options)
-        # A given number, a target and a limit are of the picture at its size: there soft rims are
-        # as close, and sometimes closer. So they are where no edge is antialiased.
-        by_preset = self.count_adapts and self.aim is None and not self.options.goal.is_budget
-        usual = self.options.fit.learned_falloff and self.options.svg.form == GRADIENT
+        # A given number, a target and a limit alone are of the picture at its size: there soft rims
+        # are as close, and sometimes closer. So they are where no edge is antialiased.
+        goal, usual = self.options.goal, self.options.svg.form == GRADIENT
+        by_preset = goal.count is None and self.aim is None and not goal.is_budget
+        usual &= self.options.fit.learned_falloff and not self.options.svg.portable
         return dataclasses.replace(self, covering=by_preset and usual and has_edges(pixels))
 
     def check_renderer(self) -> None:

@@ -14,7 +14,7 @@ from gauss2svg.render.cpu import removal_cost, splats_of
 from gauss2svg.scene import ADD, PLAIN, Scene
 from gauss2svg.scene.falloff import RIM_WIDTH, covered_radius, with_length
 from gauss2svg.svg.blur import GRADIENT, drawn_blurs
-from gauss2svg.svg.plain_ellipse import drawn_beta, is_plain
+from gauss2svg.svg.plain_ellipse import drawn_beta, is_even, is_plain
 from gauss2svg.svg.snap import snapped, with_falloffs
 
 
@@ -77,12 +77,13 @@ def quantize(
 
 
 def with_plain_edges(scene: Scene) -> Scene:
-    """The scene whose crisp shapes are plain ellipses, of the same area, whatever their size.
+    """The scene whose crisp shapes are plain ellipses whatever their size.
 
-    In a fit that goes on such a shape counts by how much of each pixel it covers.
+    They keep their contour of half height. In a fit that goes on such a shape counts by how much of
+    each pixel it covers.
     """
     minor = scene.ellipse_axes[0][:, 1]
-    crisp = RIM_WIDTH * minor < TUNING.rim * scene.beta
+    crisp = is_even(scene) & (RIM_WIDTH * minor < TUNING.rim * scene.beta)
     plain = is_plain(scene) | (crisp & (minor * covered_radius(scene.beta) > TUNING.half))
     beta = scene.beta.copy()
     beta[plain] = drawn_beta(scene, plain)

@@ -21,6 +21,7 @@ def render(
     width: int | None = None,
     height: int | None = None,
     dtype: type[Real] = np.float32,
+    covering: bool = False,
 ) -> NDArray[Real]:
     """Image (height, width, 3) in 0..1 of a scene at any size, by default that of its canvas.
 
@@ -28,12 +29,14 @@ def render(
     The largest errors seen are 1.5e-4 in float32, where 10 000 equal shapes overlap, and 2.2e-11
     in float64, of very thin shapes. A transparent scene is rendered over its background, white by
     default. A scene has no resolution: it is scaled to the output and sampled at pixel centres.
-    This is the fast CPU renderer; gauss2svg.render.reference.render_reference is its slow twin.
+    With covering plain ellipses (scene.drawn) have no falloff and count by the share of each pixel
+    that they cover, as renderers draw them and small files and drawings are fitted. Without,
+    this is the fast CPU renderer; gauss2svg.render.reference.render_reference is its slow twin.
     Raises InputError for something else than a scene, another dtype, and a size that is under one
     pixel, not whole, or larger than any photo's.
     """
     width, height = output_size(scene, width, height)
-    splats = splats_of(scene, (width / scene.width, height / scene.height))
+    splats = splats_of(scene, (width / scene.width, height / scene.height), covering)
     planar = render_planar(splats, height, width, dtype)
     if scene.blend == ADD:
         planar = np.clip(planar, 0, 1)
@@ -45,6 +48,7 @@ def render_rgba(
     width: int | None = None,
     height: int | None = None,
     dtype: type[Real] = np.float32,
+    covering: bool = False,
 ) -> NDArray[np.float32]:
     """Colour and straight alpha (height, width, 4) in 0..1 of a scene.
 
@@ -52,11 +56,12 @@ def render_rgba(
     black where A is 0; an opaque scene has A = 1. Arguments and errors are those of render.
     """
     if not required(scene, "scene", Scene).transparent:
-        color = np.clip(render(scene, width, height, dtype), 0, 1)
+        color = np.clip(render(scene, width, height, dtype, covering), 0, 1)
         return np.dstack([color, np.ones(color.shape[:2])]).astype(np.float32)
     on_black = scene.replace(background=np.zeros(3))
-    color = render(on_black, width, height, dtype)
-    covered = render(on_black.replace(color=np.ones((len(scene), 3))), width, height, dtype)
+    color = render(on_black, width, height, dtype, covering)
+    white = on_black.replace(color=np.ones((len(scene), 3)))
+    covered = render(white, width, height, dtype, covering)
     return straight(color, covered[:, :, 0])
 
 

@@ -54,8 +54,14 @@ def is_plain(scene: Scene) -> NDArray[np.bool_]:
     The latter is at the size of the scene's canvas: on a larger one rims are wider. A shape that is
     skewed more than most_skew has too wide a rim on one side.
     """
-    even = np.square(scene.skew).sum(axis=1) < TUNING.most_skew**2
-    return (scene.drawn == PLAIN) | (even & looks_plain(scene.ellipse_axes[0], scene.beta))
+    return (scene.drawn == PLAIN) | (
+        is_even(scene) & looks_plain(scene.ellipse_axes[0], scene.beta)
+    )
+
+
+def is_even(scene: Scene) -> NDArray[np.bool_]:
+    """(n,) whether the rim of a shape is about as wide all round."""
+    return np.square(scene.skew).sum(axis=1) < TUNING.most_skew**2
 
 
 def looks_plain(axes: NDArray[np.float64], beta: NDArray[np.float64]) -> NDArray[np.bool_]:

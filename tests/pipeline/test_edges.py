@@ -1,15 +1,27 @@
 """Edges of drawings: the files of presets stay crisp when they are enlarged."""
 
+import dataclasses
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from skimage import data
 
 from gauss2svg import vectorize
 from gauss2svg.measure.metrics import psnr
+from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import shrunk
 from gauss2svg.pipeline import plan as plans
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.quantize import with_plain_edges
+from gauss2svg.pipeline.search.cap import Cap
+from gauss2svg.pipeline.search.correction import Corrections
+from gauss2svg.pipeline.search.export import Exporter
+from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize
+from gauss2svg.scene import PLAIN, SOFT, Scene
+from gauss2svg.scene.falloff import half_radius
 
 SIDE, UP = 64, 4
 
@@ -52,18 +64,104 @@ def test_edges_are_those_of_antialiased_drawings_that_a_preset_decides_about():
     assert not covering(noise)
 
 
+@pytest.mark.parametrize("name", ["astronaut", "chelsea", "coffee", "rocket"])
+@pytest.mark.parametrize("is_cut_out", [False, True])
+def test_a_photo_on_a_flat_ground_is_no_drawing(name, is_cut_out):
+    photo = shrunk(getattr(data, name)().astype(np.float32) / 255, 120, 120)
+    y, x = np.mgrid[:120, :120] - 59.5
+    alpha = np.clip(45.5 - np.hypot(x, y), 0, 1)[:, :, None].astype(np.float32)
+    on_white = 1 - alpha * (1 - photo)
+    assert not covering(np.dstack([photo, alpha]) if is_cut_out else on_white)
+    assert covering(1 - alpha * (1 - shrunk(badge(), 120, 120)))
+
+
 @pytest.mark.parametrize(
     "given",
     [
         {"gaussians": 50},
+        {"gaussians": 50, "time_limit": 9},
+        {"gaussians": 50, "max_bytes": 90_000},
         {"target_psnr": 30},
+        {"target_psnr": 30, "quality": "high"},
         {"max_bytes": 5000},
         {"time_limit": 2},
         {"falloff": "gaussian"},
         {"blend": "add"},
+        {"blend": "add", "portable": True, "falloff": "adaptive"},
         {"form": "blur", "renderer": "chromium"},
         {"inks": "#fff,#000"},
     ],
 )
 def test_what_asks_for_the_picture_at_its_size_or_another_model_keeps_its_falloffs(given):
     assert not covering(shrunk(badge(), SIDE, SIDE), **given)
+
+
+@pytest.mark.parametrize("limit", [{"max_bytes": 90_000}, {"time_limit": 9}])
+def test_a_preset_with_a_limit_has_the_edges_of_the_preset(limit):
+    assert covering(shrunk(badge(), SIDE, SIDE), quality="high", **limit)
+
+
+def of_one(beta, minor, skew=0.0, drawn=SOFT):
+    """A shape three times as long as wide."""
+    a = np.array
+    return Scene(
+        90, 90, a([[40.0, 50.0]]), a([[3 * minor, minor]]), a([0.0]), a([[0.2, 0.4, 0.6]]),
+        a([1.0]), beta=a([beta]), skew=a([[skew, 0.0]]), drawn=a([drawn]),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("beta", "minor", "skew", "drawn"),
+    [
+        (4.0, 1.5, 0.0, PLAIN),  # a rim of .8 px
+        (4.0, 4.0, 0.0, SOFT),  # of 2.2 px
+        (1.0, 4.0, 0.0, SOFT),
+        (40.0, 0.8, 0.0, PLAIN),  # drawn as an ellipse anyway
+        (2.0, 0.4, 0.0, SOFT),  # under a pixel to its edge
+        (4.0, 1.5, 0.9, SOFT),  # a wide rim on one side
+    ],
+)
+def test_crisp_shapes_that_are_wide_enough_become_ellipses(beta, minor, skew, drawn):
+    before = of_one(beta, minor, skew)
+    after = with_plain_edges(before)
+    assert after.drawn.tolist() == [drawn]
+    if drawn == SOFT:
+        assert (after.beta, after.sigma.tolist()) == (before.beta, before.sigma.tolist())
+    else:
+        contours = [scene.sigma * half_radius(scene.beta)[:, None] for scene in (before, after)]
+        np.testing.assert_allclose(*contours, rtol=1e-6)
+        assert with_plain_edges(after).drawn.tolist() == [PLAIN]
+    assert with_plain_edges(of_one(beta, minor, skew, PLAIN)).drawn.tolist() == [PLAIN]
+
+
+def test_count_grows_little_after_the_first_fit_and_says_that_it_would_gain_too_little():
+    plan = Plan(Options().changed(quality="high"))
+    found = SimpleNamespace(scene=range(100), size=1000, model=plan.enough - 6)
+    wanted = {}
+    for is_covering in (True, False):
+        corrections = Corrections(dataclasses.replace(plan, covering=is_covering))
+        corrections.made = [found]  # pyright: ignore[reportAttributeAccessIssue]
+        wanted[is_covering] = corrections.next(100, Cap(5000, "cap"), "enough", 6.0)
+    assert wanted == {True: (140, "gain"), False: (200, "enough")}
+
+
+def test_numbers_of_the_report_are_those_of_what_was_fitted_and_of_the_file():
+    photo = shrunk(badge(), SIDE, SIDE)
+    result = vectorize(photo)
+    report = result.report
+    by_area, at_centres = (
+        round_trip(result.svg, result.scene, photo, covering=covers) for covers in (True, False)
+    )
+    assert report["psnr_svg"] == pytest.approx(by_area.psnr_svg)
+    assert report["psnr_roundtrip"] == pytest.approx(by_area.psnr_roundtrip)
+    assert report["psnr_model"] == pytest.approx(by_area.psnr_model)
+    assert by_area.psnr_roundtrip > at_centres.psnr_roundtrip + 1
+
+
+def test_a_count_is_corrected_by_what_the_file_shows():
+    photo = shrunk(badge(), SIDE, SIDE)
+    scene = vectorize(photo, gaussians=20).scene
+    for plan in (Plan(Options()), Plan(Options()).for_picture(photo)):
+        export = Exporter(plan, Subject.of(photo)).export(scene)
+        drawn = psnr(rasterize(export.svg, SIDE, SIDE), photo)
+        assert (export.model == pytest.approx(drawn)) == plan.covering

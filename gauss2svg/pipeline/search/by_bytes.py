@@ -182,7 +182,9 @@ class ByBytes:
             format=plan.svg_format,
             reached=None,
             fitted=costs,
-            measured=round_trip(found.svg, found.scene, image, plan.options.run.renderer),
+            measured=round_trip(
+                found.svg, found.scene, image, plan.options.run.renderer, self.is_drawing
+            ),
             corrections=max(len(self.fits) - 1, 0),
         )
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from gauss2svg.fit import densification
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.cap import Cap
+from gauss2svg.pipeline.search.cap import Cap, fewest
 from gauss2svg.pipeline.search.export import Export
 
 
@@ -134,7 +134,8 @@ class Corrections:
             return Correction(count, stop_reason)
         needed = count * 2 ** max(min(missing / slope, 2.0), TUNING.most_reduced)
         if self._plan.covering:  # what a fit loses where soft shapes become edges, few regain
-            needed = min(needed, TUNING.for_edges * len(self.made[0].scene))
+            most = math.ceil(TUNING.for_edges * len(self.made[0].scene))
+            cap = fewest(cap, Cap(most, "gain"))
         if missing < 0:
             needed = max(needed, min(count, TUNING.few))
         stop_reason = "enough" if needed < cap.gaussians else cap.name

@@ -52,7 +52,8 @@ TUNING = ExportTuning()
 class Export:
     """A quantised scene on the file's canvas, and its SVG.
 
-    model  PSNR (dB) of the scene itself against the working image
+    model  PSNR (dB) against the working image: of the scene itself, and of the rasterised SVG where
+           the plan is covering, for there the falloffs of the scene are not what was fitted
     score  of the rasterised SVG against it, by the plan's aim; NaN if it was not rasterised
     """
 
@@ -160,26 +161,29 @@ class Exporter:
         return len(file_bytes(self._written(empty, self._plan.svg_format), self._gzipped))
 
     def export(self, scene: Scene) -> Export:
-        """A scene of the working canvas as it would be written, rasterised if there is an aim."""
+        """A scene of the working canvas as it would be written, and its scores."""
         working, document = self._subject.working, self._subject.document
         # Colours are in the palette already, except those of ellipses that are no longer plain.
         written = self._format_at(self.seen)
         exact = in_file_order(self.quantized(scene, None), written, document)
         svg = ordered_svg(exact, written, document)
-        aim, score, model = self._plan.aim, math.nan, None
-        if aim is not None or self._plan.covering:
-            raster = rasterize_like(svg, working, self._plan.options.run.renderer)
-            score = math.nan if aim is None else aim.score(raster, working)
-            if self._plan.covering:  # the model's falloffs are not what was fitted
-                model = psnr_of(stacked(raster), stacked(working))
-        if model is None:
+        aim, score = self._plan.aim, math.nan
+        if aim is not None:
+            score = aim.score(self._raster(svg), working)
+        if self._plan.covering:
+            model = psnr_of(stacked(self._raster(svg)), stacked(working))
+        else:
             model = model_psnr(scene, working)
         return Export(exact, svg, written, document, self._gzipped, model, score)
 
     def measured(self, best: Export, small: bool = False) -> RoundTrip:
         """The round trip at the size of the reference, or at that of the fit."""
         image = self._subject.working if small else self._subject.photo
-        return round_trip(best.svg, best.scene, image, self._plan.options.run.renderer)
+        plan = self._plan
+        return round_trip(best.svg, best.scene, image, plan.options.run.renderer, plan.covering)
+
+    def _raster(self, svg: str) -> NDArray[np.float32]:
+        return rasterize_like(svg, self._subject.working, self._plan.options.run.renderer)
 
     def _written(self, scene: Scene, written: SvgFormat) -> str:
         return write_svg(scene, written, self._subject.document)
