@@ -45,7 +45,7 @@ def bench_command(
         "inks=6;#f7c306,#17324d".
     peers
         Other tools to measure, separated by commas, where installed: vtracer, splatthis,
-        primitive, jpeg, webp. Their SVGs are rasterised by resvg.
+        primitive, jpeg, webp, avif. Their SVGs are rasterised by resvg.
     peer_timeout
         Time limit (s) of a peer's run.
     references

@@ -116,6 +116,13 @@ def _pillow(format_name: str, png: Path, output: Path, quality: int) -> Conversi
     return lambda: pixels.save(output, format_name, quality=quality)
 
 
+def _avif_version() -> str | None:
+    """That of the codec, which Pillow has from 11.3 on where it was built with it."""
+    from PIL import features
+
+    return features.version("avif") if "avif" in features.get_supported() else None
+
+
 _PILLOW = partial(_version, "Pillow")
 _RASTER_QUALITIES = tuple({"quality": quality} for quality in (10, 30, 60, 90))
 
@@ -132,6 +139,7 @@ PEERS: dict[str, Peer] = {
     "primitive": Peer(_primitive_version, _primitive, ".svg", ({"shapes": 100}, {"shapes": 500})),
     "jpeg": Peer(_PILLOW, partial(_pillow, "JPEG"), ".jpg", _RASTER_QUALITIES),
     "webp": Peer(_PILLOW, partial(_pillow, "WEBP"), ".webp", _RASTER_QUALITIES),
+    "avif": Peer(_avif_version, partial(_pillow, "AVIF"), ".avif", _RASTER_QUALITIES),
 }
 
 

@@ -13,6 +13,7 @@ from PIL import Image
 
 from gauss2svg.cli.main import main
 from gauss2svg.compare.peer_run import peer_record
+from gauss2svg.compare.peers import check_peers
 from gauss2svg.compare.records import answered, finite
 from gauss2svg.compare.tables import bench
 from gauss2svg.compare.tables.bench import run_bench
@@ -102,6 +103,16 @@ def test_jpeg_bytes_and_fidelity_fall_with_quality(measured):
     for name in ("svg_bytes", "psnr_svg", "ssim_svg", "flip_svg"):
         values = [-row[name] if name == "flip_svg" else row[name] for row in jpegs]
         assert values == sorted(set(values)), name
+
+
+def test_avif_is_written_read_back_and_scored(picture, tmp_path):
+    installed, absent = check_peers(["avif"])
+    if absent:
+        pytest.skip("Pillow is built without AVIF")
+    rows = run_bench([picture], tmp_path / "out", axes={"gaussians": [5]}, peers=installed)
+    found = sorted((row for row in rows if row["tool"] == "avif"), key=lambda row: row["svg_bytes"])
+    assert [row["settings"]["quality"] for row in found] == [10, 30, 60, 90]
+    assert 20 < found[0]["psnr_svg"] < found[-1]["psnr_svg"] < 60
 
 
 def test_memory_of_a_run_is_its_own(picture, tmp_path):

@@ -19,7 +19,7 @@ BENCH = [
     (["--axis", "init", "--axis", "init=error"], "axis init must be given once"),
     (
         ["--peers", "vtracer,tracer"],
-        "primitive, jpeg, webp; got 'tracer'",
+        "primitive, jpeg, webp, avif; got 'tracer'",
     ),
     (["--peer-timeout", "0"], "--peer-timeout must be a number in 0.001..1e+06; got 0"),
     (["--peer-timeout", "inf"], "--peer-timeout must be a number in 0.001..1e+06; got inf"),
