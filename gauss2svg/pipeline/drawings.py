@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
 
 from gauss2svg.photo.alpha import views
 
@@ -82,9 +82,17 @@ def _is_textured(photo: NDArray[np.float32]) -> bool:
     for axis, inner in enumerate((uneven[1:-1], uneven[:, 1:-1])):
         if photo.shape[axis] > 2:
             inner |= np.abs(np.diff(pixels, 2, axis)).max(axis=2) > TUNING.even
-    uneven = maximum_filter(uneven, 3)
-    texture = minimum_filter(uneven, 2 * TUNING.rim + 1)
+    uneven = _spread(uneven, 1)
+    texture = ~_spread(~uneven, TUNING.rim)
     return bool(texture.sum() > TUNING.textured_share * uneven.sum())
+
+
+def _spread(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
+    """(h, w) whether any pixel is set in the square of so many px around."""
+    for _ in range(2):
+        padded = np.pad(mask, ((reach, reach), (0, 0)))
+        mask = sliding_window_view(padded, 2 * reach + 1, axis=0).max(axis=2).T
+    return mask
 
 
 def outline_bytes(pixels: NDArray[np.float32]) -> int | None:

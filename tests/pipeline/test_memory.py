@@ -89,7 +89,7 @@ def measured(width, height, folder, gaussians, inks=None):
 def test_estimate_is_over_what_a_process_takes_but_not_by_far(tmp_path):
     compile_kernels()
     plan = Plan(Options.from_flat({"gaussians": 500}))
-    for width, height in ((1500, 1000), (4500, 3000)):
+    for width, height in ((1500, 1000), (3600, 2400)):
         taken = measured(width, height, tmp_path, gaussians=500)
         header = header_of(tmp_path / "photo.png")
         assert header is not None
@@ -100,10 +100,10 @@ def test_estimate_is_over_what_a_process_takes_but_not_by_far(tmp_path):
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 def test_estimate_counts_the_target_of_a_fit_in_inks(tmp_path):
     compile_kernels()
-    taken = measured(3000, 2000, tmp_path, gaussians=500, inks="#000,#f00,#fff")
+    taken = measured(2100, 1400, tmp_path, gaussians=100, inks="#000,#f00,#fff")
     header = header_of(tmp_path / "photo.png")
     assert header is not None
-    given = {"gaussians": 500, "max_size": 3000}
+    given = {"gaussians": 100, "max_size": 2100}
     needed, plain = (
         load_of(Plan(Options.from_flat({**given, "inks": inks})), header).bytes
         for inks in ("#000,#f00,#fff", None)
