@@ -34,8 +34,9 @@ from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import round_trip
 from gauss2svg.photo.alpha import has_alpha, shrunk
 from gauss2svg.pipeline.bytes_each import MINIMAL, MINIMAL_GZIPPED
-from gauss2svg.pipeline.drawings import is_drawing, is_shaded
+from gauss2svg.pipeline.drawings import has_edges, is_drawing, is_shaded
 from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.search.enlarged import enlarged, large_raster
 from gauss2svg.pipeline.search.outcome import Outcome, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, Writing
 from gauss2svg.pipeline.search.subject import Subject
@@ -66,8 +67,11 @@ class ByBytesTuning:
     shared_by_drawing   share of the squared error that colours in common may add to a drawing
     shaded_from         bytes from which a drawing with shading has soft shapes beside ellipses
                         (docs/decisions/enlarged.md)
-    soft_from           px of rim across the minor axis, of the working picture, from which a shape
-                        of a shaded drawing is soft (docs/decisions/enlarged.md)
+    soft_from           px of rim across the minor axis, of the picture that is fitted, from which a
+                        shape of a shaded drawing is soft (docs/decisions/enlarged.md)
+    enlarged_from       bytes from which a small drawing is fitted once more, enlarged
+                        (docs/decisions/enlarged.md)
+    enlarged_up_to      its longest side in px
     """
 
     side_per_root: float = 12.0
@@ -84,6 +88,8 @@ class ByBytesTuning:
     shared_by_drawing: float = 0.1
     shaded_from: int = 6000
     soft_from: float = 4.0
+    enlarged_from: int = 2000
+    enlarged_up_to: int = 256
 
 
 TUNING = ByBytesTuning()
@@ -139,7 +145,7 @@ class ByBytes:
         self._each = MINIMAL_GZIPPED if plan.counts_gzipped else MINIMAL
         self.is_drawing = is_drawing(subject.photo) and self._options.learned_falloff
         self._files = SmallFiles(plan, subject, count, covering=self.is_drawing)
-        self._files.subject = self._reduced(subject)
+        self._files.subject = self._fitted = self._reduced(subject)
         self.fits: list[FitResult] = []
         self._ended = ""  # why no further step is made
 
@@ -159,7 +165,7 @@ class ByBytes:
 
     @property
     def subject(self) -> Subject:
-        """The photo, with the picture that the fits run on."""
+        """The photo, with the picture that the present fits run on."""
         return self._files.subject
 
     @property
@@ -169,7 +175,7 @@ class ByBytes:
 
     def run(self) -> Outcome:
         """The best file found, measured."""
-        plan, subject = self._plan, self.subject
+        plan, subject = self._plan, self._fitted
         found = self.file()
         self._watch.report("measure", None)
         costs = self._costs(found)
@@ -186,6 +192,7 @@ class ByBytes:
                 found.svg, found.scene, image, plan.options.run.renderer, self.is_drawing
             ),
             corrections=max(len(self.fits) - 1, 0),
+            enlarged=None if self.subject is subject else self.subject.working,
         )
 
     def file(self) -> SmallFile:
@@ -195,22 +202,49 @@ class ByBytes:
             return best
         # The size of the first fit with some exponents tells what a shape takes in the next one.
         sizes: dict[tuple[float, ...], tuple[int, int]] = {}
+        files: list[SmallFile] = []
+        enlarges = self._enlarges
         with kernel_lock:
             recipes = self._recipes()
+            starts = len(recipes) + enlarges
             for start, recipe in enumerate(recipes):
                 count = self._count(recipe, sizes.get(recipe.exponents))
                 if count < 1 or self._stop():
                     continue
-                found, sizes[recipe.exponents] = self._made(count, recipe, start, len(recipes))
-                best = min(best, found or best, key=lambda file: (file.error, file.size))
+                found, sizes[recipe.exponents] = self._made(count, recipe, start, starts)
+                files += [] if found is None else [found]
+                best = _better(best, found)
             # Edges that meet are drawn less exactly than they are fitted; thin pictures have few.
             fewer = len(best.scene) // 2 if self.is_drawing and not self._is_thin else 0
             while fewer >= TUNING.few_of_drawing and not self._stop():
-                found, _ = self._made(fewer, recipes[-1], len(recipes) - 1, len(recipes))
+                found, _ = self._made(fewer, recipes[-1], len(recipes) - 1, starts)
                 if found is None or found.error >= best.error:
                     break
                 best, fewer = found, fewer // 2
+            if enlarges and files and best.error >= EXACT and not self._stop():
+                self._enlarge(files)
+                count = self._count(recipes[0], sizes[recipes[0].exponents])
+                found, _ = self._made(count, recipes[0], starts - 1, starts)
+                best = _better(self._files.drawn(best), found)
         return best
+
+    @property
+    def _enlarges(self) -> bool:
+        """Whether the drawing is fitted once more, at twice its size."""
+        fitted = self._fitted
+        return (
+            self.is_drawing
+            and self._limit >= TUNING.enlarged_from
+            and fitted.size == fitted.canvas  # a larger photo has its own pixels between these
+            and max(fitted.size) <= TUNING.enlarged_up_to
+            and has_edges(fitted.working)
+        )
+
+    def _enlarge(self, files: list[SmallFile]) -> None:
+        """Go on with the picture enlarged, as the files of these fits show it."""
+        picture, renderer = self._fitted.working, self._plan.options.run.renderer
+        large = enlarged(picture, [large_raster(f.svg, picture, renderer) for f in files])
+        self._files.subject = dataclasses.replace(self._fitted, working=large)
 
     def _costs(self, found: SmallFile) -> FitResult:
         """The costs of all fits, and why they ended."""
@@ -253,7 +287,7 @@ class ByBytes:
             grids, digits = _GRIDS + grids, HEX_DIGITS
         writing = Writing(self._each[2], grids, digits, TUNING.shared_by_drawing)
         steps = TUNING.iterations if self._is_thin else TUNING.drawing_iterations
-        shades = self._limit >= TUNING.shaded_from and is_shaded(self.subject.working)
+        shades = self._limit >= TUNING.shaded_from and is_shaded(self._fitted.working)
         exponents = self._exponents if shades else ()
         return [Recipe(init, 1.0, steps, exponents, writing) for init in ("selective", "error")]
 
@@ -342,6 +376,10 @@ class ByBytes:
             scene = scene.replace(beta=np.where(plain, MOST_BETA, scene.beta), sigma=sigma)
         scene = with_falloffs(scene, np.where(plain, MOST_BETA, scene.beta))
         return scene.replace(width=width, height=height, drawn=np.where(plain, PLAIN, SOFT))
+
+
+def _better(best: SmallFile, found: SmallFile | None) -> SmallFile:
+    return min(best, found or best, key=lambda file: (file.error, file.size))
 
 
 def _with_few_exponents(

@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.fit.options import FitProgress, FitResult
+from gauss2svg.measure.metrics import mean_squared_error
 from gauss2svg.measure.roundtrip import RoundTrip
+from gauss2svg.photo.alpha import stacked
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.time_budget import TimeBudget
+from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import Scene
 from gauss2svg.svg.format import SvgFormat
 
@@ -27,6 +30,7 @@ class Outcome:
     format       of its file
     reached      its score, by the plan's aim; None without one
     corrections  how often the count was changed after the fit
+    enlarged     the drawing at twice its size, where its files show what that is
     """
 
     plan: Plan
@@ -38,6 +42,7 @@ class Outcome:
     fitted: FitResult
     measured: RoundTrip
     corrections: int
+    enlarged: NDArray[np.float32] | None = None
 
 
 class Search(Protocol):
@@ -71,7 +76,7 @@ class Watch:
 
 
 def best_of(searches: Iterable[Search]) -> Outcome:
-    """The outcome whose file is closest to the photo, with the costs of all searches.
+    """The outcome whose file is closest to the photo, or to a drawing enlarged, with all costs.
 
     Each is made when the one before has run, and none once one has been interrupted.
     """
@@ -82,9 +87,17 @@ def best_of(searches: Iterable[Search]) -> Outcome:
         if outcomes[-1].fitted.stop_reason == "interrupted":
             break
     best = max(outcomes, key=lambda one: one.measured.psnr_lowest)
+    large = next((one.enlarged for one in outcomes if one.enlarged is not None), None)
+    if large is not None and len(outcomes) > 1:
+        best = min(outcomes, key=lambda one: _error(one, large))
     fitted, last = best.fitted, outcomes[-1].fitted.stop_reason
     for other in outcomes:
         if other is not best:
             ended = "interrupted" if last == "interrupted" else fitted.stop_reason
             fitted = fitted.after(other.fitted, ended)
     return dataclasses.replace(best, fitted=fitted)
+
+
+def _error(outcome: Outcome, picture: NDArray[np.float32]) -> float:
+    raster = rasterize_like(outcome.svg, picture, outcome.plan.options.run.renderer)
+    return mean_squared_error(stacked(raster), stacked(picture))
