@@ -12,6 +12,7 @@ from gauss2svg.photo.alpha import over, shrunk, stacked
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search import by_bytes
+from gauss2svg.pipeline.search import enlarged as enlarging
 from gauss2svg.pipeline.search.by_bytes import ByBytes
 from gauss2svg.pipeline.search.enlarged import TUNING, enlarged, large_raster
 from gauss2svg.pipeline.search.outcome import Watch, best_of
@@ -80,8 +81,8 @@ def by_pixel(picture, rasters):
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_an_enlarged_picture_is_what_the_formula_says(count):
-    picture = pixels_of(disc())
-    rasters = misplaced(1, count=count)
+    picture = pixels_of(disc())[4:14, 3:16]  # at the rim
+    rasters = [r[4 * UP : 14 * UP, 3 * UP : 16 * UP] for r in misplaced(1, count=count)]
     np.testing.assert_allclose(enlarged(picture, rasters), by_pixel(picture, rasters), atol=2e-5)
 
 
@@ -133,7 +134,7 @@ def test_a_small_file_of_a_drawing_is_closer_when_it_is_enlarged(monkeypatch, cl
         truth = np.dstack([truth, truth.min(axis=2) < 0.9]).astype(np.float32)
     picture = pixels_of(truth)
     now = search(picture, 4000).file()
-    monkeypatch.setattr(by_bytes, "TUNING", dataclasses.replace(by_bytes.TUNING, enlarged_up_to=0))
+    monkeypatch.setattr(enlarging, "TUNING", dataclasses.replace(TUNING, up_to=0))
     before = search(picture, 4000).file()
 
     def score(file, at):
@@ -180,7 +181,7 @@ def large_sign():
         (small_sign, 2500, {"max_size": 60}),
         (large_sign, 2500, {}),
         (lambda: sign(16), 2500, {}),  # three colours, of whole pixels
-        (lambda: shrunk(np.float32(data.astronaut() / 255), 64, 64), 2500, {}),
+        (lambda: shrunk((data.astronaut() / 255).astype(np.float32), 64, 64), 2500, {}),
     ],
     ids=["few bytes", "reduced", "large", "few colours", "photo"],
 )

@@ -36,7 +36,7 @@ from gauss2svg.photo.alpha import has_alpha, shrunk
 from gauss2svg.pipeline.bytes_each import MINIMAL, MINIMAL_GZIPPED
 from gauss2svg.pipeline.drawings import has_edges, is_drawing, is_shaded
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search.enlarged import enlarged, large_raster
+from gauss2svg.pipeline.search.enlarged import enlarged, large_raster, may_enlarge
 from gauss2svg.pipeline.search.outcome import Outcome, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, SmallFiles, Writing
 from gauss2svg.pipeline.search.subject import Subject
@@ -69,9 +69,6 @@ class ByBytesTuning:
                         (docs/decisions/enlarged.md)
     soft_from           px of rim across the minor axis, of the picture that is fitted, from which a
                         shape of a shaded drawing is soft (docs/decisions/enlarged.md)
-    enlarged_from       bytes from which a small drawing is fitted once more, enlarged
-                        (docs/decisions/enlarged.md)
-    enlarged_up_to      its longest side in px
     """
 
     side_per_root: float = 12.0
@@ -88,8 +85,6 @@ class ByBytesTuning:
     shared_by_drawing: float = 0.1
     shaded_from: int = 6000
     soft_from: float = 4.0
-    enlarged_from: int = 2000
-    enlarged_up_to: int = 256
 
 
 TUNING = ByBytesTuning()
@@ -234,9 +229,8 @@ class ByBytes:
         fitted = self._fitted
         return (
             self.is_drawing
-            and self._limit >= TUNING.enlarged_from
             and fitted.size == fitted.canvas  # a larger photo has its own pixels between these
-            and max(fitted.size) <= TUNING.enlarged_up_to
+            and may_enlarge(*fitted.size, self._limit)
             and has_edges(fitted.working)
         )
 

@@ -22,13 +22,17 @@ from gauss2svg.raster import rasterize_like
 class EnlargedTuning:
     """How a drawing is enlarged (docs/decisions/enlarged.md).
 
-    times     size of the rasters, times that of the picture
-    size      size of the enlarged picture, times that of the picture
-    contrast  share of the variance of 3 x 3 px that counts as uncertain beside that of the rasters
-    floor     variance that is uncertain everywhere, in 0..1
-    steps     corrections, after which few values are left that clipping took
+    from_bytes  of a file, from which a drawing is fitted once more, enlarged
+    up_to       longest side in px of the drawing
+    times       size of the rasters, times that of the picture
+    size        size of the enlarged picture, times that of the picture
+    contrast    share of the variance of 3 x 3 px that is uncertain beside that of the rasters
+    floor       variance that is uncertain everywhere, in 0..1
+    steps       corrections, after which few values are left that clipping took
     """
 
+    from_bytes: int = 2000
+    up_to: int = 256
     times: int = 4
     size: int = 2
     contrast: float = 0.3
@@ -37,6 +41,11 @@ class EnlargedTuning:
 
 
 TUNING = EnlargedTuning()
+
+
+def may_enlarge(width: int, height: int, limit: int | None) -> bool:
+    """Whether a drawing of so many px is fitted once more, enlarged, for a file of these bytes."""
+    return limit is not None and limit >= TUNING.from_bytes and max(width, height) <= TUNING.up_to
 
 
 def large_raster(svg: str, picture: NDArray[np.float32], renderer: str) -> NDArray[np.float32]:
@@ -63,8 +72,12 @@ def enlarged(
     wanted = _channels(picture)
     all_ = np.stack([_channels(raster) for raster in rasters])
     found = all_.mean(axis=0)
-    uncertain = all_.var(axis=0).mean(axis=2) + tuning.contrast * _local_variance(found)
-    uncertain = uncertain[:, :, None] + np.float32(tuning.floor)
+    channels = found.shape[2]
+    uncertain = np.full((*found.shape[:2], 1), tuning.floor, np.float32)
+    for k in range(channels):  # one after the other: all at once take 100 MB
+        local = tuning.contrast * _local_variance(found[:, :, k])
+        uncertain[:, :, 0] += (all_[:, :, :, k].var(axis=0) + local) / channels
+    del all_
     share = uncertain / _spread(_averaged(uncertain, height, width))
     for _ in range(tuning.steps):
         missing = _spread(wanted - _averaged(found, height, width))
@@ -90,12 +103,13 @@ def _spread(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
     return pixels.repeat(TUNING.times, axis=0).repeat(TUNING.times, axis=1)
 
 
-def _local_variance(pixels: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w) mean over the channels of the variance in 3 x 3 px."""
-    padded = np.pad(pixels, ((1, 1), (1, 1), (0, 0)), mode="edge")
+def _local_variance(channel: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(h, w) the variance in 3 x 3 px."""
+    padded = np.pad(channel, 1, mode="edge")
+    mean, squares = _sums(padded) / 9, _sums(np.square(padded)) / 9
+    return np.maximum(squares - np.square(mean), 0, dtype=np.float32)
+
+
+def _sums(padded: NDArray[np.floating]) -> NDArray[np.floating]:
     down = padded[:-2] + padded[1:-1] + padded[2:]
-    square = np.square(padded)
-    squares = square[:-2] + square[1:-1] + square[2:]
-    mean = (down[:, :-2] + down[:, 1:-1] + down[:, 2:]) / 9
-    squares = (squares[:, :-2] + squares[:, 1:-1] + squares[:, 2:]) / 9
-    return np.maximum(squares - np.square(mean), 0).mean(axis=2)
+    return down[:, :-2] + down[:, 1:-1] + down[:, 2:]
