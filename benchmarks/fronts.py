@@ -1,16 +1,20 @@
 """More must not be worse: the PSNR of files over rising limits, targets, counts and presets.
 
     python benchmarks/fronts.py [PHOTOS...] [--families seconds,bytes,...] [--only NAME,...]
-        [--scales 1,0.5] [--workers 2] [--tree FOLDER] [--json FILE]
+        [--scales 1,0.5] [--workers 2] [--tree FOLDER] [--keep FOLDER] [--json FILE]
 
 The pictures are ten drawings, of drawings.py and drawn_pictures.py, coffee and chelsea of
-scikit-image, and PHOTOS, each at every scale. Every run is the command in a process of its own, of
-one thread where there are several workers, so that seconds are those that a user waits; FOLDER is
-another checkout to measure instead of this one. The script prints a Markdown row for each picture
-and family: the score of the rasterised SVG for each setting (dB, or SSIMULACRA2) and, for bytes,
-the share of the limit that is used; and at the end of each family how many steps down of more than
-.1 there are among how many, and as many up to 50 dB. For seconds it also runs a grid of presets
-and counts, and prints how far each limit is under the best of the grid in as many seconds.
+scikit-image, and PHOTOS, each at every scale. With the families "limits" and "gzipped" they are
+PHOTOS alone, of which SVGs are drawings: they are rasterised at 256 px and fitted, and the file is
+compared with its source at four times that size as well. Every run is the command in a process of
+its own, of one thread where there are several workers, so that seconds are those that a user waits.
+`--tree` names another checkout to measure, and `--keep` a folder whose finished runs are not run
+again. The script prints a Markdown row for each picture and family: the score of the rasterised SVG
+for each setting (dB, or SSIMULACRA2) and, for bytes, the share of the limit that is used; and at
+the end of each family the number of steps down by more than .1, and of those up to 50 dB. A
+drawing's step is down if the file is more than .1 dB worse at its own size and under 42 dB, or
+over that more than .3 dB worse enlarged. For seconds the script also runs a grid of presets and
+counts, and prints how far each limit is under the best of the grid in as many seconds.
 """
 
 from __future__ import annotations
@@ -36,6 +40,8 @@ from PIL import Image
 from skimage import data
 
 from gauss2svg.measure.check import check
+from gauss2svg.measure.metrics import psnr
+from gauss2svg.raster import rasterize
 
 _BYTES = (500, 1000, 2000, 5000, 10_000, 20_000, 20_001, 30_000, 50_000, 60_000, 100_000, 200_000)
 _COUNTS = (256, 512, 1000, 2000, 4000, 8000)
@@ -47,6 +53,8 @@ FAMILIES: dict[str, list[list[str]]] = {
     "bytes": [["--max-bytes", str(size)] for size in _BYTES],
     "minimal": [["--max-bytes", str(size), "--markup", "minimal"] for size in _BYTES],
     "editable": [["--max-bytes", str(size), "--markup", "editable"] for size in _BYTES],
+    "limits": [["--max-bytes", f"{kb}k"] for kb in (3, 6, 9, 12, 16, 20, 25, 29, 31, 40, 50, 80)],
+    "gzipped": [["--max-bytes", f"{kb}k", "--count-gzipped"] for kb in (1, 2, 4, 6, 10, 20)],
     "psnr": [["--target-psnr", str(target)] for target in range(20, 44, 4)],
     "ssimulacra2": [["--target-ssimulacra2", str(target)] for target in (10, 30, 50, 70, 80)],
     "grid": [["--quality", name] for name in _PRESETS]
@@ -54,6 +62,9 @@ FAMILIES: dict[str, list[list[str]]] = {
     + [["--quality", "balanced", "--gaussians", str(n)] for n in (4000, 16_000, 50_000)],
 }
 STEP, DECIDED_BY_8_BITS = 0.1, 50.0  # the step down that counts; dB (docs/decisions/monotone.md)
+ENLARGED_STEP, SEEN_UP_TO = 0.3, 42.0  # dB, of drawings (docs/decisions/enlarged.md)
+SIDE, UP = 256, 4  # px of a drawing, and times as many of its enlarged raster
+LIMITS = ("limits", "gzipped")
 
 
 @dataclass(frozen=True)
@@ -69,6 +80,8 @@ class Run:
     cpu: float
     gaussians: int
     stop_reason: str
+    kilobytes: float = np.nan
+    enlarged: float = np.nan  # dB at four times the size
 
 
 def pictures(photos: list[Path]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
@@ -82,12 +95,35 @@ def pictures(photos: list[Path]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
         yield path.stem, np.asarray(Image.open(path).convert("RGB"))
 
 
+def sources(paths: list[Path], folder: Path) -> Iterator[tuple[str, NDArray[np.uint8]]]:
+    """Yield name and picture (h, w, 3) of photos and SVGs, and copy the SVGs to the folder."""
+    for path in paths:
+        if path.suffix != ".svg":
+            yield path.stem, np.asarray(Image.open(path).convert("RGB"))
+            continue
+        text = path.read_text()
+        (folder / path.name).write_text(text)
+        yield path.stem, np.round(255 * rasterize(text, SIDE, SIDE)).astype(np.uint8)
+
+
 def run(tree: Path, threads: int, folder: Path, name: str, family: str, given: list[str]) -> Run:
     """Run the command on a picture of the folder; refused settings score not a number."""
     stem = folder / f"{name}-{family}-{'-'.join(given)}"
+    kept = Path(f"{stem}.run.json")
+    if kept.exists():
+        return Run(**json.loads(kept.read_text()))
+    done = _run(tree, threads, folder, name, family, given, stem)
+    kept.write_text(json.dumps(vars(done)))
+    return done
+
+
+def _run(
+    tree: Path, threads: int, folder: Path, name: str, family: str, given: list[str], stem: Path
+) -> Run:
     report = Path(f"{stem}.json")
     command = [sys.executable, "-m", "gauss2svg", str(folder / f"{name}.png"), "-o", f"{stem}.svg"]
-    command += [*given, "--tune", "psnr", "--report", str(report), "--quiet", "--overwrite"]
+    command += [*given, "--report", str(report), "--quiet", "--overwrite"]
+    command += [] if family in LIMITS else ["--tune", "psnr"]
     command += ["--threads", str(threads)] if threads else []
     begun = time.perf_counter()
     with open(f"{stem}.txt", "w+") as errors:
@@ -112,11 +148,15 @@ def run(tree: Path, threads: int, folder: Path, name: str, family: str, given: l
     score = found["ssimulacra2_svg"] if family == "ssimulacra2" else found["psnr_svg"]
     if any("measured at" in note for note in found["notes"]):
         score = check(folder / f"{name}.png", Path(f"{stem}.svg")).psnr
-    limit = found["max_bytes"]
+    limit, enlarged = found["max_bytes"], np.nan
+    size = found["svgz_bytes" if family == "gzipped" else "svg_bytes"]
+    if (source := folder / f"{name}.svg").exists():
+        truth, svg = source.read_text(), Path(f"{stem}.svg").read_text()
+        enlarged = psnr(*(rasterize(text, UP * SIDE, UP * SIDE) for text in (svg, truth)))
     return Run(
         name, family, setting, np.inf if score is None else score,
-        None if limit is None else found["svg_bytes"] / limit, seconds, cpu, found["gaussians"],
-        found["stop_reason"],
+        None if limit is None else size / limit, seconds, cpu, found["gaussians"],
+        found["stop_reason"], size / 1000, enlarged,
     )  # fmt: skip
 
 
@@ -126,8 +166,31 @@ def steps_down(scores: list[float], most: float = np.inf) -> list[float]:
     return [max(0.0, max(known[: k + 1]) - after) for k, after in enumerate(known[1:])]
 
 
+def drawing_steps_down(runs: list[Run]) -> list[float]:
+    """Return how far each file is under the best smaller one, in dB beyond what is tolerated.
+
+    Under 42 dB files are compared at their own size, and from there on enlarged.
+    """
+    steps = []
+    for k, after in enumerate(runs[1:], 1):
+        best = max(min(r.score, SEEN_UP_TO) for r in runs[:k])
+        down = best - min(after.score, SEEN_UP_TO) - STEP
+        if after.score >= SEEN_UP_TO:
+            good = [r.enlarged for r in runs[:k] if r.score >= SEEN_UP_TO]
+            down = max(down, max(good, default=-np.inf) - after.enlarged - ENLARGED_STEP)
+        steps.append(max(down, 0.0))
+    return steps
+
+
 def row(runs: list[Run]) -> str:
     """The Markdown row of a picture and family."""
+    if runs[0].family in LIMITS:
+        cells = [
+            f"{r.score:.2f}" + ("" if np.isnan(r.enlarged) else f", {r.enlarged:.2f}")
+            + f" ({r.kilobytes:.1f} kB, {r.cpu:.0f} s)"
+            for r in runs
+        ]  # fmt: skip
+        return f"| {runs[0].picture} | {runs[0].family} | {' | '.join(cells)} |"
     cells = [
         "-" if np.isnan(r.score) else f"{r.score:.2f}" + (f" ({r.used:.1%})" if r.used else "")
         for r in runs
@@ -139,6 +202,8 @@ def row(runs: list[Run]) -> str:
 
 def summary(family: str, found: list[list[Run]]) -> str:
     """How often more is worse."""
+    if family in LIMITS:
+        return limits_summary(family, found)
     parts = []
     for most in (np.inf, DECIDED_BY_8_BITS):
         steps = [s for runs in found for s in steps_down([r.score for r in runs], most)]
@@ -147,6 +212,29 @@ def summary(family: str, found: list[list[Run]]) -> str:
     used = [r.used for runs in found for r in runs if r.used and r.stop_reason == "max_bytes"]
     share = f"; {min(used):.1%} used at least, {fmean(used):.1%} on average" if used else ""
     return f"{family}: {parts[0]}; up to {DECIDED_BY_8_BITS:g} dB {parts[1]}{share}"
+
+
+def limits_summary(family: str, found: list[list[Run]]) -> str:
+    """Return the means of drawings and photos over each limit, and their steps down."""
+    lines = []
+    for what, is_drawing in (("drawings", True), ("photos", False)):
+        chosen = [runs for runs in found if np.isnan(runs[0].enlarged) != is_drawing]
+        if not chosen:
+            continue
+        lines.append(f"{family}: mean of {len(chosen)} {what}: dB, dB enlarged, kB, CPU s")
+        for column in zip(*chosen, strict=True):
+            cells = [fmean(getattr(r, name) for r in column)
+                     for name in ("score", "enlarged", "kilobytes", "cpu")]  # fmt: skip
+            texts = " | ".join(f"{cell:.2f}" for cell in cells)
+            lines.append(f"| {column[0].setting} | {texts} |")
+        if is_drawing:
+            steps = [step for runs in chosen for step in drawing_steps_down(runs)]
+            count = sum(step > 0 for step in steps)
+        else:
+            steps = [step for runs in chosen for step in steps_down([r.score for r in runs])]
+            count = sum(step > STEP for step in steps)
+        lines.append(f"{count} of {len(steps)} steps down (most {max(steps):.2f} dB)")
+    return "\n".join(lines)
 
 
 def behind(limits: list[Run], grid: list[Run]) -> list[float]:
@@ -178,6 +266,7 @@ def main() -> None:
     parser.add_argument("--scales", default="1")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--tree", type=Path, default=Path(__file__).resolve().parents[1])
+    parser.add_argument("--keep", type=Path)
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     only = arguments.only and arguments.only.split(",")
@@ -186,8 +275,12 @@ def main() -> None:
         tempfile.TemporaryDirectory() as name,
         ThreadPoolExecutor(arguments.workers) as pool,
     ):
-        folder, chosen = Path(name), []
-        for title, pixels in pictures(arguments.photos):
+        folder, chosen = arguments.keep or Path(name), []
+        folder.mkdir(parents=True, exist_ok=True)
+        given = pictures(arguments.photos)
+        if found.keys() <= set(LIMITS):
+            given = sources(arguments.photos, folder)
+        for title, pixels in given:
             for scale in map(float, arguments.scales.split(",")):
                 if only and title not in only:
                     continue
