@@ -128,6 +128,9 @@ class FitConfig:
     extend      whether a fit takes twice the iterations where most are on reduced targets
     opaque      whether all opacities stay 1, which is shorter to write
     sparse      whether a long fit relocates no more often than a short one, which many steps need
+    enlarged    ratio of the target's size to that of the picture that it enlarges, 1 for none. The
+                last steps of such a fit reduce the error at both sizes, because ellipses that
+                fit an edge at one of them may overlap visibly at the other
     """
 
     gaussians: int = 5000
@@ -138,6 +141,7 @@ class FitConfig:
     extend: bool = False
     opaque: bool = False
     sparse: bool = False
+    enlarged: int = 1
 
     def __post_init__(self) -> None:
         whole_number("gaussians", self.gaussians, 0, MOST_GAUSSIANS)

@@ -18,7 +18,12 @@ from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import NewGaussians, first_falloff, place
 from gauss2svg.fit.saved import Saved, checks, whole
-from gauss2svg.fit.schedule import LARGEST_REDUCTION, reduction, refinement_reduction
+from gauss2svg.fit.schedule import (
+    LARGEST_REDUCTION,
+    enlarged_reduction,
+    reduction,
+    refinement_reduction,
+)
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import LossAndGradient, TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
@@ -136,6 +141,13 @@ class Population(Saved):
             return evaluated.error
         return self._photo.reduced(self.reduction).error_of(evaluated.rendered)
 
+    def evaluated_at(self, factor: int) -> LossAndGradient:
+        """Return the loss and its gradient on the target at 1 / factor the width and height."""
+        options = self.config.fit
+        splats = self.state.scaled(1 / factor, 1 / factor).splats(self.background, options.blend)
+        target = self._pyramid.reduced(factor)
+        return target.evaluate(splats, options.loss, options.ssim_weight)
+
     def reduce_to(self, factor: int, scale_moments: bool = False) -> None:
         """Change to the target of 1 / factor the width and height.
 
@@ -155,6 +167,8 @@ class Population(Saved):
     def reduction_of_round(self, total: int) -> int:
         """The factor by which a round that ends with `total` Gaussians reduces the target."""
         height, width = self._pyramid.pixels.shape[:2]
+        if self.config.enlarged > 1:
+            return enlarged_reduction(0.0, width, height)
         return reduction(total, width, height) if self.config.reduce else 1
 
     def reduction_at(self, done: float) -> int:
@@ -162,6 +176,8 @@ class Population(Saved):
 
         1 where the count adapts, for then it is decided by errors at full size.
         """
+        if self.config.enlarged > 1:
+            return enlarged_reduction(done, *self._pyramid.pixels.shape[1::-1])
         if not (self.config.reduce and self.config.gaussians):
             return 1
         height, width = self._pyramid.pixels.shape[:2]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from gauss2svg.errors import InputError, quoted
 
 LARGEST_REDUCTION = 8
+LARGEST_UNREDUCED = 640  # px of a side, of an enlarged target (docs/decisions/enlarged.md)
 
 
 @dataclass(frozen=True)
@@ -122,6 +123,15 @@ def refinement_reduction(done: float, gaussians: int, width: int, height: int) -
         if done < until and pixels >= TUNING.pixels_per_gaussian and fits:
             factor *= 2
     return factor
+
+
+def enlarged_reduction(done: float, width: int, height: int) -> int:
+    """Return the factor by which a fit to an enlarged picture divides width and height.
+
+    All but the last steps run at half the size where that is as large as most pictures.
+    """
+    is_large = max(width, height) > LARGEST_UNREDUCED
+    return 2 if is_large and done < TUNING.quantized_from else 1
 
 
 def steps_of(iterations: int, gaussians: int, width: int, height: int) -> int:

@@ -341,7 +341,9 @@ class FitSession(Saved):
         if not len(self.state) or self.guard.least == math.inf:
             return
         population = self.population
-        if self.config.fit.loss == DEFAULT_LOSS:  # without a gradient, in a third of the time
+        if (
+            self.config.fit.loss == DEFAULT_LOSS and self.config.enlarged == 1
+        ):  # without a gradient, in a third of the time
             loss = population.target.loss(population.splats())
         else:
             loss = self._evaluate(population.splats()).loss
@@ -394,8 +396,18 @@ class FitSession(Saved):
         return psnr_of(float(np.mean(self._errors)))
 
     def _evaluate(self, splats: Splats) -> LossAndGradient:
-        options = self.config.fit
-        return self.population.target.evaluate(splats, options.loss, options.ssim_weight)
+        """Return the loss and its gradient, in the last steps also of the picture's own size."""
+        options, times = self.config.fit, self.config.enlarged
+        found = self.population.target.evaluate(splats, options.loss, options.ssim_weight)
+        if times == 1 or not self._stage.quantized:
+            return found
+        # Gradients are in each shape's own frame, so that they add up over sizes.
+        own = self.population.evaluated_at(times)
+        return found._replace(
+            loss=(found.loss + times**2 * own.loss) / 2,
+            moments=(found.moments + times**2 * own.moments) / 2,
+            pairs=found.pairs + own.pairs,
+        )
 
     def _step(self, done: float) -> None:
         """Relocate if it is time, then one optimiser step, or a rollback."""

@@ -20,7 +20,7 @@ from gauss2svg.photo.load import ImageSource
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions
 from gauss2svg.pipeline.plan import MINIMAL_UP_TO, Plan
 from gauss2svg.pipeline.run import ProgressCallback, Run
-from gauss2svg.pipeline.search.by_bytes import ByBytes
+from gauss2svg.pipeline.search.drawing import search_by_bytes
 from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.pipeline.shown import watched
@@ -166,7 +166,7 @@ def placeholder(
         pixels = pixels_of(photo)
         with run.compiled():
             watch = Watch(report=run.notify, stop=run.stop)
-            found = ByBytes(plan, Subject.of(pixels, photo.full), watch, count).file()
+            found = search_by_bytes(plan, Subject.of(pixels, photo.full), watch, count).file()
     transparent = has_alpha(pixels)
     return Placeholder(found.svg, *photo.full, _mean_color(pixels), len(found.scene), transparent)
 

@@ -103,6 +103,7 @@ class Plan:
     by_bytes  whether the search plans every byte, else it is one by count
     covering  whether crisp shapes are fitted by how much of each pixel they cover, as those of a
               drawing are; False before the photo is read
+    has_edges  whether the photo is a drawing with antialiased edges; False before it is read
     Raises InputError or RendererError for options that exclude each other.
     """
 
@@ -110,6 +111,7 @@ class Plan:
     fit_side: int | None = None
     by_bytes: bool = False
     covering: bool = False
+    has_edges: bool = False
 
     def __post_init__(self) -> None:
         check_together(self.options)
@@ -131,7 +133,8 @@ class Plan:
         goal, usual = self.options.goal, self.options.svg.form == GRADIENT
         by_preset = goal.count is None and self.aim is None and not goal.is_budget
         usual &= self.options.fit.learned_falloff and not self.options.svg.portable
-        return dataclasses.replace(self, covering=by_preset and usual and has_edges(pixels))
+        edges = usual and has_edges(pixels)
+        return dataclasses.replace(self, covering=by_preset and edges, has_edges=edges)
 
     def check_renderer(self) -> None:
         """Raise RendererError if the measuring renderer is not installed."""
@@ -299,7 +302,8 @@ class Plan:
         if limit is None or self.aim is not None or run.checkpoint or run.resume:
             return [self]
         tuning, found = TUNING, list[Plan]()
-        by_bytes = asked != EDITABLE and self._may_be_by_bytes and limit <= tuning.by_bytes_up_to
+        up_to = math.inf if self.has_edges else tuning.by_bytes_up_to
+        by_bytes = asked != EDITABLE and self._may_be_by_bytes and limit <= up_to
         if by_bytes:
             found.append(self._search(MINIMAL, by_bytes=True))
         unasked_up_to = tuning.editable_is_closer * tuning.minimal_up_to

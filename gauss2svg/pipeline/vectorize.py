@@ -204,9 +204,9 @@ def _searches(
         watch = Watch(budget, report, run.stop)
         # Few runs need both.
         if one.by_bytes:
-            from gauss2svg.pipeline.search.by_bytes import ByBytes
+            from gauss2svg.pipeline.search.drawing import search_by_bytes
 
-            yield ByBytes(one, subject, watch)
+            yield search_by_bytes(one, subject, watch)
         else:
             from gauss2svg.pipeline.search.by_count import ByCount
 

@@ -20,6 +20,10 @@ from gauss2svg.raster import rasterize_like
 from gauss2svg.scene import Scene
 from gauss2svg.svg.format import SvgFormat
 
+# PSNR in dB up to which differences of a drawing can be seen at its own size
+# (docs/decisions/enlarged.md).
+SEEN_UP_TO = 42.0
+
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
@@ -30,7 +34,7 @@ class Outcome:
     format       of its file
     reached      its score, by the plan's aim; None without one
     corrections  how often the count was changed after the fit
-    enlarged     the drawing at twice its size, where its files show what that is
+    enlarged     the drawing enlarged, with which files are compared too; None for other pictures
     """
 
     plan: Plan
@@ -76,20 +80,27 @@ class Watch:
 
 
 def best_of(searches: Iterable[Search]) -> Outcome:
-    """The outcome whose file is closest to the photo, or to a drawing enlarged, with all costs.
+    """Return the closest outcome, with the costs of all.
 
-    Each is made when the one before has run, and none once one has been interrupted.
+    Photos are compared at the size at which they are measured. Drawings are compared so up to
+    SEEN_UP_TO, and enlarged beyond it. Each search begins when the one before has run, and none
+    once one has been interrupted or has a drawing that close, for only its shapes are crisp.
     """
     outcomes: list[Outcome] = []
     for search in searches:
         outcomes.append(search.run())
         del search  # its fit takes memory, which the next one needs
-        if outcomes[-1].fitted.stop_reason == "interrupted":
+        last = outcomes[-1]
+        is_close = last.enlarged is not None and last.measured.psnr_lowest >= SEEN_UP_TO
+        if is_close or last.fitted.stop_reason == "interrupted":
             break
     best = max(outcomes, key=lambda one: one.measured.psnr_lowest)
     large = next((one.enlarged for one in outcomes if one.enlarged is not None), None)
     if large is not None and len(outcomes) > 1:
-        best = min(outcomes, key=lambda one: _error(one, large))
+        best = max(
+            outcomes,
+            key=lambda one: (min(one.measured.psnr_lowest, SEEN_UP_TO), -_error(one, large)),
+        )
     fitted, last = best.fitted, outcomes[-1].fitted.stop_reason
     for other in outcomes:
         if other is not best:

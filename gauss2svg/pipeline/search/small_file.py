@@ -15,10 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gauss2svg.errors import InputError
+from gauss2svg.fit.losses import psnr_of
 from gauss2svg.measure.metrics import mean_squared_error
-from gauss2svg.photo.alpha import has_alpha, stacked
+from gauss2svg.photo.alpha import has_alpha, shrunk, stacked
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.recolor import recolored
+from gauss2svg.pipeline.search.outcome import SEEN_UP_TO
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
 from gauss2svg.render.cpu import splats_of
@@ -50,15 +52,28 @@ TUNING = GridTuning()
 
 @dataclass(frozen=True, eq=False)
 class SmallFile:
-    """A file, the scene that it draws on the photo's canvas, and its error at the working size.
+    """A file, the scene that it draws on the photo's canvas, and its error.
 
-    size  its bytes, as they are counted
+    error           mean squared error at the working size, of the raster once it is drawn
+    size            bytes, as they are counted
+    enlarged_error  mean squared error of the raster against the enlarged picture, NaN without one
     """
 
     svg: str
     scene: Scene
     error: float
     size: int
+    enlarged_error: float = math.nan
+
+
+def closeness(file: SmallFile) -> tuple[float, ...]:
+    """Return a key by which the closer of two files is the larger.
+
+    With an enlarged picture, differences at the working size count as far as they can be seen.
+    """
+    if math.isnan(file.enlarged_error):
+        return -file.error, -file.size
+    return min(psnr_of(file.error), SEEN_UP_TO), -file.enlarged_error, -file.size
 
 
 @dataclass(frozen=True)
@@ -80,10 +95,11 @@ class Writing:
 class SmallFiles:
     """Writes scenes as files of at most the bytes of a plan.
 
-    subject  its working picture is what files are compared with, and may be replaced by another
-    count    bytes of a file's text; None: of the file itself
-    covering whether plain ellipses are compared by how much of each pixel they cover
-    flat     the shortest file without Gaussians
+    subject   its working picture is what files are compared with
+    count     bytes of a file's text; None: of the file itself
+    covering  whether plain ellipses are compared by how much of each pixel they cover
+    flat      the shortest file without Gaussians
+    large     the working picture enlarged, None if it is not known
     Raises InputError where that has more bytes.
     """
 
@@ -97,6 +113,8 @@ class SmallFiles:
         assert plan.byte_limit is not None
         self._bytes = count or (lambda svg: len(file_bytes(svg, plan.counts_gzipped)))
         self._covering = covering
+        self.large: NDArray[np.float32] | None = None
+        self._planned: Subject | None = None  # by which colours are solved, if not by the subject
         self._plan, self.subject, self._limit = plan, subject, plan.byte_limit
         self._flat = [self._flat_file(digits) for digits in HEX_DIGITS]
         self.flat = min(self._flat, key=lambda file: file.size)
@@ -116,11 +134,24 @@ class SmallFiles:
         return self._bytes(minimal_svg(scene, 1, HEX_DIGITS[0], self.subject.document))
 
     def drawn(self, file: SmallFile) -> SmallFile:
-        """The file with the mean squared error of its raster at the working size."""
-        working = self.subject.working
-        raster = rasterize_like(file.svg, working, self._plan.options.run.renderer)
-        error = mean_squared_error(stacked(raster), stacked(working))
-        return dataclasses.replace(file, error=error)
+        """Return the file with the errors of its rasters."""
+        error = self._error(file, self.subject.working)
+        if self.large is None:
+            return dataclasses.replace(file, error=error)
+        enlarged_error = self._error(file, self.large)
+        return dataclasses.replace(file, error=error, enlarged_error=enlarged_error)
+
+    def _error(self, file: SmallFile, picture: NDArray[np.float32]) -> float:
+        """Return the mean squared error of the file's raster at the size of a picture."""
+        raster = rasterize_like(file.svg, picture, self._plan.options.run.renderer)
+        return mean_squared_error(stacked(raster), stacked(picture))
+
+    def enlarge(self, large: NDArray[np.float32]) -> None:
+        """Compare files with an enlarged picture too, and plan them by it at half its size."""
+        self.large = large
+        height, width = large.shape[:2]
+        picture = shrunk(large, height // 2, width // 2)
+        self._planned = dataclasses.replace(self.subject, working=picture)
 
     def of(
         self, fitted: Scene, writing: Writing, stop: Callable[[], bool]
@@ -129,10 +160,11 @@ class SmallFiles:
 
         None where no Gaussian is left. stop is polled before each grid but the first.
         """
-        width, height = self.subject.size
+        planned = self._planned or self.subject
+        width, height = planned.size
         scale = width / fitted.width, height / fitted.height
         splats = splats_of(fitted, scale, self._covering)
-        cost = self.subject.target(self._plan.tune).removal_cost(splats)[1][:, 0]
+        cost = planned.target(self._plan.tune).removal_cost(splats)[1][:, 0]
         order = np.argsort(-cost, kind="stable")
         best, whole = None, (len(fitted), self.flat.size)
         for grid in writing.grids:
@@ -150,12 +182,10 @@ class SmallFiles:
         self, fitted: Scene, order: NDArray[np.intp], unit: float, digits: int, writing: Writing
     ) -> tuple[SmallFile | None, int]:
         """The file of the first Gaussians of an order that fit, and the bytes of all of them."""
-        kept, whole = len(fitted), 0
+        kept, whole, picture = len(fitted), 0, (self._planned or self.subject).working
         while kept > 0:
             scene = minimal_rounded(fitted.select(np.sort(order[:kept])), unit, digits)
-            exact, error = recolored(
-                scene, self.subject.working, digits, writing.shared, self._covering
-            )
+            exact, error = recolored(scene, picture, digits, writing.shared, self._covering)
             file = self._file(exact, unit, digits, error)
             whole = whole or file.size
             if file.size <= self._limit:

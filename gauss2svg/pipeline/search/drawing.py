@@ -1,0 +1,248 @@
+"""The search for a drawing's file of limited bytes: ellipses that stay crisp when it is enlarged.
+
+    drawing -> four fits -> what they agree on, up to four times as large -> fits of more and more
+    ellipses, until the bytes are used or more no longer help -> the best of their files
+
+Of two files the closer one is better, at the drawing's own size as long as the difference can be
+seen there, and enlarged beyond that (`closeness`). The counts of the fits do not depend on the
+limit, but for the last one, so that a larger limit has the files of a smaller one to choose from.
+
+All constants: docs/decisions/enlarged.md.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gauss2svg.fit.losses import psnr_of
+from gauss2svg.photo.alpha import has_alpha
+from gauss2svg.pipeline.drawings import has_edges, is_drawing, is_shaded
+from gauss2svg.pipeline.plan import Plan
+from gauss2svg.pipeline.search.by_bytes import ByBytes, Recipe, nearest_exponents, reduced_to
+from gauss2svg.pipeline.search.enlarged import agreed, enlargement
+from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Watch
+from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, Writing, closeness
+from gauss2svg.pipeline.search.subject import Subject
+from gauss2svg.render import render, render_rgba
+from gauss2svg.render.cpu import kernel_lock
+from gauss2svg.scene import PLAIN, SOFT, Scene
+from gauss2svg.scene.falloff import MOST_BETA, RIM_WIDTH, covered_radius
+from gauss2svg.svg.minimal.shapes import HEX_DIGITS
+from gauss2svg.svg.plain_ellipse import drawn_beta
+from gauss2svg.svg.snap import with_falloffs
+
+OWN_SIDE = 512  # longest side in px of a drawing with edges that is enlarged
+FLAT_SIDE = 384  # longest side in px of the working picture of any other drawing
+LARGE_SIDE = 1024  # longest side in px of the reduced photo that takes the place of an enlargement
+ENLARGED_FROM = 2000  # bytes of a file from which a drawing is fitted enlarged
+STEPS, STEPS_OF_THIN = 600, 200
+THIN = 12  # px of a side, or shapes, under which a fit with half as many shapes is not tried
+AGREEING = (150, 300)  # shapes of the fits that enlarge a drawing
+AGREEING_LARGE = (300,)  # the same for drawings over 256 px, whose fits take longer
+OWN_UP_TO = 200  # shapes up to which fits at the drawing's own size are tried too
+FIRST_COUNT, GROWTH = 160, 1.6  # shapes of the first enlarged fit, and the ratio to the next
+LEAST_GAIN = 1.0  # dB of the enlarged picture for each doubling, under which growth ends
+SPARE = 1.03  # times the shapes that fit into the limit are fitted; the least useful are left out
+LEAST_SHARE = 3.0  # times fewer bytes of a shape than usual that can be
+WELL_USED = 0.97  # share of a limit under which one more fit is made
+SHARED = 0.1  # share of the squared error that colours in common may add
+COARSE_UNDER = 1100  # bytes under which a digit is a large part of a shape
+COARSE_GRIDS = (0.8, 1.2, 4.0, 8.0)
+GRIDS, FINE_GRIDS, FINE_FROM = (4.0, 8.0), (8.0, 16.0), 6000  # bytes
+SHADED_FROM = 6000  # bytes from which a drawing with shading has soft shapes beside ellipses
+SOFT_FROM = 4.0  # px of rim from which a shape of a shaded drawing is soft
+
+
+def search_by_bytes(
+    plan: Plan,
+    subject: Subject,
+    watch: Watch,
+    count: Callable[[str], int] | None = None,
+) -> ByBytes:
+    """Return the search that plans every byte: of a drawing if the photo is one.
+
+    Arguments and errors are those of ByBytes.
+    """
+    flat = is_drawing(subject.photo) and plan.options.fit.learned_falloff
+    return (DrawingByBytes if flat else ByBytes)(plan, subject, watch, count)
+
+
+class DrawingByBytes(ByBytes):
+    """A search for the best file of a drawing of at most the bytes of a plan."""
+
+    is_drawing = True
+
+    def file(self) -> SmallFile:
+        """Return the best file."""
+        best = self._files.without_gaussians()
+        if best.error < EXACT:
+            return best
+        self._each_shape = float(self._each[2])  # bytes, until files are measured
+        is_small = self._most_shapes() <= OWN_UP_TO
+        self._starts = 2 + (4 + len(list(self._ladder()))) * self._enlarges
+        with kernel_lock:
+            if is_small or not self._enlarges:
+                best = self._at_its_size(best)
+            if not self._enlarges:
+                return self._fewer(best)
+            large = self._large_subject()
+            if large is None:
+                return best
+            self._files.enlarge(large.working)
+            return self._grown(self._files.drawn(best), large, is_small)
+
+    @property
+    def _enlarged(self) -> NDArray[np.float32] | None:
+        return self._files.large
+
+    def _reduced(self, subject: Subject) -> Subject:
+        has_them = has_edges(subject.photo)
+        asked = self._plan.options.run.max_size
+        subject = reduced_to(subject, asked or (OWN_SIDE if has_them else FLAT_SIDE))
+        self._is_thin = min(subject.size) < THIN
+        self._enlarges = has_them and self._limit >= ENLARGED_FROM and not self._is_thin
+        self._times = enlargement(*subject.size)
+        return subject
+
+    def _recipe(self, init: str, grids: tuple[float, ...]) -> Recipe:
+        """Return how a fit begins, with soft shapes if the drawing is shaded, and is written."""
+        digits = HEX_DIGITS if self._limit < COARSE_UNDER else HEX_DIGITS[-1:]
+        shades = self._limit >= SHADED_FROM and is_shaded(self.subject.working)
+        steps = STEPS_OF_THIN if self._is_thin else STEPS
+        writing = Writing(self._each[2], grids, digits, SHARED)
+        return Recipe(init, 1.0, steps, self._exponents if shades else (), writing)
+
+    def _at_its_size(self, best: SmallFile) -> SmallFile:
+        """Return the best of a file and of those of two fits at the drawing's own size."""
+        grids = COARSE_GRIDS if self._limit < COARSE_UNDER else GRIDS
+        for init in ("selective", "error"):
+            if not self._stop():
+                best = self._tried(best, self._most_shapes(), self._recipe(init, grids))[0]
+        return best
+
+    def _tried(
+        self, best: SmallFile, count: int, recipe: Recipe, large: Subject | None = None
+    ) -> tuple[SmallFile, SmallFile | None]:
+        """Return the better of a file and of that of so many shapes, and the latter."""
+        scene = self._fit(count, recipe, large)
+        file, (_, size) = self._files.of(scene, recipe.writing, self._stop)
+        each = (size - self.flat.size) / count
+        if each >= recipe.writing.each / LEAST_SHARE:  # else most were written as nothing
+            self._each_shape = each
+        if file is None:
+            return best, None
+        file = self._files.drawn(file)
+        return max(best, file, key=closeness), file
+
+    def _fewer(self, best: SmallFile) -> SmallFile:
+        """Return the best of a file and of those of half as many shapes, as long as they win.
+
+        Edges that meet are drawn less exactly than they are fitted.
+        """
+        recipe = self._recipe("error", GRIDS)
+        fewer = 0 if self._is_thin else len(best.scene) // 2
+        while fewer >= THIN and not self._stop():
+            best, file = self._tried(best, fewer, recipe)
+            if file is not best:
+                break
+            fewer //= 2
+        return best
+
+    def _large_subject(self) -> Subject | None:
+        """Return the drawing enlarged, None if the search is stopped before it is.
+
+        A photo that is larger than its working picture has its own pixels.
+        """
+        own = self.subject
+        if own.size != own.canvas:
+            asked = self._plan.options.run.max_size
+            return reduced_to(own, min(asked or LARGE_SIDE, self._times * max(own.size)))
+        width, height = own.size
+        transparent, renders = has_alpha(own.working), []
+        for count in AGREEING if self._times > 2 else AGREEING_LARGE:
+            for init in ("selective", "error"):
+                if self._stop():
+                    return None
+                scene = self._fit(count, self._recipe(init, ()))
+                large = 4 * width, 4 * height
+                draw = render_rgba if transparent else render
+                renders.append(draw(scene, *large, covering=True))
+        return dataclasses.replace(own, working=agreed(own.working, renders, self._times))
+
+    def _ladder(self) -> Iterator[int]:
+        """Yield the counts of enlarged fits, the last of which depends on the limit."""
+        count = float(FIRST_COUNT)
+        while count * math.sqrt(GROWTH) < self._most_shapes():
+            yield round(count)
+            count *= GROWTH
+        yield self._most_shapes()
+
+    def _grown(self, best: SmallFile, large: Subject, is_small: bool) -> SmallFile:
+        """Return the best of a file and of those of more and more shapes, fitted enlarged."""
+        grids = FINE_GRIDS if self._limit >= FINE_FROM else GRIDS
+        recipe, before = self._recipe("selective", grids), None
+        for count in self._ladder():  # which sees what shapes take in the files so far
+            if self._stop():
+                return best
+            best, file = self._tried(best, count, recipe, large)
+            if before is not None and file is not None and _gains_little(before, file):
+                self._ended_by = "gain"
+                return best
+            before = file
+        is_filled = before is not None and before.size >= WELL_USED * self._limit
+        if (is_small or not is_filled) and not self._stop():
+            other = self._recipe("error" if is_small else "selective", grids)
+            best, _ = self._tried(best, self._most_shapes(), other, large)
+        return best
+
+    def _most_shapes(self) -> int:
+        """Return how many shapes to fit for the limit, by what they take in the last file."""
+        count = SPARE * max(self._limit - self.flat.size, 0) / self._each_shape
+        return int(min(max(count, 1), self._most, math.prod(self.subject.size)))
+
+    def _fit(
+        self,
+        count: int,
+        recipe: Recipe,
+        large: Subject | None = None,
+    ) -> Scene:
+        """Fit so many ellipses to the drawing, at its own size or enlarged, on its canvas."""
+        times = 1 if large is None else self._times
+
+        def as_written(scene: Scene, _: float) -> Scene:
+            return _crisp(scene, recipe.exponents, SOFT_FROM * times)
+
+        start = min(len(self.fits), self._starts - 1)
+        scene = self._fitted(count, recipe, as_written, start, self._starts, large, times)
+        # A plain ellipse of the area that was fitted, not of the contour of half height.
+        plain = scene.drawn == PLAIN
+        wider = covered_radius(scene.beta) / covered_radius(np.full(len(scene), MOST_BETA))
+        sigma = scene.sigma * np.where(plain, wider, 1.0)[:, None]
+        beta = np.where(plain, MOST_BETA, scene.beta)
+        scene = with_falloffs(scene.replace(beta=beta, sigma=sigma), beta)
+        return scene.replace(drawn=np.where(plain, PLAIN, SOFT))
+
+
+def _gains_little(before: SmallFile, after: SmallFile) -> bool:
+    """Whether more shapes brought the enlarged drawing hardly closer, where the own size is."""
+    if psnr_of(min(before.error, after.error)) < SEEN_UP_TO:
+        return False
+    gain = psnr_of(after.enlarged_error) - psnr_of(before.enlarged_error)
+    return gain < LEAST_GAIN * math.log2(len(after.scene) / max(len(before.scene), 1))
+
+
+def _crisp(scene: Scene, exponents: tuple[float, ...], soft_from: float) -> Scene:
+    """Return the scene with the nearest of these exponents, and all other shapes plain ellipses.
+
+    Plain are also shapes whose rim is an edge's, for small ones have no large exponents. They are
+    fitted by how much of each pixel they cover from here on.
+    """
+    beta, plain = nearest_exponents(scene, exponents)
+    plain |= RIM_WIDTH * scene.ellipse_axes[0][:, 1] / scene.beta < soft_from
+    beta[plain] = drawn_beta(scene, plain)
+    return with_falloffs(scene, beta).replace(drawn=np.where(plain, PLAIN, SOFT))
