@@ -216,12 +216,13 @@ def threads_given_back() -> Iterator[None]:
 def hasty(monkeypatch) -> None:
     """Fits of a few steps, for what says nothing of how close they come."""
     from gauss2svg.pipeline.presets import PRESETS
-    from gauss2svg.pipeline.search import by_bytes
+    from gauss2svg.pipeline.search import by_bytes, drawing
 
     for name, preset in PRESETS.items():
         monkeypatch.setitem(PRESETS, name, dataclasses.replace(preset, iterations=8, cap=60))
-    few = dataclasses.replace(by_bytes.TUNING, iterations=8, drawing_iterations=8)
+    few = dataclasses.replace(by_bytes.TUNING, iterations=8)
     monkeypatch.setattr(by_bytes, "TUNING", few)
+    monkeypatch.setattr(drawing, "STEPS", 8)
 
 
 @pytest.fixture

@@ -12,14 +12,15 @@ from gauss2svg.photo.alpha import over, shrunk, stacked
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search import by_bytes
-from gauss2svg.pipeline.search import enlarged as enlarging
-from gauss2svg.pipeline.search.by_bytes import ByBytes
-from gauss2svg.pipeline.search.enlarged import TUNING, enlarged, large_raster
-from gauss2svg.pipeline.search.outcome import Watch, best_of
+from gauss2svg.pipeline.search import drawing
+from gauss2svg.pipeline.search.drawing import search_by_bytes
+from gauss2svg.pipeline.search.enlarged import RASTER_TIMES, agreed
+from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Watch, best_of
+from gauss2svg.pipeline.search.small_file import SmallFile, closeness
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize
 
-SIDE, UP = 32, TUNING.times
+SIDE, UP = 32, RASTER_TIMES
 
 
 def disc(x=16.3, y=15.2, radius=9.6, alpha=False):
@@ -54,11 +55,11 @@ def misplaced(seed, alpha=False, count=3):
 
 def search(picture, limit, **given):
     options = Options.from_flat({"max_bytes": limit, **given})
-    return ByBytes(Plan(options, by_bytes=True), Subject.of(picture), Watch())
+    return search_by_bytes(Plan(options, by_bytes=True), Subject.of(picture), Watch())
 
 
 def by_pixel(picture, rasters):
-    """`enlarged` as its docstring says it, one value after the other."""
+    """`agreed` as its docstring says it, one value after the other."""
     times, (height, width, channels) = UP, picture.shape
     values = np.array(rasters, np.float64)
     start, spread = values.mean(axis=0), values.var(axis=0)
@@ -83,13 +84,13 @@ def by_pixel(picture, rasters):
 def test_an_enlarged_picture_is_what_the_formula_says(count):
     picture = pixels_of(disc())[4:14, 3:16]  # at the rim
     rasters = [r[4 * UP : 14 * UP, 3 * UP : 16 * UP] for r in misplaced(1, count=count)]
-    np.testing.assert_allclose(enlarged(picture, rasters), by_pixel(picture, rasters), atol=2e-5)
+    np.testing.assert_allclose(agreed(picture, rasters, 2), by_pixel(picture, rasters), atol=2e-5)
 
 
 @pytest.mark.parametrize("alpha", [False, True])
 def test_an_enlarged_picture_averages_to_the_picture(alpha):
     picture = pixels_of(disc(alpha=alpha))
-    large = enlarged(picture, misplaced(2, alpha))
+    large = agreed(picture, misplaced(2, alpha), 2)
     assert large.shape == (2 * SIDE, 2 * SIDE, picture.shape[2])
     small = shrunk(large, SIDE, SIDE)
     for background in (0.0, 1.0):
@@ -99,7 +100,7 @@ def test_an_enlarged_picture_averages_to_the_picture(alpha):
 @pytest.mark.parametrize("alpha", [False, True])
 def test_what_fits_show_truly_stays(alpha):
     truth = disc(alpha=alpha)
-    large = enlarged(pixels_of(truth), [truth, truth])
+    large = agreed(pixels_of(truth), [truth, truth], 2)
     assert psnr(stacked(large), stacked(shrunk(truth, 2 * SIDE, 2 * SIDE))) > 60
 
 
@@ -114,56 +115,42 @@ def test_an_enlarged_picture_is_closer_to_the_truth_than_each_fit_and_their_mean
 
     single = [score(shrunk(r, 2 * SIDE, 2 * SIDE)) for r in rasters]
     mean = np.mean([stacked(shrunk(r, 2 * SIDE, 2 * SIDE)) for r in rasters], axis=0)
-    found = score(enlarged(pixels_of(disc(alpha=alpha)), rasters))
+    found = score(agreed(pixels_of(disc(alpha=alpha)), rasters, 2))
     assert found > max(single) + 1
     assert found > psnr(mean, stacked(truth)) + 1
 
 
-def test_a_raster_is_four_times_as_large_and_has_the_alpha_of_the_picture():
-    svg = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 4"><path d="M0 0h4v4H0"/></svg>'
-    opaque, clear = (large_raster(svg, np.zeros((4, 8, n), np.float32), "resvg") for n in (3, 4))
-    assert opaque.shape == (16, 32, 3)
-    np.testing.assert_array_equal(clear[:, :, 3], np.repeat([[1.0] * 16 + [0.0] * 16], 16, axis=0))
-
-
 @pytest.mark.sweep
 @pytest.mark.parametrize("clear", [False, True])
-def test_a_small_file_of_a_drawing_is_closer_when_it_is_enlarged(monkeypatch, clear):
-    truth = sign(48)
-    if clear:
-        truth = np.dstack([truth, truth.min(axis=2) < 0.9]).astype(np.float32)
-    picture = pixels_of(truth)
-    now = search(picture, 4000).file()
-    monkeypatch.setattr(enlarging, "TUNING", dataclasses.replace(TUNING, up_to=0))
-    before = search(picture, 4000).file()
+def test_the_file_of_a_drawing_is_closer_when_it_is_enlarged(monkeypatch, clear):
+    """Than the best file that is fitted at the drawing's own size alone, in the mean of three."""
 
-    def score(file, at):
-        side = at.shape[0]
-        shown = rasterize(file.svg, side, side)
-        return psnr(shown, over(at))
+    def drawn(side):
+        truth = sign(side)
+        return np.dstack([truth, truth.min(axis=2) < 0.9]).astype(np.float32) if clear else truth
 
-    assert now.size <= 4000
-    assert score(now, truth) > score(before, truth) + 1
-    assert score(now, picture) > score(before, picture) - 3
+    def scores():
+        for truth in map(drawn, (44, 48, 52)):
+            file = search(pixels_of(truth), 4000).file()
+            assert file.size <= 4000
+            yield psnr(rasterize(file.svg, *truth.shape[:2]), over(truth))
+
+    enlarged = np.mean(list(scores()))
+    monkeypatch.setattr(drawing, "ENLARGED_FROM", np.inf)
+    assert enlarged > np.mean(list(scores())) + 1
 
 
-def fits_enlarged(monkeypatch, picture, limit, **given):
-    """Sizes of the pictures that a search fits."""
-    sizes, session = [], by_bytes.FitSession
+def fits(monkeypatch, picture, limit, **given):
+    """Size of the picture, and number of shapes, of each fit of a search."""
+    fitted, session = [], by_bytes.FitSession
 
-    def spied(pixels, *rest, **named):
-        sizes.append(pixels.shape[1::-1])
-        return session(pixels, *rest, **named)
+    def spied(pixels, config, **named):
+        fitted.append((pixels.shape[1::-1], config.gaussians))
+        return session(pixels, config, **named)
 
     monkeypatch.setattr(by_bytes, "FitSession", spied)
     search(picture, limit, iterations=4, **given).file()
-    return sizes
-
-
-def test_a_small_drawing_is_fitted_once_more_at_twice_its_size(monkeypatch):
-    sizes = fits_enlarged(monkeypatch, small_sign(), 2500)
-    assert sizes[-1] == (128, 128)
-    assert set(sizes[:-1]) == {(64, 64)}
+    return fitted
 
 
 def small_sign():
@@ -175,39 +162,69 @@ def large_sign():
 
 
 @pytest.mark.parametrize(
+    ("picture", "sizes"),
+    [(small_sign, {(64, 64), (256, 256)}), (large_sign, {(260, 260), (520, 520)})],
+)
+def test_a_drawing_is_fitted_enlarged(monkeypatch, picture, sizes):
+    assert {size for size, _ in fits(monkeypatch, picture(), 2500)} == sizes
+
+
+def test_the_enlarged_fits_of_a_larger_limit_begin_with_the_same_counts(monkeypatch):
+    monkeypatch.setattr(drawing, "LEAST_GAIN", -np.inf)
+    small, large = (
+        [count for size, count in fits(monkeypatch, small_sign(), limit) if size == (256, 256)]
+        for limit in (20_000, 60_000)
+    )
+    assert len(large) > len(small) > 2
+    assert large[: len(small) - 2] == small[:-2]
+
+
+def test_shapes_that_help_no_longer_are_not_added():
+    outcome = search(small_sign(), 90_000).run()
+    assert outcome.fitted.stop_reason == "gain"
+    assert outcome.measured.svg_bytes < 45_000
+    assert outcome.measured.psnr_svg > SEEN_UP_TO
+
+
+@pytest.mark.parametrize(
     ("picture", "limit", "given"),
     [
         (small_sign, 1900, {}),
-        (small_sign, 2500, {"max_size": 60}),
-        (large_sign, 2500, {}),
         (lambda: sign(16), 2500, {}),  # three colours, of whole pixels
         (lambda: shrunk((data.astronaut() / 255).astype(np.float32), 64, 64), 2500, {}),
     ],
-    ids=["few bytes", "reduced", "large", "few colours", "photo"],
+    ids=["few bytes", "few colours", "photo"],
 )
 def test_other_pictures_are_fitted_at_their_size(monkeypatch, picture, limit, given):
-    sizes = fits_enlarged(monkeypatch, picture(), limit, **given)
-    assert len(set(sizes)) == 1
+    assert len({size for size, _ in fits(monkeypatch, picture(), limit, **given)}) == 1
 
 
-def test_of_two_searches_the_file_that_is_closer_to_the_enlarged_drawing_is_kept():
-    """The other is closer at the drawing's own size."""
+def test_of_two_files_the_closer_one_is_better_enlarged_where_the_own_size_shows_no_difference():
+    def file(own, enlarged):
+        return SmallFile("", None, 10 ** (-own / 10), 0, 10 ** (-enlarged / 10))
+
+    order = [file(39, 39), file(40, 36), file(SEEN_UP_TO, 35), file(50, 36), file(43, 37)]
+    assert sorted(order[::-1], key=closeness) == order
+
+
+class Given:
+    """A search that has run."""
+
+    def __init__(self, outcome):
+        self.run = lambda: outcome
+
+
+def test_of_two_searches_the_closer_file_is_kept():
     outcome = search(small_sign(), 3000, iterations=20).run()
     assert outcome.enlarged is not None
+    assert outcome.measured.psnr_lowest < SEEN_UP_TO
+    blank = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"/>'
     other = dataclasses.replace(
-        outcome,
-        enlarged=None,
-        svg='<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 8 8"/>',
-        measured=SimpleNamespace(psnr_lowest=99.0),
+        outcome, enlarged=None, svg=blank, measured=SimpleNamespace(psnr_lowest=99.0)
     )
-
-    class Given:
-        def __init__(self, one):
-            self.run = lambda: one
-
-    assert best_of([Given(outcome), Given(other)]).svg == outcome.svg
-    without = dataclasses.replace(outcome, enlarged=None)
-    assert best_of([Given(without), Given(other)]).svg == other.svg
+    crisp = dataclasses.replace(outcome, measured=SimpleNamespace(psnr_lowest=SEEN_UP_TO + 0.1))
+    assert best_of([Given(outcome), Given(other)]).svg == blank
+    assert best_of([Given(crisp), Given(other)]).svg == outcome.svg
 
 
 def test_the_file_of_an_enlarged_drawing_is_measured_against_the_drawing():

@@ -1,6 +1,5 @@
 """Laws of small files, of which every byte is planned."""
 
-import dataclasses
 import json
 
 import numpy as np
@@ -16,8 +15,8 @@ from gauss2svg.pipeline.drawings import is_shaded, outline_bytes
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.recolor import recolored
-from gauss2svg.pipeline.search import by_bytes
-from gauss2svg.pipeline.search.by_bytes import ByBytes
+from gauss2svg.pipeline.search import drawing
+from gauss2svg.pipeline.search.drawing import search_by_bytes
 from gauss2svg.pipeline.search.outcome import Watch
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
@@ -68,7 +67,7 @@ def shaded(side=64):
 def search(picture, limit, **given):
     """A search for a file of so many bytes."""
     options = Options.from_flat({"max_bytes": limit, **given})
-    return ByBytes(Plan(options, by_bytes=True), Subject.of(picture), Watch())
+    return search_by_bytes(Plan(options, by_bytes=True), Subject.of(picture), Watch())
 
 
 def matched(picture, limit, steps=STEPS, **given):
@@ -350,8 +349,7 @@ def test_shading_in_a_drawing_does_not_fall_into_bands(monkeypatch):
     soft = matched(shaded(), 6000)[1].scene
     assert (soft.drawn == PLAIN).any()
     assert (soft.drawn == SOFT).any()
-    tuning = dataclasses.replace(by_bytes.TUNING, soft_from=np.inf)
-    monkeypatch.setattr(by_bytes, "TUNING", tuning)
+    monkeypatch.setattr(drawing, "SOFT_FROM", np.inf)
     crisp = matched(shaded(), 6000)[1].scene
     assert (crisp.drawn == PLAIN).all()
     assert evenness(soft) < 0.6 * evenness(crisp)
