@@ -8,6 +8,7 @@ import pytest
 import torch
 from conftest import random_scene
 from flat import choices, fit_config, fit_in
+from skimage import data
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
@@ -162,10 +163,17 @@ def test_relocation_moves_the_least_useful_and_raises_psnr(photo, monkeypatch):
 
 
 @pytest.mark.sweep
-def test_learning_rate_decay_raises_psnr(photo, monkeypatch):
-    shrinking = quality_of(photo, gaussians=800, iterations=120)
+def test_learning_rate_decay_raises_psnr(monkeypatch):
+    names = ("astronaut", "chelsea", "coffee", "rocket")
+    centers = [np.float32(getattr(data, name)()[20:276:4, 100:356:4]) / 255 for name in names]
+
+    def mean_psnr():
+        return np.mean([quality_of(part, gaussians=400, iterations=300) for part in centers])
+
+    shrinking = mean_psnr()
     monkeypatch.setattr("gauss2svg.fit.schedule.rate", lambda *_: 1.0)
-    assert shrinking > quality_of(photo, gaussians=800, iterations=120) + 0.1
+    # Over four CPUs 0.16 to 0.19 dB, and -0.05 to 0.41 dB for one photo.
+    assert shrinking > mean_psnr() + 0.05
 
 
 def test_background_is_a_colour_that_can_be_written(photo):
