@@ -36,6 +36,13 @@ LOSSES, PLACEMENTS, SCHEDULES = choices("loss"), choices("init"), choices("sched
 OVER = blending("over")
 
 
+@pytest.fixture(scope="module")
+def centers() -> list[np.ndarray]:
+    """Parts of four photos, 64 x 64 px."""
+    names = ("astronaut", "chelsea", "coffee", "rocket")
+    return [np.float32(getattr(data, name)()[20:276:4, 100:356:4]) / 255 for name in names]
+
+
 def quality_of(pixels, **options) -> float:
     return metrics.psnr(render(fit(pixels, fit_config(**options)).scene), pixels)
 
@@ -71,11 +78,15 @@ def test_every_placement_and_schedule_fits_the_photo(photo, placement, schedule)
 
 
 @pytest.mark.sweep
-def test_ssim_in_the_loss_raises_ssim(photo):
+def test_ssim_in_the_loss_raises_ssim(centers):
     plain, with_ssim = (
-        render(fit(photo, fit_config(300, 100, loss=loss)).scene) for loss in ("mse", "mse+ssim")
-    )
-    assert metrics.ssim(with_ssim, photo) > metrics.ssim(plain, photo) + 0.008
+        np.mean([
+            metrics.ssim(render(fit(part, fit_config(100, 100, loss=loss)).scene), part)
+            for part in centers
+        ])
+        for loss in ("mse", "mse+ssim")
+    )  # fmt: skip
+    assert with_ssim > plain + 0.008  # 0.013 to 0.014 over four CPUs
 
 
 @pytest.mark.usefixtures("threads_given_back")
@@ -163,10 +174,7 @@ def test_relocation_moves_the_least_useful_and_raises_psnr(photo, monkeypatch):
 
 
 @pytest.mark.sweep
-def test_learning_rate_decay_raises_psnr(monkeypatch):
-    names = ("astronaut", "chelsea", "coffee", "rocket")
-    centers = [np.float32(getattr(data, name)()[20:276:4, 100:356:4]) / 255 for name in names]
-
+def test_learning_rate_decay_raises_psnr(centers, monkeypatch):
     def mean_psnr():
         return np.mean([quality_of(part, gaussians=400, iterations=300) for part in centers])
 
