@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from decimal import ROUND_HALF_UP, Decimal
 
 from gauss2svg.measure.scores import NONE, SPACE
 
@@ -41,5 +42,6 @@ def seconds(value: float | None) -> str:
 
 def _three_digits(value: float) -> str:
     decimals = 2 if value < 9.995 else 1 if value < 99.95 else 0
-    text = f"{value:.{decimals}f}"
-    return text if decimals else f"{round(value):,}".replace(",", SPACE)
+    # Ties are rounded up, as by the scripts of pages: 2625 B are 2.63 kB.
+    rounded = Decimal(float(value)).quantize(Decimal(1).scaleb(-decimals), ROUND_HALF_UP)
+    return f"{rounded:,}".replace(",", SPACE)

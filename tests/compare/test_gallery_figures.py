@@ -155,6 +155,7 @@ NARROW = "\N{NARROW NO-BREAK SPACE}"
         (numbers.size, 0, "0 B"), (numbers.size, 999, "999 B"), (numbers.size, 999.4, "999 B"),
         (numbers.size, 999.5, "1.00 kB"), (numbers.size, 1000, "1.00 kB"),
         (numbers.size, 9994, "9.99 kB"), (numbers.size, 9995, "10.0 kB"),
+        (numbers.size, 2625, "2.63 kB"), (numbers.size, 1125, "1.13 kB"),  # ties, as of scripts
         (numbers.size, 58_345, "58.3 kB"), (numbers.size, 99_949, "99.9 kB"),
         (numbers.size, 99_950, "100 kB"), (numbers.size, 999_499, "999 kB"),
         (numbers.size, 999_500, "1.00 MB"), (numbers.size, 1_680_000, "1.68 MB"),

