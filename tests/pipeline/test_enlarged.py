@@ -11,8 +11,7 @@ from gauss2svg.measure.metrics import psnr
 from gauss2svg.photo.alpha import over, shrunk, stacked
 from gauss2svg.pipeline.options import Options
 from gauss2svg.pipeline.plan import Plan
-from gauss2svg.pipeline.search import by_bytes
-from gauss2svg.pipeline.search import drawing
+from gauss2svg.pipeline.search import by_bytes, drawing
 from gauss2svg.pipeline.search.drawing import search_by_bytes
 from gauss2svg.pipeline.search.enlarged import RASTER_TIMES, agreed
 from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Watch, best_of
@@ -204,7 +203,7 @@ def test_of_two_files_the_closer_one_is_better_enlarged_where_the_own_size_shows
         return SmallFile("", None, 10 ** (-own / 10), 0, 10 ** (-enlarged / 10))
 
     order = [file(39, 39), file(40, 36), file(SEEN_UP_TO, 35), file(50, 36), file(43, 37)]
-    assert sorted(order[::-1], key=closeness) == order
+    assert sorted(reversed(order), key=closeness) == order
 
 
 class Given:

@@ -49,7 +49,6 @@ FIRST_COUNT, GROWTH = 160, 1.6  # shapes of the first enlarged fit, and the rati
 LEAST_GAIN = 1.0  # dB of the enlarged picture for each doubling, under which growth ends
 SPARE = 1.03  # times the shapes that fit into the limit are fitted; the least useful are left out
 LEAST_SHARE = 3.0  # times fewer bytes of a shape than usual that can be
-WELL_USED = 0.97  # share of a limit under which one more fit is made
 SHARED = 0.1  # share of the squared error that colours in common may add
 COARSE_UNDER = 1100  # bytes under which a digit is a large part of a shape
 COARSE_GRIDS = (0.8, 1.2, 4.0, 8.0)
@@ -84,7 +83,7 @@ class DrawingByBytes(ByBytes):
             return best
         self._each_shape = float(self._each[2])  # bytes, until files are measured
         is_small = self._most_shapes() <= OWN_UP_TO
-        self._starts = 2 + (4 + len(list(self._ladder()))) * self._enlarges
+        self._starts = 2 + (5 + len(list(self._ladder()))) * self._enlarges
         with kernel_lock:
             if is_small or not self._enlarges:
                 best = self._at_its_size(best)
@@ -94,7 +93,7 @@ class DrawingByBytes(ByBytes):
             if large is None:
                 return best
             self._files.enlarge(large.working)
-            return self._grown(self._files.drawn(best), large, is_small)
+            return self._grown(self._files.drawn(best), large)
 
     @property
     def _enlarged(self) -> NDArray[np.float32] | None:
@@ -182,22 +181,29 @@ class DrawingByBytes(ByBytes):
             count *= GROWTH
         yield self._most_shapes()
 
-    def _grown(self, best: SmallFile, large: Subject, is_small: bool) -> SmallFile:
-        """Return the best of a file and of those of more and more shapes, fitted enlarged."""
+    def _grown(self, best: SmallFile, large: Subject) -> SmallFile:
+        """Return the best of a file and of those of more and more shapes, fitted enlarged.
+
+        The last count is fitted from both placements, because a single fit ends up to a decibel
+        better or worse by chance.
+        """
         grids = FINE_GRIDS if self._limit >= FINE_FROM else GRIDS
-        recipe, before = self._recipe("selective", grids), None
+        recipe, file, idle, count = self._recipe("selective", grids), None, 0, 0
         for count in self._ladder():  # which sees what shapes take in the files so far
             if self._stop():
                 return best
-            best, file = self._tried(best, count, recipe, large)
-            if before is not None and file is not None and _gains_little(before, file):
-                self._ended_by = "gain"
-                return best
             before = file
-        is_filled = before is not None and before.size >= WELL_USED * self._limit
-        if (is_small or not is_filled) and not self._stop():
-            other = self._recipe("error" if is_small else "selective", grids)
-            best, _ = self._tried(best, self._most_shapes(), other, large)
+            best, file = self._tried(best, count, recipe, large)
+            if before is None or file is None:
+                continue
+            idle = idle + 1 if _gains_little(before, file) else 0
+            if idle > (psnr_of(best.error) < SEEN_UP_TO):  # there one fit may end badly by chance
+                self._ended_by, count = "gain", max(len(best.scene), 1)
+                break
+        else:
+            count = self._most_shapes()
+        if not self._stop():
+            best, _ = self._tried(best, count, self._recipe("error", grids), large)
         return best
 
     def _most_shapes(self) -> int:
@@ -229,11 +235,11 @@ class DrawingByBytes(ByBytes):
 
 
 def _gains_little(before: SmallFile, after: SmallFile) -> bool:
-    """Whether more shapes brought the enlarged drawing hardly closer, where the own size is."""
-    if psnr_of(min(before.error, after.error)) < SEEN_UP_TO:
-        return False
-    gain = psnr_of(after.enlarged_error) - psnr_of(before.enlarged_error)
-    return gain < LEAST_GAIN * math.log2(len(after.scene) / max(len(before.scene), 1))
+    """Whether more shapes bring a drawing hardly closer, at its own size or enlarged."""
+    own = [min(psnr_of(file.error), SEEN_UP_TO) for file in (before, after)]
+    enlarged = [psnr_of(file.enlarged_error) for file in (before, after)]
+    least = LEAST_GAIN * math.log2(len(after.scene) / max(len(before.scene), 1))
+    return max(own[1] - own[0], enlarged[1] - enlarged[0]) < least
 
 
 def _crisp(scene: Scene, exponents: tuple[float, ...], soft_from: float) -> Scene:
