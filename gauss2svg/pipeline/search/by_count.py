@@ -246,9 +246,9 @@ class ByCount:
 
     def _cap_now(self) -> Cap:
         """The largest count, also by the bytes of the last export."""
-        session, model = self._session, self._corrections.made[-1].model
-        now = Snapshot(len(session.state), 1.0, lambda: model, session.scene)
-        return self._growth.by_bytes(now, session)
+        session, last = self._session, self._corrections.made[-1]
+        now = Snapshot(len(session.state), 1.0, lambda: last.model, session.scene)
+        return self._growth.by_bytes(now, session, last.size)
 
     def _calibrate(self, best: Export, measured: RoundTrip, reached: float | None) -> bool:
         """Correct the scores by that against the reference; False if there is no need."""

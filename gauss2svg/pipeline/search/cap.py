@@ -137,10 +137,11 @@ class Growth:
             cap = fewest(cap, Cap(most, "time_limit"))
         return dataclasses.replace(limits, cap=cap.gaussians, cap_named=cap.name)
 
-    def by_bytes(self, now: Snapshot, session: FitSession) -> Cap:
-        """The largest count so far, or the one that fills the limit of bytes.
+    def by_bytes(self, now: Snapshot, session: FitSession, size: int | None = None) -> Cap:
+        """Return the largest count so far, or the one that fills the limit of bytes.
 
-        Before the last steps a few more than that, of which some go.
+        Before the last steps it is a little more than that, because some shapes go.
+        size  bytes of the scene's file, once it has been written
         """
         limit, exporter = self._plan.byte_limit, self._exporter
         refining = now.done > schedule.TUNING.growth_share
@@ -161,7 +162,7 @@ class Growth:
             psnr = now.psnr
             if session.population.reduction > 1:
                 psnr = psnr_of(session.population.error())
-            self._bytes_each = (1 + to_come) * exporter.bytes_each(now.scene(), psnr, room)
+            self._bytes_each = (1 + to_come) * exporter.bytes_each(now.scene(), psnr, room, size)
         return fewest(self.cap, Cap(int(room / self._bytes_each), "max_bytes"))
 
     def _by_time(self, now: Snapshot, most: int, session: FitSession) -> int:

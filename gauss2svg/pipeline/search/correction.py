@@ -25,7 +25,7 @@ class CorrectionTuning:
     nearly_full       the same after one correction
     too_large         times the allowed bytes from which a fit is corrected; fewer are lost by
                       pruning
-    pruned            dB for each halving of a file by pruning alone
+    pruned            dB for each halving of the count by pruning alone
     less_than_enough  dB under the preset's PSNR up to which there is no correction; with the next
                       one less than the presets lie apart, so that none ends under a cheaper one
     far_more          dB over the preset's PSNR up to which there is no correction
@@ -42,8 +42,8 @@ class CorrectionTuning:
     """
 
     full: float = 0.985
-    nearly_full: float = 0.96
-    too_large: float = 1.02
+    nearly_full: float = 0.97
+    too_large: float = 1.1
     pruned: float = 8.0
     less_than_enough: float = 0.8
     far_more: float = 3.0
@@ -100,7 +100,7 @@ class Corrections:
             return Correction(few if lacking and room else 0, stop_reason)
         if self._limit is not None:
             if last.size > TUNING.too_large * self._limit:
-                return Correction(min(cap.gaussians, count - 1), "max_bytes")
+                return Correction(min(self._filling(cap), count - 1), "max_bytes")
             if last.size > self._limit and aim is None:  # a few are pruned
                 return Correction(count, "max_bytes")
         wanted, slope = count, self._slope(usual_slope)
@@ -121,8 +121,18 @@ class Corrections:
         last = self.made[-1]
         share = TUNING.full if len(self.made) < 2 else TUNING.nearly_full
         full = last.size > share * limit or last.model >= self._plan.enough
-        wanted = count if full else min(4 * count, cap.gaussians)
+        wanted = count if full else min(4 * count, self._filling(cap))
         return Correction(wanted, cap.name if wanted > count else stop_reason)
+
+    def _filling(self, cap: Cap) -> int:
+        """Return the count that fills the limit of bytes, between files on both sides of it."""
+        assert self._limit is not None
+        below = max((e for e in self.made if e.size <= self._limit), key=_size, default=None)
+        above = min((e for e in self.made if e.size > self._limit), key=_size, default=None)
+        if below is None or above is None or len(below.scene) >= len(above.scene):
+            return cap.gaussians
+        share = (self._limit - below.size) / (above.size - below.size)
+        return int(len(below.scene) + share * (len(above.scene) - len(below.scene)))
 
     def _enough(self, count: int, cap: Cap, stop_reason: str, slope: float) -> Correction:
         """Count for the preset's PSNR."""
@@ -164,9 +174,17 @@ class Corrections:
         return min(max(slope, least), most)
 
     def _pruning(self, export: Export) -> float:
-        """About what pruning an export to its bytes costs, in dB."""
-        over = export.size / self._limit if self._limit else 0.0
-        return TUNING.pruned * math.log2(over) if over > 1 else 0.0
+        """Return about what pruning an export to its bytes costs, in dB."""
+        if not self._limit or export.size <= self._limit:
+            return 0.0
+        count = len(export.scene)
+        kept = count * self._limit / export.size
+        below = [e for e in self.made if e.size <= self._limit and len(e.scene) < count]
+        if below:  # where masks give way to gradients a shape takes several times the usual bytes
+            nearest = max(below, key=_size)
+            share = (self._limit - nearest.size) / (export.size - nearest.size)
+            kept = len(nearest.scene) + share * (count - len(nearest.scene))
+        return TUNING.pruned * math.log2(count / max(kept, 1))
 
     def best(self) -> Export:
         """The smallest file that meets every target, else the nearest one."""
@@ -181,6 +199,10 @@ class Corrections:
             return max(small, key=lambda e: e.model - self._pruning(e))
         enough, tuning = self._plan.enough, TUNING
         return _nearest(small, lambda e: e.model - enough, tuning.less_than_enough, tuning.far_more)
+
+
+def _size(export: Export) -> int:
+    return export.size
 
 
 def _nearest(

@@ -30,22 +30,7 @@ from gauss2svg.svg.minimal.write import minimal_svg
 from gauss2svg.svg.plain_ellipse import is_plain
 from gauss2svg.svg.write import in_file_order, ordered_svg, write_svg
 
-
-@dataclass(frozen=True)
-class ExportTuning:
-    """How a scene is cut to a limit of bytes (docs/decisions/markup.md).
-
-    spare_masks   soft shapes fewer than may be drawn under masks, which a fit aims at: a few plain
-                  ones may become soft in the last steps
-    kept_at_once  share of the Gaussians that is kept at least at once, where fewer may be drawn in
-                  another way
-    """
-
-    spare_masks: int = 8
-    kept_at_once: float = 0.98
-
-
-TUNING = ExportTuning()
+FILLED = 0.995  # share of a limit of bytes from which a file needs no more Gaussians
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,25 +56,35 @@ class Export:
         return len(file_bytes(self.svg, self.gzipped))
 
     def pruned_to(self, limit: int, empty: int, target: Target) -> Export:
-        """The export without its least useful Gaussians, so that it has at most `limit` bytes.
+        """Return the export with as many of its most useful Gaussians as `limit` bytes allow.
 
-        Useful ones reduce the error against the target as it weights it. The rest is not refined.
-        A file without any has `empty` bytes.
+        Useful are those whose removal would raise the weighted error against the target most. The
+        others are not refined. A file without any Gaussians has `empty` bytes.
         """
-        export = self
-        while export.size > limit and len(export.scene):
-            scene = export.scene
-            factors = target.width / scene.width, target.height / scene.height
-            cost = target.removal_cost(splats_of(scene.scaled(*factors)))[1][:, 0]
-            share = max(limit - empty, 0) / (export.size - empty)
-            if export.format.markup == MINIMAL:
-                share = max(share, TUNING.kept_at_once)
-            kept = min(len(scene) - 1, int(len(scene) * share))
-            scene = scene.select(np.sort(np.argsort(-cost, kind="stable")[:kept]))
-            scene = in_file_order(scene, export.format, export.document)
-            svg = ordered_svg(scene, export.format, export.document)
-            export = dataclasses.replace(export, scene=scene, svg=svg, score=math.nan)
-        return export
+        if self.size <= limit or not len(self.scene):
+            return self
+        scene = self.scene
+        factors = target.width / scene.width, target.height / scene.height
+        cost = target.removal_cost(splats_of(scene.scaled(*factors)))[1][:, 0]
+        order = np.argsort(-cost, kind="stable")
+        fewer, more = (0, empty), (len(scene), self.size)  # count and bytes, on both sides
+        best = None
+        while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
+            share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
+            kept = int(fewer[0] + share * (more[0] - fewer[0]))
+            kept = min(max(kept, fewer[0] + (fewer[0] > 0)), more[0] - 1)
+            export = self._of(order[:kept])
+            if export.size > limit and kept:
+                more = kept, export.size
+            else:
+                fewer, best = (kept, export.size), export
+        return best
+
+    def _of(self, index: NDArray[np.intp]) -> Export:
+        """Return the export of some of the Gaussians, not rasterised."""
+        scene = in_file_order(self.scene.select(np.sort(index)), self.format, self.document)
+        svg = ordered_svg(scene, self.format, self.document)
+        return dataclasses.replace(self, scene=scene, svg=svg, score=math.nan)
 
 
 class Exporter:
@@ -127,17 +122,25 @@ class Exporter:
         """The SVG of a scene on the working canvas whose colours are not quantised yet."""
         return self._written(self.quantized(scene, psnr), self._format_at(psnr))
 
-    def bytes_each(self, scene: Scene, psnr: float, room: float) -> float:
-        """Bytes of each shape where so many bytes are filled by more or fewer such shapes.
+    def bytes_each(self, scene: Scene, psnr: float, room: float, size: int | None = None) -> float:
+        """Return the bytes of each shape where more or fewer such shapes fill so many bytes.
 
-        A minimal file draws some hundred soft shapes under masks and more by gradients, which are
-        longer: where the limit lies between, it has as many as masks draw.
+        size  bytes of the scene's file if it has been written, by which the estimate is scaled
+
+        A minimal file draws some hundred soft shapes under masks, which are short. The more there
+        are, the more of them it draws by gradients.
         """
         quantized, written = self.quantized(scene, psnr), self._format_at(psnr)
 
+        scale = 1.0
+
         def each(svg: str) -> float:
             more = len(file_bytes(svg, self._gzipped)) - self.empty_bytes
-            return max(more, 1) / max(len(scene), 1)
+            return scale * max(more, 1) / max(len(scene), 1)
+
+        if size is not None:
+            estimated = each(self._written(quantized, written)) * max(len(scene), 1)
+            scale = max(size - self.empty_bytes, 1) / estimated
 
         def minimal(masked: bool) -> str:
             return minimal_svg(
@@ -147,12 +150,14 @@ class Exporter:
 
         if written.markup != MINIMAL:
             return each(self._written(quantized, written))
-        aimed = shapes.TUNING.most_masked - TUNING.spare_masks
-        most = aimed * len(scene) / max(np.count_nonzero(~is_plain(quantized)), 1)
-        under_masks = each(minimal(masked=True))
-        if room / under_masks <= most:
-            return under_masks
-        return min(each(minimal(masked=False)), room / most)
+        share = max(np.count_nonzero(~is_plain(quantized)), 1) / max(len(scene), 1)
+        most = shapes.TUNING.most_masked / share
+        all_by_gradients = most * (1 + 1 / shapes.TUNING.fading)
+        under_masks, by_gradients = each(minimal(masked=True)), each(minimal(masked=False))
+        low, high = most * under_masks, all_by_gradients * by_gradients
+        if not low < room < high:
+            return under_masks if room <= low else by_gradients
+        return room / (most + (all_by_gradients - most) * (room - low) / (high - low))
 
     @cached_property
     def empty_bytes(self) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,11 +42,14 @@ class ShapesTuning:
     """What the shapes of a minimal file are drawn by (docs/decisions/minimal.md).
 
     most_masked  soft shapes that are drawn under masks; more of them are slow
+    fading       shapes fewer under masks for each shape beyond these, until there are none: with
+                 all at once the file would grow by a third at one shape more
     crisp_rim    px of rim across the major axis under which a shape is a plain ellipse, whose edge,
                  of about a pixel, is no crisper
     """
 
     most_masked: int = 500
+    fading: int = 1
     crisp_rim: float = 1.0
 
 
@@ -63,7 +65,7 @@ class Shapes:
     skew     (n,) length of the skew; 0 for a plain ellipse
     numbers  (n, 6) whole a b d e f c: matrix(a b c d e f) of the circle of radius 1, c being 0 for
              a symmetric one; of a plain ellipse those of gauss2svg.svg.minimal.arcs, and 0
-    masked   whether soft shapes are drawn under masks, by few skews, not by gradients
+    masked   (n,) whether a shape is soft and drawn under a mask, not by a gradient
     levels   (n, 3) of colour, in 0..255
     opacity  (n,) in 0..1
     """
@@ -74,7 +76,7 @@ class Shapes:
     numbers: NDArray[np.float64]
     levels: NDArray[np.intp]
     opacity: NDArray[np.float64]
-    masked: bool
+    masked: NDArray[np.bool_]
 
 
 def shapes_of(
@@ -82,7 +84,7 @@ def shapes_of(
 ) -> Shapes:
     """Shapes of a scene in units of so many px; those written as nothing are left out.
 
-    masked  whether soft shapes are drawn under masks; None: up to most_masked of them
+    masked  whether soft shapes are drawn under masks; None: as many of them as masked_count says
 
     Raises InputError for a unit out of range, other digits than 3 or 6, and an additive scene;
     SceneError for shapes whose numbers do not fit into a file.
@@ -124,18 +126,27 @@ def shapes_of(
     index = np.flatnonzero(drawn)
     levels = color_levels(scene.color[index], digits)
     falloff = np.where(plain, -1, kind)[index]
+    arrays = [index, falloff, skews[index], numbers[index], levels, opacity[index]]
+    if not (falloff >= 0).all():
+        mean, factor = _geometry(numbers[index], falloff < 0)
+        keys = np.stack([mean[:, 0], mean[:, 1], falloff])
+        order = colors_together(mean, factor, levels, keys, 1 / unit)
+        arrays = [array[order] for array in arrays]
+    soft = np.flatnonzero(arrays[1] >= 0)
+    count = len(soft) if under_masks else 0
     if masked is None and not length.any():  # skews are those of masks or of gradients already
-        under_masks = np.count_nonzero(falloff >= 0) <= TUNING.most_masked
-    shapes = Shapes(
-        index, falloff, skews[index], numbers[index], levels, opacity[index], bool(under_masks)
+        count = masked_count(len(soft))
+    under = np.zeros(len(index), bool)
+    under[soft[len(soft) - count :]] = (
+        True  # the upper ones, which are smaller and quicker to paint
     )
-    if (falloff >= 0).all():
-        return shapes
-    mean, factor = _geometry(shapes.numbers, falloff < 0)
-    keys = np.stack([mean[:, 0], mean[:, 1], falloff])
-    order = colors_together(mean, factor, levels, keys, 1 / unit)
-    names = ("index", "falloff", "skew", "numbers", "levels", "opacity")
-    return dataclasses.replace(shapes, **{name: getattr(shapes, name)[order] for name in names})
+    return Shapes(*arrays, under)
+
+
+def masked_count(soft: int) -> int:
+    """Return how many of so many soft shapes are drawn under masks."""
+    most = TUNING.most_masked
+    return soft if soft <= most else max(most - TUNING.fading * (soft - most), 0)
 
 
 def rounded_scene(scene: Scene, shapes: Shapes, unit: float, digits: int) -> Scene:

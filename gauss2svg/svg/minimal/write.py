@@ -18,9 +18,10 @@ a crisp one, in units of a pixel:
     <use href="#d" transform="matrix(9 0 0 9 10 5)"/>
     <use href="#d" transform="matrix(12 4 0 8 20 15)"/>
 
-Of more soft shapes renderers round every mask to 8 bits and take long, so that each colour has a
-gradient. It takes its geometry from one of its exponent, and the opacities of its stops from a
-style sheet, where each rule holds from its stop on:
+Of more soft shapes renderers round every mask to 8 bits and take long. So the more there are, the
+more of them, the lowest first, have a gradient for each colour. It takes its geometry from one of
+its exponent, and the opacities of its stops from a style sheet, where each rule holds from its stop
+on:
 
     <style>[href="#a"] stop{stop-color:currentColor;stop-opacity:.99}[href="#a"] stop+stop{..}..
     <radialGradient id="a" gradientUnits="userSpaceOnUse" cx="0" cy="0" r="1" fx=".001"/>
@@ -104,7 +105,7 @@ def minimal_svg(
     unit    px of the canvas, LEAST_UNIT..MOST_UNIT
     digits  of colours, 3 or 6
     stops   of a gradient, one of STOP_COUNTS
-    masked  whether soft shapes are drawn under masks, not by gradients; None: up to most_masked
+    masked  whether soft shapes are drawn under masks, not by gradients; None: up to most_masked are
     What it draws is minimal_rounded(scene, unit, digits): shapes whose extent or opacity is written
     as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
     otherwise the file has no names, and a size only where a unit is less than a pixel or a side is
@@ -121,7 +122,7 @@ def minimal_svg(
         across, down = (number(math.ceil(float(side)), 0) for side in (width, height))
         fill = _fill(color_levels(scene.background, digits))
         cover = [Element("path", {**fill, "d": f"M0 0h{across}v{down}H0"})]
-    definitions, drawn = _drawing(shapes, opacity_decimals, None if shapes.masked else stops)
+    definitions, drawn = _drawing(shapes, opacity_decimals, stops)
     named = _names(document)
     attributes = {
         "xmlns": "http://www.w3.org/2000/svg",
@@ -194,16 +195,23 @@ def _names(document: Document) -> list[Element]:
 
 
 def _drawing(
-    shapes: Shapes, opacity_decimals: int, stops: int | None
+    shapes: Shapes, opacity_decimals: int, stops: int
 ) -> tuple[list[Element], list[Element]]:
-    """Definitions, and all shapes; stops is None for masks, or the number of a gradient's."""
-    name = "opacity" if stops is None else "fill-opacity"
-    opacity = [with_default(name, number(o, opacity_decimals), "1") for o in shapes.opacity]
+    """Return definitions, and all shapes; stops is the number of a gradient's."""
+    soft = shapes.falloff >= 0
+    masked, by_gradient = np.flatnonzero(shapes.masked), np.flatnonzero(soft & ~shapes.masked)
+    names = np.where(shapes.masked | (len(by_gradient) == 0), "opacity", "fill-opacity").tolist()
+    opacity = [
+        with_default(name, number(o, opacity_decimals), "1")
+        for name, o in zip(names, shapes.opacity, strict=True)
+    ]
     fills = [_fill(levels) for levels in shapes.levels]
-    if stops is None:
-        definitions, kinds = _masked(shapes)
-    else:
-        definitions, kinds, fills = _gradients(shapes, fills, stops)
+    definitions, kinds = _masked(shapes, masked)
+    circles: dict[Kind, Element] = {}
+    if len(by_gradient):
+        more, circles = _gradients(shapes, by_gradient, fills, stops, 3 * len(kinds))
+        definitions = more + definitions
+    used = sum("id" in definition.attributes for definition in definitions)
     # Opaque ellipses of one colour are one path; of others each is blended by itself.
     path_of: list[object] = [
         i if falloff >= 0 or opacity[i] else fills[i].get("fill", "")
@@ -217,12 +225,12 @@ def _drawing(
         if shapes.falloff[i] < 0:
             elements.append(Element("path", {**color, "d": path_data(shapes.numbers[index, :5])}))
         else:
-            soft = kinds[_kind(shapes, i)]
+            soft = (kinds if shapes.masked[i] else circles)[_kind(shapes, i)]
             place = {"transform": _matrix(shapes.numbers[i])}
-            r = {"r": _CLEAR_OF_SKEWED} if shapes.skew[i] and not shapes.masked else {}
+            r = {"r": _CLEAR_OF_SKEWED} if shapes.skew[i] and not shapes.masked[i] else {}
             elements.append(Element(soft.tag, {**soft.attributes, **r, **color, **place}))
-    if stops is None:
-        templates, elements = _shared(elements, 3 * len(kinds))
+    if len(masked):
+        templates, elements = _shared(elements, used)
         definitions += templates
     return definitions, _grouped(elements)
 
@@ -237,23 +245,23 @@ def _kind(shapes: Shapes, i: int) -> Kind:
 
     A gradient under none has its own.
     """
-    return int(shapes.falloff[i]), float(shapes.skew[i]) if shapes.masked else 0.0
+    return int(shapes.falloff[i]), float(shapes.skew[i]) if shapes.masked[i] else 0.0
 
 
-def _kinds(shapes: Shapes) -> list[Kind]:
-    """Kinds of the soft shapes, those that are used most first."""
-    soft = np.flatnonzero(shapes.falloff >= 0).tolist()
-    uses = Counter(_kind(shapes, i) for i in soft)
+def _kinds(shapes: Shapes, index: NDArray[np.intp]) -> list[Kind]:
+    """Return the kinds of these soft shapes, those that are used most first."""
+    uses = Counter(_kind(shapes, i) for i in index.tolist())
     return sorted(uses, key=lambda kind: (-uses[kind], kind))
 
 
-def _masked(shapes: Shapes) -> tuple[list[Element], dict[Kind, Element]]:
-    """A masked circle for each kind, of the first ids, and what uses it, by kind.
+def _masked(shapes: Shapes, index: NDArray[np.intp]) -> tuple[list[Element], dict[Kind, Element]]:
+    """Return a masked circle for each kind of these shapes, and what uses it, by kind.
 
+    Their ids are the first ones, three of a kind.
     Those of one exponent share the stops of the first.
     """
-    kinds = _kinds(shapes)
-    count = MASK_STOPS[int(np.count_nonzero(shapes.falloff >= 0) >= TUNING.many)]
+    kinds = _kinds(shapes, index)
+    count = MASK_STOPS[int(len(index) >= TUNING.many)]
     uses, definitions, first = {}, [], {}
     for k, kind in enumerate(kinds):
         beta, skew = BETA_CLASSES[kind[0]], kind[1]
@@ -280,13 +288,22 @@ def _masked(shapes: Shapes) -> tuple[list[Element], dict[Kind, Element]]:
 
 
 def _gradients(
-    shapes: Shapes, fills: list[dict[str, str]], stops: int
-) -> tuple[list[Element], dict[Kind, Element], list[dict[str, str]]]:
-    """A gradient for each exponent, skew and colour; circles by exponent, fills of all shapes."""
-    kinds = _kinds(shapes)
+    shapes: Shapes,
+    index: NDArray[np.intp],
+    fills: list[dict[str, str]],
+    stops: int,
+    used: int,
+) -> tuple[list[Element], dict[Kind, Element]]:
+    """Return a gradient for each exponent, skew and colour, and circles by exponent.
+
+    index  of the shapes that are drawn by gradients, to which their fills are set
+    stops  number of a gradient's
+    used   number of ids there are already
+    """
+    kinds = _kinds(shapes, index)
     circles = {kind: Element("circle", {"r": _circle(kind)}) for kind in kinds}
     rules, definitions, first, ramps = [], [], {}, {}
-    for k, kind in enumerate(kinds):
+    for k, kind in enumerate(kinds, used):
         name = first[kind] = short_id(k)
         offsets, values = gradient_stops(stops, BETA_CLASSES[kind[0]])
         for at, value in enumerate(values):
@@ -296,20 +313,20 @@ def _gradients(
         # fx moves resvg to its accurate gradient.
         definitions.append(Element("radialGradient", {"id": name, **_UNIT_DISC, "fx": ".001"}))
         ramps[kind] = [Element("stop", {"offset": number(o, 4)}) for o in offsets]
-    colors = [fill.get("fill", "#000") for fill in fills]
-    keys = list(zip(shapes.falloff.tolist(), colors, shapes.skew.tolist(), strict=True))
+    keys = {
+        i: (int(shapes.falloff[i]), fills[i].get("fill", "#000"), float(shapes.skew[i]))
+        for i in index.tolist()
+    }
     ids = {}
-    for k, (key, _) in enumerate(Counter(key for key in keys if key[0] >= 0).most_common()):
+    for k, (key, _) in enumerate(Counter(keys.values()).most_common(), used + len(kinds)):
         kind, color, skew = (key[0], 0.0), *key[1:]
-        ids[key] = name = short_id(len(kinds) + k)
+        ids[key] = name = short_id(k)
         attributes = {"id": name, "href": f"#{first[kind]}", "color": color}
         attributes |= {"fx": number(skew, 3)} if skew else {}
         definitions.append(Element("radialGradient", attributes, ramps[kind]))
-    drawn = [
-        {"fill": f"url(#{ids[key]})"} if key in ids else fill
-        for key, fill in zip(keys, fills, strict=True)
-    ]
-    return [Element("style", inside="".join(rules)), *definitions], circles, drawn
+    for i, key in keys.items():
+        fills[i] = {"fill": f"url(#{ids[key]})"}
+    return [Element("style", inside="".join(rules)), *definitions], circles
 
 
 def _circle(kind: Kind) -> str:
