@@ -22,7 +22,7 @@ from gauss2svg.svg.format import SvgFormat
 
 # PSNR in dB up to which differences of a drawing can be seen at its own size
 # (docs/decisions/enlarged.md).
-SEEN_UP_TO = 42.0
+SEEN_UP_TO = 41.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from gauss2svg.pipeline.recolor import recolored
 from gauss2svg.pipeline.search.outcome import SEEN_UP_TO
 from gauss2svg.pipeline.search.subject import Subject
 from gauss2svg.raster import rasterize_like
+from gauss2svg.render import render, render_rgba
 from gauss2svg.render.cpu import splats_of
 from gauss2svg.scene import Scene
 from gauss2svg.svg.file import file_bytes
@@ -56,7 +57,7 @@ class SmallFile:
 
     error           mean squared error at the working size, of the raster once it is drawn
     size            bytes, as they are counted
-    enlarged_error  mean squared error of the raster against the enlarged picture, NaN without one
+    enlarged_error  mean squared error of the model against the enlarged picture, NaN without one
     """
 
     svg: str
@@ -134,17 +135,18 @@ class SmallFiles:
         return self._bytes(minimal_svg(scene, 1, HEX_DIGITS[0], self.subject.document))
 
     def drawn(self, file: SmallFile) -> SmallFile:
-        """Return the file with the errors of its rasters."""
-        error = self._error(file, self.subject.working)
-        if self.large is None:
-            return dataclasses.replace(file, error=error)
-        enlarged_error = self._error(file, self.large)
-        return dataclasses.replace(file, error=error, enlarged_error=enlarged_error)
+        """Return the file with the error of its raster, and of its model enlarged.
 
-    def _error(self, file: SmallFile, picture: NDArray[np.float32]) -> float:
-        """Return the mean squared error of the file's raster at the size of a picture."""
-        raster = rasterize_like(file.svg, picture, self._plan.options.run.renderer)
-        return mean_squared_error(stacked(raster), stacked(picture))
+        A renderer would take seconds for the masks of an enlarged file.
+        """
+        working = self.subject.working
+        raster = rasterize_like(file.svg, working, self._plan.options.run.renderer)
+        file = dataclasses.replace(file, error=_error(raster, working))
+        if (large := self.large) is None:
+            return file
+        draw = render_rgba if has_alpha(large) else render
+        model = draw(file.scene, large.shape[1], large.shape[0], covering=self._covering)
+        return dataclasses.replace(file, enlarged_error=_error(model, large))
 
     def enlarge(self, large: NDArray[np.float32]) -> None:
         """Compare files with an enlarged picture too, and plan them by it at half its size."""
@@ -218,3 +220,7 @@ class SmallFiles:
         units = max(units, math.ceil(TUNING.across * longest / min(width, height)))
         unit = whole_unit(width, height, units)
         return unit if longest / unit <= TUNING.finer * units else longest / units
+
+
+def _error(drawn: NDArray[np.float32], picture: NDArray[np.float32]) -> float:
+    return mean_squared_error(stacked(drawn), stacked(picture))
