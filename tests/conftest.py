@@ -223,6 +223,7 @@ def hasty(monkeypatch) -> None:
     few = dataclasses.replace(by_bytes.TUNING, iterations=8)
     monkeypatch.setattr(by_bytes, "TUNING", few)
     monkeypatch.setattr(drawing, "STEPS", 8)
+    monkeypatch.setattr(drawing, "STEPS_OF_THIN", 8)
 
 
 @pytest.fixture

@@ -28,6 +28,7 @@ _STOPPED = {
 }
 # The same where a limit alone was given, which no preset caps.
 _NOTHING_TO_GAIN = {
+    "gain": "nothing to gain: more Gaussians would bring it no closer, not even enlarged",
     "enough": "nothing to gain: more Gaussians would not show",
     "cap": "nothing to gain: as many Gaussians as the picture has room for",
 }

@@ -128,9 +128,9 @@ class FitConfig:
     extend      whether a fit takes twice the iterations where most are on reduced targets
     opaque      whether all opacities stay 1, which is shorter to write
     sparse      whether a long fit relocates no more often than a short one, which many steps need
-    enlarged    ratio of the target's size to that of the picture that it enlarges, 1 for none. The
-                last steps of such a fit reduce the error at both sizes, because ellipses that
-                fit an edge at one of them may overlap visibly at the other
+    enlarged    ratio of the target's size to a second size, 1 for none. The last steps of such a
+                fit reduce the error at both sizes, because ellipses that fit an edge at one of
+                them may overlap visibly at the other
     """
 
     gaussians: int = 5000

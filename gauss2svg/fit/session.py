@@ -308,8 +308,8 @@ class FitSession(Saved):
                 population.prune(self.policy.least_gain())
                 self.guard.reset()
             if done >= self._quantized_from and not stage.quantized:
-                stage.quantized = True
                 self._quantize()
+                stage.quantized = True
             if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
                 stage.exchange_at = [at for at in stage.exchange_at if at > done]
                 self._shared.exchange(

@@ -44,7 +44,8 @@ class MemoryTuning:
     fit       each pixel of the fit
     fit_ssim  the same where the loss has SSIM
     inks      each pixel of a fit in inks besides, whose target is not the photo
-    enlarged  each pixel of a small fit that may be enlarged
+    enlarged  each pixel of the enlarged picture of a drawing
+    largest   pixels of that picture at most
     held      each pixel of the fit, after it
     additive  writing an additive scene
     margin    times what is measured, for what is not
@@ -55,7 +56,8 @@ class MemoryTuning:
     fit: int = 75
     fit_ssim: int = 130
     inks: int = 34
-    enlarged: int = 1400
+    enlarged: int = 230
+    largest: int = 1024**2
     held: int = 36
     additive: float = 110e6
     margin: float = 1.2
@@ -89,7 +91,7 @@ class Load:
                            the fit has them; None: those of the photo
     reduced_bytes          per pixel while the photo is decoded and reduced, see Header
     in_inks                whether the fit aims at the photo in inks
-    may_enlarge            whether a drawing is fitted once more, enlarged
+    may_enlarge            whether the photo may be a drawing that is fitted enlarged
     """
 
     width: int
@@ -130,7 +132,8 @@ class Load:
         decoding = decoded * photo
         if self.reduced_bytes is not None and math.prod(self.decoded) < photo:
             decoding = self.reduced_bytes * photo + held * kept
-        fitting = held * kept + a_pixel * fit + TUNING.enlarged * self.may_enlarge * fit
+        enlarged = min(16 * fit, TUNING.largest) * self.may_enlarge
+        fitting = held * kept + a_pixel * fit + TUNING.enlarged * enlarged
         measured = max(measured, held + self.scoring)
         measuring = measured * kept + (TUNING.held + inked) * fit
         measuring += TUNING.additive * (self.blend == ADD)

@@ -67,7 +67,8 @@ class Goal(OptionGroup):
     """Target SSIMULACRA2 of the SVG (extra scores)."""
 
     max_bytes: Annotated[int | str | None, byte_size] = None
-    """Maximum file size: 150k, 1.5M; the best in it."""
+    """Maximum file size, such as 150k or 1.5M. The best picture that fits is written: the closest
+    one at its own size, or of a drawing that is within 41 dB there, the closest one enlarged."""
 
     time_limit: Annotated[float | None, Number(0, 1e9, above=True)] = None
     """Time limit (s) of the run; the best in it."""

@@ -292,6 +292,12 @@ class Plan:
         usual = usual and not self.in_inks
         return usual and all(given is None for given in free)
 
+    @property
+    def may_enlarge(self) -> bool:
+        """Whether a drawing would be fitted enlarged, by a search that plans every byte."""
+        searches = dataclasses.replace(self, has_edges=True).searches()
+        return any(search.by_bytes for search in searches)
+
     def searches(self) -> list[Plan]:
         """The plans of the searches to run, of whose files the closest is written; mostly one.
 

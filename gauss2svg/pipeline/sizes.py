@@ -10,6 +10,7 @@ from gauss2svg.photo.reduce import Size
 from gauss2svg.pipeline.memory_budget import MEASURED_PIXELS, Load, size_that_fits
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.presets import CAP_FOR_TARGET
+from gauss2svg.pipeline.search.enlarged import may_enlarge
 
 
 @dataclass(frozen=True)
@@ -82,5 +83,5 @@ def load_of(plan: Plan, photo: Header) -> Load:
         least_measured=None if run.full_size else MEASURED_PIXELS,
         reduced_bytes=photo.reduced_bytes,
         in_inks=plan.in_inks,
-        may_enlarge=any(one.by_bytes for one in plan.searches()),
+        may_enlarge=may_enlarge(width, height) and plan.may_enlarge,
     )

@@ -6,6 +6,7 @@ search      one way to carry out a plan; it runs to an outcome
 by count    fits the usual scene, and corrects the number of Gaussians until the file has the score,
             bytes and seconds asked for
 by bytes    fits a few scenes of so few shapes that every byte of the file is planned
+drawing     a search by bytes for a drawing, which is fitted enlarged
 subject     the photo that is drawn: as it is measured, as it is fitted, and the canvas of the file
 export      a scene as it is written: its file, and what that scores
 correction  the count of the next export

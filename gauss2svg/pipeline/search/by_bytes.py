@@ -125,7 +125,6 @@ class ByBytes:
         self.subject = self._files.subject = self._reduced(subject)
         self.fits: list[FitResult] = []
         self._ended = ""  # why no further step is made
-        self._ended_by = "max_bytes"  # why no further fit is made
 
     @property
     def flat(self) -> SmallFile:
@@ -150,7 +149,7 @@ class ByBytes:
                 best.svg, best.scene, image, plan.options.run.renderer, self.is_drawing
             ),
             corrections=max(len(self.fits) - 1, 0),
-            enlarged=self._enlarged,
+            enlarged=self._files.large,
         )
 
     def file(self) -> SmallFile:
@@ -172,10 +171,9 @@ class ByBytes:
                     best = max(best, self._files.drawn(file), key=closeness)
         return best
 
-    @property
-    def _enlarged(self) -> NDArray[np.float32] | None:
-        """The picture enlarged, where the search knows what that is."""
-        return None
+    def _gained_little(self, best: SmallFile) -> bool:
+        """Whether more shapes would help too little to be worth the rest of the limit."""
+        return False
 
     def _reduced(self, subject: Subject) -> Subject:
         """Return the subject with a working picture for as many shapes as the bytes allow."""
@@ -186,9 +184,11 @@ class ByBytes:
 
     def _costs(self, best: SmallFile) -> FitResult:
         """Return the costs of all fits, and why they ended."""
-        reason = self._ended or self._ended_by
+        reason = self._ended or "max_bytes"
         if not self._ended and best.error < EXACT:
             reason = "enough"
+        elif not self._ended and self._gained_little(best):
+            reason = "gain"
         elif not self._ended and len(best.scene) == self._plan.count:
             reason = "gaussians"
         costs = FitResult(best.scene, 0, 0, 0.0, 0.0, 0, reason)
@@ -305,12 +305,15 @@ class ByBytes:
         return scene.replace(width=width, height=height)
 
 
-def reduced_to(subject: Subject, side: float) -> Subject:
-    """Return the subject with a working picture of at most this longest side in px."""
+def reduced_to(subject: Subject, side: float, sharp: bool = False) -> Subject:
+    """Return the subject with a working picture of at most this longest side in px.
+
+    sharp is as in `gauss2svg.photo.alpha.shrunk`.
+    """
     photo, (width, height) = subject.photo, subject.canvas
     scale = min(side, max(photo.shape[:2])) / max(width, height)
     width, height = (max(1, round(length * scale)) for length in (width, height))
-    return dataclasses.replace(subject, working=shrunk(photo, height, width))
+    return dataclasses.replace(subject, working=shrunk(photo, height, width, sharp))
 
 
 def nearest_exponents(

@@ -17,14 +17,13 @@ import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gauss2svg.fit.losses import psnr_of
 from gauss2svg.photo.alpha import has_alpha
 from gauss2svg.pipeline.drawings import has_edges, is_drawing, is_shaded
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.by_bytes import ByBytes, Recipe, nearest_exponents, reduced_to
-from gauss2svg.pipeline.search.enlarged import agreed, enlargement
+from gauss2svg.pipeline.search.enlarged import agreed, enlargement, may_enlarge
 from gauss2svg.pipeline.search.outcome import SEEN_UP_TO, Watch
 from gauss2svg.pipeline.search.small_file import EXACT, SmallFile, Writing, closeness
 from gauss2svg.pipeline.search.subject import Subject
@@ -36,19 +35,19 @@ from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.plain_ellipse import drawn_beta
 from gauss2svg.svg.snap import with_falloffs
 
-OWN_SIDE = 512  # longest side in px of a drawing with edges that is enlarged
-FLAT_SIDE = 384  # longest side in px of the working picture of any other drawing
-LARGE_SIDE = 1024  # longest side in px of the reduced photo that takes the place of an enlargement
+LARGE_SIDE = 1024  # longest side in px of the working picture of a larger drawing
+FLAT_SIDE = 384  # longest side in px of the working picture of a drawing without smooth edges
 ENLARGED_FROM = 2000  # bytes of a file from which a drawing is fitted enlarged
 STEPS, STEPS_OF_THIN = 600, 200
-THIN = 12  # px of a side, or shapes, under which a fit with half as many shapes is not tried
+THIN = 12  # px of a side or number of shapes under which fits with fewer shapes are not tried
 AGREEING = (150, 300)  # shapes of the fits that enlarge a drawing
 AGREEING_LARGE = (300,)  # the same for drawings over 256 px, whose fits take longer
 OWN_UP_TO = 200  # shapes up to which fits at the drawing's own size are tried too
 FIRST_COUNT, GROWTH = 160, 1.6  # shapes of the first enlarged fit, and the ratio to the next
 LEAST_GAIN = 1.0  # dB of the enlarged picture for each doubling, under which growth ends
 SPARE = 1.03  # times the shapes that fit into the limit are fitted; the least useful are left out
-LEAST_SHARE = 3.0  # times fewer bytes of a shape than usual that can be
+LEAST_SHARE = 3.0  # shapes of a third of the usual bytes or less were mostly written as nothing
+FEW, WELL_USED = 60, 0.97  # shapes and share of a limit from which more would have been written
 SHARED = 0.1  # share of the squared error that colours in common may add
 COARSE_UNDER = 1100  # bytes under which a digit is a large part of a shape
 COARSE_GRIDS = (0.8, 1.2, 4.0, 8.0)
@@ -79,46 +78,50 @@ class DrawingByBytes(ByBytes):
     def file(self) -> SmallFile:
         """Return the best file."""
         best = self._files.without_gaussians()
-        if best.error < EXACT:
+        if best.error < EXACT or not self._most:
             return best
         self._each_shape = float(self._each[2])  # bytes, until files are measured
         is_small = self._most_shapes() <= OWN_UP_TO
-        self._starts = 2 + (5 + len(list(self._ladder()))) * self._enlarges
+        starts = 5 + 2 * is_small + len(list(self._ladder()))
+        self._starts = starts if self._enlarges else 3
         with kernel_lock:
             if is_small or not self._enlarges:
                 best = self._at_its_size(best)
             if not self._enlarges:
                 return self._fewer(best)
-            large = self._large_subject()
+            best, large = self._large_subject(best)
             if large is None:
                 return best
-            self._files.enlarge(large.working)
+            times = max(large.size) / max(self.subject.size)
+            self._files.enlarge(large.working, 2 if times > 2 else 1)
             return self._grown(self._files.drawn(best), large)
 
-    @property
-    def _enlarged(self) -> NDArray[np.float32] | None:
-        return self._files.large
+    def _gained_little(self, best: SmallFile) -> bool:
+        return len(best.scene) >= FEW and best.size < WELL_USED * self._limit
 
     def _reduced(self, subject: Subject) -> Subject:
-        has_them = has_edges(subject.photo)
-        asked = self._plan.options.run.max_size
-        subject = reduced_to(subject, asked or (OWN_SIDE if has_them else FLAT_SIDE))
+        """Return the subject at the size at which a drawing is fitted first."""
+        edges = has_edges(subject.photo)
+        side = LARGE_SIDE if edges else FLAT_SIDE
+        asked = self._plan.options.run.max_size or side
+        subject = reduced_to(subject, min(asked, side), sharp=True)
+        self._plain_limit = self._plan.plain_limit or self._limit
         self._is_thin = min(subject.size) < THIN
-        self._enlarges = has_them and self._limit >= ENLARGED_FROM and not self._is_thin
-        self._times = enlargement(*subject.size)
+        self._enlarges = edges and self._plain_limit >= ENLARGED_FROM and not self._is_thin
         return subject
 
     def _recipe(self, init: str, grids: tuple[float, ...]) -> Recipe:
         """Return how a fit begins, with soft shapes if the drawing is shaded, and is written."""
-        digits = HEX_DIGITS if self._limit < COARSE_UNDER else HEX_DIGITS[-1:]
-        shades = self._limit >= SHADED_FROM and is_shaded(self.subject.working)
+        limit = self._plain_limit
+        digits = HEX_DIGITS if limit < COARSE_UNDER else HEX_DIGITS[-1:]
+        shades = limit >= SHADED_FROM and is_shaded(self.subject.working)
         steps = STEPS_OF_THIN if self._is_thin else STEPS
         writing = Writing(self._each[2], grids, digits, SHARED)
         return Recipe(init, 1.0, steps, self._exponents if shades else (), writing)
 
     def _at_its_size(self, best: SmallFile) -> SmallFile:
         """Return the best of a file and of those of two fits at the drawing's own size."""
-        grids = COARSE_GRIDS if self._limit < COARSE_UNDER else GRIDS
+        grids = COARSE_GRIDS if self._plain_limit < COARSE_UNDER else GRIDS
         for init in ("selective", "error"):
             if not self._stop():
                 best = self._tried(best, self._most_shapes(), self._recipe(init, grids))[0]
@@ -128,10 +131,15 @@ class DrawingByBytes(ByBytes):
         self, best: SmallFile, count: int, recipe: Recipe, large: Subject | None = None
     ) -> tuple[SmallFile, SmallFile | None]:
         """Return the better of a file and of that of so many shapes, and the latter."""
-        scene = self._fit(count, recipe, large)
-        file, (_, size) = self._files.of(scene, recipe.writing, self._stop)
-        each = (size - self.flat.size) / count
-        if each >= recipe.writing.each / LEAST_SHARE:  # else most were written as nothing
+        return self._better(best, self._fit(count, recipe, large), recipe.writing)
+
+    def _better(
+        self, best: SmallFile, scene: Scene, writing: Writing
+    ) -> tuple[SmallFile, SmallFile | None]:
+        """Return the better of a file and of that of a fitted scene, and the latter."""
+        file, (_, size) = self._files.of(scene, writing, self._stop)
+        each = (size - self.flat.size) / max(len(scene), 1)
+        if each >= writing.each / LEAST_SHARE:  # else most were written as nothing
             self._each_shape = each
         if file is None:
             return best, None
@@ -152,26 +160,27 @@ class DrawingByBytes(ByBytes):
             fewer //= 2
         return best
 
-    def _large_subject(self) -> Subject | None:
-        """Return the drawing enlarged, None if the search is stopped before it is.
+    def _large_subject(self, best: SmallFile) -> tuple[SmallFile, Subject | None]:
+        """Return the best file so far, and the drawing enlarged, None if the search is stopped.
 
-        A photo that is larger than its working picture has its own pixels.
+        One that is large, or that is reduced, is not enlarged.
         """
-        own = self.subject
-        if own.size != own.canvas:
-            asked = self._plan.options.run.max_size
-            return reduced_to(own, min(asked or LARGE_SIDE, self._times * max(own.size)))
-        width, height = own.size
-        transparent, renders = has_alpha(own.working), []
-        for count in AGREEING if self._times > 2 else AGREEING_LARGE:
+        own, (width, height) = self.subject, self.subject.size
+        if own.size != own.canvas or not may_enlarge(width, height):
+            return best, own
+        times = enlargement(width, height)
+        draw, renders = render_rgba if has_alpha(own.working) else render, []
+        for count in AGREEING if times > 2 else AGREEING_LARGE:
             for init in ("selective", "error"):
                 if self._stop():
-                    return None
-                scene = self._fit(count, self._recipe(init, ()))
-                large = 4 * width, 4 * height
-                draw = render_rgba if transparent else render
-                renders.append(draw(scene, *large, covering=True))
-        return dataclasses.replace(own, working=agreed(own.working, renders, self._times))
+                    return best, None
+                recipe = self._recipe(init, GRIDS)
+                scene = self._fit(count, recipe)
+                if not len(best.scene):  # of a search that is stopped here
+                    best, _ = self._better(best, scene, recipe.writing)
+                renders.append(draw(scene, 4 * width, 4 * height, covering=True))
+        picture = agreed(own.working, renders, times)
+        return best, dataclasses.replace(own, working=picture)
 
     def _ladder(self) -> Iterator[int]:
         """Yield the counts of enlarged fits, the last of which depends on the limit."""
@@ -187,7 +196,7 @@ class DrawingByBytes(ByBytes):
         The last count is fitted from both placements, because a single fit ends up to a decibel
         better or worse by chance.
         """
-        grids = FINE_GRIDS if self._limit >= FINE_FROM else GRIDS
+        grids = FINE_GRIDS if self._plain_limit >= FINE_FROM else GRIDS
         recipe, file, idle, count = self._recipe("selective", grids), None, 0, 0
         for count in self._ladder():  # which sees what shapes take in the files so far
             if self._stop():
@@ -198,7 +207,7 @@ class DrawingByBytes(ByBytes):
                 continue
             idle = idle + 1 if _gains_little(before, file) else 0
             if idle > (psnr_of(best.error) < SEEN_UP_TO):  # there one fit may end badly by chance
-                self._ended_by, count = "gain", max(len(best.scene), 1)
+                count = max(len(best.scene), 1)
                 break
         else:
             count = self._most_shapes()
@@ -218,13 +227,14 @@ class DrawingByBytes(ByBytes):
         large: Subject | None = None,
     ) -> Scene:
         """Fit so many ellipses to the drawing, at its own size or enlarged, on its canvas."""
-        times = 1 if large is None else self._times
+        enlarged = 1 if large is None else enlargement(*self.subject.size)
+        scale = max((large or self.subject).size) / max(self.subject.size)
 
         def as_written(scene: Scene, _: float) -> Scene:
-            return _crisp(scene, recipe.exponents, SOFT_FROM * times)
+            return _crisp(scene, recipe.exponents, SOFT_FROM * scale)
 
         start = min(len(self.fits), self._starts - 1)
-        scene = self._fitted(count, recipe, as_written, start, self._starts, large, times)
+        scene = self._fitted(count, recipe, as_written, start, self._starts, large, enlarged)
         # A plain ellipse of the area that was fitted, not of the contour of half height.
         plain = scene.drawn == PLAIN
         wider = covered_radius(scene.beta) / covered_radius(np.full(len(scene), MOST_BETA))
@@ -235,7 +245,7 @@ class DrawingByBytes(ByBytes):
 
 
 def _gains_little(before: SmallFile, after: SmallFile) -> bool:
-    """Whether more shapes bring a drawing hardly closer, at its own size or enlarged."""
+    """Whether more shapes gain less than LEAST_GAIN, at the own size and enlarged."""
     own = [min(psnr_of(file.error), SEEN_UP_TO) for file in (before, after)]
     enlarged = [psnr_of(file.enlarged_error) for file in (before, after)]
     least = LEAST_GAIN * math.log2(len(after.scene) / max(len(before.scene), 1))
@@ -245,8 +255,8 @@ def _gains_little(before: SmallFile, after: SmallFile) -> bool:
 def _crisp(scene: Scene, exponents: tuple[float, ...], soft_from: float) -> Scene:
     """Return the scene with the nearest of these exponents, and all other shapes plain ellipses.
 
-    Plain are also shapes whose rim is an edge's, for small ones have no large exponents. They are
-    fitted by how much of each pixel they cover from here on.
+    A shape whose rim is narrower than soft_from px is an edge, and becomes a plain ellipse too.
+    From here on plain ellipses are fitted by how much of each pixel they cover.
     """
     beta, plain = nearest_exponents(scene, exponents)
     plain |= RIM_WIDTH * scene.ellipse_axes[0][:, 1] / scene.beta < soft_from

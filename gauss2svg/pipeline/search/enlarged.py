@@ -16,10 +16,16 @@ from numpy.typing import NDArray
 from gauss2svg.photo.alpha import from_views, has_alpha, views
 
 RASTER_TIMES = 4  # size of the renders, times that of the picture
+LARGEST = 512  # px of a side up to which a drawing is enlarged; a larger one has pixels enough
 LARGE_FROM = 256  # px of a side over which a picture is enlarged twice, not four times
 LOCAL_SHARE = 0.3  # share of the variance of 3 x 3 px that is uncertain beside that of the renders
 LEAST_VARIANCE = 1e-3  # variance that is uncertain everywhere, in 0..1
 CORRECTIONS = 5  # after which few values are left that clipping changed
+
+
+def may_enlarge(width: int, height: int) -> bool:
+    """Whether a drawing of so many px is enlarged."""
+    return max(width, height) <= LARGEST
 
 
 def enlargement(width: int, height: int) -> int:

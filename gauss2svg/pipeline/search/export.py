@@ -72,7 +72,7 @@ class Export:
         while best is None or (best.size < FILLED * limit and more[0] - fewer[0] > 1):
             share = (limit - fewer[1]) / max(more[1] - fewer[1], 1)
             kept = int(fewer[0] + share * (more[0] - fewer[0]))
-            kept = min(max(kept, fewer[0] + (fewer[0] > 0)), more[0] - 1)
+            kept = min(max(kept, fewer[0] + (best is not None)), more[0] - 1)
             export = self._of(order[:kept])
             if export.size > limit and kept:
                 more = kept, export.size

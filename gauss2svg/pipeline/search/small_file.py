@@ -148,11 +148,11 @@ class SmallFiles:
         model = draw(file.scene, large.shape[1], large.shape[0], covering=self._covering)
         return dataclasses.replace(file, enlarged_error=_error(model, large))
 
-    def enlarge(self, large: NDArray[np.float32]) -> None:
-        """Compare files with an enlarged picture too, and plan them by it at half its size."""
+    def enlarge(self, large: NDArray[np.float32], divisor: int) -> None:
+        """Compare files with an enlarged picture too, and solve colours on it, reduced so much."""
         self.large = large
         height, width = large.shape[:2]
-        picture = shrunk(large, height // 2, width // 2)
+        picture = shrunk(large, height // divisor, width // divisor)
         self._planned = dataclasses.replace(self.subject, working=picture)
 
     def of(

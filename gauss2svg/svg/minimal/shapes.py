@@ -137,9 +137,8 @@ def shapes_of(
     if masked is None and not length.any():  # skews are those of masks or of gradients already
         count = masked_count(len(soft))
     under = np.zeros(len(index), bool)
-    under[soft[len(soft) - count :]] = (
-        True  # the upper ones, which are smaller and quicker to paint
-    )
+    # The upper ones, which are smaller and quicker to paint.
+    under[soft[len(soft) - count :]] = True
     return Shapes(*arrays, under)
 
 

@@ -105,7 +105,8 @@ def minimal_svg(
     unit    px of the canvas, LEAST_UNIT..MOST_UNIT
     digits  of colours, 3 or 6
     stops   of a gradient, one of STOP_COUNTS
-    masked  whether soft shapes are drawn under masks, not by gradients; None: up to most_masked are
+    masked  whether soft shapes are drawn under masks, not by gradients. None: as many as
+            masked_count says
     What it draws is minimal_rounded(scene, unit, digits): shapes whose extent or opacity is written
     as 0 are left out. Title, alt, size and aspect of the document are written where they are given;
     otherwise the file has no names, and a size only where a unit is less than a pixel or a side is
