@@ -15,6 +15,7 @@ from gauss2svg.pipeline.quantize import quantize
 from gauss2svg.pipeline.search.export import Export
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
+from gauss2svg.scene import Scene
 from gauss2svg.svg.document import Document
 from gauss2svg.svg.format import SvgFormat
 from gauss2svg.svg.write import write_svg
@@ -220,6 +221,23 @@ def test_too_large_file_loses_its_least_useful_gaussians(photo):
     kept = metrics.psnr(render(less.scene), photo)
     first = metrics.psnr(render(scene.select(np.arange(len(less.scene)))), photo)
     assert kept > first
+
+
+@pytest.mark.parametrize("markup", ["editable", "minimal"])
+def test_a_pruned_file_has_as_many_gaussians_as_fit(markup):
+    rng = np.random.default_rng(3)
+    scene = Scene(
+        96, 64, rng.uniform(0, 64, (80, 2)), rng.uniform(2, 9, (80, 2)), np.zeros(80),
+        rng.random((80, 3)), np.ones(80),
+    )  # fmt: skip
+    form, target = SvgFormat(markup=markup), target_of(render(scene), np.float32, "psnr")
+    svg, flat = write_svg(scene, form), write_svg(scene.select(np.arange(0)), form)
+    export = Export(scene, svg, form, Document(), False, 20.0, 0.01)
+    for share in (0.0, 0.01, 0.1, 0.5, 0.9, 0.999):
+        limit = int(len(flat) + share * (len(svg) - len(flat)))
+        less = export.pruned_to(limit, len(flat), target)
+        assert less.size <= limit
+        assert less.size > limit - max((len(svg) - len(flat)) / 10, 0.005 * limit)
 
 
 @pytest.mark.sweep

@@ -60,15 +60,26 @@ def match(scene: Scene, unit: float, digits: int = 6, renderer: str = "resvg") -
 
 @pytest.mark.parametrize("unit", [0.04, 1.5])
 @pytest.mark.parametrize("make", [lambda: soft_scene(40), several_falloffs], ids=["one", "several"])
-@pytest.mark.parametrize("most_masked", [500, 0], ids=["masks", "gradients"])
+@pytest.mark.parametrize("most_masked", [500, 25, 0], ids=["masks", "both", "gradients"])
 def test_the_file_draws_the_rounded_scene(make, unit, most_masked, monkeypatch):
     monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
     scene = make()
     assert match(scene, unit) > (NEAR if scene.beta.max() == 1 else NEAR_CRISP)
 
 
+def test_shapes_change_from_masks_to_gradients_one_by_one(monkeypatch):
+    monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=20))
+    scene = soft_scene(44)
+    files = [minimal_svg(scene.select(np.arange(n)), 1.5, 6) for n in range(16, 45)]
+    masked = [text.count("<use") for text in files]
+    assert masked[:5] == [16, 17, 18, 19, 20]
+    assert masked[5:] == [*range(19, 0, -1), 0, 0, 0, 0, 0]
+    sizes = [len(text) for text in files]
+    assert sizes == sorted(sizes)
+
+
 @pytest.mark.process
-@pytest.mark.parametrize("most_masked", [500, 0], ids=["masks", "gradients"])
+@pytest.mark.parametrize("most_masked", [500, 25, 0], ids=["masks", "both", "gradients"])
 def test_librsvg_draws_the_same(most_masked, monkeypatch):
     try:
         renderer_version("librsvg")
@@ -80,7 +91,7 @@ def test_librsvg_draws_the_same(most_masked, monkeypatch):
 
 
 @pytest.mark.browser
-@pytest.mark.parametrize("most_masked", [500, 0], ids=["masks", "gradients"])
+@pytest.mark.parametrize("most_masked", [500, 25, 0], ids=["masks", "both", "gradients"])
 def test_chromium_draws_the_same(most_masked, monkeypatch, browser):
     monkeypatch.setattr(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked))
     assert match(soft_scene(40), 1.5, renderer="chromium") > NEAR

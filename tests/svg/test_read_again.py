@@ -51,14 +51,14 @@ def assert_read_as(back: Scene, scene: Scene, **within: float) -> None:
 
 @given(
     seeds, st.sampled_from([0, 1, 12, 70]), st.sampled_from([0.001, 0.04, 0.5, 1.0]),
-    st.sampled_from(STOP_COUNTS), st.booleans(),
+    st.sampled_from(STOP_COUNTS), st.sampled_from([500, 40, 0]),
 )  # fmt: skip
 def test_a_minimal_file_is_its_rounded_scene_and_the_same_file_again(
-    seed, count, precision, stops, masked
+    seed, count, precision, stops, most_masked
 ):
     scene = mixed_scene(count, seed)
     written = SvgFormat(markup="minimal", precision=precision, stops=stops)
-    with patch.object(shapes, "TUNING", shapes.ShapesTuning(most_masked=500 if masked else 0)):
+    with patch.object(shapes, "TUNING", shapes.ShapesTuning(most_masked=most_masked)):
         svg = write_svg(scene, written)
         back = read_svg(svg)
         assert_read_as(back, minimal_rounded(scene, precision, 6), rtol=1e-9, atol=1e-9)
