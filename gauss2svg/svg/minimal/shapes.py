@@ -49,7 +49,7 @@ class ShapesTuning:
     """
 
     most_masked: int = 500
-    fading: int = 1
+    fading: int = 2
     crisp_rim: float = 1.0
 
 
