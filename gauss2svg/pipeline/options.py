@@ -67,8 +67,7 @@ class Goal(OptionGroup):
     """Target SSIMULACRA2 of the SVG (extra scores)."""
 
     max_bytes: Annotated[int | str | None, byte_size] = None
-    """Maximum file size, such as 150k or 1.5M. The best picture that fits is written: the closest
-    one at its own size, or of a drawing that is within 41 dB there, the closest one enlarged."""
+    """Maximum file size, such as 150k or 1.5M."""
 
     time_limit: Annotated[float | None, Number(0, 1e9, above=True)] = None
     """Time limit (s) of the run; the best in it."""
@@ -135,7 +134,8 @@ class SvgOptions(OptionGroup):
 
     markup: Literal["auto", "editable", "minimal"] = "auto"
     """editable: layers with names, for editors; minimal: nothing that does not draw; auto: with
-    --max-bytes up to 200k the closer one, else editable."""
+    --max-bytes the better file, else editable. The better file is the one that is closer at its
+    own size, or, if a drawing is within 41 dB there, the one that is closer enlarged."""
 
     palette: Annotated[int | None, Whole(0, 2**24)] = None
     """Maximum number of gradients in the file; fewer make it smaller, 0 writes all. The picture
