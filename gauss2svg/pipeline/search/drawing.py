@@ -131,7 +131,7 @@ class DrawingByBytes(ByBytes):
         self, best: SmallFile, count: int, recipe: Recipe, large: Subject | None = None
     ) -> tuple[SmallFile, SmallFile | None]:
         """Return the better of a file and of that of so many shapes, and the latter."""
-        return self._better(best, self._fit(count, recipe, large), recipe.writing)
+        return self._better(best, self._ellipses(count, recipe, large), recipe.writing)
 
     def _better(
         self, best: SmallFile, scene: Scene, writing: Writing
@@ -175,7 +175,7 @@ class DrawingByBytes(ByBytes):
                 if self._stop():
                     return best, None
                 recipe = self._recipe(init, GRIDS)
-                scene = self._fit(count, recipe)
+                scene = self._ellipses(count, recipe)
                 if not len(best.scene):  # of a search that is stopped here
                     best, _ = self._better(best, scene, recipe.writing)
                 renders.append(draw(scene, 4 * width, 4 * height, covering=True))
@@ -220,7 +220,7 @@ class DrawingByBytes(ByBytes):
         count = SPARE * max(self._limit - self.flat.size, 0) / self._each_shape
         return int(min(max(count, 1), self._most, math.prod(self.subject.size)))
 
-    def _fit(
+    def _ellipses(
         self,
         count: int,
         recipe: Recipe,

@@ -126,20 +126,20 @@ def shapes_of(
     index = np.flatnonzero(drawn)
     levels = color_levels(scene.color[index], digits)
     falloff = np.where(plain, -1, kind)[index]
-    arrays = [index, falloff, skews[index], numbers[index], levels, opacity[index]]
+    order = np.arange(len(index))
     if not (falloff >= 0).all():
         mean, factor = _geometry(numbers[index], falloff < 0)
         keys = np.stack([mean[:, 0], mean[:, 1], falloff])
         order = colors_together(mean, factor, levels, keys, 1 / unit)
-        arrays = [array[order] for array in arrays]
-    soft = np.flatnonzero(arrays[1] >= 0)
+    index, falloff, levels = index[order], falloff[order], levels[order]
+    soft = np.flatnonzero(falloff >= 0)
     count = len(soft) if under_masks else 0
     if masked is None and not length.any():  # skews are those of masks or of gradients already
         count = masked_count(len(soft))
     under = np.zeros(len(index), bool)
     # The upper ones, which are smaller and quicker to paint.
     under[soft[len(soft) - count :]] = True
-    return Shapes(*arrays, under)
+    return Shapes(index, falloff, skews[index], numbers[index], levels, opacity[index], under)
 
 
 def masked_count(soft: int) -> int:
