@@ -341,9 +341,8 @@ class FitSession(Saved):
         if not len(self.state) or self.guard.least == math.inf:
             return
         population = self.population
-        if (
-            self.config.fit.loss == DEFAULT_LOSS and self.config.enlarged == 1
-        ):  # without a gradient, in a third of the time
+        # Without a gradient it takes a third of the time.
+        if self.config.fit.loss == DEFAULT_LOSS and self.config.enlarged == 1:
             loss = population.target.loss(population.splats())
         else:
             loss = self._evaluate(population.splats()).loss
