@@ -29,8 +29,6 @@ from gauss2svg.errors import InputError, number_within, plain_scalar, quoted, wh
 Check = Callable[[str, Any], Any]
 FileName = str | os.PathLike[str]
 Renderer = Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"]
-# Where an SVG is taken to: `check --for` says what breaks there.
-Place = Literal["figma", "penpot", "illustrator", "inkscape", "web", "email", "pdf"]
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([kmg]?)b?", re.IGNORECASE)
 

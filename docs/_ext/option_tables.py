@@ -1,9 +1,9 @@
 """Directives that list what the code has.
 
 `{options}` of a command, `{statuses}` of the studio, `{formats}` of photos, `{features}` that
-renderers draw wrongly, `{forms}` that they draw, `{scores}`, `{places}` and what
-breaks there, `{record}` of a photo of a batch. cyclopts' own directive has neither
-ranges nor a page for a group alone, and nothing that a link to an option could lead to.
+renderers draw wrongly, `{forms}` that they draw, `{scores}`, `{record}` of a photo of a
+batch. cyclopts' own directive has neither ranges nor a page for a group alone, and nothing
+that a link to an option could lead to.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from sphinx.util.docutils import SphinxDirective
 
 from gauss2svg.batch.records import PhotoRecord
 from gauss2svg.cli.main import build_app
-from gauss2svg.measure.places import PLACES, rules_of
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.options import Field, Number, OptionGroup, Whole, fields_of
 from gauss2svg.photo.formats import FORMATS
@@ -195,22 +194,6 @@ def scores_table() -> str:
     return _table("| score | in a report | of equal pictures | package | target |", rows)
 
 
-def places_table() -> str:
-    """What breaks where a file is taken to, from which number of it on, why, and who says so."""
-    rows = []
-    for rule in (rule for place in PLACES for rule in rules_of(place)):
-        uses = _markdown(rule.uses) + (f" (over {rule.over:,})" if rule.over else "")
-        source = rule.source
-        if source.startswith("https://"):
-            source = f"[{source.split('/')[2].removeprefix('www.')}]({source})"
-        elif source:  # a page of this documentation
-            page = source.removeprefix("docs/")
-            source = f"[{page.rsplit('/', 1)[-1].removesuffix('.md')}](../{page})"
-        how = rule.evidence + ("" if rule.breaks else ", slow") + (": " if source else "")
-        rows.append(f"| {rule.place} | {uses} | {_markdown(rule.reason)} | {how}{source} |")
-    return _table("| for | what a file has | what happens | source |", rows)
-
-
 def record_table() -> str:
     """The fields of the record of a photo, and what they hold."""
     lines = inspect.cleandoc(PhotoRecord.__doc__ or "").splitlines()
@@ -231,7 +214,7 @@ def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
     app.add_directive("options", Options)
     app.add_directive("statuses", Statuses)
-    tables = (formats_table, features_table, forms_table, scores_table, places_table, record_table)
+    tables = (formats_table, features_table, forms_table, scores_table, record_table)
     for table in tables:
         app.add_directive(table.__name__.removesuffix("_table"), _directive(table))
     return {"parallel_read_safe": True}

@@ -20,9 +20,8 @@ from gauss2svg.files import (
     expanded,
     refuse_option_like,
     write_all_atomically,
-    write_atomically,
 )
-from gauss2svg.options import Number, OptionGroup, Place, Renderer, Whole, byte_size
+from gauss2svg.options import Number, OptionGroup, Renderer, Whole, byte_size
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.pipeline.options import color_name
 
@@ -71,43 +70,29 @@ class CheckOutput(OptionGroup):
     """Save the rasterised SVG to this file, as PNG."""
 
     report: Path | None = None
-    """Save all numbers to this file, as JSON; with --for what was found."""
+    """Save all numbers to this file, as JSON."""
 
     min_psnr: Annotated[float | None, Number(0, 1e9, above=True)] = None
     """PSNR (dB) below which the exit status is 1; a transparent photo must reach it over white
     and over black. The files are written in any case."""
 
     quiet: bool = False
-    """Show no summary; what breaks --for a place is shown all the same."""
+    """Show no summary."""
 
 
 def check_command(
     photo: Annotated[
-        str,
-        Parameter(
-            allow_leading_hyphen=True,
-            help="Photo, or with --for the SVG; - reads standard input.",
-        ),
+        str, Parameter(allow_leading_hyphen=True, help="Photo; - reads standard input.")
     ],
     svg: Annotated[
-        str | None,
+        str,
         Parameter(
             allow_leading_hyphen=True,
             help="SVG, also gzipped; - reads standard input. It is stretched to the photo's size, "
             "or to that of --max-size.",
         ),
-    ] = None,
+    ],
     *,
-    place: Annotated[
-        Place | None,
-        Parameter(
-            name="--for",
-            help="Say, of an SVG given alone, what breaks where it is taken to, a line each with "
-            "its reason and source, in place of measuring it. The exit status is 1 where something "
-            "does, and 0 where it is only slow. --report, --quiet, --max-svg-bytes and "
-            "--max-elements may be given with it.",
-        ),
-    ] = None,
     reference: Annotated[
         str | None,
         Parameter(
@@ -122,16 +107,12 @@ def check_command(
         CheckOutput, Parameter(name="*", group="Output", negative=())
     ] = CheckOutput(),
 ) -> int:
-    """Measure how closely any SVG matches a photo, or say what breaks where it is taken to."""
+    """Measure how closely any SVG matches a photo."""
     from gauss2svg.cli.summary import print_check
     from gauss2svg.measure.check import check
 
-    names = expanded([photo] if svg is None else [photo, svg])
-    refuse_unknown_options(names, ["for", "reference", *vars(options), *vars(output)])
-    if place is not None:
-        if reference is not None:
-            raise InputError("reference must not be given with --for, which measures nothing")
-        return _check_for(place, names, options, output)
+    names = expanded([photo, svg])
+    refuse_unknown_options(names, ["reference", *vars(options), *vars(output)])
     if len(names) != 2:
         raise InputError(f"photo and SVG must be one file each; got {brief(', '.join(names))}")
     photo, svg = names
@@ -164,36 +145,3 @@ def check_command(
         say(f"PSNR is {lowest:.2f} dB, below --min-psnr {output.min_psnr:g}")
         return STATUS_UNDER
     return 0
-
-
-def _check_for(place: str, names: list[str], options: CheckOptions, output: CheckOutput) -> int:
-    """Say what breaks where an SVG is taken to; returns the exit status."""
-    from gauss2svg.measure.places import findings, rules_of
-
-    if len(names) != 1:
-        raise InputError(f"--for must be given with an SVG alone; got {brief(', '.join(names))}")
-    usual = CheckOptions()
-    limits = {"max_svg_bytes": options.max_svg_bytes, "max_elements": options.max_elements}
-    if options != dataclasses.replace(usual, **limits):
-        raise InputError(
-            "--for must be given without options of a measurement, as it measures nothing. Try "
-            "--max-svg-bytes and --max-elements alone"
-        )
-    for name in ("heatmap", "preview", "min_psnr"):
-        if getattr(output, name) is not None:
-            option = name.replace("_", "-")
-            raise InputError(f"--{option} must not be given with --for, which measures nothing")
-    check_outputs({names[0]: "the SVG"}, [] if output.report is None else [output.report])
-    is_stream = names[0] == STANDARD_STREAM
-    source: Any = standard_stream(sys.stdin, "input") if is_stream else Path(names[0])
-    found = findings(source, place, **limits)
-    if output.report is not None:
-        report = {"for": place, "findings": [finding.report for finding in found]}
-        write_atomically(output.report, as_json(report))
-    for finding in found:
-        say(finding.line)
-    if not found and not output.quiet:
-        rules = rules_of(place)
-        tried = sum(rule.tried for rule in rules)
-        say(f"nothing that is known to break in {place}: {len(rules)} rules, {tried} of them tried")
-    return STATUS_UNDER if any(finding.rule.breaks for finding in found) else 0

@@ -50,7 +50,7 @@ def build_app(everything: bool = False, short: bool = False) -> App:
     app.default(vectorize_command(everything, short))
     # By name, so that it is loaded only where it is asked for.
     for name, help_line in {
-        "check": "Measure any SVG against a photo, or say where it breaks.",
+        "check": "Measure any SVG against a photo.",
         "bench": "Compare settings: tables and plots of cost and quality.",
         "batch": "Vectorise many photos, on one machine or a cluster.",
         "gallery": "Write web pages that show the results for photos.",
@@ -73,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
 
     130 and 143 are those of Ctrl-C and SIGTERM, also where the best so far was written. 1 is that
     of a benchmark, a batch, a gallery or placeholders of which something failed, and of a check
-    under its --min-psnr or with something that breaks --for a place.
+    under its --min-psnr.
     """
     hold_closed_descriptors()
     warnings.filterwarnings("ignore", module="PIL")  # reported as errors where they matter

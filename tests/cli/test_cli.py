@@ -123,7 +123,6 @@ def test_standard_input_and_output_are_streams(picture, tmp_path):
         (["gallery", "PHOTO", "--variant", "max", "-o", "FOLDER/x"], "one. Try --variants"),
         (["check", "-x", "-y"], "-x must be an option; got an unknown one. Try --help"),
         (["check", "PHOTO", "--previw"], "unknown one. Try --preview"),
-        (["check", "PHOTO", "--fro", "--for", "web"], "--fro must be an option; got an"),
         (["PHOTO", "-o", "FOLDER/o.png"], "--output must be a name that ends in .svg or .svgz"),
         (["PHOTO", "-o", "FOLDER/x/"], "--output must be the name of a file, not of a folder"),
         (["PHOTO", "-o", ""], "--output must be the name of a file; got ''"),

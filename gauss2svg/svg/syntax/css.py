@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import tinycss2
-import tinycss2.color4
 
 from gauss2svg.errors import InputError, quoted
 
@@ -60,16 +59,6 @@ def properties(style: str) -> dict[str, str]:
 def without_comments(text: str) -> str:
     """CSS with a space for each comment."""
     return _COMMENT.sub(" ", text) if "/*" in text else text
-
-
-def color_alpha(text: str) -> float:
-    """Alpha of a colour in 0..1, 1 for what CSS 4 knows as none; raises InputError as nodes_of."""
-    token = _parsed(tinycss2.parse_one_component_value, text)
-    try:
-        color = tinycss2.color4.parse_color(token)
-    except ValueError:  # of color() without a space, which is no colour
-        return 1.0
-    return float(getattr(color, "alpha", 1.0))  # of a name such as currentcolor there is none
 
 
 def component_values(text: str) -> list[Any]:
