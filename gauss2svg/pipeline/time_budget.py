@@ -85,12 +85,6 @@ def steps_for(plan: Plan, image: NDArray[np.float32]) -> int:
     return TUNING.steps_of_drawing if is_drawing(image) else TUNING.steps
 
 
-def gaussians_within(limit_s: float, size: tuple[int, int], measured: int, threads: int = 1) -> int:
-    """The count that so many seconds allow, before any step shows how fast they are."""
-    budget = TimeBudget(time.perf_counter() + limit_s, size, measured, threads)
-    return budget.most_gaussians(0, 0.0)
-
-
 class TimeBudget:
     """The time left, and how much of it the fit may use.
 

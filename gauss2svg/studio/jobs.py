@@ -54,7 +54,6 @@ class Job:
     height: int | None
     keep: bool = False
     id: str = field(default_factory=lambda: secrets.token_hex(8))
-    digest: str = ""
     lines: dict[str, str] = field(default_factory=dict)
     state: str = QUEUED
     place: int = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 from urllib.parse import quote
 
 from fastapi import UploadFile
@@ -38,17 +38,6 @@ class JobState(BaseModel):
     height: int | None
     options: dict[str, Any]
     lines: dict[str, str]
-
-
-class Estimate(BaseModel):
-    """What a run will give; psnr in dB, None without Gaussians."""
-
-    gaussians: int
-    bytes: int
-    gzip_bytes: int
-    seconds: float
-    psnr: float | None
-    based_on: Literal["rule", "runs"]
 
 
 class Sample(BaseModel):

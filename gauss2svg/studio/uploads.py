@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import os
 import re
 import unicodedata
@@ -101,14 +100,11 @@ def _no_folder(folder: Path, why: str) -> InputError:
     )
 
 
-async def save(upload: Any, path: Path) -> str:
-    """Write an upload to a file; returns its digest."""
-    digest = hashlib.sha256()
+async def save(upload: Any, path: Path) -> None:
+    """Write an upload to a file."""
     with path.open("wb") as file:
         while chunk := await upload.read(1 << 20):
-            digest.update(chunk)
             await asyncio.to_thread(file.write, chunk)
-    return digest.hexdigest()
 
 
 def link(source: Path, path: Path) -> None:
@@ -118,9 +114,3 @@ def link(source: Path, path: Path) -> None:
         os.link(source, path)
     except OSError:
         path.write_bytes(source.read_bytes())
-
-
-def digest_of(path: Path) -> str:
-    """SHA-256 of a file, which `save` returns too."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()

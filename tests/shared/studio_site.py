@@ -20,7 +20,7 @@ from gauss2svg.raster import chromium
 HOSTILE = "<img src=x onerror=alert(1)>&\"'.png"
 PLAIN, UPRIGHT = "cat.png", "cup.png"
 # The page ends streams and requests that it no longer needs.
-_ENDED = re.compile(r"/(events|estimate|chart|frame\?n=\d+): net::ERR_ABORTED$")
+_ENDED = re.compile(r"/(events|chart|frame\?n=\d+): net::ERR_ABORTED$")
 
 
 def write_photos(folder: Path) -> dict[str, Path]:

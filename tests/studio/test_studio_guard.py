@@ -5,7 +5,6 @@ The file is long because there are so many hostile uses.
 
 import asyncio
 import errno
-import hashlib
 import io
 import json
 import math
@@ -125,7 +124,7 @@ def test_no_token_in_the_address_opens_more_than_the_page(path, headers):
     "site", [{"Origin": "https://evil.example"}, {"Sec-Fetch-Site": "same-site"}]
 )
 def test_nor_may_such_a_page_drive_a_mounted_studio(site):
-    answer = answer_of(STUDIO, "POST", "/api/estimate", HOME, headers=site, content="{}")
+    answer = answer_of(STUDIO, "POST", "/api/chart", HOME, headers=site, content="{}")
     assert answer.status_code == 403
 
 
@@ -420,9 +419,9 @@ def test_a_query_of_another_kind_is_refused_as_every_value_is(query, line):
     assert (answer.status_code, line_of(answer)) == (422, line)
 
 
-@pytest.mark.parametrize("body", ["[" * 60_000, '{"a": ' * 9000, " " * 10**6, "no JSON", "[1]"])
+@pytest.mark.parametrize("body", ["[" * 60_000, '{"a": ' * 9000, " " * 5_000_000, "no JSON", "[1]"])
 def test_json_is_bounded_in_bytes_and_depth(body):
-    line = line_of(answer := ask("POST", "/api/estimate", headers=BEARER, content=body))
+    line = line_of(answer := ask("POST", "/api/chart", headers=BEARER, content=body))
     assert answer.status_code == 422
     assert line.startswith("the body must be")
     assert len(line) < 200
@@ -451,12 +450,11 @@ def test_the_size_of_a_photo_is_that_of_it_upright(tmp_path, monkeypatch):
     assert size_of(tmp_path / "turned", "a.jpg") == (8, 6)
 
 
-def test_what_is_kept_is_what_was_sent_and_its_digest_is_the_file_s(tmp_path, monkeypatch):
+def test_what_is_kept_is_what_was_sent(tmp_path, monkeypatch):
     data = os.urandom(3 << 20)
     upload = UploadFile(io.BytesIO(data))
-    digest = asyncio.run(uploads.save(upload, tmp_path / "photo"))
+    asyncio.run(uploads.save(upload, tmp_path / "photo"))
     assert (tmp_path / "photo").read_bytes() == data
-    assert digest == hashlib.sha256(data).hexdigest() == uploads.digest_of(tmp_path / "photo")
 
     def refuse(*_):
         raise OSError(errno.EXDEV, "another disk")
@@ -502,7 +500,6 @@ def test_the_stem_of_a_name_is_one_on_every_system(name, stem):
         ("GET", "/api/zip", 422),
         ("GET", "/docs", 404),
         ("POST", "/api/jobs", 422),
-        ("POST", "/api/estimate", 422),
         ("POST", "/api/chart", 422),
         ("PUT", "/api/jobs", 405),
     ],

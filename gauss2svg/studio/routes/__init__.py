@@ -6,9 +6,7 @@ JSON that is bounded.
 
 from __future__ import annotations
 
-import asyncio
 import json
-from collections.abc import Awaitable, Callable
 from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Request
@@ -21,7 +19,6 @@ from gauss2svg.studio.jobs import Job, Jobs
 from gauss2svg.studio.schemas import Sample
 
 _Model = TypeVar("_Model", bound=BaseModel)
-MOST_JSON = 64_000  # characters of options
 
 
 async def _jobs(request: Request) -> Jobs:
@@ -66,24 +63,6 @@ async def sample_named(name: str, samples: Samples) -> Sample:
 
 
 KnownSample = Annotated[Sample, Depends(sample_named)]
-
-
-def object_within(most: int) -> Callable[..., Awaitable[dict[str, Any]]]:
-    """A dependency: the JSON object of a body of at most so many bytes; raises InputError."""
-
-    async def given(request: Request) -> dict[str, Any]:
-        read = bytearray()
-        async for chunk in request.stream():
-            read += chunk
-            if len(read) > most:
-                raise InputError(f"the body must be at most {most} bytes; got more. Try less")
-        text = read.decode(errors="replace")
-        found = await asyncio.to_thread(parsed, "the body", text, most)
-        if not isinstance(found, dict):
-            raise InputError(f"the body must be an object; got {type(found).__name__}")
-        return found
-
-    return given
 
 
 def parsed(what: str, text: str, most: int) -> Any:

@@ -9,7 +9,7 @@ import shutil
 from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import Response, StreamingResponse
@@ -18,23 +18,21 @@ from starlette.exceptions import HTTPException
 
 from gauss2svg.errors import InputError
 from gauss2svg.studio import uploads
-from gauss2svg.studio.estimate import estimate_of
 from gauss2svg.studio.jobs import CANCELED, FAILED, Job, Jobs
 from gauss2svg.studio.options import lines_of, options_of
 from gauss2svg.studio.routes import (
-    MOST_JSON,
     AllJobs,
     KnownJob,
     Samples,
     job_named,
-    object_within,
     parsed,
     sample_named,
     validated,
 )
 from gauss2svg.studio.routes.results import picture
-from gauss2svg.studio.schemas import Estimate, JobState, PhotoForm, Sample
+from gauss2svg.studio.schemas import JobState, PhotoForm, Sample
 
+_MOST_OPTIONS = 64_000  # characters of their JSON
 _ALIVE_S = 15.0  # between two lines of an event stream that has nothing to tell
 _FIXED = {"name", "width", "height", "options", "lines"}  # told once of a job
 _FIGURES = ("gaussians", "psnr_svg", "ssim_svg", "svg_bytes", "total_s", "stop_reason")
@@ -69,15 +67,15 @@ def _checked(given: FormData) -> PhotoForm:
 
 
 async def _queued(form: PhotoForm, jobs: Jobs, samples: dict[str, Sample]) -> Job:
-    given = parsed("options", form.options, MOST_JSON)
+    given = parsed("options", form.options, _MOST_OPTIONS)
     options = options_of(given)
     folder = jobs.new_folder()
     path = folder / "photo"
     try:
-        name, digest = await _keep_photo(form, path, jobs, samples)
+        name = await _keep_photo(form, path, jobs, samples)
         size = await asyncio.to_thread(uploads.size_of, path, name)
         lines = lines_of(name, options)
-        job = Job(folder, name, given, *size, keep=form.keep, digest=digest, lines=lines)
+        job = Job(folder, name, given, *size, keep=form.keep, lines=lines)
         jobs.submit(job)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -85,21 +83,19 @@ async def _queued(form: PhotoForm, jobs: Jobs, samples: dict[str, Sample]) -> Jo
     return job
 
 
-async def _keep_photo(
-    form: PhotoForm, path: Path, jobs: Jobs, samples: dict[str, Sample]
-) -> tuple[str, str]:
-    """Write the photo to a path; returns its name and digest."""
+async def _keep_photo(form: PhotoForm, path: Path, jobs: Jobs, samples: dict[str, Sample]) -> str:
+    """Write the photo to a path, and return its name."""
     if form.photo is not None:
-        name = uploads.display_name(form.photo.filename)
-        return name, await uploads.save(form.photo, path)
+        await uploads.save(form.photo, path)
+        return uploads.display_name(form.photo.filename)
     if form.of:
         other = await job_named(form.of, jobs)
         await asyncio.to_thread(uploads.link, other.photo, path)
-        return other.name, other.digest
+        return other.name
     if form.sample:
         sample = await sample_named(form.sample, samples)
         await asyncio.to_thread(uploads.link, sample.path, path)
-        return sample.name, await asyncio.to_thread(uploads.digest_of, path)
+        return sample.name
     raise InputError(
         "the photo must be given: a file as photo, a sample, or the job that it is of; got none"
     )
@@ -148,18 +144,6 @@ async def vectorize(request: Request, job: SubmittedJob, jobs: AllJobs) -> Respo
 async def _disconnection(request: Request) -> None:
     while (await request.receive())["type"] != "http.disconnect":
         pass
-
-
-@router.post("/estimate")
-async def estimate(
-    given: Annotated[dict[str, Any], Depends(object_within(MOST_JSON))], jobs: AllJobs
-) -> Estimate:
-    """What a run will give: JSON {width, height, options, of?} in, figures out."""
-    of = jobs.known.get(str(given.get("of")))
-    sides = given.get("width"), given.get("height")
-    if of is not None and of.width and of.height:
-        sides = of.width, of.height
-    return estimate_of(*sides, options_of(given.get("options", {})), jobs, of)
 
 
 @router.get("/jobs/{name}", response_model=JobState)

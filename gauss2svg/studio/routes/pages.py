@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Collection
 from importlib.resources import files
 from pathlib import Path
@@ -13,11 +14,12 @@ from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 
 from gauss2svg.compare.chart import BESIDE, COSTS, Point, scatter, template_environment
+from gauss2svg.errors import InputError
 from gauss2svg.measure.heatmap import MOST, legend
 from gauss2svg.measure.scores import SCORES
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio.options import form
-from gauss2svg.studio.routes import AllJobs, KnownSample, Samples, object_within, validated
+from gauss2svg.studio.routes import AllJobs, KnownSample, Samples, parsed, validated
 from gauss2svg.studio.schemas import Sample
 from gauss2svg.studio.uploads import REFUSED
 from gauss2svg.version import __version__
@@ -108,9 +110,23 @@ def _body_of_chart() -> dict[str, Any]:
     return {"requestBody": {"required": True, "content": content}}
 
 
+async def _object_of_body(request: Request) -> dict[str, Any]:
+    """Return the JSON object of a body; raise InputError for one over _MOST_CHART bytes."""
+    read = bytearray()
+    async for chunk in request.stream():
+        read += chunk
+        if len(read) > _MOST_CHART:
+            raise InputError(f"the body must be at most {_MOST_CHART} bytes; got more. Try less")
+    text = read.decode(errors="replace")
+    found = await asyncio.to_thread(parsed, "the body", text, _MOST_CHART)
+    if not isinstance(found, dict):
+        raise InputError(f"the body must be an object; got {type(found).__name__}")
+    return found
+
+
 @router.post("/api/chart", response_class=Response, openapi_extra=_body_of_chart())
 def draw_chart(
-    given: Annotated[dict[str, Any], Depends(object_within(_MOST_CHART))],
+    given: Annotated[dict[str, Any], Depends(_object_of_body)],
 ) -> Response:
     """A chart of a score over a cost as SVG, its points in their order."""
     asked = validated(ChartAsked, given)

@@ -9,7 +9,6 @@
 /** @typedef {{ groups: Group[], scores: Score[], limits: Limits }} Form */
 /** @typedef {{ png_pixels: number }} Limits */
 /** @typedef {{ name: string, url: string, width: number, height: number }} Sample */
-/** @typedef {{ gaussians: number, bytes: number, seconds: number, psnr: number | null }} Figures */
 /** @typedef {Record<string, number | null> & { width: number, height: number, gaussians: number, svg_bytes: number,
  *   svgz_bytes: number, total_s: number, psnr_svg: number | null } & { unreached: string[], notes: string[] }} Report */
 /** @typedef {{ phase?: string, round?: number, iteration?: number, done?: number, frame?: number, gaussians?: number,
@@ -54,12 +53,9 @@ export const getText = async (path) => (await answer(path)).text();
 export const getBlob = async (path) => (await answer(path)).blob();
 
 /** @param {object} asked @param {AbortSignal} signal */
-const asking = (asked, signal) =>
-  ({ method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(asked), signal });
-/** @param {object} asked @param {AbortSignal} signal */
-export const getEstimate = (asked, signal) => /** @type {Promise<Figures>} */ (json("api/estimate", asking(asked, signal)));
-/** @param {object} asked @param {AbortSignal} signal */
-export const getChart = async (asked, signal) => (await answer("api/chart", asking(asked, signal))).text();
+export const getChart = async (asked, signal) => (await answer("api/chart", {
+  method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(asked), signal,
+})).text();
 /**
  * A photo whose bytes the server has already is not sent again; a 404 says that it has them no longer.
  * @param {import("./job.js").Photo} photo

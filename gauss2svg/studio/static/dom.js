@@ -48,12 +48,3 @@ export function complain(id, text) {
   line.textContent = text;
   line.hidden = text === "";
 }
-
-/** @param {() => void} action @param {number} milliseconds */
-export function debounced(action, milliseconds) {
-  let timer = 0;
-  return () => {
-    clearTimeout(timer);
-    timer = setTimeout(action, milliseconds);
-  };
-}

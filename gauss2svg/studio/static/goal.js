@@ -1,6 +1,6 @@
 // The main control: what a run aims at, and how much of it.
 
-import { make } from "./dom.js";
+import { complain, make } from "./dom.js";
 import { shortSize, whole } from "./numbers.js";
 
 const TICKS = 100; // of the slider on a logarithmic scale
@@ -38,37 +38,30 @@ const KINDS = /** @type {Record<string, Kind>} */ ({
 });
 
 export class Goal {
-  /** @param {Record<string, import("./api.js").Option>} options by their names @param {() => void} changed */
-  constructor(options, changed) {
+  /** @param {Record<string, import("./api.js").Option>} options by their names @param {(kind: string) => void} kindChanged called with the option that the control stands for */
+  constructor(options, kindChanged) {
     this.slider = by("amount", HTMLInputElement);
     this.number = by("exact", HTMLInputElement);
     this.preset = by("preset", HTMLSelectElement);
     this.kinds = all("[name=kind]", by("goal"), HTMLInputElement);
     this.values = Object.fromEntries(Object.entries(KINDS).map(([kind, one]) => [kind, one.start]));
     this.options = options;
+    this.kindChanged = kindChanged;
     const quality = options.quality;
     this.presets = (quality.choices ?? []).map(String);
     this.preset.append(...this.presets.map((name) => make("option", { value: name }, name)));
     this.preset.value = String(quality.default ?? "balanced");
-    for (const radio of this.kinds) radio.addEventListener("input", () => {
-      this.showKind();
-      changed();
-    });
+    for (const radio of this.kinds) radio.addEventListener("input", () => this.showKind());
     this.slider.addEventListener("input", () => {
       if (this.kind === "quality") this.preset.value = this.presets[Number(this.slider.value)];
       else this.values[this.kind] = KINDS[this.kind].scale.fromSlider(Number(this.slider.value));
       this.showValue(this.slider);
-      changed();
     });
-    this.preset.addEventListener("input", () => {
-      this.showValue();
-      changed();
-    });
+    this.preset.addEventListener("input", () => this.showValue());
     this.number.addEventListener("input", () => {
       if (!this.number.validity.valid || this.number.value === "") return;
       this.values[this.kind] = Number(this.number.value);
       this.showValue(this.number);
-      changed();
     });
     this.showKind();
   }
@@ -98,6 +91,7 @@ export class Goal {
 
   showKind() {
     const isQuality = this.kind === "quality";
+    this.kindChanged(this.kind);
     by("exact-field").hidden = isQuality;
     by("preset-field").hidden = !isQuality;
     by("kind-help").textContent = this.options[this.kind].help;
@@ -123,5 +117,6 @@ export class Goal {
     else if (from !== this.slider) this.slider.value = String(KINDS[this.kind].scale.toSlider(value));
     if (this.kind !== "quality" && from !== this.number) this.number.value = String(value);
     this.slider.setAttribute("aria-valuetext", this.text());
+    complain("goal-error", "");
   }
 }

@@ -1,19 +1,17 @@
 // What the page knows, and what follows from a change of it.
 
-import { ApiError, getBlob, getEstimate, getJob, getOptions, getSamples, ofJob, zipOf } from "./api.js";
-import { complain, debounced, say } from "./dom.js";
+import { ApiError, getBlob, getJob, getOptions, getSamples, ofJob, zipOf } from "./api.js";
+import { complain, say } from "./dom.js";
 import { Exports } from "./exports.js";
 import { Goal } from "./goal.js";
 import { listen, showSamples } from "./intake.js";
 import { hasPicture, isActive, isDone, Lane } from "./job.js";
 import { More } from "./more.js";
-import { about, whole } from "./numbers.js";
+import { decibels, seconds, size, whole } from "./numbers.js";
 import { figuresOf, showProgress, Strip } from "./progress.js";
 import { Picture } from "./rounds.js";
 import { named, Trade } from "./trade.js";
 
-const TYPICAL = { width: 768, height: 512 }; // px, before there is a photo
-const ESTIMATE_MS = 200; // after the last change
 const OF_JOB = /^api\/jobs\/([^/]+)\/((?!frame).*)/; // frames are followed by others
 const FORGOTTEN = "The server has forgotten this run, and keeps its newest ones only. Try to run it again.";
 
@@ -28,19 +26,16 @@ class Studio {
     this.photo = /** @type {Photo | null} */ (null);
     this.shown = /** @type {Run | null} */ (null);
     this.beside = /** @type {DoneRun | null} */ (null);
-    this.asking = new AbortController();
     this.left = by("left", HTMLSelectElement);
     const options = Object.fromEntries(groups.flatMap((group) => group.options).map((one) => [one.name, one]));
-    const estimate = debounced(() => this.estimate(), ESTIMATE_MS);
-    this.goal = new Goal(options, estimate);
-    this.more = new More(groups, estimate);
+    this.more = new More(groups);
+    this.goal = new Goal(options, (kind) => this.more.leaveOut(kind));
     this.viewer = new Viewer((zoom, shown) => tellZoom(zoom, shown), (source) => this.missing(source));
     this.trade = new Trade(scores, (run) => this.show(run), (run) => this.compare(run));
     this.exports = new Exports(limits);
     this.strip = new Strip((photo) => this.open(photo));
     this.lane = new Lane(Number(document.body.dataset.workers), (run) => this.changed(run));
     this.hear();
-    this.estimate();
   }
 
   hear() {
@@ -141,7 +136,6 @@ class Studio {
     if (this.shown === run) this.viewer.setRounds(roundsOf(run));
     if (isDone(run)) say(`${named(run)} is done: ${figuresOf(run)}`);
     this.showAll();
-    this.estimate();
   }
 
   /**
@@ -236,7 +230,6 @@ class Studio {
       picture.src = photo.url;
     }
     this.showAll();
-    this.estimate();
   }
 
   /** @param {Photo} photo @param {number} width @param {number} height */
@@ -245,7 +238,6 @@ class Studio {
     if (photo !== this.photo) return;
     this.viewer.open(width, height);
     this.showHeading();
-    this.estimate();
   }
 
   /** @param {Run | null} run */
@@ -288,7 +280,8 @@ class Studio {
     this.exports.show(done);
     by("figures").textContent = done ? figuresOf(done) : "";
     by("notes").textContent = done ? [...done.report.unreached, ...done.report.notes].join("; ") : "";
-    by("measured").textContent = done ? `Run ${done.number} gave ${about({ ...done.report, bytes: done.report.svg_bytes, seconds: done.report.total_s, psnr: done.report.psnr_svg })}` : "";
+    const last = finished.findLast((run) => run.photo === this.photo);
+    by("last-run").textContent = last ? `The last run of this photo, ${last.aim}, took ${costOf(last)}` : "";
     by("run-all").hidden = this.photos.length < 2;
     by("run-all").textContent = `Run all ${this.photos.length}`;
     const latest = this.photos.flatMap((photo) => finished.filter((run) => run.photo === photo).slice(-1));
@@ -359,30 +352,15 @@ class Studio {
       complain("photo-error", error.status === 404 && !isKnown ? FORGOTTEN : error.message);
     }
   }
-
-  async estimate() {
-    this.asking.abort();
-    this.asking = new AbortController();
-    const place = this.photo?.width ? this.photo : TYPICAL;
-    const options = { ...this.more.chosen(this.goal.kind), ...this.goal.chosen() };
-    try {
-      const of = this.runs.findLast((run) => hasPicture(run) && run.photo === this.photo)?.id;
-      const found = await getEstimate({ width: place.width, height: place.height, options, of }, this.asking.signal);
-      by("estimate").textContent = `About ${about(found)}${place === TYPICAL ? `, for a photo of ${TYPICAL.width} \u00d7 ${TYPICAL.height} px` : ""}`;
-      // It may answer what was asked before the field was filled in wrongly.
-      if (!this.goal.fault()) complain("goal-error", "");
-    } catch (error) {
-      if (error.name === "AbortError") return;
-      if (!(error instanceof ApiError)) throw error;
-      by("estimate").textContent = "";
-      if (error.status !== 422 || !this.more.blame(error.message, false)) complain("goal-error", error.message);
-    }
-  }
 }
 
 /** @param {Run | null} run */
 const roundsOf = (run) =>
   (run?.picture?.rounds ?? []).map(({ number, count }) => `after round ${number}: ${whole(count)} shapes`);
+
+/** @param {DoneRun} run */
+const costOf = ({ report }) =>
+  `${seconds(report.total_s)}: ${whole(report.gaussians)} shapes, ${size(report.svg_bytes)}, ${decibels(report.psnr_svg)}`;
 
 /** @param {number | null} zoom @param {number} shown */
 function tellZoom(zoom, shown) {

@@ -6,22 +6,18 @@ import { make } from "./dom.js";
 /** @typedef {{ option: Option, control: HTMLInputElement | HTMLSelectElement, row: HTMLElement, error: HTMLElement }} OptionField */
 
 export class More {
-  /** @param {Group[]} groups @param {() => void} changed */
-  constructor(groups, changed) {
+  /** @param {Group[]} groups */
+  constructor(groups) {
     this.fields = /** @type {Map<string, OptionField>} */ (new Map()); // by the names of options
     for (const group of groups) {
       const rows = group.options.map((option) => this.row(option));
       by("groups").append(make("details", { class: "group" },
         make("summary", {}, group.title), make("div", { class: "options" }, ...rows)));
     }
-    by("groups").addEventListener("input", () => {
-      this.count();
-      changed();
-    });
+    by("groups").addEventListener("input", () => this.count());
     by("reset").addEventListener("click", () => {
       for (const one of this.fields.values()) this.set(one, one.option.default);
       this.count();
-      changed();
     });
     this.count();
   }
@@ -73,13 +69,20 @@ export class More {
   }
 
   /**
+   * Hides the row of an option that is set elsewhere, and shows the others.
+   * @param {string} main its name
+   */
+  leaveOut(main) {
+    for (const [name, one] of this.fields) one.row.hidden = name === main;
+  }
+
+  /**
    * Options that differ from their defaults.
    * @param {string} main the name of one that is set elsewhere
    */
   chosen(main) {
     const found = /** @type {Options} */ ({});
     for (const [name, one] of this.fields) {
-      one.row.hidden = name === main;
       const value = this.value(one);
       if (name !== main && value !== one.option.default) found[name] = value;
     }
@@ -108,24 +111,21 @@ export class More {
   /**
    * Shows a line of the server at the option that it names; false where it is not seen there.
    * @param {string} line
-   * @param {boolean} isRun whether a run was asked for, not an estimate
    */
-  blame(line, isRun = true) {
+  blame(line) {
     const one = this.fields.get(/^[a-z_]+/.exec(line)?.[0] ?? "");
-    if (one) this.refuse(one, line, isRun);
+    if (one) this.refuse(one, line);
     return one !== undefined && one.error.checkVisibility();
   }
 
   /**
-   * Shows a line at a field, which gets the focus where a run was asked for; an estimate does not take it away.
+   * Shows a line at a field, which gets the focus.
    * @param {OptionField} field
    * @param {string} line
-   * @param {boolean} isRun
    */
-  refuse({ control, row, error }, line, isRun = true) {
+  refuse({ control, row, error }, line) {
     error.textContent = line;
     error.hidden = false;
-    if (!isRun) return;
     by("more", HTMLDetailsElement).open = true;
     row.closest("details")?.setAttribute("open", "");
     control.focus();

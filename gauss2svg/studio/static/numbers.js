@@ -41,8 +41,6 @@ export function shortSize(count) {
     if (count >= 0.9995 * unit) return short(count / unit) + SPACE + name;
   return short(count) + SPACE + "B";
 }
-/** @param {number} value */
-const shortSeconds = (value) => short(value) + SPACE + "s";
 /**
  * A score with its digits and unit.
  * @param {import("./api.js").Score} axis
@@ -52,15 +50,4 @@ export function score(axis, value) {
   if (!given(value)) return axis.best === null ? "equal" : NONE;
   const unit = axis.unit.trim();
   return value.toFixed(axis.digits) + (unit && SPACE + unit);
-}
-/** @param {number} value */
-const rough = (value) => Number(value.toPrecision(2));
-/**
- * What an estimate promises, to two digits.
- * @param {import("./api.js").Figures} figures
- */
-export function about({ gaussians, bytes, seconds: time, psnr }) {
-  const parts = [`${whole(rough(gaussians))} shapes`, shortSize(rough(bytes)), shortSeconds(rough(time))];
-  if (given(psnr)) parts.push(`${Math.round(psnr)}${SPACE}dB`);
-  return parts.join(", ");
 }
