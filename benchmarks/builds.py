@@ -1,10 +1,10 @@
-"""Builds the web projects of examples/ with npm and looks at them in Chromium, with late photos.
+"""Build examples/vite with npm and look at its page in Chromium, with late photos.
 
 python benchmarks/builds.py [--pictures FOLDER]
 
-Says of each page: how far anything moved (layout shift), whether the placeholders are in the first
-paint, how close they are to the photos, and whether they are gone once the photos have come. Needs
-node and Playwright; npm installs what the projects name, unless their folders have node_modules.
+It prints how far anything moved (layout shift), whether the placeholders are in the first paint,
+how close they are to the photos, and whether they are gone once the photos have come. It needs
+node and Playwright. npm installs Vite, unless examples/vite has node_modules.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ from gauss2svg.raster import chromium
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 PHOTOS = "public/photos"
-PROJECTS = {"vite": "dist", "eleventy": "_site"}  # the folder that each builds
 LATE_S = 4.0
 _SHIFT = """() => {
     window.shift = 0;
@@ -62,10 +61,10 @@ class Late(SimpleHTTPRequestHandler):
         """Say nothing."""
 
 
-def built(name: str, folder: Path) -> Path:
-    """The pages of a project of examples/, built in a folder with two photos, one transparent."""
-    root, photos = folder / name, folder / name / PHOTOS
-    shutil.copytree(EXAMPLES / name, root, ignore=shutil.ignore_patterns("node_modules"))
+def built(folder: Path) -> Path:
+    """Build the project with two photos, one of them transparent, and return its pages."""
+    root, photos = folder / "vite", folder / "vite" / PHOTOS
+    shutil.copytree(EXAMPLES / "vite", root, ignore=shutil.ignore_patterns("node_modules"))
     photos.mkdir(parents=True)
     with Image.open(EXAMPLES / "coffee.jpg") as photo:
         photo.resize((1600, 1067)).save(photos / "coffee.jpg")
@@ -73,15 +72,15 @@ def built(name: str, folder: Path) -> Path:
     x = np.abs(np.linspace(-1, 1, 900)) < 0.5
     clear.putalpha(Image.fromarray(np.tile(np.uint8(255 * x), (600, 1))))
     clear.save(photos / "clear one.png")
-    if (EXAMPLES / name / "node_modules").exists():
-        (root / "node_modules").symlink_to((EXAMPLES / name / "node_modules").resolve())
+    if (EXAMPLES / "vite" / "node_modules").exists():
+        (root / "node_modules").symlink_to((EXAMPLES / "vite" / "node_modules").resolve())
     else:
         subprocess.run(["npm", "install", "--no-audit", "--no-fund"], cwd=root, check=True)
     for _ in range(2):  # the second time nothing has changed
         begun = time.perf_counter()
         subprocess.run(["npm", "run", "build", "--silent"], cwd=root, check=True, stdout=sys.stderr)
-        print(f"{name}: built in {time.perf_counter() - begun:.1f} s")
-    return root / PROJECTS[name]
+        print(f"built in {time.perf_counter() - begun:.1f} s")
+    return root / "dist"
 
 
 def pixels_of(shot: bytes, box: list[float]) -> np.ndarray:
@@ -92,8 +91,8 @@ def pixels_of(shot: bytes, box: list[float]) -> np.ndarray:
         return np.asarray(part, np.float64) / 255
 
 
-def look(name: str, pages: Path, program: object, pictures: Path | None) -> list[str]:
-    """What goes wrong on a page, seen before and after its photos have come."""
+def look(pages: Path, program: object, pictures: Path | None) -> list[str]:
+    """Look at the page before and after its photos have come; return what is wrong."""
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Late, directory=os.fspath(pages)))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     page = program.new_page(viewport={"width": 800, "height": 1200})  # type: ignore[attr-defined]
@@ -106,8 +105,8 @@ def look(name: str, pages: Path, program: object, pictures: Path | None) -> list
     last, late = page.screenshot(), page.evaluate(_STATE)
     server.shutdown()
     if pictures is not None:
-        (pictures / f"{name}-first.png").write_bytes(first)
-        (pictures / f"{name}-loaded.png").write_bytes(last)
+        (pictures / "first.png").write_bytes(first)
+        (pictures / "loaded.png").write_bytes(last)
     wrong = []
     if early["loaded"]:
         wrong.append("photos had come before the first look")
@@ -126,7 +125,7 @@ def look(name: str, pages: Path, program: object, pictures: Path | None) -> list
             wrong.append("the placeholder shines through the transparent photo")
     close = ", ".join(f"{one:.1f}" for one in errors)
     print(
-        f"{name}: first paint at {early['paint']:.0f} ms with {early['loaded']} of "
+        f"first paint at {early['paint']:.0f} ms with {early['loaded']} of "
         f"{len(early['boxes'])} photos; placeholders at {close} dB of what comes; layout shift "
         f"{late['shift']:.3f}; {late['loaded']} photos loaded, {late['shown']} placeholders left"
     )
@@ -140,12 +139,11 @@ def main() -> int:
     given = parser.parse_args()
     if given.pictures is not None:
         given.pictures.mkdir(parents=True, exist_ok=True)
-    api, wrong = chromium._playwright(), []
+    api = chromium._playwright()
     with tempfile.TemporaryDirectory() as folder, api.sync_playwright() as playwright:
-        pages = {name: built(name, Path(folder)) for name in PROJECTS}
+        pages = built(Path(folder))
         program = chromium.launch(api, playwright, chromium._program(), flags=())
-        for name, folder_of in pages.items():
-            wrong += [f"{name}: {line}" for line in look(name, folder_of, program, given.pictures)]
+        wrong = look(pages, program, given.pictures)
         program.close()
     for line in wrong:
         print(f"wrong: {line}")

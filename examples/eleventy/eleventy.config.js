@@ -1,3 +1,0 @@
-export default function (config) {
-  config.addPassthroughCopy({ "public/photos": "photos" });
-}
