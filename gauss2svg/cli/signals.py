@@ -121,7 +121,7 @@ def raising() -> Iterator[None]:
         raise_for(number)
 
     try:
-        with _handled(SIGNALS, received):
+        with _handled(received):
             yield
             batch.raise_pending()
     finally:
@@ -132,19 +132,20 @@ def raising() -> Iterator[None]:
 def interruptible() -> Iterator[Interruption]:
     """Let the Interruption receive signals inside, if this is the main thread."""
     interruption = Interruption()
-    with _handled(SIGNALS, interruption._receive):
+    with _handled(interruption._receive):
         batch.raise_pending()  # what came before, and was lost in a callback
         yield interruption
 
 
 @contextmanager
-def _handled(signals: tuple[int, ...], handler: object) -> Iterator[None]:
+def _handled(handler: object) -> Iterator[None]:
+    """Let a handler receive SIGNALS inside, if this is the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.getsignal(number) for number in signals}
+    before = {number: signal.getsignal(number) for number in SIGNALS}
     try:
-        for number in signals:
+        for number in SIGNALS:
             # Signals that were ignored at the start stay ignored, as by nohup or in the background
             # of a shell without job control.
             if before[number] is not signal.SIG_IGN:

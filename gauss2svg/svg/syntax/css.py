@@ -43,7 +43,8 @@ def properties(style: str) -> dict[str, str]:
 
     Raises InputError for escapes in names and for what is !important.
     """
-    style = without_comments(style)
+    if "/*" in style:
+        style = _COMMENT.sub(" ", style)
     found: dict[str, str] = {}
     for name, colon, value in (part.partition(":") for part in style.split(";")):
         if "\\" in name or "!" in value:
@@ -54,11 +55,6 @@ def properties(style: str) -> dict[str, str]:
         if colon:
             found[name.strip().lower()] = value.strip()
     return found
-
-
-def without_comments(text: str) -> str:
-    """CSS with a space for each comment."""
-    return _COMMENT.sub(" ", text) if "/*" in text else text
 
 
 def component_values(text: str) -> list[Any]:
