@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from gauss2svg.errors import InputError, OutputError
-from gauss2svg.processes import WINDOWS
 
 if TYPE_CHECKING:
     import numpy as np
@@ -61,11 +60,11 @@ def reading(path: FileName, advice: str) -> Iterator[BinaryIO]:
         yield file
 
 
-def check_writable(path: FileName, system: str = os.name) -> None:
-    """Raise OutputError if no file can be written there; changes no existing file."""
+def check_writable(path: FileName) -> None:
+    """Raise OutputError if no file can be written there; change no existing file."""
     target = Path(path)
     try:
-        _refuse_device(target, system)
+        _refuse_device(target)
         _mode_of(target)  # raises for links in a circle, which neither exist nor can be made
         if target.is_dir():
             raise OutputError(f"cannot write {target}: it is a folder. Try a file name")
@@ -133,7 +132,7 @@ def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
                 os.unlink(made)
 
 
-def _rename(made: Sequence[tuple[Path, Path]], system: str = os.name) -> None:
+def _rename(made: Sequence[tuple[Path, Path]]) -> None:
     """Rename each file to its target; where one cannot be, all targets are as they were.
 
     A program that holds a target open may refuse it on Windows, and an interruption or the disk
@@ -149,12 +148,12 @@ def _rename(made: Sequence[tuple[Path, Path]], system: str = os.name) -> None:
             except OSError:  # the disk has no hard links
                 shutil.copy2(target, kept)
         for one, target in made:
-            replace(one, target, system)
+            replace(one, target)
     except BaseException:
         for one, target in made if several else ():
             if not one.exists():  # it was renamed
                 with suppress(OSError):  # the first error says why
-                    replace(old[target], target, system) if target in old else target.unlink()
+                    replace(old[target], target) if target in old else target.unlink()
         raise
     finally:
         _discard(list(old.values()))
@@ -173,16 +172,15 @@ def _discard(paths: Sequence[Path]) -> None:
             raise
 
 
-def replace(made: FileName, target: FileName, system: str = os.name) -> None:
-    """Rename a file over another; on Windows with patience, if a program holds that one open."""
-    for pause in _PAUSES_S if system == WINDOWS else ():
-        try:
-            os.replace(made, target)
-        except PermissionError:
-            time.sleep(pause)
-        else:
-            return
-    os.replace(made, target)
+def replace(made: FileName, target: FileName) -> None:
+    """Rename a file over another; on Windows try for 1.4 s while a program holds that one open."""
+    if sys.platform == "win32":
+        for pause in _PAUSES_S:
+            try:
+                return os.replace(made, target)
+            except PermissionError:
+                time.sleep(pause)
+    return os.replace(made, target)
 
 
 def is_device(name: str) -> bool:
@@ -190,9 +188,9 @@ def is_device(name: str) -> bool:
     return _DEVICE.match(name) is not None
 
 
-def _refuse_device(path: Path, system: str = os.name) -> None:
-    # To nul, in so many letters, one writes on purpose.
-    if system == WINDOWS and is_device(path.name) and path.name.lower() != "nul":
+def _refuse_device(path: Path) -> None:
+    # Output to nul is discarded, which users ask for on purpose.
+    if sys.platform == "win32" and is_device(path.name) and path.name.lower() != "nul":
         raise OSError(errno.EINVAL, "Windows takes the name for that of a device")
 
 

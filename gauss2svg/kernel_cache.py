@@ -6,6 +6,7 @@ import hashlib
 import os
 import secrets
 import stat
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -182,21 +183,22 @@ class KernelFiles(IndexDataCacheFile):
                 return IndexDataCacheFile(self.beside, base, self._source_stamp).load(key)
         return found
 
-    def save(self, key: Any, data: Any, system: str = os.name) -> None:
+    def save(self, key: Any, data: Any) -> None:
         """Keep the code for these types; a disk that is full costs the next process the time."""
         global _lost
         name = self._data_name(secrets.randbits(63))
         try:
             self._save_data(name, data)
-            self._list(key, name, system)
+            self._list(key, name)
         except OSError:
             _lost = True
 
-    def _list(self, key: Any, name: str, system: str) -> None:
-        """Add the file of these types to the list as it is then, on Windows with patience."""
-        for pause in _PAUSES_S if system == "nt" else ():
-            try:
-                return self._save_index({**self._load_index(), key: name})
-            except PermissionError:
-                time.sleep(pause)
+    def _list(self, key: Any, name: str) -> None:
+        """Add the file of these types to the list; on Windows try while another one reads it."""
+        if sys.platform == "win32":
+            for pause in _PAUSES_S:
+                try:
+                    return self._save_index({**self._load_index(), key: name})
+                except PermissionError:
+                    time.sleep(pause)
         return self._save_index({**self._load_index(), key: name})

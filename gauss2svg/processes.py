@@ -1,7 +1,4 @@
-"""Child processes: `run` waits for one, `own_group` and `end_tree` are for those that stay.
-
-What differs between systems takes the system as an argument, by default that of this process.
-"""
+"""Child processes: `run` waits for one, `own_group` and `end_tree` are for those that stay."""
 
 from __future__ import annotations
 
@@ -18,9 +15,7 @@ from typing import IO, TYPE_CHECKING, NamedTuple, TypedDict
 if TYPE_CHECKING:
     import subprocess
 
-WINDOWS = "nt"  # as os.name says
-# Exit statuses of Windows from here on are those of exceptions (ntstatus.h).
-_LEAST_EXCEPTION = 0xC0000000
+_LEAST_EXCEPTION = 0xC0000000  # first exit status of Windows that is an exception (ntstatus.h)
 _EXCEPTIONS = {
     0xC0000005: "access violation",
     0xC0000017: "out of memory",
@@ -115,14 +110,14 @@ def run(
 def _end(process: subprocess.Popen[bytes], apart: bool, ending_s: float) -> None:
     import subprocess
 
-    if ending_s and os.name != WINDOWS:
+    if ending_s and sys.platform != "win32":
         process.terminate()
         with suppress(subprocess.TimeoutExpired):  # it is inside a library
             process.wait(ending_s)
     if not apart:
         process.kill()
     # A group outlives its leader; on Windows the number of a dead one may be another's.
-    elif os.name != WINDOWS or process.poll() is None:
+    elif sys.platform != "win32" or process.poll() is None:
         end_tree(process.pid)
 
 
@@ -155,20 +150,23 @@ def _is_current(folder: str) -> bool:
         return False
 
 
-def own_group(system: str = os.name) -> _Group:
-    """Keywords of Popen for a process that `end_tree` ends, and that no Ctrl-C here reaches."""
-    # CREATE_NEW_PROCESS_GROUP, which subprocess has on Windows alone.
-    return {"creationflags": 0x200} if system == WINDOWS else {"start_new_session": True}
+def own_group() -> _Group:
+    """Return keywords of Popen for a process that `end_tree` ends and no Ctrl-C here reaches."""
+    if sys.platform == "win32":
+        import subprocess
+
+        return {"creationflags": subprocess.CREATE_NEW_PROCESS_GROUP}
+    return {"start_new_session": True}
 
 
-def end_tree(process_id: int, system: str = os.name) -> None:
+def end_tree(process_id: int) -> None:
     """Kill a process that was started with `own_group`, and what it has started."""
-    if system == WINDOWS:
+    if sys.platform == "win32":
         end_family(process_id)
-        return
-    # It may be gone; macOS refuses where only its exit status is left.
-    with suppress(ProcessLookupError, PermissionError):
-        os.killpg(process_id, signal.SIGKILL)
+    else:
+        # It may be gone; macOS refuses where only its exit status is left.
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(process_id, signal.SIGKILL)
 
 
 def end_family(process_id: int) -> None:
@@ -182,9 +180,9 @@ def end_family(process_id: int) -> None:
                 process.kill()
 
 
-def crash_of(status: int, system: str = os.name) -> str | None:
-    """What killed a process with this exit status; None for one that ended by itself."""
-    if system == WINDOWS:
+def crash_of(status: int) -> str | None:
+    """Return what killed a process with this exit status; None for one that ended by itself."""
+    if sys.platform == "win32":
         status &= 0xFFFFFFFF
         if status < _LEAST_EXCEPTION:
             return None
@@ -197,19 +195,19 @@ def crash_of(status: int, system: str = os.name) -> str | None:
         return f"signal {-status}"
 
 
-def end_of(status: int, system: str = os.name) -> str:
-    """How a process with this exit status ended."""
-    crash = crash_of(status, system)
+def end_of(status: int) -> str:
+    """Return how a process with this exit status ended."""
+    crash = crash_of(status)
     if crash is None:
         return f"ended with status {status}"
     return f"killed by {crash}; was there enough memory?"
 
 
-def command_line(words: Sequence[str], system: str = os.name) -> str:
-    """A command as it is typed: in a POSIX shell, or on Windows in cmd and PowerShell."""
-    if system != WINDOWS:
-        return shlex.join(words)
-    return " ".join(word if _PLAIN.fullmatch(word) else _in_quotes(word) for word in words)
+def command_line(words: Sequence[str]) -> str:
+    """Return a command as it is typed in a POSIX shell, or on Windows in cmd and PowerShell."""
+    if sys.platform == "win32":
+        return " ".join(word if _PLAIN.fullmatch(word) else _in_quotes(word) for word in words)
+    return shlex.join(words)
 
 
 def _in_quotes(word: str) -> str:

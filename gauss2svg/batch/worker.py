@@ -9,6 +9,7 @@ import errno
 import hashlib
 import os
 import signal
+import sys
 import time
 import warnings
 from collections.abc import Callable
@@ -91,9 +92,9 @@ def dask_setup(_: Any) -> None:
 
     Dask calls it in workers of this machine, which the driver ends.
     """
-    for name in ("SIGINT", "SIGBREAK"):
-        if number := getattr(signal, name, None):
-            signal.signal(number, signal.SIG_IGN)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if sys.platform == "win32":
+        signal.signal(signal.SIGBREAK, signal.SIG_IGN)
 
 
 def work(spec: BatchSpec, shard: Shard) -> ShardResult:

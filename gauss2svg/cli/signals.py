@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from types import FrameType
-from typing import Any
 
 from gauss2svg import batch
 
@@ -22,17 +22,10 @@ _SHOW_CURSOR = b"\x1b[?25h"  # which a progress bar hides
 _ENDING = b"gauss2svg: writing the best result so far; interrupt again to quit at once\n"
 
 
-def handled_of(module: Any = signal) -> tuple[int, ...]:
-    """The signals that end a command, by Python's module of the system.
-
-    Windows has Ctrl-Break, which closing its console sends as well; no other program sends SIGTERM
-    there.
-    """
-    names = ("SIGINT", "SIGTERM", "SIGBREAK")
-    return tuple(getattr(module, name) for name in names if hasattr(module, name))
-
-
-SIGNALS = handled_of()
+SIGNALS: tuple[int, ...] = (signal.SIGINT, signal.SIGTERM)  # signals that end a command
+if sys.platform == "win32":
+    # Closing a console sends Ctrl-Break as well; no other program sends SIGTERM there.
+    SIGNALS += (signal.SIGBREAK,)
 
 
 class Terminated(KeyboardInterrupt):

@@ -40,15 +40,13 @@ _WINDOWS = {
 _PROGRAM_FILES = ("ProgramFiles", "ProgramW6432", "ProgramFiles(x86)", "LOCALAPPDATA")
 
 
-def places(
-    renderer: str, system: str = sys.platform, environment: Mapping[str, str] = os.environ
-) -> list[str]:
-    """Default places of a renderer's program that is not on PATH; system as sys.platform."""
-    if system == "darwin":
-        folders = ["/Applications", os.path.join(environment.get("HOME", "/"), "Applications")]
+def places(renderer: str) -> list[str]:
+    """Return where installers put a renderer's program that is not on PATH."""
+    if sys.platform == "darwin":
+        folders = ["/Applications", os.path.join(os.environ.get("HOME", "/"), "Applications")]
         names = _MACOS.get(renderer, ())
-    elif system == "win32":
-        folders = [environment[name] for name in _PROGRAM_FILES if environment.get(name)]
+    elif sys.platform == "win32":
+        folders = [os.environ[name] for name in _PROGRAM_FILES if os.environ.get(name)]
         names = _WINDOWS.get(renderer, ())
     else:
         return []

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import ipaddress
-import os
 import secrets
 import socket
+import sys
 import webbrowser
 from collections.abc import Callable
 from pathlib import Path
@@ -19,7 +19,6 @@ import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from gauss2svg.errors import InputError, whole_number
-from gauss2svg.processes import WINDOWS
 from gauss2svg.studio.guard import Guard
 from gauss2svg.studio.service import create_app
 
@@ -159,24 +158,23 @@ def _socket(host: str, port: int) -> socket.socket:
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
         listening = socket.socket(family, kind, protocol)
-        listening.setsockopt(socket.SOL_SOCKET, _claim(), 1)
-        listening.bind(address)
+        # The port is free again at once, and nobody else's until then: on Windows SO_REUSEADDR
+        # would let others listen on it too, and take its requests.
+        if sys.platform == "win32":
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
+        else:
+            listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind(address)
+        except OSError:
+            listening.close()
+            raise
     except OSError as error:
         raise InputError(
             f"host and port must be free to listen on; got {host}:{port} ("
             f"{error.strerror or error}). Try another --port, or --port 0"
         ) from error
     return listening
-
-
-def _claim(system: str = os.name) -> int:
-    """The option of a socket whose port is free again at once, and is nobody else's until then.
-
-    On Windows SO_REUSEADDR would let others listen on the same port, and take its requests.
-    """
-    if system == WINDOWS:
-        return ~socket.SO_REUSEADDR  # SO_EXCLUSIVEADDRUSE, which Python has on Windows alone
-    return socket.SO_REUSEADDR
 
 
 def _is_loopback(host: str) -> bool:

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 from itertools import permutations
 from pathlib import Path
 
@@ -86,40 +85,15 @@ def test_a_disk_that_cannot_be_written_stops_no_run(tmp_path):
     assert files.load("types") is None
 
 
-def test_a_list_that_another_process_reads_is_written_a_moment_later_on_windows(
-    tmp_path, monkeypatch
-):
-    real, tries, pauses = os.replace, [], []
-
-    def replace(made, target):
-        if str(target).endswith(".nbi") and tries and tries.pop():
-            raise PermissionError(target)
-        real(made, target)
-
-    def sleep(pause):  # meanwhile the other one lists its own
-        pauses.append(pause)
-        held, tries[:] = list(tries), []
-        KernelFiles(str(tmp_path), "kernel", "stamp").save("others", "other code")
-        tries[:] = held
-
-    monkeypatch.setattr(os, "replace", replace)
-    monkeypatch.setattr(time, "sleep", sleep)
-    monkeypatch.setattr(kernel_cache, "_lost", False)
+def test_code_is_listed_while_another_process_reads_the_list(tmp_path):
     files = KernelFiles(str(tmp_path), "kernel", "stamp")
-    for count in (0, 1, 4):
-        tries[:] = [True] * count
-        files.save(count, "code", "nt")
-        assert files.load(count) == "code"
-        assert len(pauses) == count
-        assert (files.load("others") == "other code") == (count > 0)
-        pauses.clear()
-    assert kernel_cache.are_kept()
-    for system, count in (("posix", 0), ("nt", 4)):  # elsewhere at once: it does not pass
-        monkeypatch.setattr(kernel_cache, "_lost", False)
-        tries[:] = [True] * 99
-        files.save("types", "code", system)
-        assert len(pauses) == count
-        assert not kernel_cache.are_kept()
+    files.save("types", "code")
+    with (tmp_path / "kernel.nbi").open("rb") as read:
+        closing = threading.Timer(0.1, read.close)
+        closing.start()
+        files.save("others", "other code")
+        closing.join()
+    assert (files.load("types"), files.load("others")) == ("code", "other code")
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import contextlib
 import io
 import os
 import socket
+import sys
 import time
 
 import pytest
@@ -12,6 +13,7 @@ from PIL import Image
 from studio_server import answer_of
 
 from gauss2svg.batch.inputs import photos_of
+from gauss2svg.errors import InputError
 from gauss2svg.photo.formats import SUFFIXES
 from gauss2svg.studio import pool, server, uploads
 from gauss2svg.studio.service import create_app
@@ -121,17 +123,22 @@ def test_the_studio_and_batches_take_the_same_files_of_a_folder_for_photos(tmp_p
     assert len(found) == len(SUFFIXES)
 
 
-def test_a_port_is_claimed_for_the_studio_alone_on_every_system(monkeypatch):
-    assert server._claim("posix") == socket.SO_REUSEADDR
-    # winsock.h: #define SO_EXCLUSIVEADDRUSE ((int)(~SO_REUSEADDR)), of its SO_REUSEADDR, 4.
-    monkeypatch.setattr(socket, "SO_REUSEADDR", 4)
-    assert server._claim("nt") == -5
+def test_a_port_is_the_studios_alone_while_it_listens_and_free_at_once_afterwards():
+    with server._socket("127.0.0.1", 0) as first:
+        first.listen()
+        port = first.getsockname()[1]
+        with pytest.raises(InputError, match=f"got 127.0.0.1:{port}"):
+            server._socket("127.0.0.1", port)
+        # This side closes first, whose port then waits.
+        with socket.create_connection(("127.0.0.1", port)):
+            first.accept()[0].close()
+    server._socket("127.0.0.1", port).close()
 
 
-def test_a_loop_that_starts_no_processes_is_told_with_one_that_does(monkeypatch, tmp_path):
-    async def refuse(*_, **__):
-        raise NotImplementedError  # as of a selector's loop on Windows
-
-    monkeypatch.setattr(asyncio, "create_subprocess_exec", refuse)
-    with pytest.raises(pool.WorkerDiedError, match="ProactorEventLoop"):
-        asyncio.run(pool.Worker.started(tmp_path))
+@pytest.mark.skipif(sys.platform != "win32", reason="loops of other systems start processes")
+def test_a_loop_that_starts_no_processes_is_told_with_one_that_does(tmp_path):
+    with (
+        asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner,
+        pytest.raises(pool.WorkerDiedError, match="ProactorEventLoop"),
+    ):
+        runner.run(pool.Worker.started(tmp_path))
