@@ -4,8 +4,8 @@
     ellipses, until the bytes are used or more no longer help -> the best of their files
 
 Of two files the closer one is better, at the drawing's own size as long as the difference can be
-seen there, and enlarged beyond that (`closeness`). The counts of the fits do not depend on the
-limit, but for the last one, so that a larger limit has the files of a smaller one to choose from.
+seen there, and enlarged beyond that (`closeness`). Where it cannot be seen, the counts of the fits
+do not depend on the limit, so that a larger limit has the files of a smaller one to choose from.
 
 All constants: docs/decisions/enlarged.md.
 """
@@ -43,8 +43,8 @@ THIN = 12  # px of a side or number of shapes under which fits with fewer shapes
 AGREEING = (150, 300)  # shapes of the fits that enlarge a drawing
 AGREEING_LARGE = (300,)  # the same for drawings over 256 px, whose fits take longer
 OWN_UP_TO = 200  # shapes up to which fits at the drawing's own size are tried too
-FIRST_COUNT, GROWTH = 160, 1.6  # shapes of the first enlarged fit, and the ratio to the next
-LEAST_GAIN = 1.0  # dB of the enlarged picture for each doubling, under which growth ends
+FIRST_COUNT, GROWTH = 160, 1.265  # shapes of the first enlarged fit, and the ratio to the next
+IDLE = 2  # fits in a row whose files are no better, after which growth ends
 SPARE = 1.03  # times the shapes that fit into the limit are fitted; the least useful are left out
 LEAST_SHARE = 3.0  # shapes of a third of the usual bytes or less were mostly written as nothing
 FEW, WELL_USED = 60, 0.97  # shapes and share of a limit from which more would have been written
@@ -183,36 +183,28 @@ class DrawingByBytes(ByBytes):
         return best, dataclasses.replace(own, working=picture)
 
     def _ladder(self) -> Iterator[int]:
-        """Yield the counts of enlarged fits, the last of which depends on the limit."""
+        """Yield the counts of enlarged fits that the limit allows."""
         count = float(FIRST_COUNT)
-        while count * math.sqrt(GROWTH) < self._most_shapes():
+        while count <= self._most_shapes():
             yield round(count)
             count *= GROWTH
-        yield self._most_shapes()
 
     def _grown(self, best: SmallFile, large: Subject) -> SmallFile:
         """Return the best of a file and of those of more and more shapes, fitted enlarged.
 
-        The last count is fitted from both placements, because a single fit ends up to a decibel
-        better or worse by chance.
+        As many shapes as fill the limit are fitted only where the difference can be seen at the own
+        size. Beyond that a fit of a count of its own ends better or worse by chance, and a larger
+        limit, which does not try that count, could have a worse file.
         """
         grids = FINE_GRIDS if self._plain_limit >= FINE_FROM else GRIDS
-        recipe, file, idle, count = self._recipe("selective", grids), None, 0, 0
-        for count in self._ladder():  # which sees what shapes take in the files so far
-            if self._stop():
+        recipe, idle = self._recipe("selective", grids), 0
+        for count in self._ladder():  # depends on the bytes of a shape in the files so far
+            if self._stop() or idle == IDLE:
                 return best
-            before = file
             best, file = self._tried(best, count, recipe, large)
-            if before is None or file is None:
-                continue
-            idle = idle + 1 if _gains_little(before, file) else 0
-            if idle > (psnr_of(best.error) < SEEN_UP_TO):  # there one fit may end badly by chance
-                count = max(len(best.scene), 1)
-                break
-        else:
-            count = self._most_shapes()
-        if not self._stop():
-            best, _ = self._tried(best, count, self._recipe("error", grids), large)
+            idle = 0 if file is best else idle + 1
+        if psnr_of(best.error) < SEEN_UP_TO and not self._stop():
+            best, _ = self._tried(best, self._most_shapes(), recipe, large)
         return best
 
     def _most_shapes(self) -> int:
@@ -242,14 +234,6 @@ class DrawingByBytes(ByBytes):
         beta = np.where(plain, MOST_BETA, scene.beta)
         scene = with_falloffs(scene.replace(beta=beta, sigma=sigma), beta)
         return scene.replace(drawn=np.where(plain, PLAIN, SOFT))
-
-
-def _gains_little(before: SmallFile, after: SmallFile) -> bool:
-    """Whether more shapes gain less than LEAST_GAIN, at the own size and enlarged."""
-    own = [min(psnr_of(file.error), SEEN_UP_TO) for file in (before, after)]
-    enlarged = [psnr_of(file.enlarged_error) for file in (before, after)]
-    least = LEAST_GAIN * math.log2(len(after.scene) / max(len(before.scene), 1))
-    return max(own[1] - own[0], enlarged[1] - enlarged[0]) < least
 
 
 def _crisp(scene: Scene, exponents: tuple[float, ...], soft_from: float) -> Scene:

@@ -30,6 +30,9 @@ from gauss2svg.svg.file import file_bytes
 from gauss2svg.svg.minimal.shapes import HEX_DIGITS
 from gauss2svg.svg.minimal.write import minimal_rounded, minimal_svg, whole_unit
 
+# dB of the enlarged picture that twice as many shapes must gain: more shapes follow further what is
+# guessed between the pixels (docs/decisions/enlarged.md).
+LEAST_GAIN = 1.0
 EXACT = (0.5 / 255) ** 2  # mean squared error under which no level of 8 bits is wrong
 
 
@@ -71,10 +74,12 @@ def closeness(file: SmallFile) -> tuple[float, ...]:
     """Return a key by which the closer of two files is the larger.
 
     With an enlarged picture, differences at the working size count as far as they can be seen.
+    Files that are equal by that are compared enlarged: twice as many shapes must gain LEAST_GAIN.
     """
     if math.isnan(file.enlarged_error):
         return -file.error, -file.size
-    return min(psnr_of(file.error), SEEN_UP_TO), -file.enlarged_error, -file.size
+    gain = psnr_of(file.enlarged_error) - LEAST_GAIN * math.log2(max(len(file.scene), 1))
+    return min(psnr_of(file.error), SEEN_UP_TO), gain, -file.size
 
 
 @dataclass(frozen=True)
