@@ -1,17 +1,15 @@
-"""Stability: absurd learning rates, pictures of few pixels, interrupted and resumed runs.
+"""Stability: absurd learning rates and pictures of few pixels.
 
     python benchmarks/stability.py [PHOTO]
 
-The script prints three Markdown tables. PSNR is that of the model in dB, if nothing else is said.
+The script prints two Markdown tables. PSNR is that of the model in dB, if nothing else is said.
 The photo, by default examples/coffee.jpg, is reduced to 256 px.
 """
 
 from __future__ import annotations
 
 import sys
-import tempfile
 from collections.abc import Iterator
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -24,21 +22,11 @@ from gauss2svg.fit.target import TargetPyramid
 from gauss2svg.measure import metrics
 from gauss2svg.photo.alpha import shrunk
 from gauss2svg.photo.load import WHITE, load_image
-from gauss2svg.pipeline.options import Options
-from gauss2svg.pipeline.vectorize import vectorize_by
 from gauss2svg.render import render
 
 RATES = (1e-6, 0.1, 1.0, 10.0, 100.0, 1e3, 1e6)
 SIDE = 256
 GAUSSIANS, ITERATIONS = 500, 120
-RUNS: dict[str, dict[str, Any]] = {
-    "alpha compositing": {"gaussians": GAUSSIANS, "iterations": 60},
-    "additive": {"gaussians": GAUSSIANS, "iterations": 60, "blend": "add"},
-    "portable": {"gaussians": GAUSSIANS, "iterations": 60, "blend": "add", "portable": True},
-    "number adapts to the image": {"quality": "draft", "iterations": 60},
-    "target of 24 dB": {"target_psnr": 24.0, "quality": "fast", "iterations": 60},
-    "at most 30 kB": {"max_bytes": "30k", "quality": "fast", "iterations": 60},
-}
 Picture = NDArray[np.float32]
 
 
@@ -102,32 +90,12 @@ def of_pictures() -> Iterator[str]:
         yield f"| {name} | " + " | ".join(f"{db:.2f}" for db in found) + " |"
 
 
-def of_resumed(photo: Picture) -> Iterator[str]:
-    yield "| run | interrupted after | steps in all | PSNR of the SVG, dB, whole, resumed | bytes |"
-    yield "|---|---|---|---|---|"
-    with tempfile.TemporaryDirectory() as folder:
-        saved = Path(folder) / "fit"
-        for name, given in RUNS.items():
-            options, steps = Options.from_flat(given), count()
-            whole = vectorize_by(options, photo)
-            first = options.changed(checkpoint=saved)
-            early = vectorize_by(first, photo, stop=lambda: next(steps) >= 25)  # noqa: B023 (called at once)
-            again = vectorize_by(options.changed(resume=saved), photo)
-            same = "the same" if again.svg == whole.svg else "OTHERS"
-            iterations = [run.report["iterations"] for run in (early, again)]
-            both = [run.report["psnr_svg"] for run in (whole, again)]
-            yield (
-                f"| {name} | {iterations[0]} | {iterations[1]} | {both[0]:.4f}, {both[1]:.4f} | "
-                f"{whole.report['svg_bytes']}, {same} |"
-            )
-
-
 def main(path: str) -> None:
     photo = load_image(path, matte=WHITE).pixels
     scale = min(1.0, SIDE / max(photo.shape[:2]))
     height, width = (max(1, round(side * scale)) for side in photo.shape[:2])
     photo = shrunk(photo, height, width)
-    for table in (of_rates(photo), of_pictures(), of_resumed(photo)):
+    for table in (of_rates(photo), of_pictures()):
         for line in table:
             print(line, flush=True)
         print()

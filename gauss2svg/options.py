@@ -6,8 +6,7 @@
         '''Learning-rate multiplier'''
 
 The Python call, the command line (cyclopts reads annotations, defaults and the texts under the
-fields), the axes of the benchmark, the identity of a checkpoint and the report are all derived
-from such classes.
+fields), the axes of the benchmark and the report are all derived from such classes.
 """
 
 from __future__ import annotations
@@ -27,7 +26,6 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 from gauss2svg.errors import InputError, number_within, plain_scalar, quoted, whole_number
 
 Check = Callable[[str, Any], Any]
-FileName = str | os.PathLike[str]
 Renderer = Literal["resvg", "cairo", "chromium", "librsvg", "firefox", "inkscape"]
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
 _SIZE = re.compile(r"([0-9]+(?:\.[0-9]*)?|\.[0-9]+)\s*([kmg]?)b?", re.IGNORECASE)

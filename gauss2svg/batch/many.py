@@ -236,12 +236,6 @@ class Batch:
 
 def _check_options(options: Options) -> None:
     """Raise InputError for options that are of one photo, and for those that exclude each other."""
-    for name in ("checkpoint", "resume"):
-        if getattr(options.run, name) is not None:
-            raise InputError(
-                f"{name} must be not given for many photos, which go on by themselves; got "
-                f"{quoted(getattr(options.run, name))}. Try the same command"
-            )
     segments = options.document.segments
     if not isinstance(segments, int | None):
         raise InputError(

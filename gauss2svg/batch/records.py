@@ -24,8 +24,8 @@ RECORDS = f"{STATE}/records"
 _WORKING = {"working": True}  # the last line of a shard that is worked on, or whose worker died
 WORKER_DIED = "WorkerDied"  # the code of a photo at which workers died, who raise nothing
 _SHARE = 0.05  # of a worker's time, for writing records
-# Options that change neither a picture nor whether there is one.
-NOT_OF_LIMITS = frozenset({"threads", "checkpoint_every"})
+# The option that changes neither a picture nor whether there is one.
+NOT_OF_LIMITS = frozenset({"threads"})
 _Whole = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]  # as a table holds it
 
 

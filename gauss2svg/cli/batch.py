@@ -25,8 +25,7 @@ from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
 
 _SHOW_S = 0.2  # between two states of the bar
 _OPTIONS_FILE = "--options"
-_TITLES = GROUP_TITLES | {"run": "Resources"}  # there is one checkpoint for all photos: the folder
-_Parsed = options_of({key: Group(title) for key, title in _TITLES.items()})
+_Parsed = options_of({key: Group(title) for key, title in GROUP_TITLES.items()})
 _DEFAULTS = _Parsed()
 
 

@@ -27,7 +27,6 @@ from gauss2svg.files import (
 )
 from gauss2svg.photo.formats import TITLES
 from gauss2svg.pipeline.options import GROUP_TITLES, Options, option_names
-from gauss2svg.processes import command_line
 from gauss2svg.scene import ADD
 from gauss2svg.scene.inks import MOST_INKS, PALETTE_SUFFIX
 
@@ -328,16 +327,9 @@ def _report(result: Any, output: str, files: Files, interruption: Any, left_out:
                 f"{files.outline} has all lines"
             )
     lines += left_out
-    checkpoint = report["checkpoint"]
-    if report["checkpoint_trouble"] is not None:
-        lines.append(report["checkpoint_trouble"])
-        checkpoint = None  # nothing to continue from
     if interruption.signal is not None:
-        resume = None if checkpoint is None else command_line(["--resume", checkpoint])
-        again = "" if resume is None else f"; continue with {resume}"
         lines.append(
-            f"interrupted after {report['iterations']} iterations; the best so far is in "
-            f"{where}{again}"
+            f"interrupted after {report['iterations']} iterations; the best so far is in {where}"
         )
     for line in lines:
         say(line)
@@ -353,12 +345,7 @@ def _check_files(photo: str, output: str, options: Any, files: Files) -> None:
     if output != STANDARD_STREAM:
         outputs.insert(0, Path(output))
     inputs = {photo: "the photo"}
-    segments, run = options.document.segments, options.run
+    segments = options.document.segments
     if isinstance(segments, str):
         inputs[segments] = "the label image"
-    if run.resume is not None:
-        inputs[run.resume] = "the checkpoint"
     check_outputs(inputs, outputs)
-    if run.checkpoint is not None:  # it may be the one that is continued from
-        inputs.pop(str(run.resume), None)
-        check_outputs(inputs, [*outputs, Path(run.checkpoint)])

@@ -3,17 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
-from gauss2svg.errors import whole_number
 from gauss2svg.fit import schedule
-from gauss2svg.fit.saved import Saved, checks, number, optional, whole
-from gauss2svg.options import Flag
-
-_MOST_STEPS = 10**9
 
 
 @dataclass(frozen=True)
@@ -29,7 +23,7 @@ class ClockTuning:
 TUNING = ClockTuning()
 
 
-class Clock(Saved):
+class Clock:
     """Progress in 0..1: growth, in at most `rounds` rounds, is 0..growth_share, then refinement.
 
     iterations        of both stages, or None for as many as the time allows
@@ -37,15 +31,6 @@ class Clock(Saved):
     round_iterations  of each round of growth; None: growth takes growth_share of the iterations
     stop              polled at every step; once it returns True the fit ends
     """
-
-    SAVED = checks(
-        iteration=whole(0, _MOST_STEPS),
-        _stage_first=whole(0, _MOST_STEPS),
-        _stage_steps=optional(whole(0, _MOST_STEPS)),
-        _from=number(0, 1),
-        _reduced=Flag(),
-        elapsed_s=number(0, 1e9),
-    )
 
     def __init__(
         self,
@@ -73,10 +58,6 @@ class Clock(Saved):
     def elapsed_s(self) -> float:
         """Wall-clock seconds since the start of the fit."""
         return time.perf_counter() - self._begun
-
-    @elapsed_s.setter
-    def elapsed_s(self, seconds: float) -> None:
-        self._begun = time.perf_counter() - seconds
 
     @property
     def stopped(self) -> bool:
@@ -151,15 +132,6 @@ class Clock(Saved):
         self.out_of_time = seconds > steps
         return min(max(steps, seconds), 1.0)
 
-    def load_state_dict(self, saved: Mapping[str, Any]) -> None:
-        """Restore a saved clock, whose deadline stays this one's."""
-        super().load_state_dict(saved)
-        most = _MOST_STEPS if self.iterations is None else self.iterations
-        whole_number("iteration", self.iteration, 0, most)
-        whole_number("stage_first", self._stage_first, 0, self.iteration)
-        if self._stage_steps is not None:
-            whole_number("stage_steps", self._stage_steps, 0, most)
-
     def _time_share(self) -> float:
         if self.deadline is None:
             return 0.0
@@ -167,35 +139,15 @@ class Clock(Saved):
         return self.elapsed_s / whole if whole > 0 else 1.0
 
 
-class Stopwatch(Saved):
-    """Wall-clock and CPU seconds, of all threads, spent inside its with statements so far."""
-
-    SAVED = checks(wall_s=number(0, 1e12), cpu_s=number(0, 1e12))
+class Stopwatch:
+    """Wall-clock and CPU seconds, of all threads, that its with statements have taken."""
 
     def __init__(self) -> None:
-        self._wall_s = self._cpu_s = 0.0
-        self._since: tuple[float, float] | None = None
+        self.wall_s = self.cpu_s = 0.0
 
     def __enter__(self) -> None:
-        self._since = time.perf_counter(), time.process_time()
+        self._begun = time.perf_counter(), time.process_time()
 
     def __exit__(self, *_: object) -> None:
-        self._wall_s, self._cpu_s, self._since = self.wall_s, self.cpu_s, None
-
-    @property
-    def wall_s(self) -> float:
-        """Wall-clock seconds."""
-        return self._wall_s + (time.perf_counter() - self._since[0] if self._since else 0.0)
-
-    @wall_s.setter
-    def wall_s(self, seconds: float) -> None:
-        self._wall_s = seconds
-
-    @property
-    def cpu_s(self) -> float:
-        """CPU seconds of the fit so far."""
-        return self._cpu_s + (time.process_time() - self._since[1] if self._since else 0.0)
-
-    @cpu_s.setter
-    def cpu_s(self, seconds: float) -> None:
-        self._cpu_s = seconds
+        self.wall_s += time.perf_counter() - self._begun[0]
+        self.cpu_s += time.process_time() - self._begun[1]

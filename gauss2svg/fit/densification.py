@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 from gauss2svg.fit.options import FitConfig
-from gauss2svg.fit.saved import Saved, as_saved, checks, optional
 from gauss2svg.scene import Scene
 
 # Why a fit ended. iterations: all steps are done; gaussians: the count is 0; gain: another round
@@ -80,19 +79,6 @@ class Snapshot:
     measure: Callable[[], float] = dataclasses.field(compare=False)
     scene: Callable[[], Scene] = dataclasses.field(compare=False)
 
-    @classmethod
-    def restored(cls, name: str, saved: dict[str, Any]) -> Snapshot:
-        """The snapshot of an earlier round, whose scene is not kept."""
-
-        def scene() -> Scene:
-            raise AssertionError("the scene of an earlier round is not kept")
-
-        return cls(saved["count"], saved["done"], lambda: saved["psnr"], scene)
-
-    def state_dict(self) -> dict[str, Any]:
-        """What `restored` needs, for a checkpoint."""
-        return {"count": self.count, "done": self.done, "psnr": self.psnr}
-
     @cached_property
     def psnr(self) -> float:
         """PSNR in dB of the model on the working image, measured on first use."""
@@ -121,16 +107,8 @@ class DensificationPolicy(Protocol):
         """Largest number of Gaussians to write, asked before the last steps."""
         ...
 
-    def state_dict(self) -> dict[str, Any]:
-        """The policy's state for a checkpoint."""
-        ...
 
-    def load_state_dict(self, saved: Mapping[str, Any]) -> None:
-        """Restore a saved state."""
-        ...
-
-
-class FixedCount(Saved):
+class FixedCount:
     """The number of Gaussians of a config, reached by its schedule."""
 
     def __init__(self, config: FitConfig) -> None:
@@ -182,7 +160,7 @@ def as_given(limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
     return limits
 
 
-class AdaptiveCount(Saved):
+class AdaptiveCount:
     """Doubles the count in each round, until a limit is met or another round would not pay.
 
     If a doubling gains s dB, a kilobyte gains s / (n ln 2 kilobytes) dB at n Gaussians: growth
@@ -195,16 +173,6 @@ class AdaptiveCount(Saved):
     revise(limits, now) may replace the limits at every decision; it may be replaced itself.
     first is the count of the first round, by default first_round.
     """
-
-    SAVED = checks(
-        limits=lambda _, saved: GrowthLimits(**saved),
-        _last=optional(Snapshot.restored),
-        _before_leap=optional(Snapshot.restored),
-        stop_reason=as_saved,
-        slope=as_saved,
-        _paying=as_saved,
-        _rise=as_saved,
-    )
 
     def __init__(
         self, limits: GrowthLimits, revise: Revise = as_given, first: int | None = None

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from gauss2svg.fit.saved import Saved, checks, number, optional, whole
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
 
@@ -54,25 +53,13 @@ class DivergenceTuning:
 TUNING = DivergenceTuning()
 
 
-class DivergenceGuard(Saved):
+class DivergenceGuard:
     """The best state of a fit so far, and how far its learning rate has been lowered.
 
     `reset` belongs to changes of the problem (another size or number of Gaussians, shared colours),
     `relocated` to changes of the state alone. learning_rate is that of FitOptions; rate is the
     share of it that is in use, least the loss of the best state.
     """
-
-    SAVED = checks(
-        rate=number(0, 1),
-        _ceiling=number(0, 1),
-        rollbacks=whole(0, 10**9),
-        least=number(-math.inf, math.inf),
-        _recent=number(-math.inf, math.inf),
-        _since=whole(0, 10**9),
-        _accepted=whole(0, 10**9),
-        _state=optional(State.restored),
-        _shared=optional(SharedColors.restored),
-    )
 
     def __init__(self, learning_rate: float = 1.0) -> None:
         self._usual = min(1 / learning_rate, 1.0)

@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError
 from gauss2svg.fit.blending import OPAQUE_LOGIT, blending, in_inks
 from gauss2svg.fit.convert import composited
 from gauss2svg.fit.inks import Inks, crisp
 from gauss2svg.fit.options import FitConfig
 from gauss2svg.fit.order import SegmentAt, SegmentOrder
 from gauss2svg.fit.placement import NewGaussians, first_falloff, place
-from gauss2svg.fit.saved import Saved, checks, whole
-from gauss2svg.fit.schedule import (
-    LARGEST_REDUCTION,
-    enlarged_reduction,
-    reduction,
-    refinement_reduction,
-)
+from gauss2svg.fit.schedule import enlarged_reduction, reduction, refinement_reduction
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import LossAndGradient, TargetPyramid
 from gauss2svg.photo.alpha import has_alpha
@@ -48,19 +40,13 @@ class PopulationTuning:
 TUNING = PopulationTuning()
 
 
-class Population(Saved):
+class Population:
     """The Gaussians of a fit, in px of the current target, and how their number changes.
 
     pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
     segment_at  finds the segments by which each round's shapes are ordered, or None
     targets     the pixels as targets, where there are some already
     """
-
-    SAVED = checks(
-        state=State.restored,
-        round_index=whole(0, 2**31 - 1),
-        reduction=whole(1, LARGEST_REDUCTION),
-    )
 
     def __init__(
         self,
@@ -289,21 +275,3 @@ class Population(Saved):
         total = target.rendered(alone.splats(np.zeros(3), ADD))[0]
         x, y = np.clip(new.mean.astype(np.intp), 0, [target.width - 1, target.height - 1]).T
         return np.maximum(total[y, x].astype(np.float64), 1.0)
-
-    def state_dict(self) -> dict[str, Any]:
-        """The exact state for a checkpoint."""
-        home = None if self._order is None else self._order.home
-        return {**super().state_dict(), "rng": self.rng.bit_generator.state, "home": home}
-
-    def load_state_dict(self, saved: Mapping[str, Any]) -> None:
-        """Restore a saved state; raises InputError for values out of range."""
-        super().load_state_dict(saved)
-        self.target = self._pyramid.reduced(self.reduction)
-        self.rng.bit_generator.state = saved["rng"]
-        if self._order is not None:
-            home = saved["home"]
-            if home is not None and (home.shape != (len(self), 2) or not np.isfinite(home).all()):
-                raise InputError(
-                    f"home of a checkpoint must be {len(self)} centres; got shape {home.shape}"
-                )
-            self._order.home = home

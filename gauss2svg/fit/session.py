@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import InputError, number_within, quoted
 from gauss2svg.fit import adam, placement, schedule
 from gauss2svg.fit.adam import Rates
 from gauss2svg.fit.blending import OPAQUE_LOGIT
@@ -23,7 +21,6 @@ from gauss2svg.fit.losses import psnr_of
 from gauss2svg.fit.options import DEFAULT_LOSS, FitConfig, FitProgress, FitResult
 from gauss2svg.fit.order import SegmentAt
 from gauss2svg.fit.population import Population
-from gauss2svg.fit.saved import Saved, as_saved, checks, optional, part, whole
 from gauss2svg.fit.shared import SharedColors
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import LossAndGradient, TargetPyramid
@@ -32,7 +29,6 @@ from gauss2svg.scene import SOFT, Scene
 from gauss2svg.scene.parameters import LEAST_RAW_BETA, PARAMETERS
 
 AsWritten = Callable[[Scene, float], Scene]
-GROWING, REFINING, FINISHED = "growing", "refining", "finished"
 
 # px; under 0.3 px every SVG renderer loses mass (docs/decisions/renderers.md).
 LEAST_SIGMA = 0.35
@@ -66,50 +62,8 @@ class SessionTuning:
 TUNING = SessionTuning()
 
 
-def _known_name(name: str, value: Any) -> str:
-    if value not in (names := (GROWING, REFINING, FINISHED)):
-        raise InputError(
-            f"stage of a checkpoint must be one of {', '.join(names)}; got {quoted(value)}. Try "
-            "a fit without --resume"
-        )
-    return value
-
-
-@dataclass
-class Stage(Saved):
-    """The stage of a fit, and what is still to be done in it.
-
-    name                    GROWING, REFINING or FINISHED
-    index, begun            the round of growth, and whether it has begun
-    adjust_at, exchange_at  progress at which counts will be adjusted, and colours exchanged
-    pruned, quantized       whether that is done
-    """
-
-    SAVED = checks(
-        name=_known_name,
-        index=whole(0, 10**6),
-        begun=as_saved,
-        adjust_at=as_saved,
-        exchange_at=as_saved,
-        pruned=as_saved,
-        quantized=as_saved,
-    )
-
-    name: str = GROWING
-    index: int = 0
-    begun: bool = False
-    adjust_at: list[float] = field(default_factory=list)
-    exchange_at: list[float] = field(default_factory=list)
-    pruned: bool = False
-    quantized: bool = False
-
-
-def _last_errors(name: str, saved: list[Any]) -> deque[float]:
-    return deque((number_within(name, e, 0, math.inf) for e in saved), TUNING.steps_averaged)
-
-
-class FitSession(Saved):
-    """One fit, which can be saved and continued between any two steps.
+class FitSession:
+    """One fit of a picture, which is refined again after a change of its count.
 
     pixels      (h, w, 3) float32 in 0..1, or (h, w, 4) with alpha
     policy      decides the number of Gaussians; None: it is that of config
@@ -121,18 +75,6 @@ class FitSession(Saved):
     stop        polled before every step; True ends the fit with its present state
     targets     the pixels as targets of the same tune, where there are some already
     """
-
-    SAVED = checks(
-        population=part,
-        guard=part,
-        clock=part,
-        policy=part,
-        _stage=part,
-        _errors=_last_errors,
-        _shared=optional(SharedColors.restored),
-        pixel_pairs=as_saved,
-        _stopwatch=part,
-    )
 
     def __init__(
         self,
@@ -157,7 +99,7 @@ class FitSession(Saved):
         self.pixel_pairs = 0
         self._progress = progress or (lambda _: None)
         self._as_written = as_written
-        self._stage = Stage()
+        self._adopted = self._quantized = False
         self._errors: deque[float] = deque(maxlen=TUNING.steps_averaged)
         self._rates: Rates = self.population.blending.rates
         self._shared: SharedColors | None = None
@@ -169,14 +111,15 @@ class FitSession(Saved):
         return self.population.state
 
     def fit(self) -> None:
-        """Grow and refine until the policy or the clock ends it; continues a loaded state."""
+        """Grow and refine until the policy or the clock ends it."""
         with self._stopwatch:
             if self.population.target.is_blank:
-                self.policy.stop_reason, self._stage = "enough", Stage(FINISHED)
-            if self._stage.name == GROWING:
+                self.policy.stop_reason = "enough"
+                return
+            if not self._adopted:
                 self._grow()
-            if self._stage.name == REFINING:
-                self._refine()
+            total = self.clock.iterations
+            self._refine(None if total is None else total - self.clock.iteration)
 
     def adopt(self, scene: Scene, count: int) -> None:
         """Begin with the Gaussians of an additive scene, alpha-composited, and add up to `count`.
@@ -185,7 +128,7 @@ class FitSession(Saved):
         """
         self.population.adopt(scene)
         self.population.densify_or_prune(max(count, len(self.state)))
-        self._after_growth()
+        self._adopted = True
 
     def prune_to(self, count: int) -> None:
         """Remove the least useful Gaussians of a finished fit, down to `count`."""
@@ -201,9 +144,7 @@ class FitSession(Saved):
             if self.config.fit.learned_skew:  # nor are skews; at 0 one would stay there
                 symmetric = ~self.state.raw_skew.any(axis=1)
                 self.state.raw_skew[symmetric] = placement.TUNING.first_raw_skew
-            self._begin_refining(iterations, TUNING.resume_at, adjusting=False)
-            self.guard.begin_gently()
-            self._refine()
+            self._refine(iterations, again=True)
 
     def scene(self) -> Scene:
         """The Gaussians on the working canvas."""
@@ -224,33 +165,14 @@ class FitSession(Saved):
             rate=self.config.fit.learning_rate * self.guard.rate,
         )
 
-    def load_state_dict(self, saved: Mapping[str, Any]) -> None:
-        """Restore a saved state of the same image, options and policy, which `fit` continues.
-
-        Raises InputError, or what plain Python raises, for a damaged state.
-        """
-        super().load_state_dict(saved)
-        if self._shared is not None:
-            self._rates = self._shared_rates()
-            if len(self._shared.entry) != len(self.state):
-                raise InputError(
-                    f"colours of a checkpoint must be {len(self.state)}; got "
-                    f"{len(self._shared.entry)}"
-                )
-
     def _grow(self) -> None:
         """Rounds of new Gaussians, then the full-size target."""
-        stage = self._stage
-        while True:
-            if not stage.begun:
-                if not self._begin_round(stage.index):
-                    break
-                stage.begun = True
-            while not self.clock.round_is_over(stage.index):
-                self._step(self.clock.growth_progress(stage.index))
+        index = 0
+        while self._begin_round(index):
+            while not self.clock.round_is_over(index):
+                self._step(self.clock.growth_progress(index))
             self._restore_best(tolerant=not self.clock.stopped)
-            stage.index, stage.begun = stage.index + 1, False
-        self._after_growth()
+            index += 1
 
     def _begin_round(self, index: int) -> bool:
         """Change to the round's target and add its Gaussians; False if growth has ended."""
@@ -270,59 +192,55 @@ class FitSession(Saved):
         population.densify_or_prune(total)
         return True
 
-    def _after_growth(self) -> None:
-        total = self.clock.iterations
-        steps = None if total is None else total - self.clock.iteration
-        self._begin_refining(steps, schedule.TUNING.growth_share)
+    def _refine(self, steps: int | None, again: bool = False) -> None:
+        """Optimise all Gaussians; relocate, adjust, prune and quantise at their times.
 
-    def _begin_refining(self, steps: int | None, done: float, adjusting: bool = True) -> None:
+        steps  number of iterations, None for as many as the time allows
+        again  whether the fit was finished before and its count has changed since: then no count is
+               adjusted, none is pruned for its gain, and the first steps are small
+        """
+        population = self.population
         if not len(self.state):
-            self._stage = Stage(FINISHED)
             return
-        self.clock.begin_refinement(steps, done, self.population.reduction_at(done) > 1)
+        begun = TUNING.resume_at if again else schedule.TUNING.growth_share
+        self.clock.begin_refinement(steps, begun, population.reduction_at(begun) > 1)
         self._errors.clear()
         self.guard.reset()
-        self._stage = Stage(
-            REFINING,
-            adjust_at=list(ADJUST_AT) if adjusting else [],
-            exchange_at=list(_EXCHANGES),
-            pruned=not adjusting,
-        )
-        self._rates, self._shared = self.population.blending.rates, None
-
-    def _refine(self) -> None:
-        """Optimise all Gaussians; relocate, adjust, prune and quantise at their times."""
-        stage, population = self._stage, self.population
+        if again:
+            self.guard.begin_gently()
+        self._rates, self._shared = population.blending.rates, None
+        self._quantized = False
+        adjust_at = () if again else ADJUST_AT
+        exchange_at, pruned = _EXCHANGES, again
         while (done := self.clock.refinement_progress()) < 1:
             self._change_size(done)
-            if stage.adjust_at and done >= stage.adjust_at[0]:
-                stage.adjust_at = [at for at in stage.adjust_at if at > done]
+            if adjust_at and done >= adjust_at[0]:
+                adjust_at = [at for at in adjust_at if at > done]
                 count = self.policy.adjust(self._snapshot(done, self._recent_psnr))
                 if count != len(self.state):
                     self._restore_best(tolerant=True)
                     population.densify_or_prune(count)
                     self.guard.reset()
-            if done >= schedule.TUNING.decay_start and not stage.pruned:
-                stage.pruned = True
+            if done >= schedule.TUNING.decay_start and not pruned:
+                pruned = True
                 self._restore_best(tolerant=True)
                 population.prune(self.policy.least_gain())
                 self.guard.reset()
-            if done >= self._quantized_from and not stage.quantized:
+            if done >= self._quantized_from and not self._quantized:
                 self._quantize()
-                stage.quantized = True
-            if self._shared is not None and stage.exchange_at and done >= stage.exchange_at[0]:
-                stage.exchange_at = [at for at in stage.exchange_at if at > done]
+            if self._shared is not None and exchange_at and done >= exchange_at[0]:
+                exchange_at = [at for at in exchange_at if at > done]
                 self._shared.exchange(
                     self.state, population.splats, population.target, population.rng
                 )
             self._step(done)
         self._change_size(1.0)
-        if not stage.quantized:  # no time or no steps were left for it
+        if not self._quantized:  # no time or no steps were left for it
             self._quantize()
         self._restore_best()
         population.keep_in_segments()
         population.prune_invisible()
-        stage.name, self._shared = FINISHED, None
+        self._shared = None
 
     def _change_size(self, done: float) -> None:
         """Continue on the target of this progress; losses of different sizes do not compare."""
@@ -370,6 +288,7 @@ class FitSession(Saved):
                 self._rates = self._shared_rates()
                 self._shared = SharedColors.of(self.state, population.blending)
         self.guard.reset()
+        self._quantized = True
 
     @property
     def _quantized_from(self) -> float:
@@ -398,7 +317,7 @@ class FitSession(Saved):
         """Return the loss and its gradient, in the last steps also of the picture's own size."""
         options, times = self.config.fit, self.config.enlarged
         found = self.population.target.evaluate(splats, options.loss, options.ssim_weight)
-        if times == 1 or not self._stage.quantized:
+        if times == 1 or not self._quantized:
             return found
         # Gradients are in each shape's own frame, so that they add up over sizes.
         own = self.population.evaluated_at(times)

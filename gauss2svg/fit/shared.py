@@ -14,14 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.errors import whole_number
 from gauss2svg.fit import adam
-from gauss2svg.fit.blending import Blending, blending
-from gauss2svg.fit.saved import damaged, rows
+from gauss2svg.fit.blending import Blending
 from gauss2svg.fit.state import COLOR, COLUMNS, State
 from gauss2svg.fit.target import Target
 from gauss2svg.render.cpu import Splats
-from gauss2svg.scene import BLENDS, OVER
 from gauss2svg.scene.falloff import MOST_SKEW
 from gauss2svg.scene.nearest import nearest_entry
 from gauss2svg.scene.parameters import MOST_RAW_SKEW, STEPPED
@@ -92,28 +89,6 @@ class SharedColors:
     def copy(self) -> SharedColors:
         """A copy that shares no array with this one."""
         return copy.deepcopy(self)
-
-    @classmethod
-    def restored(cls, name: str, saved: dict[str, Any]) -> SharedColors:
-        """The shared colours of a checkpoint; raises InputError for values that none have."""
-        usual = vars(cls.of(State.empty(), blending(OVER)))
-        whose = "the checkpoint's shared colours"
-        rows(
-            whose, saved, {key: usual[key] for key in ("color", "skew", "held", "first", "second")}
-        )
-        entry, count = saved["entry"], len(saved["color"])
-        is_index = entry.dtype == np.intp and entry.ndim == 1
-        if not is_index or (entry < 0).any() or (entry >= count).any():
-            got = f"{entry.dtype} {entry.shape}"
-            raise damaged(f"entry of {whose}", f"indices under {count}", got)
-        whole_number("age", saved["age"], 0, 10**9)
-        bounds = saved["least_color"], saved["most_color"]
-        known = [(one.least_color, one.most_color) for one in map(blending, BLENDS)]
-        if bounds not in known:
-            needed = " or ".join(f"{least:g}..{most:g}" for least, most in known)
-            got = f"{bounds[0]}..{bounds[1]}"
-            raise damaged(f"least_color and most_color of {whose}", needed, got)
-        return cls(**saved)
 
     def step(self, state: State, gradient: NDArray[np.float64], rate: float) -> None:
         """One Adam step by the gradient (n, STEPS), summed over each entry's shapes.

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gauss2svg.fit.saved import damaged, rows
 from gauss2svg.render.cpu import Splats, splats_from
-from gauss2svg.scene import ADD, BLURRED, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
+from gauss2svg.scene import ADD, OVER, PLAIN, RHO_LIMIT, SOFT, Scene
 from gauss2svg.scene.parameters import STEPPED, raw_skew_of
 
 FARTHEST = 1e9  # px, from the origin and of a shape: well within the domain of scenes
@@ -92,25 +91,6 @@ class State:
     def copy(self) -> State:
         """A copy that shares no array with this one."""
         return State(**{name: array.copy() for name, array in vars(self).items()})
-
-    @classmethod
-    def restored(cls, name: str, arrays: dict[str, Any]) -> State:
-        """The state with the arrays of a checkpoint; raises InputError if no state has them."""
-        rows("the checkpoint's shapes", arrays, vars(cls.empty()))
-        for key in ("second", "age"):
-            if (arrays[key] < 0).any():
-                raise damaged(f"the checkpoint's {key}", "at least 0", f"{arrays[key].min():g}")
-        for key in ("mean", "factor"):
-            most = np.abs(arrays[key]).max(initial=0)
-            if most > FARTHEST:
-                raise damaged(f"the checkpoint's {key}", f"at most {FARTHEST:g}", f"{most:g}")
-        if not (arrays["factor"][:, [0, 2]] > 0).all():
-            needed = "above 0 on the diagonal"
-            raise damaged("the checkpoint's factor", needed, "shapes without extent")
-        if not np.isin(arrays["drawn"], (SOFT, PLAIN, BLURRED)).all():
-            kinds = ", ".join(map(str, np.unique(arrays["drawn"])))
-            raise damaged("the checkpoint's drawn", f"{SOFT}, {PLAIN} or {BLURRED}", kinds)
-        return cls(**arrays)
 
     def select(self, index: NDArray[np.bool_] | NDArray[np.intp]) -> State:
         """The Gaussians that a mask or an index selects; rounds must not decrease."""

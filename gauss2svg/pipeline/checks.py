@@ -131,7 +131,7 @@ def _check_inks(options: Options) -> None:
 
 
 def _check_time(options: Options) -> None:
-    """Refuse a time limit beside what takes an unknown time, or must be repeatable."""
+    """Refuse a time limit beside what takes an unknown time."""
     goal, run = options.goal, options.run
     asked = None if goal.target is None or goal.target.always else goal.target
     name = "scores" if run.scores or asked is None else asked.option
@@ -141,10 +141,4 @@ def _check_time(options: Options) -> None:
             raise InputError(
                 f"{name} must not be given with time_limit, because how long scores take is "
                 f"not known; got {goal.time_limit:g}. Try gauss2svg check on the SVG"
-            )
-    for name in ("checkpoint", "resume"):
-        if getattr(run, name) is not None and goal.time_limit is not None:
-            raise InputError(
-                f"time_limit must not be given with {name}, because a run with a time limit is "
-                f"not repeatable; got {goal.time_limit:g}. Try --iterations instead"
             )

@@ -11,7 +11,6 @@ from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
 from gauss2svg.measure.scores import TARGETS, Score
 from gauss2svg.options import (
-    FileName,
     Number,
     OneOf,
     OptionGroup,
@@ -20,7 +19,6 @@ from gauss2svg.options import (
     byte_size,
     field_named,
     fields_of,
-    file_name,
 )
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
 from gauss2svg.scene import OVER
@@ -29,8 +27,6 @@ from gauss2svg.svg.format import LEAST_PRECISION, MOST_PRECISION, STOP_COUNTS, F
 
 AUTO = "auto"
 _MOST_DECIBELS = 100.0  # 8-bit images that differ have less up to 65 megapixels
-EVERY_S = 30.0  # a checkpoint of 5000 Gaussians has 3 MB
-LONGEST_S = 86400.0
 
 
 def color_name(name: str, value: Any) -> str:
@@ -164,7 +160,7 @@ class SvgOptions(OptionGroup):
 
 @dataclass(frozen=True, kw_only=True)
 class RunOptions(OptionGroup):
-    """Resources, the measuring renderer, checkpoints."""
+    """Resources and the measuring renderer."""
 
     renderer: Renderer = "resvg"
     """Renderer that rasterises the SVG to measure it; the last four must be installed."""
@@ -190,15 +186,6 @@ class RunOptions(OptionGroup):
     """Maximum memory, by an estimate: 500M or 2G; 80 % of what is free if not given. A fit that
     would need more runs on fewer pixels."""
 
-    checkpoint: Annotated[FileName | None, file_name] = None
-    """Save the state of the fit to this file at intervals, to continue from by --resume."""
-
-    checkpoint_every: Annotated[float, Number(0, LONGEST_S)] = EVERY_S
-    """Interval between two checkpoints (s)."""
-
-    resume: Annotated[FileName | None, file_name] = None
-    """Continue from a checkpoint of this same command, to the same file."""
-
 
 GROUPS: dict[str, type[OptionGroup]] = {
     "goal": Goal,
@@ -220,16 +207,14 @@ def unknown_option(name: str) -> TypeError:
 
 
 # Options that change no picture; max_memory only where there is too little of it.
-NOT_OF_PICTURE = frozenset(
-    {"threads", "max_memory", "max_pixels", "scores", "checkpoint", "checkpoint_every", "resume"}
-)
+NOT_OF_PICTURE = frozenset({"threads", "max_memory", "max_pixels", "scores"})
 GROUP_TITLES = {
     "goal": "Goal",
     "fit": "Fit",
     "densify": "Densification",
     "svg": "SVG",
     "document": "Document",
-    "run": "Resources and checkpoints",
+    "run": "Resources",
 }
 
 

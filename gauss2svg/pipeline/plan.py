@@ -285,8 +285,8 @@ class Plan:
     @property
     def _may_be_by_bytes(self) -> bool:
         """Whether no other fit, target or file is asked for than a search by bytes has."""
-        svg, fit, run = (getattr(self.options, name) for name in ("svg", "fit", "run"))
-        free = (svg.palette, svg.stops, svg.precision, run.checkpoint, run.resume)
+        svg, fit = self.options.svg, self.options.fit
+        free = (svg.palette, svg.stops, svg.precision)
         usual = self.options.densify == DensifyOptions() and self._may_be_minimal
         usual = usual and fit.loss == DEFAULT_LOSS and fit.blend == OVER and self.aim is None
         usual = usual and not self.in_inks
@@ -301,11 +301,11 @@ class Plan:
     def searches(self) -> list[Plan]:
         """The plans of the searches to run, of whose files the closest is written; mostly one.
 
-        With a limit of bytes they differ in markup and fit. Targets, checkpoints and a limit of
+        With a limit of bytes they differ in markup and fit. A target and a limit of
         seconds leave time for one.
         """
-        limit, asked, run = self.plain_limit, self.options.svg.markup, self.options.run
-        if limit is None or self.aim is not None or run.checkpoint or run.resume:
+        limit, asked = self.plain_limit, self.options.svg.markup
+        if limit is None or self.aim is not None:
             return [self]
         tuning, found = TUNING, list[Plan]()
         up_to = math.inf if self.has_edges else tuning.by_bytes_up_to

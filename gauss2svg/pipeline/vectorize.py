@@ -3,22 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any, Never
+from typing import Never
 
 from gauss2svg.errors import InputError, instance
-from gauss2svg.files import check_outputs, reading
 from gauss2svg.fit.options import DensifyOptions, FitOptions, FitProgress
 from gauss2svg.measure.memory import held_bytes
 from gauss2svg.measure.perceptual import Scores, perceptual_scores
 from gauss2svg.measure.scores import Score
-from gauss2svg.options import file_name
 from gauss2svg.photo.alpha import matte_color, pixels_of, shrunk
 from gauss2svg.photo.load import ImageSource, reduced
 from gauss2svg.photo.photo import Header, Photo
-from gauss2svg.pipeline.checkpoint import Checkpoint, identity_of, resumed
 from gauss2svg.pipeline.options import Goal, Options, RunOptions, SvgOptions, unknown_option
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.report import run_report
@@ -115,16 +110,14 @@ def vectorize_by(
     plan = Plan(options)
     plan.check_renderer()
     run = Run(options.run, progress, stop, started)
-    _check_checkpoints(options, image)
     photo, sizes = _read(plan, run, image, may_reduce)
     plan = dataclasses.replace(plan, fit_side=max(sizes.fit))
     photo, subject = _subject(photo, sizes, options.document)
     plan = plan.for_picture(subject.photo)
-    checkpoint, saved = _checkpoints(options, subject)
     with run.compiled(options.fit.blend):
-        outcome = best_of(_searches(plan, run, subject, checkpoint, saved))
+        outcome = best_of(_searches(plan, run, subject))
     subject.release()
-    return _result(plan, run, photo, subject, outcome, checkpoint)
+    return _result(plan, run, photo, subject, outcome)
 
 
 def _read(plan: Plan, run: Run, image: ImageSource, may_reduce: bool) -> tuple[Photo, Sizes]:
@@ -164,28 +157,7 @@ def _subject(photo: Photo, sizes: Sizes, document: Document) -> tuple[Photo, Sub
     return measured, subject
 
 
-def _checkpoints(
-    options: Options, subject: Subject
-) -> tuple[Checkpoint | None, dict[str, Any] | None]:
-    """What writes checkpoints, and the state of the one to continue from, where asked for."""
-    run = options.run
-    if run.checkpoint is None and run.resume is None:
-        return None, None
-    images = subject.photo, subject.working
-    identity = identity_of(options, subject.document, subject.canvas, *images)
-    checkpoint = None
-    if run.checkpoint is not None:
-        checkpoint = Checkpoint(run.checkpoint, run.checkpoint_every, identity)
-    return checkpoint, None if run.resume is None else resumed(run.resume, identity)
-
-
-def _searches(
-    plan: Plan,
-    run: Run,
-    subject: Subject,
-    checkpoint: Checkpoint | None,
-    saved: dict[str, Any] | None,
-) -> Iterator[Search]:
+def _searches(plan: Plan, run: Run, subject: Subject) -> Iterator[Search]:
     """The searches of the plan, each made when it is to run."""
     photo_pixels = subject.photo[:, :, 0].size
     budget = TimeBudget(
@@ -210,17 +182,10 @@ def _searches(
         else:
             from gauss2svg.pipeline.search.by_count import ByCount
 
-            yield ByCount(one, subject, watch, checkpoint, saved)
+            yield ByCount(one, subject, watch)
 
 
-def _result(
-    plan: Plan,
-    run: Run,
-    photo: Photo,
-    subject: Subject,
-    outcome: Outcome,
-    checkpoint: Checkpoint | None,
-) -> Result:
+def _result(plan: Plan, run: Run, photo: Photo, subject: Subject, outcome: Outcome) -> Result:
     """The file of an outcome, with the report on it."""
     aim, raster = plan.aim, outcome.measured.raster
     reference = subject.photo if raster.shape == subject.photo.shape else outcome.working
@@ -229,26 +194,7 @@ def _result(
         known = None if aim is None else aim.reported(outcome.reached)
         scores = perceptual_scores(raster, reference, run.most_bytes - held_bytes(), known)
     report = run_report(plan, subject.document, photo, outcome, scores, run)
-    report["checkpoint_trouble"] = None if checkpoint is None else checkpoint.trouble
     return Result(outcome.svg, outcome.scene, report, raster, reference, subject.document)
-
-
-def _check_checkpoints(options: Options, image: ImageSource) -> None:
-    """Raise InputError or OutputError for checkpoints that cannot be read or written."""
-    run = options.run
-    if run.resume is not None:
-        with reading(run.resume, "a file of --checkpoint"):
-            pass
-    if run.checkpoint is not None:
-        Checkpoint(run.checkpoint, run.checkpoint_every, {})  # checks the path
-        read = {"the photo": image, "the label image": options.document.segments}
-        names = {
-            file_name(what, source): what
-            for what, source in read.items()
-            if isinstance(source, (str, os.PathLike))
-        }
-        there = {name: what for name, what in names.items() if os.path.exists(name)}
-        check_outputs(there, [Path(run.checkpoint)])
 
 
 def _check_precision(side: int, plan: Plan) -> None:

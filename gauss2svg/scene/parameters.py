@@ -1,7 +1,7 @@
 """The parameters of a shape, declared once.
 
-Scenes (validation, selection, concatenation, scaling, saved files), fits (raw values, activation,
-learning rates, Adam's columns, rows that come and go) and checkpoints follow this table. A new
+Scenes (validation, selection, concatenation, scaling, saved files) and fits (raw values,
+activation, learning rates, Adam's columns, rows that come and go) follow this table. A new
 parameter is one record here, one field of gauss2svg.scene.scene.Scene and, if a fit steps it, one
 of gauss2svg.fit.state.State. Renderers, writer and reader say for themselves what they draw of it:
 docs/development.md has the recipe.

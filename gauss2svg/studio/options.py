@@ -21,10 +21,8 @@ from gauss2svg.scene.inks import PALETTE_SUFFIX
 from gauss2svg.studio.guard import MOST_UPLOADED
 
 MOST_DRAWN = 40_000_000  # px of a PNG: half a gigabyte while it is drawn
-# The server's own: files of its machine, and what it shares out among fits.
-_NOT_OFFERED = (
-    "checkpoint", "checkpoint_every", "resume", "threads", "max_memory", "max_pixels",
-)  # fmt: skip
+# The server's own: what it shares out among fits.
+_NOT_OFFERED = ("threads", "max_memory", "max_pixels")
 _NAMES = {"svg": "SVG"} | {score.slug: score.name for score in SCORES}
 _OF_A_SCORE = (
     "slug", "key", "name", "title", "unit", "digits", "least_step", "best", "falls", "always",

@@ -1,7 +1,5 @@
 """Laws of fits in inks: their colours alone, crisp and opaque, in fit, file and raster."""
 
-import io
-
 import numpy as np
 import pytest
 from conftest import random_scene
@@ -14,7 +12,6 @@ from gauss2svg.fit.inks import Inks
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.state import State
 from gauss2svg.fit.target import target_of
-from gauss2svg.pipeline.checkpoint import packed, unpacked
 from gauss2svg.raster import rasterize
 from gauss2svg.render import render
 from gauss2svg.scene.inks import ink_colors
@@ -172,22 +169,6 @@ def test_exchange_lowers_the_error_and_keeps_to_the_inks(picture):
     inks.exchange(state, splats, target, np.random.default_rng(0))
     assert target.squares(splats())[0] < before
     assert (state.color[:, None] == inks.color).all(axis=2).any(axis=1).all()
-
-
-def test_fit_continues_from_a_checkpoint_to_the_same_bits(picture):
-    config, saved = fit_config(gaussians=30, iterations=60, inks=INKS), list[bytes]()
-
-    def keep(progress) -> None:
-        if progress.iteration == 35:
-            saved.append(packed({"fit": first.state_dict()}))
-
-    first = FitSession(picture, config, progress=keep)
-    first.fit()
-    again = FitSession(picture, config)
-    again.load_state_dict(unpacked(io.BytesIO(saved[0]))["fit"])
-    again.fit()
-    for name, array in vars(first.state).items():
-        np.testing.assert_array_equal(getattr(again.state, name), array)
 
 
 @pytest.mark.parametrize(

@@ -173,7 +173,6 @@ def test_the_report_has_every_option(photo):
             "form must be gradient with the renderer resvg.*chromium",
         ),
         ({"per_round": 5}, InputError, "per_round must not be given unless .*--gaussians 1000"),
-        ({"time_limit": 5, "resume": "x"}, InputError, "time_limit must not be given with resume"),
         ({"loss": "mse", "ssim_weight": 0.1}, InputError, "loss must be one with ssim.*l?mse.ssim"),
         ({"blend": "add", "falloff": "adaptive"}, InputError, "falloff must be gaussian"),
         ({"blend": "add", "falloff": "skewed"}, InputError, "falloff must be gaussian with add"),

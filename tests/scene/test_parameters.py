@@ -9,9 +9,7 @@ from conftest import random_scene, random_sum
 
 from gauss2svg import Scene, SvgFormat, read_svg, write_svg
 from gauss2svg.errors import SceneError
-from gauss2svg.fit.saved import Saved, as_saved, checks, number, optional, part, whole
 from gauss2svg.fit.state import COLUMNS, GEOMETRY, STEPS, State
-from gauss2svg.pipeline.checkpoint import packed, unpacked
 from gauss2svg.render import render
 from gauss2svg.render.kernels import MOMENTS
 from gauss2svg.scene import BLURRED, PLAIN, SOFT
@@ -64,7 +62,7 @@ def test_every_value_outside_of_its_domain_is_refused_by_name(name, make):
                 scene.replace(**{name: values})
 
 
-def test_every_parameter_is_selected_joined_saved_and_kept_by_a_checkpoint():
+def test_every_parameter_is_selected_joined_saved_and_kept_by_a_fit():
     scene = random_scene(12, beta=(1, 30)).replace(drawn=np.arange(12) % 3)
     kept, rest = scene.select(slice(5)), scene.select(slice(5, 12))
     stream, joined = io.BytesIO(), kept.concatenate(rest)
@@ -72,15 +70,12 @@ def test_every_parameter_is_selected_joined_saved_and_kept_by_a_checkpoint():
     stream.seek(0)
     loaded = Scene.load(stream)
     state = State.of(scene.mean, np.ones((12, 3)), 0).quantized(scene)
-    again = State.restored("", unpacked(io.BytesIO(packed(vars(state)))))
     for parameter in PARAMETERS:
         name = parameter.name
         assert getattr(loaded, name).tobytes() == getattr(scene, name).tobytes()
         assert getattr(loaded, name).dtype == parameter.dtype
         if name != "round_index":  # the upper scene's rounds are later ones
             np.testing.assert_array_equal(getattr(joined, name), getattr(scene, name))
-    for name, array in vars(state).items():
-        assert getattr(again, name).tobytes() == array.tobytes()
     np.testing.assert_array_equal(state.drawn, scene.drawn)
 
 
@@ -138,30 +133,3 @@ def test_blurred_shapes_are_blurred_in_their_form_alone_and_come_back_so():
     np.testing.assert_array_equal(back.drawn, blurred.drawn)
     assert (snapped(blurred, "gradient").drawn == SOFT).all()
     assert "filter" not in write_svg(blurred)
-
-
-class Whole(Saved):
-    SAVED = checks(_count=whole(0, 9), share=optional(number(0, 1)), note=as_saved, inner=part)
-
-    def __init__(self, inner=None):
-        self._count, self.share, self.note = 1, None, np.arange(3)
-        self.inner = inner
-
-
-class Empty(Saved):
-    pass
-
-
-def test_saved_object_comes_back_with_its_parts():
-    one, other = Whole(Whole(Empty())), Whole(Whole(Empty()))
-    one._count, one.share, one.inner._count = 7, 0.5, 3
-    other.load_state_dict(one.state_dict())
-    assert (other._count, other.share, other.inner._count) == (7, 0.5, 3)
-    assert other.note.tolist() == [0, 1, 2]
-
-
-@pytest.mark.parametrize("bad", [{"count": 10}, {"count": "x"}, {"share": 2.0}, {"share": "y"}])
-def test_saved_value_out_of_range_is_refused_by_name(bad):
-    one = Whole(Empty())
-    with pytest.raises(ValueError, match=f"{next(iter(bad))} must be"):
-        one.load_state_dict(one.state_dict() | bad)

@@ -39,7 +39,7 @@ from gauss2svg.cli.signals import Interruption
 from gauss2svg.cli.vectorize import MakerFiles, OutputFiles
 from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.errors import Gauss2SvgError
-from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of, file_name
+from gauss2svg.options import Field, Flag, Number, OneOf, Whole, byte_size, fields_of
 from gauss2svg.pipeline.options import GROUPS, Goal
 
 PIXELS = np.random.default_rng(0).integers(0, 256, (16, 16, 3), np.uint8)
@@ -115,8 +115,6 @@ def valid_values(field: Field) -> list[Any]:
             found += [np.array(one)[()] for one in found]
         elif check is byte_size:
             found += [300_000_000, "300M", "1k", "1.5 kB", "0.1", "1e9", 1, 0, "9" * 30 + "G"]
-        elif check is file_name:
-            found += _FILES
         elif not isinstance(check, Flag):  # each of them has its own words
             found += ["white", "#fa0", "#ffaa00", "photo", "120mm", "5in", "1e9mm", "0px", "none"]
             found += ["xMidYMid slice", "xMidYMid", "A title", "30", 30, 10_000, 10_001]

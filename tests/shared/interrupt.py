@@ -31,7 +31,6 @@ from skimage import data
 
 import gauss2svg
 from gauss2svg.cli.signals import _ENDING
-from gauss2svg.pipeline.checkpoint import unpacked
 from gauss2svg.scene import Scene
 
 OLD = "<!-- written by gauss2svg -->"
@@ -45,7 +44,6 @@ AFTER_FIT = (
     ["--report", "report.json"],
     ["--outline", "outline.svg", "-o", "out.svg"],
     ["--save-scene", "scene.npz", "--animate", "2"],
-    ["--checkpoint", "fit", "--checkpoint-every", "0.05", "-o", "out.svg"],
     ["--preview", "preview.png", "--report", "report.json", "--outline", "outline.svg"],
 )
 
@@ -57,7 +55,7 @@ class Run:
         self.folder, self.temporary = Path(tempfile.mkdtemp()), Path(tempfile.mkdtemp())
         self.output = "out.svg" if "-o" in options else "photo.svg"
         self.names = {"photo.png", self.output}
-        self.names |= {name for name in options if name == "fit" or "." in name.lstrip("0.")}
+        self.names |= {name for name in options if "." in name}
         Image.fromarray(data.coffee()[::8, ::8]).save(self.folder / "photo.png")
         (self.folder / self.output).write_text(OLD)
         self.signalled_before_output = False
@@ -125,11 +123,8 @@ class Run:
             Image.open(path).load()
         elif path.suffix == ".npz":
             Scene.load(path)
-        elif path.suffix == ".json":
-            json.loads(path.read_text())
         else:
-            with path.open("rb") as file:
-                unpacked(file)
+            json.loads(path.read_text())
         return True
 
     def __exit__(self, *_: Any) -> None:

@@ -40,7 +40,7 @@ CHANGED = {
 
 def test_every_option_is_described_except_the_servers_own():
     names = [option["name"] for option in OPTIONS]
-    own = {"checkpoint", "checkpoint_every", "resume", "threads", "max_memory", "max_pixels"}
+    own = {"threads", "max_memory", "max_pixels"}
     assert names == [name for name in option_names() if name not in own]
     assert set(CHANGED) == set(names)
     defaults = Options().flat()

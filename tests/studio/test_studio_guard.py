@@ -373,8 +373,6 @@ def test_a_file_name_is_shown_and_is_never_a_path(given, name):
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        ('{"checkpoint": "x"}', "checkpoint"),
-        ('{"resume": "/etc/passwd"}', "resume"),
         ('{"segments": "/etc/passwd"}', "segments"),
         ('{"threads": 99}', "threads"),
         ('{"form": "blur", "renderer": "cairo"}', "renderer"),

@@ -17,7 +17,6 @@ from PIL import Image
 
 from gauss2svg import files
 from gauss2svg.cli.main import main
-from gauss2svg.pipeline.checkpoint import Checkpoint, unpacked
 from gauss2svg.pipeline.search.outcome import best_of
 
 pytestmark = pytest.mark.process
@@ -212,53 +211,6 @@ def test_each_file_is_the_old_one_or_the_whole_new_one(
         else:
             assert status == (130 if "interrupt" in name else 2), at
         assert err.count("\n") == (0 if status == 0 else 1), (at, err)
-
-
-@pytest.mark.parametrize("name", ["EIO", "ENOSPC"])
-def test_the_checkpoint_is_the_old_one_or_a_whole_one(name, tmp_path, monkeypatch):
-    path = tmp_path / "c.npz"
-
-    def offered(at):
-        path.write_bytes(b"old checkpoint")
-        checkpoint = Checkpoint(path, 0, {"title": "a"})
-        with monkeypatch.context() as patch:
-            faults = Faults(patch, tmp_path)
-            faults.at, faults.fault = at, FAULTS[name]
-            checkpoint.offer(lambda: {"step": 5})
-        assert list(tmp_path.iterdir()) == [path], at
-        return faults.calls, checkpoint.trouble
-
-    places, trouble = offered(None)
-    assert trouble is None
-    assert {"os.open", "os.write", "os.fsync", "os.replace"} <= set(places)
-    for place, call in enumerate(places):
-        trouble = offered(place)[1]
-        if path.read_bytes() == b"old checkpoint":
-            assert trouble is not None
-            assert str(FAULTS[name].strerror) in trouble, call
-        else:  # unpacking reads all of it, and compares checksums
-            stored = unpacked(io.BytesIO(path.read_bytes()))
-            assert stored == {"run": {"title": "a"}, "state": {"step": 5}}, call
-
-
-@pytest.mark.parametrize("which", [0, -1])
-def test_a_run_whose_checkpoint_fails_goes_on_without_it(which, tmp_path, monkeypatch, capsys):
-    def command(folder):
-        return [*fitting(folder), "--checkpoint", str(folder / "c.npz"), "--checkpoint-every", "0"]
-
-    whole, failed = made(tmp_path / "whole", 0), made(tmp_path / "failed", 0)
-    with monkeypatch.context() as patch:
-        faults = Faults(patch, whole)
-        assert main(command(whole)) == 0
-    renamed = [place for place, call in enumerate(faults.calls) if call == "os.replace"]
-    checkpoints = renamed[: -len(OUTPUTS)]
-    assert len(checkpoints) >= 2
-    with monkeypatch.context() as patch:
-        faults = Faults(patch, failed)
-        faults.at, faults.fault = checkpoints[which], FAULTS["ENOSPC"]
-        assert main(command(failed)) == 0
-    assert set(content(failed)) == set(content(whole))
-    assert content(failed)["o.svg"] == content(whole)["o.svg"]
 
 
 def test_fault_at_every_rename_is_tried(tmp_path, monkeypatch):

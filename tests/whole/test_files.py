@@ -288,7 +288,7 @@ def test_output_that_standard_input_reads_is_refused(link, picture, svg, tmp_pat
     read, other = tmp_path / "read", tmp_path / "other"
     given = {"the photo": picture, "the SVG": svg}
     commands = [("the photo", ["-", "-o", "NAME"])]
-    further = ("--preview", "--report", "--outline", "--save-scene", "--checkpoint")
+    further = ("--preview", "--report", "--outline", "--save-scene")
     commands += [("the photo", ["-", "-o", tmp_path / "o.svg", one, "NAME"]) for one in further]
     for one in ("--preview", "--report", "--heatmap"):
         commands.append(("the photo", ["check", "-", svg, one, "NAME"]))

@@ -12,7 +12,7 @@ from fuzz_options import PIXELS, Pathless, Rude, outcome_of
 import gauss2svg
 from gauss2svg.cli.check import CheckOptions
 from gauss2svg.compare.tables.bench import run_bench
-from gauss2svg.errors import InputError, OutputError
+from gauss2svg.errors import InputError
 from gauss2svg.fit.options import DensifyOptions, FitOptions
 from gauss2svg.options import fields_of
 from gauss2svg.pipeline.options import Goal, Options, RunOptions
@@ -51,9 +51,6 @@ def test_many_combinations_give_a_result_or_one_refusal(seed):
         ({"stop": "x"}, "stop must be a function of no arguments; got str"),
         ({"stop": PIXELS}, "stop must be a function of no arguments; got ndarray"),
         ({"run": RunOptions(threads=2**31 - 1)}, r"threads must be a whole number in 1\.\."),
-        ({"run": RunOptions(resume="none")}, "cannot read none: No such file"),
-        ({"run": RunOptions(resume=".")}, "cannot read .: it is a folder"),
-        ({"run": RunOptions(checkpoint=".")}, "checkpoint must be a regular file; got ., which"),
         (
             {"fit": FitOptions(blend="add"), "document": Document(segments=9)},
             "segments must not be given with additive blending",
@@ -66,24 +63,6 @@ def test_what_cannot_work_is_refused_before_the_photo_is_read(given, match, tmp_
     with pytest.raises(InputError, match=match):
         gauss2svg.vectorize(NO_PHOTO, **given)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_folder_that_is_missing_is_refused_before_the_photo_is_read(tmp_path):
-    with pytest.raises(OutputError, match=r"cannot write .*: No such file"):
-        gauss2svg.vectorize(NO_PHOTO, run=RunOptions(checkpoint=tmp_path / "new" / "fit"))
-
-
-def test_a_checkpoint_replaces_neither_the_photo_nor_the_label_image(tmp_path):
-    for name in ("photo.png", "labels.png"):
-        (tmp_path / name).write_text("no image, which reading would find")
-    document = Document(segments=tmp_path / "labels.png")
-    for name, what in {"photo.png": "the photo", "labels.png": "the label image"}.items():
-        run = RunOptions(checkpoint=tmp_path / name)
-        with pytest.raises(InputError, match=f"output must be .*, which is also {what}"):
-            gauss2svg.vectorize(tmp_path / "photo.png", document=document, run=run)
-    for name in ("missing\0.png", "missing.png"):
-        with pytest.raises(InputError, match="cannot read missing"):
-            gauss2svg.vectorize(name, run=RunOptions(checkpoint=tmp_path / "fit"))
 
 
 def test_built_in_functions_of_unknown_arguments_are_taken():
@@ -161,7 +140,7 @@ def test_text_of_a_number_of_segments_is_a_number_as_on_the_command_line():
 
 
 @pytest.mark.parametrize("value", [10**400, PIXELS, Rude(), Pathless()])
-@pytest.mark.parametrize("name", ["learning_rate", "animate", "max_memory", "checkpoint", "loss"])
+@pytest.mark.parametrize("name", ["learning_rate", "animate", "max_memory", "loss"])
 def test_a_value_that_raises_where_it_is_read_is_refused_by_its_name(name, value):
     with pytest.raises(InputError, match=f"^{name} must be "):
         Options.from_flat({name: value})

@@ -162,18 +162,6 @@ def test_limit_of_bytes_holds_for_what_an_interruption_leaves(command, after, tm
     assert (tmp_path / "out.svg").stat().st_size <= 3000
 
 
-def test_checkpoint_of_an_interrupted_run_leads_to_the_same_file(command, after, tmp_path, capsys):
-    fit = str(tmp_path / "fit")
-    assert main(command) == 0
-    whole = (tmp_path / "out.svg").read_bytes()
-    after(signal.SIGTERM, 23)
-    assert main([*command, "--checkpoint", fit]) == 143
-    assert f"continue with --resume {fit}" in capsys.readouterr().err
-    assert (tmp_path / "out.svg").read_bytes() != whole
-    assert main([*command, "--resume", fit]) == 0
-    assert (tmp_path / "out.svg").read_bytes() == whole
-
-
 def test_handlers_are_as_they_were_afterwards(command, after):
     before = {number: signal.getsignal(number) for number in STATUS}
     after(signal.SIGINT, 3)

@@ -20,16 +20,13 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
-from gauss2svg.errors import number_within
 from gauss2svg.fit import schedule
 from gauss2svg.fit.densification import AdaptiveCount, GrowthLimits, Snapshot, as_given
 from gauss2svg.fit.options import FitProgress, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.measure.roundtrip import RoundTrip
 from gauss2svg.photo.alpha import over
-from gauss2svg.pipeline.checkpoint import ADDITIVE, FIT, Checkpoint, damaged
 from gauss2svg.pipeline.plan import Plan
 from gauss2svg.pipeline.search.cap import Cap, Growth, fewest
 from gauss2svg.pipeline.search.correction import Corrections
@@ -66,23 +63,11 @@ TUNING = ByCountTuning()
 
 
 class ByCount:
-    """A search for the number of Gaussians with which a file is what a plan asks for.
+    """A search for the number of Gaussians with which a file is what a plan asks for."""
 
-    checkpoint  is offered the state of the search after every step of a fit
-    resumed     the state in a checkpoint, from which to continue
-    """
-
-    def __init__(
-        self,
-        plan: Plan,
-        subject: Subject,
-        watch: Watch,
-        checkpoint: Checkpoint | None = None,
-        resumed: dict[str, Any] | None = None,
-    ) -> None:
+    def __init__(self, plan: Plan, subject: Subject, watch: Watch) -> None:
         self._plan, self._subject, self._watch = plan, subject, watch
         self._budget, self._report = watch.budget, watch.report
-        self._checkpoint, self._resumed = checkpoint, resumed or {}
         self._ended = False
         self._phase = "fit"
         self._exporter = Exporter(plan, subject)
@@ -123,11 +108,7 @@ class ByCount:
         self._look_for_stop()
         if self._portable:
             self._begin_with_additive()
-        elif self._resumed and self._resumed["stage"] != FIT:
-            raise damaged("the checkpoint", ValueError("it is of an additive fit"))
         self._session.fit()
-        if not self._ended:  # else the checkpoint is of the interrupted fit
-            self._save(FIT, self._session, due=True)
         cap = self._growth.cap
         if cap.name == "time_limit":  # found after growth ended
             self._session.prune_to(cap.gaussians)
@@ -147,7 +128,6 @@ class ByCount:
             segment_at=None if labels is None else partial(segment_at, labels),
             stop=self._is_ended, targets=subject.targets(self._plan.tune),
         )  # fmt: skip
-        self._restore(FIT, self._session)
 
     def _begin_with_additive(self) -> None:
         """Fit additively, and continue with the same Gaussians alpha-composited."""
@@ -156,20 +136,16 @@ class ByCount:
         session = FitSession(
             white, self._plan.additive_config, self._policy,
             self._budget.fit_deadline(self._growth.count, TUNING.additive_share),
-            lambda progress: self._after_step(ADDITIVE, session, progress),
+            lambda progress: self._after_step("additive", progress),
             stop=self._is_ended,
             targets=subject.targets(self._plan.tune) if white is subject.working else None,
         )  # fmt: skip
-        continues = self._resumed.get("stage") == FIT
-        if not continues:
-            self._restore(ADDITIVE, session)
-            session.fit()
-            self._additive = session.result()
+        session.fit()
+        self._additive = session.result()
         if isinstance(self._policy, AdaptiveCount):  # it keeps the gains of the additive rounds
             self._policy.revise = self._revise
         self._begin()
-        if self._additive is not None and not continues:
-            self._session.adopt(self._additive.scene, self._plan.fit_config.gaussians)
+        self._session.adopt(self._additive.scene, self._plan.fit_config.gaussians)
 
     def _revise(self, limits: GrowthLimits, now: Snapshot) -> GrowthLimits:
         return self._growth.revised(limits, now, self._session)
@@ -178,7 +154,7 @@ class ByCount:
         target = self._session.population.target
         growing = progress.done <= schedule.TUNING.growth_share
         self._budget.stepped(target.width * target.height, progress.gaussians, growing)
-        self._after_step(FIT, self._session, progress)
+        self._after_step(self._phase, progress)
         reserved = self._budget.reserve(
             progress.done, progress.gaussians, lambda: self._export_seconds(progress.psnr)
         )
@@ -187,10 +163,9 @@ class ByCount:
             if most is not None:
                 self._growth.cap = fewest(self._growth.cap, Cap(most, "time_limit"))
 
-    def _after_step(self, stage: str, session: FitSession, progress: FitProgress) -> None:
-        self._report(stage if stage == ADDITIVE else self._phase, progress)
+    def _after_step(self, phase: str, progress: FitProgress) -> None:
+        self._report(phase, progress)
         self._look_for_stop()
-        self._save(stage, session, due=self._ended)
 
     def _look_for_stop(self) -> None:
         self._ended = self._ended or self._watch.stop()
@@ -291,36 +266,3 @@ class ByCount:
         # Whatever ended the growth, corrections did not reach the target.
         cap = self._growth.cap
         return cap.name if len(best.scene) > TUNING.at_the_cap * cap.gaussians else "iterations"
-
-    def _save(self, stage: str, session: FitSession, due: bool = False) -> None:
-        if self._checkpoint is not None and self._phase != "correct":
-            self._checkpoint.offer(partial(self._state_dict, stage, session), due)
-
-    def _state_dict(self, stage: str, session: FitSession) -> dict[str, Any]:
-        costs = None
-        if self._additive is not None:
-            names = (f.name for f in dataclasses.fields(FitResult) if f.name != "scene")
-            costs = {name: getattr(self._additive, name) for name in names}
-        return {
-            "stage": stage,
-            "fit": session.state_dict(),
-            "additive": costs,
-            "growth": self._growth.state_dict(),
-            "seen": self._exporter.seen,
-        }
-
-    def _restore(self, stage: str, session: FitSession) -> None:
-        """Load the state of a checkpoint of this stage into a session."""
-        saved = self._resumed
-        if saved.get("stage") != stage:
-            return
-        try:
-            session.load_state_dict(saved["fit"])
-            self._growth.load_state_dict(saved["growth"])
-            self._exporter.seen = number_within("seen", saved["seen"], -math.inf, math.inf)
-            if saved["additive"] is not None:  # only its costs are used
-                self._additive = FitResult(scene=session.scene(), **saved["additive"])
-        except (MemoryError, AssertionError):
-            raise
-        except Exception as error:  # invalid values raise anything
-            raise damaged("the checkpoint", error) from error

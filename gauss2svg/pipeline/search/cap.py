@@ -5,9 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from gauss2svg.errors import number_within, whole_number
 from gauss2svg.fit import densification, schedule
 from gauss2svg.fit.densification import (
     AdaptiveCount,
@@ -170,18 +169,3 @@ class Growth:
             return self._budget.most_gaussians(now.count, now.done)
         late = session.clock.growth_is_late and now.done <= schedule.TUNING.growth_share
         return max(now.count, 1) if late else most
-
-    def state_dict(self) -> dict[str, Any]:
-        """What was found so far, for a checkpoint."""
-        return {
-            "bytes_each": self._bytes_each,
-            "bytes_known": self._bytes_known,
-            "cap": list(self.cap),
-        }
-
-    def load_state_dict(self, saved: dict[str, Any]) -> None:
-        """Restore a saved state; raises anything for an invalid one."""
-        self._bytes_each = number_within("bytes_each", saved["bytes_each"], 1e-3, 1e9)
-        self._bytes_known = bool(saved["bytes_known"])
-        most, named = saved["cap"]
-        self.cap = Cap(whole_number("cap", most, 0, 2**62), str(named))
