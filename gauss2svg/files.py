@@ -9,7 +9,6 @@ import json
 import os
 import re
 import secrets
-import shutil
 import stat
 import sys
 import tempfile
@@ -98,11 +97,12 @@ def write_atomically(path: FileName, data: bytes) -> None:
 
 
 def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
-    """Write each as write_atomically does, renaming none before all are on the disk.
+    """Write each file as write_atomically does, and rename none before all are on the disk.
 
-    A full disk, an interruption, or a file that another program holds open on Windows thus leaves
-    every old file as it was. Pipes and devices, which cannot be renamed, are written just before.
-    Raises OutputError for the first that cannot be written.
+    A full disk thus leaves every old file as it was. The files are renamed one by one: where one
+    cannot be, or an interruption comes between two, the earlier ones are new and the others old.
+    Pipes and devices, which cannot be renamed, are written just before. Raise OutputError for the
+    first that cannot be written.
     """
     for path in files:
         check_writable(path)
@@ -123,53 +123,14 @@ def write_all_atomically(files: Mapping[FileName, bytes]) -> None:
         for target, data in streams:
             with target.open("wb", buffering=0) as stream:
                 _write_all(stream.fileno(), data)
-        _rename(beside)
+        for made, target in beside:
+            replace(made, target)
     except (OSError, ValueError) as error:
         raise _cannot_write(target, error) from error
     finally:
         for made, _ in beside:  # renamed ones no longer exist
             with suppress(OSError):
                 os.unlink(made)
-
-
-def _rename(made: Sequence[tuple[Path, Path]]) -> None:
-    """Rename each file to its target; where one cannot be, all targets are as they were.
-
-    A program that holds a target open may refuse it on Windows, and an interruption or the disk
-    may end it anywhere.
-    """
-    several = len(made) > 1  # else nothing was renamed where the only one cannot be
-    targets = [target for _, target in made if several and target.exists()]
-    old = {target: target.with_name(f".{secrets.token_hex(8)}") for target in targets}
-    try:
-        for target, kept in old.items():
-            try:
-                os.link(target, kept)
-            except OSError:  # the disk has no hard links
-                shutil.copy2(target, kept)
-        for one, target in made:
-            replace(one, target)
-    except BaseException:
-        for one, target in made if several else ():
-            if not one.exists():  # it was renamed
-                with suppress(OSError):  # the first error says why
-                    replace(old[target], target) if target in old else target.unlink()
-        raise
-    finally:
-        _discard(list(old.values()))
-
-
-def _discard(paths: Sequence[Path]) -> None:
-    """Remove files of our own, where it fails once more: nobody else would."""
-    for index, path in enumerate(paths):
-        try:
-            path.unlink(missing_ok=True)
-        except OSError:
-            with suppress(OSError):
-                path.unlink(missing_ok=True)
-        except BaseException:  # an interruption, which must not leave the others
-            _discard(paths[index:])
-            raise
 
 
 def replace(made: FileName, target: FileName) -> None:

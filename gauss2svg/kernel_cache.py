@@ -9,143 +9,143 @@ import stat
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from numba import njit
 from numba.core import config
-from numba.core.caching import CacheImpl, FunctionCache, IndexDataCacheFile
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+    _CacheLocator,
+)
 from numba.core.runtime.nrt import rtsys
 
 # s between tries to list code on Windows, which replaces no list while another process reads it.
 _PAUSES_S = (0.01, 0.03, 0.1, 0.3)
+_CONSTANTS = Path(__file__).parent / "scene" / "falloff.py"  # constants that kernels inline
 _numba: Any = config  # which creates its attributes dynamically
 _lost = False  # whether code of this process could not be kept
 
 
 def are_kept() -> bool:
-    """Whether all kernels of this process are on the disk, for later ones."""
+    """Return whether all kernels of this process are on the disk, for later ones."""
     return not _lost
 
 
 def cached(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Decorate by numba's njit with these options; machine code is kept on disk.
+    """Decorate by numba's njit with these options; machine code is kept in `folder()`.
 
-    It is kept in the first of these folders that can be written: $NUMBA_CACHE_DIR, __pycache__
-    beside the module, the user's cache ($XDG_CACHE_HOME on Linux), one of the user's own in the
-    folder for temporary files. What __pycache__ has is read also where it cannot be written, as in
-    an image of a container. Where no folder can be written, functions are compiled in every
-    process, and are_kept() is False.
+    Where there is no such folder, each process compiles, and are_kept() is False.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
         global _lost
-        for folder in (_usual, _temporary, _read_only):
-            with folder(Path(function.__code__.co_filename).parent) as can_be:
-                try:
-                    dispatcher = njit(cache=True, **options)(function) if can_be else None
-                except RuntimeError:  # numba finds no folder that can be written
-                    dispatcher = None
-            if dispatcher is not None:
-                break
-        else:
+        dispatcher: Any = njit(**options)(function)
+        if folder() is None:
             _lost = True
-            return njit(**options)(function)
-        # None where NUMBA_DISABLE_JIT is set, and where numba keeps its files in another way: then
-        # two processes that compile at once may have to compile again.
-        cache = getattr(dispatcher, "_cache", None)
-        if type(cache) is FunctionCache:
-            cache.__class__ = KernelCache
-        files = getattr(cache, "_cache_file", None)
-        if type(files) is IndexDataCacheFile:
-            files.__class__ = KernelFiles
-            module = Path(function.__code__.co_filename)
-            vars(files)["beside"] = str(module.with_name("__pycache__"))
-            # Kernels inline those of other files, whose changes numba itself does not see.
-            vars(files)["_source_stamp"] = vars(files)["_source_stamp"], _digest(module.parent)
+        elif not _numba.DISABLE_JIT:  # which leaves functions as they are
+            dispatcher._cache = KernelCache(function)
         return dispatcher
 
     return compiled
 
 
+def folder() -> Path | None:
+    """Return the folder for compiled code, or None where no such folder can be written.
+
+    It is $NUMBA_CACHE_DIR, which may be one that can only be read. Without that variable it is
+    `gauss2svg` in the user's folder for caches, or a private one among the temporary files.
+    """
+    return Path(_numba.CACHE_DIR) if _numba.CACHE_DIR else _folder_of_user()
+
+
+@lru_cache
+def _folder_of_user() -> Path | None:
+    with suppress(OSError, RuntimeError):  # the second where no home is known
+        caches = _caches()
+        caches.mkdir(parents=True, exist_ok=True)
+        if os.access(caches, os.W_OK):
+            return caches
+    with suppress(OSError):
+        return _temporary()
+    return None
+
+
+def _caches() -> Path:
+    """Return `gauss2svg` in the folder for caches that this system has for each user."""
+    if sys.platform == "win32":
+        caches = os.environ.get("LOCALAPPDATA") or "~/AppData/Local"
+    elif sys.platform == "darwin":
+        caches = "~/Library/Caches"
+    else:
+        caches = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    return Path(caches).expanduser() / "gauss2svg"
+
+
+def _temporary() -> Path | None:
+    """Return a folder among the temporary files that nobody else can write, or None.
+
+    What is in it is executed, and others could have made a folder of its name before.
+    """
+    if sys.platform == "win32":
+        return None  # temporary files are in the folder that has the caches
+    user = os.getuid()
+    private = Path(tempfile.gettempdir(), f"gauss2svg-{user}")
+    private.mkdir(mode=0o700, exist_ok=True)
+    status = private.lstat()
+    is_private = status.st_uid == user and not status.st_mode & 0o077
+    return private if stat.S_ISDIR(status.st_mode) and is_private else None
+
+
 @lru_cache
 def _digest(room: Path) -> str:
+    """Return a digest of all modules that a kernel of a folder may inline."""
     digest = hashlib.sha256()
-    for path in sorted(room.glob("*.py")):
+    for path in (*sorted(room.glob("*.py")), _CONSTANTS):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
 
-@contextmanager
-def _usual(module: Path) -> Iterator[bool]:
-    """Let numba keep code where it does by itself; False where that is nowhere."""
-    has_home = bool(os.environ.get("XDG_CACHE_HOME")) or os.path.isabs(os.path.expanduser("~"))
-    # Without a home numba would make a folder named ~ in the current one.
-    yield has_home or bool(_numba.CACHE_DIR) or os.access(module, os.W_OK)
+class _Place(_CacheLocator):
+    """The place of one function's files: a folder of `folder()` for each folder of modules."""
+
+    def __init__(self, function: Callable[..., Any], module: str) -> None:
+        self._line = function.__code__.co_firstlineno
+        self._room = Path(module).parent
+        self._path = os.path.join(folder() or "", self.get_suitable_cache_subpath(module))
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder; saving says where that is not possible."""
+        with suppress(OSError):
+            os.makedirs(self._path, exist_ok=True)
+
+    def get_cache_path(self) -> Any:
+        """Return the folder."""
+        return self._path
+
+    def get_source_stamp(self) -> Any:
+        """Return what code is compared by: kernels inline those of other files."""
+        return _digest(self._room)
+
+    def get_disambiguator(self) -> Any:
+        """Return what tells functions of one name apart."""
+        return str(self._line)
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> _Place:
+        """Return the place of a function."""
+        return cls(py_func, py_file)
 
 
-@contextmanager
-def _temporary(_: Path) -> Iterator[bool]:
-    """Let numba keep code among the temporary files; False where there is no place for it."""
-    folder, before = temporary_folder(), _numba.CACHE_DIR
-    _numba.CACHE_DIR = folder or before
-    try:
-        yield folder is not None
-    finally:
-        _numba.CACHE_DIR = before
+class _Code(CompileResultCacheImpl):
+    """The form in which code is kept, and its place."""
 
-
-@contextmanager
-def _read_only(_: Path) -> Iterator[bool]:
-    """Let numba read code beside the modules, and keep none."""
-    before = CacheImpl._locator_classes
-    named = [kind for kind in before if kind.__name__.endswith("InTreeCacheLocator")]
-    CacheImpl._locator_classes = [
-        type("ReadOnly", (kind,), {"ensure_cache_path": lambda _: None}) for kind in named
-    ]
-    try:
-        yield bool(named)
-    finally:
-        CacheImpl._locator_classes = before
-
-
-def temporary_folder() -> str | None:
-    """A folder for code among the temporary files, which nobody else can write; None for none.
-
-    What is in it is executed, and others could have made a folder of its name before.
-    """
-    user = os.getuid() if hasattr(os, "getuid") else None  # Windows has no such numbers
-    try:
-        parent = os.path.realpath(tempfile.gettempdir())
-        if not _keeps_others_out(parent, user):
-            return None
-        # The current folder, where no other can be written; but that may be /tmp.
-        if os.path.samefile(parent, os.curdir) and not os.stat(parent).st_mode & stat.S_ISVTX:
-            return None
-        folder = os.path.join(parent, f"gauss2svg-kernels-{user or 0}")
-        os.makedirs(folder, mode=0o700, exist_ok=True)
-        found = os.lstat(folder)
-    except OSError:
-        return None
-    is_private = user is None or (found.st_uid == user and not found.st_mode & 0o077)
-    return folder if stat.S_ISDIR(found.st_mode) and is_private else None
-
-
-def _keeps_others_out(folder: str, user: int | None) -> bool:
-    """Whether only this user and the system's can rename and replace what is in a folder.
-
-    user  its number; None on Windows, where the folders of a user are private
-    """
-    if user is None:
-        homes = [os.environ.get(name) for name in ("LOCALAPPDATA", "USERPROFILE")]
-        return any(Path(folder).is_relative_to(os.path.realpath(home)) for home in homes if home)
-    found = os.stat(folder)
-    # In a sticky folder, as /tmp is, each user may rename what is theirs alone.
-    is_shared = found.st_mode & 0o022 and not found.st_mode & stat.S_ISVTX
-    return found.st_uid in (0, user) and not is_shared
+    _locator_classes = (_Place,)
 
 
 class KernelCache(FunctionCache):
@@ -156,8 +156,17 @@ class KernelCache(FunctionCache):
     compilation does so by itself.
     """
 
+    _impl_class = _Code
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        place = self._impl.locator
+        self._cache_file = KernelFiles(
+            place.get_cache_path(), self._impl.filename_base, place.get_source_stamp()
+        )
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The code for these types, None where it is not kept."""
+        """Return the code for these types, None where it is not kept."""
         rtsys.initialize(target_context)  # the memory of arrays, which kept code links to
         with self._guard_against_spurious_io_errors():
             return self._load_overload(sig, target_context)
@@ -172,16 +181,10 @@ class KernelFiles(IndexDataCacheFile):
     is lost, and what it listed is compiled once more. No process ever waits for another.
     """
 
-    beside: str | None = None  # another folder, which is read
-
     def load(self, key: Any) -> Any:
-        """The code for these types; None where there is none."""
-        found = super().load(key)
-        if found is None and self.beside is not None and self.beside != self._cache_path:
-            base = self._index_name.removesuffix(".nbi")
-            with suppress(PermissionError):  # files of another user
-                return IndexDataCacheFile(self.beside, base, self._source_stamp).load(key)
-        return found
+        """Return the code for these types; None where there is none that can be read."""
+        with suppress(OSError):
+            return super().load(key)
 
     def save(self, key: Any, data: Any) -> None:
         """Keep the code for these types; a disk that is full costs the next process the time."""

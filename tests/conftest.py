@@ -27,36 +27,11 @@ from hypothesis import settings
 from numpy.typing import NDArray
 from skimage import data
 
-import gauss2svg
 from gauss2svg.errors import RendererError
 from gauss2svg.measure.perceptual import Scores
 from gauss2svg.raster import RENDERERS, chromium, rasterize
 from gauss2svg.scene import Scene
 from gauss2svg.scene.falloff import MOST_SKEW
-
-_KERNELS = ("additive", "cpu", "kernels", "powers", "simd", "tiles", "walk")
-_WITH_KERNELS = [f"render/{name}.py" for name in _KERNELS] + [
-    "scene/falloff.py",
-    "svg/additive/headroom.py",
-    "fit/components.py",
-    "photo/entropy.py",
-]
-
-
-def _drop_stale_kernels() -> None:
-    """Delete compiled kernels that are older than any file with kernels or their constants.
-
-    numba compares a kernel with its own file only, so a change in a file that it calls
-    into would leave the old machine code in use.
-    """
-    package = Path(gauss2svg.__file__).parent
-    newest = max((package / source).stat().st_mtime for source in _WITH_KERNELS)
-    for compiled in package.rglob("*.nb[ic]"):
-        if compiled.stat().st_mtime < newest:
-            compiled.unlink(missing_ok=True)  # by another process at the same time
-
-
-_drop_stale_kernels()
 
 
 def pytest_addoption(parser):

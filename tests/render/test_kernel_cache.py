@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numba
 import pytest
-from numba.core.caching import CacheImpl
 
 import gauss2svg
 from gauss2svg import kernel_cache
 from gauss2svg.cli import summary
-from gauss2svg.kernel_cache import KernelFiles, cached, temporary_folder
+from gauss2svg.kernel_cache import KernelFiles, cached, folder
 
 _STEPS = ("_load_index", "_save_index", "_save_data")
 
@@ -97,85 +96,83 @@ def test_code_is_listed_while_another_process_reads_the_list(tmp_path):
 
 
 @pytest.fixture
-def no_home(monkeypatch, tmp_path):
-    """A module in a folder that cannot be written, and a user whose home is not known."""
-    module = tmp_path / "read only"
-    module.mkdir()
-    (module / "kernel.py").write_text("def twice(number):\n    return 2 * number\n")
-    found = {}
-    exec(compile((module / "kernel.py").read_text(), module / "kernel.py", "exec"), found)
-    access = os.access
-    monkeypatch.setattr(os, "access", lambda path, mode: path != module and access(path, mode))
-    # The superuser, which tests may run as, can write anywhere.
-    makedirs = os.makedirs
-
-    def made(path, *given, **named):
-        if str(path).startswith(str(module)):
-            raise PermissionError(path)
-        return makedirs(path, *given, **named)
-
-    monkeypatch.setattr(os, "makedirs", made)
-    for name in ("HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
+def home(monkeypatch, tmp_path):
+    """A user without caches whose home is `home`, and whose temporary files are in `temporary`."""
+    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA"):
         monkeypatch.delenv(name, raising=False)
-    # numba reads its variables again only when it compiles, which is after it chose the folder.
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
-    monkeypatch.setattr(os.path, "expanduser", lambda path: path)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # which numba read when it was imported
+    home = tmp_path / "home"
+    home.mkdir()
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.setenv("USERPROFILE", str(home))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     monkeypatch.setattr(kernel_cache, "_lost", False)
-    monkeypatch.chdir(tmp_path)
-    makedirs(tmp_path / "temporary", mode=0o700)
-    found["twice"].__module__ = "kernel"
-    return found["twice"]
+    kernel_cache._folder_of_user.cache_clear()
+    yield home
+    kernel_cache._folder_of_user.cache_clear()
 
 
-def machine_code(folder):
-    return sorted(path.name for path in folder.rglob("*.nbc"))
+@pytest.fixture
+def no_home(home):
+    """A user whose home can be made by nobody, not even by the superuser of tests."""
+    home.rmdir()
+    home.write_text("a file")
+    return home
 
 
+def kept_below(path):
+    return sorted(path.rglob("*.nbc"))
+
+
+def test_kernels_are_kept_in_one_folder_of_the_user(home, tmp_path):
+    assert cached()(_twice)(2) == 4
+    again = cached()(_twice)
+    assert again(2) == 4
+    assert sum(again.stats.cache_hits.values()) == 1
+    assert kernel_cache.are_kept()
+    kept = kept_below(tmp_path)
+    assert kept == kept_below(folder())
+    assert len(kept) == 1
+    assert kept[0].is_relative_to(home)
+
+
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="the variable is of Linux")
+def test_the_variable_of_the_system_moves_the_users_folder(home, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "caches"))
+    assert folder() == tmp_path / "caches" / "gauss2svg"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="temporary files are beside the caches there")
 def test_without_a_home_kernels_are_kept_among_the_temporary_files(no_home, tmp_path):
-    assert cached()(no_home)(2) == 4
-    assert len(machine_code(tmp_path / "temporary")) == 1
-    again = cached()(no_home)
-    assert again(2) == 4
-    assert sum(again.stats.cache_hits.values()) == 1
-    assert kernel_cache.are_kept()
-    assert not (tmp_path / "~").exists()
-
-
-def test_kernels_are_kept_in_the_users_cache_before_the_temporary_files(
-    no_home, tmp_path, monkeypatch
-):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert cached()(no_home)(2) == 4
-    assert len(machine_code(tmp_path / "cache")) == 1
-    assert not machine_code(tmp_path / "temporary")
-
-
-@pytest.mark.parametrize("place", ["temporary", None])
-def test_kernels_beside_a_module_are_read_where_they_cannot_be_written(
-    no_home, tmp_path, monkeypatch, place
-):
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "makedirs", lambda path, exist_ok: Path(path).mkdir(exist_ok=exist_ok))
-        patch.setattr(os, "access", lambda *_: True)
-        assert cached()(no_home)(2) == 4
-    assert len(machine_code(tmp_path / "read only")) == 1
-    if place is None:
-        monkeypatch.setattr(kernel_cache, "temporary_folder", lambda: None)
-    again = cached()(no_home)
-    assert again(2) == 4
-    assert sum(again.stats.cache_hits.values()) == 1
-    assert len(machine_code(tmp_path)) == 1
+    assert cached()(_twice)(2) == 4
+    assert len(kept_below(tmp_path / "temporary")) == 1
     assert kernel_cache.are_kept()
 
 
-def test_where_no_folder_can_be_written_kernels_are_compiled_and_said_to_be_lost(
-    no_home, tmp_path, monkeypatch
-):
-    monkeypatch.setattr(kernel_cache, "temporary_folder", lambda: None)
+def test_kernels_of_a_folder_that_cannot_be_written_are_read(home, tmp_path, monkeypatch):
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "named"))
+    assert cached()(_twice)(2) == 4
+    assert len(kept_below(tmp_path / "named")) == 1
     monkeypatch.setattr(KernelFiles, "_open_for_write", _refused)
-    assert cached()(no_home)(2) == 4
-    assert not machine_code(tmp_path)
+    again = cached()(_twice)
+    assert again(2) == 4
+    assert sum(again.stats.cache_hits.values()) == 1
+    assert kernel_cache.are_kept()
+    assert again(2.5) == 5.0  # of another type, which has to be compiled
+    assert not kernel_cache.are_kept()
+
+
+@pytest.mark.parametrize("place", ["none", "a file in its place"])
+def test_where_kernels_cannot_be_kept_they_are_compiled_and_said_to_be_lost(
+    place, no_home, tmp_path, monkeypatch
+):
+    if place == "none":
+        monkeypatch.setattr(tempfile, "tempdir", str(no_home))
+    else:
+        monkeypatch.setattr(numba.config, "CACHE_DIR", str(no_home))
+    assert cached()(_twice)(2) == 4
+    assert not kept_below(tmp_path)
     assert not kernel_cache.are_kept()
     assert "NUMBA_CACHE_DIR" in summary._compilation(5.0)
     assert summary._compilation(0.0) == ""
@@ -185,90 +182,34 @@ def _refused(*_):
     raise PermissionError
 
 
-def test_kernels_are_compiled_also_where_numba_knows_no_folder(monkeypatch):
-    monkeypatch.setattr(CacheImpl, "_locator_classes", [])
-    monkeypatch.setattr(kernel_cache, "_lost", False)
-    assert cached()(_twice)(2) == 4
-    assert not kernel_cache.are_kept()
-
-
-def test_the_current_folder_is_no_folder_for_temporary_files(tmp_path, monkeypatch):
-    # Python takes it where no other can be written.
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    monkeypatch.chdir(tmp_path)
-    assert temporary_folder() is None
-    assert not list(tmp_path.iterdir())
-    tmp_path.chmod(0o1777)  # as /tmp is
-    assert temporary_folder() is not None
-
-
-@pytest.mark.skipif(not hasattr(os, "getuid"), reason="the folder's parent is the user's own there")
-def test_no_kernel_is_read_from_a_folder_that_another_user_may_write(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    folder = Path(temporary_folder())
-    assert folder.stat().st_mode & 0o777 == 0o700
+@pytest.mark.skipif(not hasattr(os, "getuid"), reason="there is no such folder")
+def test_no_kernel_is_read_from_a_folder_that_another_user_may_write(
+    no_home, tmp_path, monkeypatch
+):
+    private = kernel_cache._temporary()
+    assert private.parent == tmp_path / "temporary"
+    assert private.stat().st_mode & 0o777 == 0o700
     for mode in (0o720, 0o702, 0o777, 0o750):
-        folder.chmod(mode)
-        assert temporary_folder() is None
-    folder.chmod(0o700)
+        private.chmod(mode)
+        assert kernel_cache._temporary() is None
+    private.chmod(0o700)
     user = os.getuid()
-    monkeypatch.setattr(os, "getuid", lambda: user + 1)
-    folder.rename(tmp_path / f"gauss2svg-kernels-{user + 1}")
-    assert temporary_folder() is None
-    monkeypatch.undo()
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    private.rename(private.with_name(f"gauss2svg-{user + 1}"))
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "getuid", lambda: user + 1)
+        assert kernel_cache._temporary() is None
     (tmp_path / "elsewhere").mkdir(mode=0o700)
-    folder.symlink_to("elsewhere")
-    assert temporary_folder() is None
-
-
-@pytest.mark.skipif(not hasattr(os, "getuid"), reason="permissions are others there")
-def test_no_kernel_is_read_where_another_user_may_exchange_its_folder(tmp_path, monkeypatch):
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    for mode in (0o770, 0o707, 0o777, 0o722):
-        tmp_path.chmod(mode)
-        assert temporary_folder() is None
-    assert not list(tmp_path.iterdir())
-    for mode in (0o700, 0o755, 0o1777):
-        tmp_path.chmod(mode)
-        assert temporary_folder() is not None
-    # Of another user, who may rename all that is in it; only the system's is trusted.
-    real, user = os.stat, os.getuid()
-    for owner in (user + 1, user, 0):
-        found = os.stat_result([*real(tmp_path)[:4], owner, *real(tmp_path)[5:10]])
-        monkeypatch.setattr(
-            os, "stat", lambda path, *, found=found, **named: (
-                found if path == str(tmp_path) else real(path, **named)
-            )
-        )  # fmt: skip
-        assert (temporary_folder() is not None) == (owner in (user, 0))
-
-
-def test_on_windows_kernels_are_kept_only_inside_of_the_users_own_folders(tmp_path, monkeypatch):
-    # Windows has no users of such numbers; each home is closed to the others.
-    monkeypatch.delattr(os, "getuid", raising=False)
-    for name in ("home", "home of another"):
-        (tmp_path / name / "Temp").mkdir(parents=True)
-    for variable in ("LOCALAPPDATA", "USERPROFILE"):
-        monkeypatch.delenv("LOCALAPPDATA", raising=False)
-        monkeypatch.delenv("USERPROFILE", raising=False)
-        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "home" / "Temp"))
-        assert temporary_folder() is None  # no home is known
-        monkeypatch.setenv(variable, str(tmp_path / "home"))
-        assert temporary_folder() is not None
-        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "home of another" / "Temp"))
-        assert temporary_folder() is None
+    private.symlink_to(tmp_path / "elsewhere")
+    assert kernel_cache._temporary() is None
 
 
 def _twice(number):
     return 2 * number
 
 
-def test_every_kernel_on_disk_is_kept_that_way():
+def test_no_kernel_is_kept_by_numba_itself():
     package = Path(gauss2svg.__file__).parent
-    found = [path.name for path in package.rglob("*.py") if "cache=True" in path.read_text()]
-    assert found == ["kernel_cache.py"]
-    assert isinstance(cached()(_twice)._cache._cache_file, KernelFiles)
+    assert not [path for path in package.rglob("*.py") if "cache=True" in path.read_text()]
 
 
 def test_code_kept_of_a_kernel_is_not_used_where_another_file_of_its_room_changed(tmp_path):
@@ -282,7 +223,9 @@ def test_code_kept_of_a_kernel_is_not_used_where_another_file_of_its_room_change
         "@cached()\ndef kernel(): return one()\n"
     )
     command = [sys.executable, "-c", "from room.outer import kernel; print(kernel())"]
-    given = {"cwd": tmp_path, "capture_output": True, "text": True, "check": True}
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    given = {"cwd": tmp_path, "env": environment, "capture_output": True, "text": True}
+    given |= {"check": True}
     assert subprocess.run(command, **given).stdout == "1\n"
     (room / "inner.py").write_text("from numba import njit\n@njit\ndef one(): return 23\n")
     assert subprocess.run(command, **given).stdout == "23\n"

@@ -182,24 +182,6 @@ def test_none_is_renamed_before_all_are_written(tmp_path, monkeypatch):
     assert content(tmp_path) == {"b": b"old"}
 
 
-@pytest.mark.parametrize("calls", [1, 2, 3])
-def test_an_interruption_between_two_renames_leaves_every_old_file(calls, tmp_path, monkeypatch):
-    for name in "ac":
-        (tmp_path / name).write_bytes(b"old")
-    before, real, renamed = content(tmp_path), os.replace, []
-
-    def interrupted(made, target):
-        real(made, target)
-        renamed.append(target)
-        if len(renamed) == calls:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, "replace", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_all_atomically({tmp_path / name: b"new" for name in "abc"})
-    assert content(tmp_path) == before
-
-
 def test_full_report_leaves_every_output_as_it_was(picture, svg, tmp_path, refusal):
     before = content(tmp_path)
     names = [tmp_path / name for name in ("o.svg", "p.png", "s.npz", "l.svg")]

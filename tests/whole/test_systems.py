@@ -164,51 +164,6 @@ def test_a_file_that_is_held_open_for_a_moment_is_replaced(tmp_path):
     assert not made.exists()
 
 
-@pytest.fixture
-def held_open(monkeypatch):
-    """Targets that another program holds open, with the number of tries for which it does."""
-    held, real = {}, os.replace
-
-    def replace(made, target):
-        left = held.get(os.fspath(target), 0)
-        if left:
-            held[os.fspath(target)] = left - 1
-            raise PermissionError(errno.EACCES, "The process cannot access the file")
-        real(made, target)
-
-    monkeypatch.setattr(os, "replace", replace)
-    return held
-
-
-@pytest.mark.parametrize("has_links", [True, False])
-@pytest.mark.parametrize("failing", ["a", "b", "c"])
-def test_where_one_file_cannot_be_renamed_none_is_replaced(
-    failing, has_links, tmp_path, held_open, monkeypatch
-):
-    def refuse(*_):
-        raise OSError(errno.ENOTSUP, "no links")
-
-    if not has_links:
-        monkeypatch.setattr(os, "link", refuse)
-    for name in "abc":
-        (tmp_path / f".{name}").write_text("new")
-    for name in "ac":
-        (tmp_path / name).write_text("old")
-    before = {p.name: p.read_text() for p in tmp_path.iterdir() if not p.name.startswith(".")}
-    held_open[str(tmp_path / failing)] = 99
-    pairs = [(tmp_path / f".{name}", tmp_path / name) for name in "abc"]
-    with pytest.raises(PermissionError):
-        files._rename(pairs)
-    for made, _ in pairs:  # which `write_all_atomically` removes
-        made.unlink(missing_ok=True)
-    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == before
-    held_open.clear()
-    for name in "abc":
-        (tmp_path / f".{name}").write_text("new")
-    files._rename(pairs)
-    assert {p.name: p.read_text() for p in tmp_path.iterdir()} == dict.fromkeys("abc", "new")
-
-
 def test_a_folder_is_refused_as_one_and_a_missing_file_is_not(tmp_path):
     with pytest.raises(InputError, match="it is a folder, not a regular file"):
         files.reading(tmp_path, "a photo").__enter__()
