@@ -6,12 +6,10 @@ import sys
 import tempfile
 import threading
 from itertools import permutations
-from pathlib import Path
 
 import numba
 import pytest
 
-import gauss2svg
 from gauss2svg import kernel_cache
 from gauss2svg.cli import summary
 from gauss2svg.kernel_cache import KernelFiles, cached, folder
@@ -205,11 +203,6 @@ def test_no_kernel_is_read_from_a_folder_that_another_user_may_write(
 
 def _twice(number):
     return 2 * number
-
-
-def test_no_kernel_is_kept_by_numba_itself():
-    package = Path(gauss2svg.__file__).parent
-    assert not [path for path in package.rglob("*.py") if "cache=True" in path.read_text()]
 
 
 def test_code_kept_of_a_kernel_is_not_used_where_another_file_of_its_room_changed(tmp_path):

@@ -23,7 +23,6 @@ HOMES = sorted(
 
 def test_nothing_reads_a_tuning_at_import_or_keeps_a_copy():
     """A varied value would not reach it: at module level, in a default, in a cached function."""
-    assert len(HOMES) > 30
     for path in ROOT.rglob("*.py"):
         text = path.read_text("utf-8")
         if "TUNING" not in text:
