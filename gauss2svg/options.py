@@ -17,7 +17,7 @@ import operator
 import os
 import re
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -179,15 +179,6 @@ def fields_of(group: type[OptionGroup]) -> tuple[Field, ...]:
     hints = get_type_hints(group, include_extras=True)
     names = [f.name for f in dataclasses.fields(group)]  # pyright: ignore[reportArgumentType]
     return tuple(_field(group, name, hints[name]) for name in names)
-
-
-def field_named(groups: Mapping[str, type[OptionGroup]], name: str) -> tuple[str, Field] | None:
-    """The option of that name, and the key of its group; None where no group has it."""
-    for key, group in groups.items():
-        for field in fields_of(group):
-            if field.name == name:
-                return key, field
-    return None
 
 
 def _field(group: type[OptionGroup], name: str, hint: Any) -> Field:

@@ -15,9 +15,8 @@ from gauss2svg.cli.signals import SIGNALS, Terminated, raising, status_of
 from gauss2svg.cli.streams import drop_output, hold_closed_descriptors, say
 from gauss2svg.cli.vectorize import HELP, vectorize_command
 from gauss2svg.errors import Gauss2SvgError, InputError
-from gauss2svg.options import field_named
 from gauss2svg.photo.stderr import own_standard_error
-from gauss2svg.pipeline.options import GROUPS
+from gauss2svg.pipeline.options import field_named
 from gauss2svg.version import __version__
 
 STATUS_BAD_INPUT = 2
@@ -119,7 +118,7 @@ def _in_our_words(error: CycloptsError) -> str:
     """The line of an error of the parser of the command line."""
     if isinstance(error, CoercionError) and error.token is not None and error.token.keyword:
         option = error.token.keyword
-        found = field_named(GROUPS, option.lstrip("-").replace("-", "_"))
+        found = field_named(option.lstrip("-").replace("-", "_"))
         if found is not None:
             try:
                 found[1].parsed(error.token.value)

@@ -11,13 +11,13 @@ from gauss2svg.errors import InputError, quoted
 from gauss2svg.fit.options import MOST_GAUSSIANS, DensifyOptions, FitOptions
 from gauss2svg.measure.scores import TARGETS, Score
 from gauss2svg.options import (
+    Field,
     Number,
     OneOf,
     OptionGroup,
     Renderer,
     Whole,
     byte_size,
-    field_named,
     fields_of,
 )
 from gauss2svg.photo.formats import DEFAULT_MAX_PIXELS, MOST_PIXELS
@@ -239,7 +239,7 @@ class Options:
         """The options of these names and values; raises InputError for an unknown name."""
         groups: dict[str, dict[str, Any]] = {key: {} for key in GROUPS}
         for name, value in values.items():
-            found = field_named(GROUPS, name)
+            found = field_named(name)
             if found is None:
                 raise InputError(
                     f"option must be one of {', '.join(option_names())}; got {quoted(name)}"
@@ -259,11 +259,20 @@ class Options:
         """The options with other values, by their names."""
         groups: dict[str, dict[str, Any]] = {}
         for name, value in values.items():
-            found = field_named(GROUPS, name)
+            found = field_named(name)
             assert found is not None, name
             groups.setdefault(found[0], {})[name] = value
         new = {k: dataclasses.replace(getattr(self, k), **given) for k, given in groups.items()}
         return dataclasses.replace(self, **new)
+
+
+def field_named(name: str) -> tuple[str, Field] | None:
+    """Return the key of an option's group and its field, or None where no group has the option."""
+    for key, group in GROUPS.items():
+        for field in fields_of(group):
+            if field.name == name:
+                return key, field
+    return None
 
 
 def option_names() -> list[str]:

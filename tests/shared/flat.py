@@ -11,8 +11,8 @@ from gauss2svg.compare.pages.options import GalleryOptions
 from gauss2svg.fit.options import DensifyOptions, FitConfig, FitOptions, FitResult
 from gauss2svg.fit.session import FitSession
 from gauss2svg.fit.target import TargetPyramid
-from gauss2svg.options import field_named, fields_of
-from gauss2svg.pipeline.options import GROUPS, Options
+from gauss2svg.options import fields_of
+from gauss2svg.pipeline.options import Options, field_named
 from gauss2svg.pipeline.result import Result
 from gauss2svg.pipeline.vectorize import vectorize_by
 
@@ -50,7 +50,7 @@ def fit_in(dtype: Any, pixels: NDArray[np.float32], config: FitConfig) -> FitRes
 
 def choices(name: str) -> tuple[Any, ...]:
     """All values of an option that has only a few."""
-    found = field_named(GROUPS, name)
+    found = field_named(name)
     assert found is not None
     return found[1].choices
 
